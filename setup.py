@@ -6,12 +6,13 @@ from setuptools import find_packages, setup
 
 NAME = "tam_calibration"
 SHARE = f"share/{NAME}"
-BAGS = ["rosbags>=0.11", "zstandard>=0.22", "lz4>=4.0"]
+BAGS = ["apsw>=3.46", "rosbags>=0.11", "zstandard>=0.22", "lz4>=4.0"]
 COMPARE = ["mujoco>=3.2"]
 REPORT = ["jinja2>=3", "matplotlib>=3.6"]
 FLEET = ["distributed>=2024.1", *REPORT]
 VALIDATION = ["magpylib>=5", "ppigrf>=2", *REPORT]
 NOTEBOOK = ["pandas>=2", "xarray>=2024.1"]
+TABLES = ["pandas>=2", "pyarrow>=14"]
 DOCS = ["myst-parser", "numpydoc", "sphinx>=7.2", "sphinx-rtd-theme"]
 
 setup(
@@ -42,14 +43,17 @@ setup(
         "mutants": ["cosmic-ray>=8.7"],
         "notebook": NOTEBOOK,
         "report": REPORT,
+        "tables": TABLES,
         "ros": ["ros-jazzy-common-interfaces", "ros-jazzy-rclpy[fastrtps]"],
         "test": [
             "click>=8.2",
             "colcon-common-extensions",
             "hypothesis",
             "mypy",
+            "pymavlink>=2.4.40",
             "pytest",
             "pytest-xdist",
+            "pyulog>=1.0",
             "ruff",
             "types-PyYAML",
             *BAGS,
@@ -57,6 +61,7 @@ setup(
             *DOCS,
             *FLEET,
             *NOTEBOOK,
+            *TABLES,
             *VALIDATION,
         ],
         "validation": VALIDATION,
@@ -69,6 +74,12 @@ setup(
             f"corrector = {NAME}.nodes.start:corrector",
             f"localizer = {NAME}.nodes.start:localizer",
             f"stream = {NAME}.nodes.start:stream",
+        ],
+        f"{NAME}.readers": [
+            f"bag = {NAME}.recordings.bag_format:BagFormat",
+            f"dataflash = {NAME}.recordings.dataflash_source:DataFlashReader",
+            f"parquet = {NAME}.recordings.text_source:ParquetReader",
+            f"ulog = {NAME}.recordings.ulog_source:UlogReader",
         ],
         f"{NAME}.effects": [
             f"temperature_drift = {NAME}.effects.temperature_drift:TemperatureDrift",

@@ -24,11 +24,11 @@ from rich.progress import track
 from rich.table import Table
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.files.scenario import read_scenario
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit.information import bound
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla, to_nanotesla
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.attitude import Manoeuvre, Motion, RandomAttitudes
 from tam_calibration.simulation.instruments import AttitudeChannel

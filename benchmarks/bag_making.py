@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 
-from tam_calibration.files.bag_writing import TYPESTORE
 from tam_calibration.model.recording import Recording
+from tam_calibration.recordings.bag_writing import TYPESTORE
 
 RATE_HZ = 100
 START_S, DAY_S = 1.7e9, 86_400.0

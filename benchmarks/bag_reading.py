@@ -9,8 +9,18 @@ from rich.progress import track
 from rosbags.rosbag2 import Reader
 from spread import Row, measure
 
-from tam_calibration.files import read_samples, write_recording
-from tam_calibration.files.bag_writing import TYPESTORE
+from tam_calibration.recordings import read_samples
+from tam_calibration.recordings.bag_writing import TYPESTORE
+from tam_calibration.recordings.channel_map import map_of
+from tam_calibration.recordings.reading import Reading
+from tam_calibration.results import write_recording
+
+MAP = map_of(
+    {
+        "sensors": [{"topic": f"/tam_{number}/magnetic_field"} for number in range(1, 5)],
+        "scalar": {"topic": "/scalar/intensity"},
+    }
+)
 
 
 def reading(folder: Path, samples: int, repeats: int) -> Iterator[Row]:
@@ -23,10 +33,12 @@ def reading(folder: Path, samples: int, repeats: int) -> Iterator[Row]:
             "raw": partial(iterate, path, False),
             "deserialised": partial(iterate, path, True),
             "ours": partial(read_samples, path),
+            "with a map": partial(read_samples, path, reading=Reading(channel_map=MAP)),
         }
         times = measure(calls, repeats)
         yield Row(case, "deserialising one by one over reading", list(times["deserialised"] / times["ours"]), 10)
         yield Row(case, "iterating raw over reading", list(times["raw"] / times["ours"]), 0.7)
+        yield Row(case, "reading with a map over reading", list(times["with a map"] / times["ours"]), most=1.05)
 
 
 def iterate(path: Path, deserialise: bool) -> None:

@@ -12,8 +12,6 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from spread import Row, measure
 
 from tam_calibration.correction.calibration import Corrected
-from tam_calibration.files import write_corrected
-from tam_calibration.files.bag_writing import TYPESTORE
 from tam_calibration.messages.point_cloud import (
     FIELD_GRADIENT_COLUMNS,
     FRAME_ID,
@@ -22,6 +20,8 @@ from tam_calibration.messages.point_cloud import (
     center_covariance,
     field_offsets,
 )
+from tam_calibration.recordings.bag_writing import TYPESTORE
+from tam_calibration.results import write_corrected_pieces
 
 
 def writing(folder: Path, samples: int, repeats: int) -> Iterator[Row]:
@@ -46,7 +46,7 @@ def writing(folder: Path, samples: int, repeats: int) -> Iterator[Row]:
 
 def write_ours(paths: Iterator[Path], corrected: Corrected, stamps_ns: NDArray[np.int64]) -> None:
     """Write corrected data as ``tam correct`` does."""
-    write_corrected(next(paths), corrected, stamps_ns)
+    write_corrected_pieces(next(paths), [(corrected, stamps_ns)])
 
 
 def write_one_by_one(

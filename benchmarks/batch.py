@@ -31,13 +31,15 @@ from process_times import ProcessTimes
 from rich.progress import track
 from spread import Row, show
 
-from tam_calibration.files import write_array, write_recording
-from tam_calibration.fleet.execution import run_here
+from tam_calibration.fleet.processes import run_here
 from tam_calibration.fleet.task import Task, read_options
 from tam_calibration.model.array import Array
+from tam_calibration.recordings import write_array
+from tam_calibration.results import write_recording
 
 RATE_HZ = 100
 ASKED = 1.7
+"""Speed of two processes over one, at least; 2 would be all of it."""
 PLAIN_NUMBERS, PLAIN_TASKS = 20_000_000, 16
 
 

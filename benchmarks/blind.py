@@ -4,7 +4,7 @@ Run ``python benchmarks/blind.py --seed SEED [--cases 600] [--folder KEPT] [--ju
 ``tam blind make``, diagnosed by ``tam diagnose`` from its two files alone, once more with its true effect left out of
 the library, and scored against the sealed keys. With ``--judged`` the figures go to ``results/blind*.csv`` and into
 ``docs/gap_check.md``, with the pictures of its confusion matrix and reliability curve, which ``docs/gap.md`` shows too;
-the seed must then be one that nothing was tuned on, and the causes outside the library are those of the sealed half.
+the seed must then be one that nothing was tuned on, and the causes outside the library must be new ones.
 What the figures are, and what is asked of them, is described in ``docs/gap_check.md``.
 """
 
@@ -16,12 +16,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import click
+from matplotlib.figure import Figure
 from rich.console import Console
 
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.validation.blind.folder import TIMES, read_json, read_keys, read_outcomes
 from tam_calibration.validation.blind.score import Score
-from tam_calibration.validation.blind.score_page import draw_confusion, draw_reliability
 from tam_calibration.validation.blind.score_table import HEADER, cells, effects, print_score, remarks
 
 RESULTS = Path(__file__).parent / "results"
@@ -39,7 +39,7 @@ def main(seed: int, cases: int, folder: Path | None, judged: bool) -> None:
     with TemporaryDirectory() as passing:
         place = folder or Path(passing) / "cases"
         if not place.exists():
-            tam("make", place, "--seed", seed, "--cases", cases, "--outside", "sealed" if judged else "open")
+            tam("make", place, "--seed", seed, "--cases", cases)
         tam("answer", place)
         tam("answer", place, "--without-effect")
         keys = read_keys(place, None)
@@ -48,7 +48,9 @@ def main(seed: int, cases: int, folder: Path | None, judged: bool) -> None:
     print_score(Console(width=120), score, times_s)
     if judged:
         write_results(score)
-        document(score, times_s, f"python benchmarks/blind.py --seed {seed} --cases {cases} --judged")
+        git = ["git", "-C", DOCS, "rev-parse", "--short", "HEAD"]
+        commit = subprocess.run(git, check=True, capture_output=True, text=True).stdout.strip()
+        document(score, times_s, f"python benchmarks/blind.py --seed {seed} --cases {cases} --judged", commit)
 
 
 def tam(*words: object) -> None:
@@ -73,12 +75,12 @@ def write_csv(name: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -
         beside.write_text("\n".join(map(",".join, [header, *rows])) + "\n", encoding="utf-8")
 
 
-def document(score: Score, times_s: dict[str, float], command: str) -> None:
+def document(score: Score, times_s: dict[str, float], command: str, commit: str) -> None:
     """Put the figures between their marks in the documentation, and draw the pictures."""
     draw_confusion(score).savefig(DOCS / "images" / "gap_confusion.png", dpi=110)
     draw_reliability(score).savefig(DOCS / "images" / "gap_reliability.png", dpi=110)
     summary = [
-        f"Made by `{command}`, on cases that nothing was tuned on.",
+        f"Made by `{command}` at commit {commit}, on cases that nothing was tuned on.",
         "\n".join(f"- {line}" for line in remarks(score, times_s)),
         "![How often each answer came first; rows are the truth](images/gap_confusion.png)",
         "![What came true of what was told](images/gap_reliability.png)",
@@ -89,6 +91,38 @@ def document(score: Score, times_s: dict[str, float], command: str) -> None:
         DOCS / "gap_check.md",
         [summary[0], figures, *summary[1:], markdown(("effect", "solved", "amplitude left, median"), effects(score))],
     )
+
+
+def draw_confusion(score: Score) -> Figure:
+    """Draw how often each answer came first, a row for each truth."""
+    truths = list(score.confusion)
+    named = {answer for counts in score.confusion.values() for answer in counts}
+    answers = [truth for truth in truths if truth in named] + sorted(named - set(truths))
+    shares = [[counts[answer] / counts.total() for answer in answers] for counts in score.confusion.values()]
+    figure = Figure(figsize=(9, 8), layout="constrained")
+    axes = figure.add_subplot()
+    axes.imshow(shares, cmap="Blues", vmin=0, vmax=1, aspect="auto")
+    for row, counts in enumerate(score.confusion.values()):
+        for column, answer in enumerate(answers):
+            if counts[answer]:
+                ink = "white" if counts[answer] > counts.total() / 2 else "black"
+                axes.text(column, row, str(counts[answer]), ha="center", va="center", color=ink)
+    axes.set_xticks(range(len(answers)), answers, rotation=60, ha="right")
+    axes.set_yticks(range(len(truths)), truths)
+    axes.set_xlabel("first answer")
+    axes.set_ylabel("truth")
+    return figure
+
+
+def draw_reliability(score: Score) -> Figure:
+    """Draw the observed rate of true causes over their stated probability."""
+    figure = Figure(figsize=(4.5, 4.5), layout="constrained")
+    axes = figure.add_subplot()
+    axes.plot([0, 1], [0, 1], color="0.7")
+    axes.plot([one.told for one in score.reliability], [one.true for one in score.reliability], "o-")
+    axes.set_xlabel("probability told")
+    axes.set_ylabel("share that came true")
+    return figure
 
 
 def put(path: Path, parts: Sequence[str]) -> None:

@@ -17,7 +17,6 @@ from rich.progress import track
 from scipy.spatial.transform import Rotation
 from spread import Row, show
 
-from tam_calibration.files.scenario import read_scenario
 from tam_calibration.fit import calibrate
 from tam_calibration.messages.batch_stream import StreamMessages
 from tam_calibration.messages.batch_synchroniser import BatchSynchroniser
@@ -26,6 +25,7 @@ from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import OUTPUT_NAMES
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
+from tam_calibration.results.scenario import read_scenario
 
 SPAN_S = 60.0
 """Of a run: enough turns for a calibration, and six thousand samples at 100 Hz."""

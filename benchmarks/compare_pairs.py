@@ -68,15 +68,14 @@ def main() -> None:
 @FOLDER
 @click.option("--seed", type=click.IntRange(min=0), required=True)
 @click.option("--pairs", "count", type=click.IntRange(1), default=200, show_default=True, help="Without the mistakes.")
-@click.option("--outside", type=click.Choice(("open", "sealed")), default="open", show_default=True)
 @click.option("--world", type=PATH, help="Python file of another world, for some recordings more.")
 @JOBS
-def make(folder: Path, seed: int, count: int, outside: str, world: Path | None, jobs: int) -> None:
+def make(folder: Path, seed: int, count: int, world: Path | None, jobs: int) -> None:
     """Make pairs in OUT, and seal their key."""
     if world is None:
         click.echo("no other world is given with --world: its pairs are left out")
-    begin(folder, {"seed": seed, "pairs": count, "outside": outside, "world": None if world is None else world.name})
-    plans = dict(enumerate(plan_pairs(count, seed, outside, world is not None), start=1))
+    begin(folder, {"seed": seed, "pairs": count, "world": None if world is None else world.name})
+    plans = dict(enumerate(plan_pairs(count, seed, world is not None), start=1))
     left = [(number, plan) for number, plan in plans.items() if not key_path(folder, pair_name(number)).exists()]
     in_processes("making pairs", partial(make_one, folder, world, seed), left, jobs)
     digest = seal(folder, [pair_name(number) for number in plans])

@@ -21,13 +21,14 @@ from vehicle import VehicleRun, simulate_vehicle
 
 from tam_calibration.comparison import compare
 from tam_calibration.comparison.result import Comparison
-from tam_calibration.files import provenance, read_array, read_recording, write_recording
-from tam_calibration.files.comparison_json import Sources, write_comparison
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
+from tam_calibration.recordings import provenance, read_array, read_recording
 from tam_calibration.report.comparison_report import write_comparison_report
 from tam_calibration.report.comparison_rows import closing_rows, difference_rows, headline, noise_rows, parameter_tables
+from tam_calibration.results import write_recording
+from tam_calibration.results.comparison_json import Sources, write_comparison
 
 PATH = click.Path(path_type=Path)
 
@@ -101,7 +102,7 @@ def lines(comparison: Comparison) -> Iterator[str]:
     yield headline(comparison)
     yield from (f"mistake: {mistake.what}" for mistake in comparison.mistakes)
     yield from comparison.remarks
-    for rows in (difference_rows(comparison), *(rows for _, rows in parameter_tables(comparison))):
+    for rows in (difference_rows(comparison), *(table.rows for table in parameter_tables(comparison))):
         yield from ("  ".join(row) for row in rows)
     yield from ("noise of " + "  ".join(row) for row in noise_rows(comparison))
     if comparison.closing is not None:

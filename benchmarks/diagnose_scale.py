@@ -18,8 +18,8 @@ import click
 import yaml
 from asked import Figure, show
 
-from tam_calibration.files.scenario import shipped_scenarios
 from tam_calibration.files.text_files import write_whole
+from tam_calibration.results.scenario import shipped_scenarios
 
 SIZES = (100_000, 300_000, 1_000_000)
 RATE_HZ = 100

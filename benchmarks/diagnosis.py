@@ -24,11 +24,11 @@ from asked import ANYTHING, Figure, show
 from rich.progress import track
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.files import read_array, read_samples
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.gap import diagnose
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
+from tam_calibration.recordings import read_array, read_samples
 from tam_calibration.validation.blind.case import make_case
 from tam_calibration.validation.blind.case_plan import CasePlan
 from tam_calibration.validation.blind.folder import write_case
@@ -100,7 +100,7 @@ def recordings(kind: Kind, size: int, cases: int) -> Iterator[tuple[Recording, A
             array = read_array(Path(name) / "spec.yaml")
             if array.sensor_count == 4:
                 cases -= 1
-                yield read_samples(Path(name) / "data.csv", array.sensor_count, 0.02).recording, array
+                yield read_samples(Path(name) / "data.csv", array).recording, array
 
 
 def measure(recording: Recording, array: Array, kind: Kind) -> tuple[float, float]:

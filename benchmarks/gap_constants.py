@@ -34,11 +34,12 @@ from constants import (
 from rich.progress import track
 
 from tam_calibration.effects.library import installed_effects
-from tam_calibration.files import read_array, read_recording, write_whole
-from tam_calibration.files.results_json import gap_to_mapping
+from tam_calibration.files.text_files import write_whole
 from tam_calibration.gap import diagnose
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
+from tam_calibration.recordings import read_array, read_recording
+from tam_calibration.results.results_json import gap_to_mapping
 from tam_calibration.validation.blind.case import make_case
 from tam_calibration.validation.blind.case_plan import CasePlan
 from tam_calibration.validation.blind.figures import is_mixture_found

@@ -27,15 +27,15 @@ from rich.table import Table
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.files.scenario import read_scenario
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit import METHODS
-from tam_calibration.fit.recorded_attitude import into_array_frame
+from tam_calibration.fit.recorded_attitude import find_turn
 from tam_calibration.model.array import OUTPUT_NAMES, Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, to_nanotesla
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import Scenario, simulate
 from tam_calibration.simulation.instruments import AttitudeChannel
 
@@ -45,6 +45,7 @@ FIGURES = ("b", *OUTPUT_NAMES[3:], "I1", "I2", "worst by itself")
 PLACES_M = np.array(
     [[2.4, -1.0, 0.46], [-1.7, 2.1, -0.8], [0.9, 1.3, 2.2], [-2.9, -1.4, 1.6], [1.1, -2.3, -1.9], [0.7, 0.8, -2.6]]
 )
+"""Of the source, from the centre of the array: 2.6 to 3.6 m away, on all sides."""
 TURN = from_degrees(0.5)
 AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 TURNED_BY_ATTITUDE = "maximum_likelihood + attitude"
@@ -142,7 +143,11 @@ def methods() -> dict[str, Fit]:
 
 def _turned_by_attitude(recording: Recording, array: Array) -> Calibration:
     calibration = METHODS["maximum_likelihood"](recording, array)
-    return replace(calibration, errors=into_array_frame(calibration.errors, recording))
+    field = calibration.errors.restore(recording.readings_T).mean(axis=1)
+    to_world = Rotation.from_quat(recording.attitude).as_matrix()
+    turn = find_turn(field / np.sqrt(np.mean(norm(field, axis=1) ** 2)), to_world)
+    errors = SensorErrors.from_matrix(calibration.errors.matrix @ turn.T, calibration.errors.bias_T)
+    return replace(calibration, errors=errors)
 
 
 def turned_together(errors: SensorErrors, axis: tuple[float, float, float]) -> SensorErrors:

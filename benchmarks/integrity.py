@@ -22,13 +22,13 @@ from numpy.random import Generator
 
 from tam_calibration.correction.acceptance import LIMITS
 from tam_calibration.effects.library import installed_effects, shown_by
-from tam_calibration.files import read_array, read_recording
 from tam_calibration.fit import calibrate
 from tam_calibration.integrity.check import faults_of
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, from_nanotesla
+from tam_calibration.recordings import read_array, read_recording
 from tam_calibration.validation.blind.folder import KEYS, read_json
 
 ASKED_NAMED = 0.99

@@ -29,12 +29,12 @@ from rich.table import Table
 from scipy.spatial.transform import Rotation
 
 from tam_calibration import diagnose
-from tam_calibration.files import read_array, read_recording
 from tam_calibration.gap.calibration_with_effects import calibrate_with_effects
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.recording import Recording
+from tam_calibration.recordings import read_array, read_recording
 from tam_calibration.validation.blind.case import make_case
 from tam_calibration.validation.blind.case_plan import CasePlan, plan_cases
 from tam_calibration.validation.blind.folder import write_case
@@ -134,7 +134,8 @@ def put_into(recording: Recording, effect: str, times: float, seed: int) -> tupl
         made = inject(recording.time_s, recording.readings_T, attitude, effect, times, seed)
     except Refused:
         return None
-    changed = replace(recording, readings_T=made.readings_T, temperature_C=made.temperature_C, current_A=made.current_A)
+    own = {"temperature_C": None, "current_A": None, **made.columns}
+    changed = replace(recording, readings_T=made.readings_T, **own)
     return changed, made.key
 
 

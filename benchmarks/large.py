@@ -26,12 +26,12 @@ from asked import ANYTHING, Figure, show
 from click.testing import CliRunner
 
 from tam_calibration.cli.main import main as tam
-from tam_calibration.files import read_array, write_array
-from tam_calibration.files.scenario import read_scenario
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit import METHODS, calibrate
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import to_nanotesla
+from tam_calibration.recordings import read_array, write_array
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 
 IN_MEMORY = 1_000_000

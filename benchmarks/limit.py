@@ -26,17 +26,16 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from tam_calibration.files.scenario import read_scenario
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit import METHODS
-from tam_calibration.fit.closed_form import closed_form
 from tam_calibration.fit.information import bound
-from tam_calibration.fit.maximum_likelihood import maximum_likelihood
+from tam_calibration.fit.maximum_likelihood import closed_form, maximum_likelihood
 from tam_calibration.fit.scale import free_scale, normalize
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.residuals import measure_residuals
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import Scenario, Simulation, simulate
 from tam_calibration.simulation.attitude import Manoeuvre, Motion
 

@@ -7,6 +7,7 @@ Ratios compare root mean square errors of the same runs, or with the Cramér–R
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import click
@@ -32,17 +33,16 @@ from rich.progress import track
 from rich.table import Table
 from scipy.optimize import minimize
 
-from tam_calibration.files.scenario import read_scenario
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.localization.direct_fit import fit_loop
-from tam_calibration.localization.euler import locate
-from tam_calibration.localization.finite_baseline import locate_with_baselines
+from tam_calibration.localization.euler import locate, locate_with_baselines
+from tam_calibration.localization.passage import Known, passage_of
 from tam_calibration.localization.solutions import EulerSolutions
+from tam_calibration.localization.track_fit import best_fit
 from tam_calibration.model.units import FloatArray
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
-from tam_calibration.sources.dipole import Dipole, dipole_field
-from tam_calibration.sources.loop import Loop
+from tam_calibration.sources.dipole import Dipole, Loop, dipole_field, loop_field
 from tam_calibration.validation.papers.wu2025_coil import POSITION_M, RADIUS_M
 
 _TRIED, _REFINED = 200, 20
@@ -127,15 +127,18 @@ def coil(generator: np.random.Generator, runs: int) -> Iterable[Figure]:
     """
     found: dict[str, list[FloatArray]] = {"Euler, constrained": [], "true baselines": []}
     fitted, pulls = [], []
+    loop, nothing_beside = partial(loop_field, radius_m=RADIUS_M), Known(np.zeros(11), np.zeros(11))
     for axis in track(directions(generator, runs), description="coil"):
         source = Loop(POSITION_M, MOMENT_AM2 * axis, RADIUS_M)
         fields = in_array(source)
         outputs = fields.reshape(len(fields), -1) @ ARRAY.operator.T
         for name, solutions in zip(found, (locate(outputs), locate_with_baselines(outputs, ARRAY)), strict=True):
             found[name].append(solutions.distance_m - RANGE_M)
-        fit = fit_loop(fields + AMPLITUDE_NOISE_T * generator.standard_normal(fields.shape), ARRAY, RADIUS_M, POSES)
-        fitted.append(norm(fit.source.position_m - POSITION_M))
-        pulls.append((fit.source.position_m - POSITION_M) / fit.position_standard_errors_m)
+        noisy = fields + AMPLITUDE_NOISE_T * generator.standard_normal(fields.shape)
+        fit = best_fit(passage_of(loop, noisy, ARRAY, POSES, nothing_beside), 1)
+        error = fit.unknowns[0, :3] - POSITION_M
+        fitted.append(norm(error))
+        pulls.append(error / np.sqrt(np.diag(fit.covariance[0])[:3]))
     case = "coil, 12 headings"
     for name, errors in found.items():
         asked = (0.0, 0.03) if name.startswith("Euler") else ANYTHING

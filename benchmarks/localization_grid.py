@@ -31,8 +31,8 @@ from tam_calibration.files.text_files import write_whole
 from tam_calibration.localization.euler import DIPOLE_INDEX
 from tam_calibration.localization.line_fit import DIPOLES_INDEX
 from tam_calibration.localization.one_source import locate_run
-from tam_calibration.localization.sample_by_sample import Regional, regional_of
 from tam_calibration.localization.steady import DEFAULT_VELOCITY_ERROR, straight_track, track_dipole
+from tam_calibration.localization.turned_samples import Regional, regional_of
 from tam_calibration.model.array import UNIT_TENSORS, Array
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.geomagnetic_field import LOCAL_VARIANCE_T2

@@ -16,20 +16,19 @@ from localization_setup import (
 )
 from numpy.linalg import inv, norm
 from rich.progress import track
+from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.files.scenario import read_scenario
-from tam_calibration.fit.source_calibration import SourceCalibration, calibrate_by_source
+from tam_calibration.fit.source_completion import SourceCalibration, calibrate_by_source
 from tam_calibration.localization.steady import straight_track, track_dipole
 from tam_calibration.model.array import Array
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation.attitude import Manoeuvre
 from tam_calibration.sources.demodulation import background_of, demodulate, turning_of
-from tam_calibration.sources.dipole import Dipole
-from tam_calibration.sources.loop import Loop
+from tam_calibration.sources.dipole import Dipole, Loop
 from tam_calibration.sources.poses import Poses
-from tam_calibration.sources.spectrum import band_pass_amplitude
 from tam_calibration.validation.papers.wu2025_coil import POSITION_M, RADIUS_M
 
 
@@ -78,12 +77,24 @@ def demodulation(generator: np.random.Generator, runs: int) -> Iterable[Figure]:
             found = demodulate(time, noisy, 10.0, background, turning if rests == "world" else None).amplitude
             ratios.setdefault((rests, "synchronous least squares"), []).append(_square(found, amplitude, bound))
             if rests == "array":
-                passed = band_pass_amplitude(time, noisy, 8, 12)
+                passed = band_pass_amplitude(time, noisy)
                 ratios.setdefault((rests, "band-pass 8 to 12 Hz"), []).append(_square(passed, amplitude, bound))
     for (rests, method), squares in ratios.items():
         case = f"10 Hz, 20 s, 1 nT, platform turns, source rests in the {rests}"
         asked = (0.0, 1.05) if method.startswith("synchronous") else ANYTHING
         yield ratio(case, method, "amplitude, RMSE/bound", squares, asked)
+
+
+def band_pass_amplitude(time_s: FloatArray, channels: FloatArray) -> FloatArray:
+    """Return the signed amplitudes (D,) of channels (N, D) behind a band-pass of 8 to 12 Hz, as Wu 2025 takes them.
+
+    A Butterworth filter of second order runs forwards and backwards; the amplitude is √2 times the root mean square of
+    the middle half, in which the filter has settled, and its sign that of the correlation with the strongest channel.
+    """
+    sections = butter(2, (8, 12), btype="bandpass", fs=1 / float(np.diff(time_s).mean()), output="sos")
+    passed = sosfiltfilt(sections, channels, axis=0)[len(time_s) // 4 : 3 * len(time_s) // 4]
+    size = np.sqrt(2 * np.mean(passed**2, axis=0))
+    return np.asarray(size * np.sign(passed.T @ passed[:, size.argmax()]))
 
 
 def passing(generator: np.random.Generator, runs: int) -> Iterable[Figure]:

@@ -7,16 +7,18 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.model.array import Array
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
-from tam_calibration.sources.dipole import Dipole
-from tam_calibration.sources.loop import Loop
+from tam_calibration.sources.dipole import Dipole, Loop
 from tam_calibration.sources.poses import Poses
 from tam_calibration.validation.papers.wu2025_coil import AMPERE_TURNS, HEADINGS_DEG, POSITION_M, RADIUS_M
 
 AMPLITUDE_NOISE_T = from_nanotesla(0.05)
+"""Of the amplitude of an alternating field, which is the mean of many samples."""
 SENSOR_NOISE_T = from_nanotesla(1.0)
+"""Of one sample, as in the scenarios of this package."""
 RANGE_M = float(norm(POSITION_M))
 MOMENT_AM2 = AMPERE_TURNS * np.pi * RADIUS_M**2
 ARRAY = Array.cross(0.21, vector_noise_T=AMPLITUDE_NOISE_T)
+"""The cross of that set-up."""
 POSES = Poses.headings(Rotation.from_euler("z", from_degrees(HEADINGS_DEG)[:, None]).as_quat())
 
 

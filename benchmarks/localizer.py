@@ -24,10 +24,9 @@ from sensor_msgs.msg import PointCloud2
 from spread import machine
 from std_msgs.msg import Header
 
-from tam_calibration.files import read_array
 from tam_calibration.files.configuration import configuration_folder
 from tam_calibration.files.text_files import write_whole
-from tam_calibration.localization.sample_by_sample import Regional, locate_samples
+from tam_calibration.localization.turned_samples import Regional, locate_samples
 from tam_calibration.messages.point_cloud import FIELD_GRADIENT_COLUMNS, SampleLayout
 from tam_calibration.model.array import Array
 from tam_calibration.model.geomagnetic_field import field_at
@@ -37,6 +36,7 @@ from tam_calibration.nodes.cloud import make_cloud, read_cloud
 from tam_calibration.nodes.listening import RELIABLE_STREAM
 from tam_calibration.nodes.localizer_node import source_rows
 from tam_calibration.nodes.session import ros_session
+from tam_calibration.recordings import read_array
 from tam_calibration.sources.dipole import Dipole
 
 RATE_HZ = 100.0

@@ -29,7 +29,6 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.correction.update import KINDS
-from tam_calibration.files.scenario import read_scenario
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.information import inverted
@@ -45,6 +44,7 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.model.residuals import measure_residuals
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import Scenario, simulate
 from tam_calibration.simulation.attitude import Manoeuvre
 from tam_calibration.simulation.instruments import AttitudeChannel

@@ -6,7 +6,7 @@ His turntable (72 poses, errors of his Table 2, 8.26 nT of drift, an intensity t
 one effect beside it, whose coefficients are drawn at random: the residual e_B that a realistic size leaves, the size at
 which e_B has his 95.5 nT, in how many draws the four sensors then are as alike as his (1.07), and the error of the
 coil's distance that the parameters so found make. A size is the root mean square of what the effect adds to one axis,
-without its mean, nT. What else spoils the coil's distance: ``tam reproduce wu2025 --experiment coil``.
+without its mean, nT.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,7 +23,6 @@ from scipy.spatial.transform import Rotation
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import effect_named
-from tam_calibration.files.scenario import read_scenario
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit.lossless import estimate
 from tam_calibration.model.array import Array
@@ -31,13 +30,16 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.model.residuals import measure_residuals
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla, to_nanotesla
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import Simulation, simulate
 from tam_calibration.sources.dipole import Dipole
 from tam_calibration.validation.papers.wu2025_coil import AXES, Experiment, directions
 
 RESULTS = Path(__file__).parent / "results" / "papers_gap.csv"
 PRINTED_T, PRINTED_ALIKE = from_nanotesla(95.5), 98.5 / 91.9
+"""What Wu 2025 prints of four calibrated sensors: the mean of their errors, and the largest over the smallest."""
 LARGEST_T = 1e-5
+"""Size of an error at which the search for the printed figure ends: a fifth of the field."""
 HEADER = ("effect", "basis", "size", "e_B then", "size needed", "times", "as alike", "distance RMSE (m)")
 _ROUNDS = 6
 _DIRECTIONS = 24

@@ -1,13 +1,9 @@
-"""How often the vehicle's own field is named: where it is there, also of vehicles of other kinds, and where it is not.
+"""How often the vehicle's own field is named: where it is there, and where it is not.
 
 Run ``python benchmarks/platform_field_named.py KIND --cases N --seed SEED``. Cases are those of the check on withheld
 effects, given to the diagnosis as files. KIND is
 
 - ``same``: the vehicle of that check, on which rules of the diagnosis were tuned with other seeds;
-- ``other``: ten kinds in turn that no rule was made by, of other conductors, moving parts, mounts and motions
-  (``other_vehicles.py`` of the check);
-- ``further``: ten kinds more, written after a rule was changed by what went wrong with those (``further_vehicles.py``);
-- ``later``: fourteen kinds more, written after rules were changed again (``later_vehicles.py``);
 - ``neighbours``: effects that the field may be mistaken for, each at work alone, of which each should be named;
 - ``clean``: nothing at all, read by four sensors and a scalar; three recordings in four have channels of currents and
   actuators beside them.
@@ -26,17 +22,14 @@ import click
 import numpy as np
 from rich.progress import track
 
-from tam_calibration.files import read_array, read_recording
-from tam_calibration.files.results_json import gap_to_mapping
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.gap import diagnose
 from tam_calibration.model.units import FloatArray
+from tam_calibration.recordings import read_array, read_recording
+from tam_calibration.results.results_json import gap_to_mapping
 from tam_calibration.validation.blind.case import Case, make_case
 from tam_calibration.validation.blind.case_plan import GAPS, CasePlan
 from tam_calibration.validation.blind.folder import write_case
-from tam_calibration.validation.blind.further_vehicles import FURTHER_VEHICLES
-from tam_calibration.validation.blind.later_vehicles import LATER_VEHICLES
-from tam_calibration.validation.blind.other_vehicles import OTHER_VEHICLES
 from tam_calibration.validation.blind.outcome import NO_GAP, Outcome
 from tam_calibration.validation.blind.processes import draw_load, draw_wander
 from tam_calibration.validation.blind.rates import Rate
@@ -45,9 +38,6 @@ RESULTS = Path(__file__).parent / "results" / "platform_field_named.csv"
 NAME = "platform_field"
 KINDS = {
     "same": [NAME],
-    "other": list(OTHER_VEHICLES),
-    "further": list(FURTHER_VEHICLES),
-    "later": list(LATER_VEHICLES),
     "neighbours": ["eddy_current", "bias_jump", "geomagnetic_drift", "current_interference"],
 }
 Drawn = Callable[[np.random.Generator, FloatArray], FloatArray]

@@ -22,13 +22,13 @@ from rich.table import Table
 
 from tam_calibration.core.variance_factors import VarianceFactors
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.files import read_array, read_recording
 from tam_calibration.fit import calibrate
 from tam_calibration.model.array import Array
 from tam_calibration.model.change_rates import ChangeRates
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, from_nanotesla
+from tam_calibration.recordings import read_array, read_recording
 from tam_calibration.validation.blind.rates import WITHIN_95, Rate
 
 THIRDS = 3

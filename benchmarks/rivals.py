@@ -31,12 +31,12 @@ from rich.table import Table
 from rival_fits import OURS, RIVALS, Correction, Data, Fit, array_of, is_installed
 from spread import Row, save
 
-from tam_calibration.files.scenario import read_scenario
 from tam_calibration.fit import maximum_likelihood
 from tam_calibration.fit.information import bound
 from tam_calibration.model.array import Array
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, to_nanotesla
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import Scenario, Simulation, simulate
 from tam_calibration.simulation.sources import SinusoidDrift
 

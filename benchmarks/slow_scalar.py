@@ -23,12 +23,12 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from tam_calibration.files.scenario import read_scenario
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit import maximum_likelihood as module
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.reference import Reference, interpolate
 from tam_calibration.model.units import FloatArray, from_degrees
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import Scenario, simulate
 from tam_calibration.simulation.attitude import Tumble
 from tam_calibration.simulation.instruments import ScalarReference

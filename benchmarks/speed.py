@@ -25,12 +25,12 @@ from rich.progress import track
 from scipy.optimize import minimize
 from spread import Row, show
 
-from tam_calibration.files.scenario import read_scenario
 from tam_calibration.fit import lossless, maximum_likelihood
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 
 SIZES = (360, 1_000, 10_000, 100_000)

@@ -26,13 +26,14 @@ from spread import machine
 from streaming_bench import IMU_TOPIC, SENSOR_TOPICS, Bench, in_pieces, run, samples
 
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.files import write_array, write_calibration
-from tam_calibration.files.scenario import read_scenario
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit import calibrate
 from tam_calibration.nodes.children import START, Children
 from tam_calibration.nodes.scheduling import precede
 from tam_calibration.nodes.session import ros_session
+from tam_calibration.recordings import write_array
+from tam_calibration.results import write_calibration
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 
 RELAY = Path(__file__).parent / "streaming_relay.py"

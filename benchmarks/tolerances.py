@@ -24,7 +24,6 @@ from rich.table import Table
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.files import read_array, read_recording
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.prior import in_first_frame
@@ -35,6 +34,7 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.tolerances import Tolerances
 from tam_calibration.model.units import FloatArray
+from tam_calibration.recordings import read_array, read_recording
 from tam_calibration.simulation.attitude import Manoeuvre
 from tam_calibration.validation.blind.rates import WITHIN_95
 

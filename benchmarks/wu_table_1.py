@@ -19,13 +19,13 @@ from rich.progress import track
 from rich.table import Table
 
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.files.scenario import read_scenario
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit.information import bound
 from tam_calibration.fit.lossless import lossless
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.model.residuals import measure_residuals
 from tam_calibration.model.units import FloatArray, to_nanotesla
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import Simulation, simulate
 from tam_calibration.simulation.sources import SinusoidDrift
 

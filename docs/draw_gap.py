@@ -8,16 +8,17 @@ from pathlib import Path
 
 import numpy as np
 
-from tam_calibration.files.scenario import read_scenario
 from tam_calibration.gap import diagnose
 from tam_calibration.model.units import from_nanotesla
+from tam_calibration.report.gap_cause_plots import GapView
 from tam_calibration.report.gap_residual_plots import plot_map
-from tam_calibration.report.gap_view import GapView
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.instruments import ScalarReference, Temperature
 
 TARGET = Path(__file__).parent / "images" / "gap.png"
 DRIFT_NT_PER_K = np.array([0.6, -0.2, 0.4])
+"""A few times what a good fluxgate has, so that it is seen in a picture."""
 
 
 def main() -> None:

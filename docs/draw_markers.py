@@ -19,15 +19,15 @@ from std_msgs.msg import Float64MultiArray, Header
 
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files.configuration import configuration_folder
-from tam_calibration.files.scenario import read_scenario
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.coverage import LiveCoverage
-from tam_calibration.localization.sample_by_sample import Regional, locate_samples, turned
 from tam_calibration.localization.solutions import EulerSolutions
+from tam_calibration.localization.turned_samples import Regional, locate_samples, turned
 from tam_calibration.messages.point_cloud import GRADIENT_ROW_MAJOR
 from tam_calibration.model.recording import Recording
 from tam_calibration.nodes.markers import coverage_markers, field_marker, source_markers
 from tam_calibration.report.style import PAGE_WIDTH_INCH, STYLE
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 
 IMAGES = Path(__file__).parent / "images"

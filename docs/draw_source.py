@@ -11,19 +11,21 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.files import write_calibration, write_recording
-from tam_calibration.files.scenario import read_scenario
 from tam_calibration.fit import calibrate
 from tam_calibration.localization.steady import locate_steady
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
-from tam_calibration.report.survey_plots import plot_survey_map
+from tam_calibration.report.survey_report import plot_survey_map
+from tam_calibration.results import write_calibration, write_recording
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 from tam_calibration.sources.dipole import Dipole
 
 TARGET = Path(__file__).parent / "images" / "source.png"
 WRECK = Dipole(np.array([30.0, 2.5, -2.3]), np.array([40.0, -60.0, 150.0]))
+"""A dipole that is passed at a distance of 3.4 m."""
 EARTH_T = np.array([1e-6, 21e-6, -43e-6])
+"""Of central Europe, east-north-up."""
 VELOCITY_M_PER_S = np.array([1.5, 0.0, 0.0])
 NOISE_T = 1e-9
 

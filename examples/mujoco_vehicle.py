@@ -14,11 +14,12 @@ from vehicle import SWITCHED, VEHICLE, VehicleRun, model_xml, simulate_vehicle
 
 from tam_calibration.cli.simulate import beside
 from tam_calibration.cli.terminal import PATH, Number, write_together
-from tam_calibration.files import write_array, write_recording
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_nanotesla
+from tam_calibration.recordings import write_array
+from tam_calibration.results import write_recording
 from tam_calibration.simulation.instruments import Temperature
 
 SEED = click.IntRange(min=0)

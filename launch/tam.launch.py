@@ -14,6 +14,7 @@ ARGUMENTS = {
     "namespace": ("", "Namespace of the nodes and of their relative topics."),
     "params_file": ("", "ROS parameters of the nodes."),
     "array_file": ("", "Array YAML; empty for the cross of 0.5 m."),
+    "map_file": ("", "Map YAML: topics of sensors and channels; empty for tam_1/magnetic_field and so on."),
     "calibration_file": ("", "Calibration YAML: loaded by every node where it exists, written by calibrator/save."),
     "use_sim_time": ("false", "Whether the nodes' clock is /clock."),
     "respawn": ("true", "Whether a node that ends is started again after 2 s."),
@@ -51,7 +52,7 @@ def _nodes(context: LaunchContext) -> list[Node]:
 
 def _parameters(name: str, given: dict[str, str]) -> dict[str, str | bool]:
     """Return what the arguments say to a node; a calibration that is not there yet is the calibrator's alone."""
-    keys = ["array_file"]
+    keys = ["array_file", "map_file"] if name == "collector" else ["array_file"]
     if name == "calibrator" or (name != "collector" and Path(given.get("calibration_file", "")).is_file()):
         keys.append("calibration_file")
     is_simulated = given["use_sim_time"].lower() == "true"

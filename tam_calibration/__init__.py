@@ -12,14 +12,16 @@ if TYPE_CHECKING:
     from tam_calibration.comparison import compare
     from tam_calibration.correction.calibration import Calibration
     from tam_calibration.correction.streaming import correct
-    from tam_calibration.files import read_array, read_calibration, read_recording, write_calibration
-    from tam_calibration.files.scenario import read_scenario
     from tam_calibration.fit import calibrate
     from tam_calibration.gap import diagnose
     from tam_calibration.localization.locate import locate
     from tam_calibration.model.array import Array
     from tam_calibration.model.exceptions import InputError, Refused
     from tam_calibration.model.recording import Recording
+    from tam_calibration.recordings import read_array, read_recording
+    from tam_calibration.recordings.inspection import inspect
+    from tam_calibration.results import read_calibration, write_calibration
+    from tam_calibration.results.scenario import read_scenario
     from tam_calibration.simulation import simulate
 
 __all__ = [
@@ -32,6 +34,7 @@ __all__ = [
     "compare",
     "correct",
     "diagnose",
+    "inspect",
     "locate",
     "read_array",
     "read_calibration",
@@ -51,13 +54,14 @@ _HOMES = {
     "compare": "comparison",
     "correct": "correction.streaming",
     "diagnose": "gap",
+    "inspect": "recordings.inspection",
     "locate": "localization.locate",
-    "read_array": "files",
-    "read_calibration": "files",
-    "read_recording": "files",
-    "read_scenario": "files.scenario",
+    "read_array": "recordings",
+    "read_calibration": "results",
+    "read_recording": "recordings",
+    "read_scenario": "results.scenario",
     "simulate": "simulation",
-    "write_calibration": "files",
+    "write_calibration": "results",
 }
 """The module of each public name."""
 

@@ -56,7 +56,7 @@ def recorder(kind, path):
             plugin = StoragePlugin.MCAP if kind.endswith("mcap") else StoragePlugin.SQLITE3
             return write_by(Writer(path, version=9, storage_plugin=plugin))
         case "own sqlite3" | "own mcap":
-            from tam_calibration.files.bag_writing import BlockWriter
+            from tam_calibration.recordings.bag_writing import BlockWriter
 
             return write_by(BlockWriter(path, kind.split()[1]))
     return write_database(path, kind)

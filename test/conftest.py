@@ -68,7 +68,7 @@ def recording(true_errors):
 @pytest.fixture(scope="session")
 def wu_scenario():
     """Return Wu's Table 1 scenario: 360 random attitudes, 1 nT and 0.1 nT of noise."""
-    from tam_calibration.files.scenario import read_scenario
+    from tam_calibration.results.scenario import read_scenario
 
     return read_scenario("wu_table_1")
 
@@ -170,7 +170,7 @@ def wu2025_sweeps():
     from functools import partial
     from importlib import import_module
 
-    from tam_calibration.files.scenario import read_scenario
+    from tam_calibration.results.scenario import read_scenario
     from tam_calibration.validation.papers.sweep import sweeps_of, tasks_of
     from tam_calibration.validation.papers.wu2025_sweeps import plans, score
 

@@ -8,8 +8,8 @@ class Absent:
     "Refuses what Ubuntu 24.04 or a robot has not."
 
     names = {
-        "dask", "distributed", "jinja2", "lz4", "magpylib", "matplotlib", "pandas", "ppigrf", "pydantic", "rosbags",
-        "xarray", "zstandard",
+        "apsw", "dask", "distributed", "jinja2", "lz4", "magpylib", "matplotlib", "pandas", "ppigrf", "pyarrow",
+        "pydantic", "pymavlink", "pyulog", "rosbags", "xarray", "zstandard",
     }
 
     def find_spec(self, name, path=None, target=None):

@@ -13,9 +13,10 @@ import setuptools
 from core_only import CORE_ONLY
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.files import write_array, write_recording
-from tam_calibration.files.scenario import read_scenario
 from tam_calibration.model.extras import EXTRAS
+from tam_calibration.recordings import write_array
+from tam_calibration.results import write_recording
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 from tam_calibration.sources.dipole import Dipole
 
@@ -29,17 +30,19 @@ DONE = (
     "compare other.csv run.csv --array array.yaml --json compare.json --mend mend.yaml",
     "plan --array array.yaml --place 47.37,8.54,2025-06-30 --pitch-limit-deg 30 --roll-limit-deg 30 --poses 9",
     "locate wreck.csv --calibration calibration.yaml",
+    "inspect run.csv --json inspection.json --write-map map.yaml",
 )
 """Commands of the core, with places of IGRF and every kind of file but bags and pages."""
 
 NEEDS = {
     "calibrate run.mcap --array array.yaml": ("reading bags", "rosbags", "bags"),
+    "inspect run.parquet": ("reading Parquet files", "pandas", "tables"),
     "diagnose run.mcap --array array.yaml": ("reading bags", "rosbags", "bags"),
     "compare run.csv run.mcap --array array.yaml": ("the recording: reading bags", "rosbags", "bags"),
     "batch run.mcap --array array.yaml --out results": ("the summary of a batch", "jinja2", "report"),
     "simulate wu_table_1 -o again.mcap": ("writing bags", "rosbags", "bags"),
     "correct run.csv --calibration calibration.yaml -o corrected": ("writing bags", "rosbags", "bags"),
-    "play run.mcap": ("playing bags", "rosbags", "bags"),
+    "play run.mcap": ("playing recordings", "rosbags", "bags"),
     "calibrate run.csv --array array.yaml --report page.html": ("--report", "jinja2", "report"),
     "diagnose run.csv --array array.yaml --report page.html": ("--report", "jinja2", "report"),
     "compare run.csv run.csv --array array.yaml --report page.html": ("--report", "jinja2", "report"),
@@ -91,6 +94,7 @@ def answers(tmp_path_factory):
     write_recording(folder / "other.csv", simulate(replace(scenario, seed=5)).recording)
     write_recording(folder / "run.csv", made.recording)
     write_recording(folder / "run.mcap", made.recording)
+    (folder / "run.parquet").write_bytes(b"PAR1")
     write_recording(folder / "wreck.csv", beside_a_wreck(made))
     write_array(folder / "array.yaml", made.scenario.array)
     command = [sys.executable, "-c", CORE_ONLY + CODE, *DONE, *NEEDS]

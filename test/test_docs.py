@@ -1,4 +1,5 @@
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -6,8 +7,10 @@ from pathlib import Path
 import pytest
 import yaml
 from catkin_pkg.package import parse_package
+from click.testing import CliRunner
 
 import tam_calibration
+from tam_calibration.cli.main import main
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -56,3 +59,14 @@ def test_no_command_installs_into_the_python_of_the_system():
     lines = [line for page in [*pages, *(ROOT / "benchmarks").glob("*.py")] for line in page.read_text().splitlines()]
     calls = [line for line in lines if re.search(r"\bpip3? install\b", line)]
     assert calls and [line for line in calls if not re.search(r"(/bin/|\$\(BIN\)/)pip install", line)] == []
+
+
+def test_the_commands_for_a_recording_of_ones_own_work_as_pasted(tmp_path, monkeypatch):
+    """Those that README.md shows, one after the other, from an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    section = (ROOT / "README.md").read_text().partition("## Your own recording")[2].partition("\n## ")[0]
+    commands = [shlex.split(line, comments=True)[1:] for line in section.splitlines() if line.startswith("tam ")]
+    assert {command[0] for command in commands} == {"simulate", "inspect", "calibrate", "correct", "export"}
+    for command in commands:
+        done = CliRunner().invoke(main, command)
+        assert done.exit_code == 0, done.output

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.files.scenario import read_scenario
 from tam_calibration.model.array import Array
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.instruments import AttitudeChannel
 

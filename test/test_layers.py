@@ -15,6 +15,8 @@ LAYERS = (
     ("nodes", "validation"),
     ("fleet",),
     ("report",),
+    ("results",),
+    ("recordings",),
     ("files",),
     ("comparison",),
     ("gap", "localization", "live"),
@@ -29,7 +31,18 @@ LAYERS = (
 """The rooms from above to below; a room imports what stands below it."""
 
 RANK = {room: rank for rank, layer in enumerate(LAYERS) for room in layer}
-SURROUNDINGS = {"__main__", "cli", "nodes", "validation", "fleet", "report", "files", "messages"}
+SURROUNDINGS = {
+    "__main__",
+    "cli",
+    "nodes",
+    "validation",
+    "fleet",
+    "report",
+    "results",
+    "recordings",
+    "files",
+    "messages",
+}
 """The rooms that are not numerics."""
 
 MODULES = {str(path.relative_to(PACKAGE)) for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py"}

@@ -79,7 +79,9 @@ def test_every_import_is_declared(manifest, arguments):
     ros = {name for name in depends if not name.startswith("python3-")} - {"launch", "launch_ros"}
     extras = arguments["extras_require"]
     optional = {
-        requirement.split(">")[0] for extra in ("bags", "fleet", "notebook", "report") for requirement in extras[extra]
+        requirement.split(">")[0]
+        for extra in ("bags", "fleet", "notebook", "report", "tables")
+        for requirement in extras[extra]
     }
     assert third_party_imports() == required | ros | optional
     keys = {name.removeprefix("python3-") for name in depends if name.startswith("python3-")}
@@ -87,7 +89,12 @@ def test_every_import_is_declared(manifest, arguments):
 
 
 @pytest.mark.parametrize(
-    ("group", "kind"), [("console_scripts", ast.FunctionDef), ("tam_calibration.effects", ast.ClassDef)]
+    ("group", "kind"),
+    [
+        ("console_scripts", ast.FunctionDef),
+        ("tam_calibration.effects", ast.ClassDef),
+        ("tam_calibration.readers", ast.ClassDef),
+    ],
 )
 def test_entry_points_exist(arguments, group, kind):
     """Every command and effect names a module of the package and what is in it; told without importing rclpy."""

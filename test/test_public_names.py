@@ -21,8 +21,10 @@ RESULTS = (
     "tam_calibration.correction.calibration.Corrected",
     "tam_calibration.gap.result.Gap",
     "tam_calibration.localization.survey.Survey",
+    "tam_calibration.model.residuals.ResidualSeries",
+    "tam_calibration.recordings.inspection_result.Inspection",
     "tam_calibration.simulation.observe.Simulation",
-    "tam_calibration.simulation.scenario.Scenario",
+    "tam_calibration.simulation.observe.Scenario",
 )
 """Classes that the public functions return without being public names themselves."""
 
@@ -92,7 +94,7 @@ def test_the_example_of_the_readme_runs(tmp_path):
     done = subprocess.run([sys.executable, "-c", example], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert "no_gap" in done.stdout
-    assert all((tmp_path / name).exists() for name in ("calibration.yaml", "gradient.png"))
+    assert all((tmp_path / name).exists() for name in ("calibration.yaml", "residuals.png"))
 
 
 def test_a_simulated_run_is_corrected_to_its_truth():

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from tam_calibration.comparison.mistakes.find import mistakes_of
-from tam_calibration.files import read_array, read_recording
 from tam_calibration.fit import calibrate
 from tam_calibration.model.exceptions import Refused
+from tam_calibration.recordings import read_array, read_recording
 
 SHARED = Path(__file__).parents[2] / "shared" / "data"
 RECORDINGS = SHARED / "recordings"

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pairs.making import Columns, Pair
-from tam_calibration.files import write_whole
+from tam_calibration.files.text_files import write_whole
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.validation.blind.folder import read_json, write_json
 

@@ -7,9 +7,9 @@ from typing import Any
 
 from pairs.folder import ANSWERS, FILES, SEALED, mended_path
 from tam_calibration.comparison.compare import compare
-from tam_calibration.files import read_array, read_recording, write_whole
-from tam_calibration.files.comparison_json import Sources, comparison_to_mapping
-from tam_calibration.files.text_files import to_json
+from tam_calibration.files.text_files import to_json, write_whole
+from tam_calibration.recordings import read_array, read_recording
+from tam_calibration.results.comparison_json import Sources, comparison_to_mapping
 
 
 def answer(folder: Path, name: str) -> None:

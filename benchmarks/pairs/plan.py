@@ -8,7 +8,6 @@ from numpy.random import Generator
 from tam_calibration.validation.blind.catalogue import CATALOGUE
 from tam_calibration.validation.blind.disturbance import MOVING
 from tam_calibration.validation.blind.outside import OUTSIDE
-from tam_calibration.validation.blind.outside_sealed import SEALED
 
 SHARES = {
     "missing": 60,
@@ -124,7 +123,7 @@ class PairPlan:
         return self.kind == "missing" and self.gaps[0] >= MENDED_AT and self.missing[0] not in OF_ITS_RUN
 
 
-def plan_pairs(count: int, seed: int, outside: str, with_world: bool) -> list[PairPlan]:
+def plan_pairs(count: int, seed: int, with_world: bool) -> list[PairPlan]:
     """Return the plans of a set, in an order that tells nothing.
 
     Parameters
@@ -132,8 +131,6 @@ def plan_pairs(count: int, seed: int, outside: str, with_world: bool) -> list[Pa
     count : int
         Pairs without those of ``BESIDE`` and ``WORLD``, which are in proportion.
     seed : int
-    outside : str
-        The half of the causes outside the library that is used: open or sealed.
     with_world : bool
         Whether there are pairs of the other world.
     """
@@ -141,14 +138,12 @@ def plan_pairs(count: int, seed: int, outside: str, with_world: bool) -> list[Pa
     shares = SHARES | BESIDE | (WORLD if with_world else {})
     whole = sum(SHARES.values())
     plans = [
-        plan
-        for kind, share in shares.items()
-        for plan in _plan_kind(rng, kind, max(1, round(count * share / whole)), outside)
+        plan for kind, share in shares.items() for plan in _plan_kind(rng, kind, max(1, round(count * share / whole)))
     ]
     return [plans[i] for i in rng.permutation(len(plans))]
 
 
-def _plan_kind(rng: Generator, kind: str, count: int, outside: str) -> list[PairPlan]:
+def _plan_kind(rng: Generator, kind: str, count: int) -> list[PairPlan]:
     if kind == "two":
         return [_two(rng, number % 2 == 0) for number in range(count)]
     if kind in ("none", "runs"):
@@ -160,7 +155,7 @@ def _plan_kind(rng: Generator, kind: str, count: int, outside: str) -> list[Pair
     if kind in details:
         return [PairPlan(kind, detail=detail) for detail in _in_turn(rng, details[kind], count)]
     if kind == "outside":
-        names = _in_turn(rng, tuple(SEALED if outside == "sealed" else OUTSIDE), count)
+        names = _in_turn(rng, tuple(OUTSIDE), count)
         return [PairPlan(kind, (name,), (), (GAPS[1 + i % 2],)) for i, name in enumerate(names)]
     effects = WORLD_EFFECTS if kind == "world" else MOVED
     chosen = zip(_in_turn(rng, effects, count), (GAPS[i % len(GAPS)] for i in range(count)), strict=True)

@@ -6,35 +6,33 @@ from functools import partial
 from pathlib import Path
 
 import click
-from rich.console import Console
-from rich.table import Table
 
-from tam_calibration.cli.terminal import JOBS, PATH, showing_progress, stdout, tolerance_option
-from tam_calibration.files.recording_file import is_bag
-from tam_calibration.fleet.missions import all_drifts
+from tam_calibration.cli.terminal import (
+    JOBS,
+    PATH,
+    print_blocks,
+    reading_options,
+    say_written,
+    showing_progress,
+)
+from tam_calibration.fleet.missions import all_drifts, all_missions
 from tam_calibration.fleet.rows import COUNTS_HEADER, DRIFT_HEADER, count_rows, drift_row, largest, open_points
-from tam_calibration.fleet.task_result import Result
+from tam_calibration.fleet.task import Result
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.extras import require
+from tam_calibration.recordings.bag_storages import is_bag
+from tam_calibration.recordings.reading import Reading
+from tam_calibration.report.blocks import Block, Table, Text
 
 
-def _print_batch(console: Console, results: Sequence[Result]) -> None:
-    """Print counts by platform, the drift of each kind of parameter that stands out most, and what is open."""
-    console.print(_table("What was found", COUNTS_HEADER, count_rows(results)))
+def _blocks(results: Sequence[Result]) -> list[Block]:
+    """Return counts by platform, the drift of each kind of parameter that stands out most, and what is open."""
+    blocks: list[Block] = [Table(COUNTS_HEADER, count_rows(results), "What was found")]
     drifts = [drift_row(found)[:-1] for found in largest(all_drifts(results))]
     if drifts:
-        console.print(_table("Largest drift of each kind, ± standard errors", DRIFT_HEADER[:-1], drifts))
-    for point in open_points(results):
-        console.print(point)
-
-
-def _table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
-    table = Table(header[0], title=title)
-    for name in header[1:]:
-        table.add_column(name, justify="right")
-    for row in rows:
-        table.add_row(*row)
-    return table
+        blocks.append(Table(DRIFT_HEADER[:-1], drifts, "Largest drift of each kind, ± standard errors"))
+    without = [f"{each.platform}: {each.no_drift}" for each in all_missions(results) if each.no_drift]
+    return blocks + [Text(words) for words in (*without, *open_points(results))]
 
 
 @click.command()
@@ -49,7 +47,7 @@ def _table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> 
 @click.option("--out", type=PATH, required=True, help="Folder of the results.")
 @click.option("--jobs", type=JOBS, help="Processes of this machine; by default one for each core.")
 @click.option("--scheduler", help="Address of a Dask scheduler, such as tcp://host:8786, whose workers do the work.")
-@tolerance_option
+@reading_options
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -59,9 +57,9 @@ def command(
     out: Path,
     jobs: int | None,
     scheduler: str | None,
-    tolerance_s: float,
+    how: Reading,
 ) -> None:
-    """Calibrate, diagnose and correct many RECORDINGS: bags and CSV files, or patterns such as 'missions/**/*.mcap'.
+    """Calibrate, diagnose and correct many RECORDINGS, or those that patterns find, such as 'missions/**/*.mcap'.
 
     Called again, also after it was killed, it does what is not done yet, has failed or has changed. The folder that a
     recording lies in names its platform. Exits 0 when all is done and no gap is open, 1 when something was refused,
@@ -69,13 +67,13 @@ def command(
     """
     require("report", "the summary of a batch")
     from tam_calibration.fleet.batch import find_recordings, require_separate_folder, run_batch
-    from tam_calibration.fleet.execution import run_here, run_on_cluster
+    from tam_calibration.fleet.processes import run_here, run_on_cluster
     from tam_calibration.fleet.summary import SUMMARIES
     from tam_calibration.fleet.task import read_options
 
     if jobs is not None and scheduler is not None:
         raise InputError("give either --jobs, for this machine, or --scheduler, for a cluster")
-    options = read_options(array_path, calibration_path, tolerance_s)
+    options = read_options(array_path, calibration_path, how)
     paths = find_recordings(recordings, without=out)
     require_separate_folder(out, [*paths, *(path for path in (array_path, calibration_path) if path is not None)])
     if scheduler is None:
@@ -89,7 +87,6 @@ def command(
         results = run_batch(
             paths, out, options, run, lambda done, total: progress.update(task, completed=done, total=total)
         )
-    _print_batch(stdout(), results)
-    for name in SUMMARIES:
-        click.echo(f"written: {out / name}")
+    print_blocks(_blocks(results))
+    say_written(out / name for name in SUMMARIES)
     ctx.exit(0 if all(result.is_settled for result in results) else 1)

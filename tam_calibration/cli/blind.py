@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from tam_calibration.cli.streams import say
 from tam_calibration.cli.terminal import JOBS, PATH, Number, showing_progress, stdout, write_together
-from tam_calibration.files import read_array, read_recording
-from tam_calibration.files.csv_files import write_csv_recording
 from tam_calibration.fleet.processes import processes, submit_all
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.validation.blind import EFFECTS, KINDS
+from tam_calibration.recordings import read_array, read_recording
+from tam_calibration.results.data_files import write_csv_recording
+from tam_calibration.validation.blind import KINDS
 
 if TYPE_CHECKING:
     from tam_calibration.validation.blind.case_plan import CasePlan
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("recording", type=PATH)
 @click.option("--array", type=PATH, required=True, help="Array YAML of the recording.")
-@click.option("--effect", type=click.Choice(EFFECTS), help="Which to put in.")
+@click.option("--effect", metavar="NAME", help="Which to put in; without it their names are told.")
 @click.option(
     "--times",
     type=Number(0, 1e6, min_open=True),
@@ -44,10 +45,11 @@ def inject(recording: Path, array: Path, effect: str | None, times: float, outpu
     from scipy.spatial.transform import Rotation
 
     from tam_calibration.validation.blind.folder import write_json
+    from tam_calibration.validation.blind.injected import INJECTED
     from tam_calibration.validation.blind.injected import inject as put
 
-    if effect is None:
-        raise InputError(f"name an effect to put in with --effect: one of {', '.join(EFFECTS)}")
+    if effect not in INJECTED:
+        raise InputError(f"name an effect to put in with --effect: one of {', '.join(INJECTED)}")
     if output.suffix != ".csv":
         raise InputError(f"{output} must end in .csv")
     real = read_recording(recording)
@@ -57,13 +59,11 @@ def inject(recording: Path, array: Path, effect: str | None, times: float, outpu
     attitude = real.attitude if real.attitude is not None and np.isfinite(real.attitude).all() else None
     to_world = None if attitude is None else Rotation.from_quat(attitude).as_matrix()
     made = put(real.time_s, real.readings_T, to_world, effect, times, seed)
-    channels = {"temperature_C": made.temperature_C, "current_A": made.current_A}
-    own: dict[str, Any] = {name: values for name, values in channels.items() if values is not None}
     with write_together({"data": output, "key": output.with_suffix(".key.json")}, [recording, array]) as beside:
-        write_csv_recording(beside["data"], replace(real, readings_T=made.readings_T, **own))
+        write_csv_recording(beside["data"], replace(real, readings_T=made.readings_T, **made.columns))
         write_json(beside["key"], {"recording": recording.name, **made.key})
     visible_nT, own_nT = made.key["visible_nT"], made.key["own_residual_nT"]
-    click.echo(
+    say(
         f"{effect} of {visible_nT:.3g} nT in {output}, {times:g} times the {own_nT:.3g} nT that the recording leaves "
         f"by itself; the truth is in {output.with_suffix('.key.json')}"
     )
@@ -92,15 +92,8 @@ command.add_command(inject)
 @click.option("--cases", type=click.IntRange(1, 9999), default=400, show_default=True)
 @click.option("--seed", type=click.IntRange(min=0), required=True, help="Never one that anything was tuned on.")
 @click.option("--kinds", type=click.Choice(KINDS), multiple=True, default=KINDS, show_default=True)
-@click.option(
-    "--outside",
-    type=click.Choice(("open", "sealed", "both")),
-    default="open",
-    show_default=True,
-    help="Causes outside the library: the half to tune on, or the one to judge by.",
-)
 @_jobs_option
-def make(folder: Path, cases: int, seed: int, kinds: tuple[str, ...], outside: str, jobs: int) -> None:
+def make(folder: Path, cases: int, seed: int, kinds: tuple[str, ...], jobs: int) -> None:
     """Make recordings in OUT, with their sealed keys in keys.json and what commits to those in commitments.json."""
     from tam_calibration.validation.blind.case_plan import plan_cases
     from tam_calibration.validation.blind.folder import COMMITMENTS, KEYS, case_name, seal, write_json
@@ -111,14 +104,14 @@ def make(folder: Path, cases: int, seed: int, kinds: tuple[str, ...], outside: s
     with suppress(FileNotFoundError):
         folder.rmdir()
     with write_together({"cases": folder}, []) as beside:
-        plans = plan_cases(kinds, cases, seed, outside)
+        plans = plan_cases(kinds, cases, seed)
         tasks = [(beside["cases"], plan, seed, number) for number, plan in enumerate(plans, start=1)]
         keys, commitments = {}, {}
         for number, key in _in_processes("making cases", _make_one, tasks, jobs):
             keys[case_name(number)], commitments[case_name(number)] = seal(key)
         write_json(beside["cases"] / KEYS, dict(sorted(keys.items())))
         write_json(beside["cases"] / COMMITMENTS, dict(sorted(commitments.items())))
-    click.echo(f"{cases} cases in {folder}, their keys in {folder / KEYS}: keep those apart until the score")
+    say(f"{cases} cases in {folder}, their keys in {folder / KEYS}: keep those apart until the score")
 
 
 def _make_one(task: tuple[Path, "CasePlan", int, int]) -> tuple[int, dict[str, Any]]:
@@ -146,15 +139,13 @@ def answer(folder: Path, jobs: int, without_effect: bool, keys_path: Path | None
     tasks: list[tuple[Path, str]] = [(case, "") for case in case_folders(folder)]
     if without_effect:
         keys = read_keys(folder, keys_path)
-        tasks = [(case, keys[case.name]["effects"][0]["effect"]) for case, _ in tasks if _is_single(keys[case.name])]
+        tasks = [
+            (case, keys[case.name]["effects"][0]["effect"]) for case, _ in tasks if keys[case.name]["kind"] == "single"
+        ]
     times = dict(_in_processes("diagnosing", _answer_one, tasks, jobs))
     if not without_effect:
         write_json(folder / TIMES, dict(sorted(times.items())))
-    click.echo(f"{len(times)} answers in {folder}")
-
-
-def _is_single(key: dict[str, Any]) -> bool:
-    return bool(key["kind"] == "single")
+    say(f"{len(times)} answers in {folder}")
 
 
 def _answer_one(task: tuple[Path, str]) -> tuple[str, float]:
@@ -196,9 +187,8 @@ def _run_quietly(main: click.Command, arguments: list[str]) -> str:
 @click.argument("folder", metavar="DIR", type=PATH)
 @_keys_option
 @click.option("--json", "json_path", type=PATH, help="Write the figures as JSON.")
-@click.option("--report", type=PATH, help="Write an HTML page.")
 @click.option("--failures", is_flag=True, help="List the cases that went wrong, key against answer, one in a line.")
-def score(folder: Path, keys_path: Path | None, json_path: Path | None, report: Path | None, failures: bool) -> None:
+def score(folder: Path, keys_path: Path | None, json_path: Path | None, failures: bool) -> None:
     """Open the keys of DIR, hold them against their commitments, and say how many answers are right."""
     from tam_calibration.files.text_files import to_json
     from tam_calibration.validation.blind.folder import COMMITMENTS, KEYS, TIMES, read_keys, read_outcomes, read_times
@@ -211,16 +201,12 @@ def score(folder: Path, keys_path: Path | None, json_path: Path | None, report: 
         raise Refused(f"no case in {folder} has an answer: run tam blind answer {folder} first")
     times = read_times(folder)
     inputs = [keys_path or folder / KEYS, folder / COMMITMENTS, folder / TIMES, *(folder / name for name in keys)]
-    with write_together({"json": json_path, "report": report}, inputs) as beside:
+    with write_together({"json": json_path}, inputs) as beside:
         if "json" in beside:
             beside["json"].write_text(to_json(score_to_mapping(result, times)) + "\n", encoding="utf-8")
-        if "report" in beside:
-            from tam_calibration.validation.blind.score_page import write_score_page
-
-            write_score_page(beside["report"], result, folder.name)
     if failures:
         for outcome in result.failures:
-            click.echo(outcome.line)
+            say(outcome.line)
     else:
         print_score(stdout(), result, times)
 

@@ -8,117 +8,75 @@ from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
-from rich.console import Console
 from rich.progress import Progress
-from rich.table import Table
 
-from tam_calibration.cli.terminal import (
-    PATH,
-    Number,
-    reading,
-    showing_progress,
-    stdout,
-    tolerance_option,
-    write_together,
-)
-from tam_calibration.correction.calibration import AmbientGradientEstimate, Calibration, KnownSource
-from tam_calibration.correction.update import Update
-from tam_calibration.files import (
-    FORMULA,
-    calibration_to_mapping,
-    calibration_to_yaml,
-    provenance,
-    read_array,
-    read_calibration,
-    read_samples,
-)
-from tam_calibration.files.bag_transforms import transforms_in
-from tam_calibration.files.recording_file import read_source
+from tam_calibration.cli import terminal
+from tam_calibration.cli.streams import say
+from tam_calibration.correction.calibration import AmbientGradientEstimate, Calibration
 from tam_calibration.files.text_files import to_json
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
-from tam_calibration.fit.coverage import Coverage
-from tam_calibration.fit.identifiability import Weakness
 from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.integrity import ACCEPTABLE
 from tam_calibration.messages.usage import Usage
-from tam_calibration.model.array import OUTPUT_NAMES, TENSOR_OUTPUTS, Array
+from tam_calibration.model.array import OUTPUT_NAMES, Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import field_at
 from tam_calibration.model.recording import SKETCH, Recording, SampleSource
-from tam_calibration.model.residuals import Residuals
-from tam_calibration.model.units import FloatArray, from_degrees, to_degrees, to_nanotesla
-from tam_calibration.report.calibration_rows import NUMBERS_HEADER, effect_number_rows, parameter_rows
+from tam_calibration.model.units import FloatArray, from_degrees, to_nanotesla
+from tam_calibration.recordings import provenance, read_array
+from tam_calibration.recordings.bag_transforms import transforms_in
+from tam_calibration.recordings.reading import AS_IT_IS, Reading
+from tam_calibration.recordings.recording_file import read_source
+from tam_calibration.report.blocks import Block, Text
+from tam_calibration.report.calibration_rows import known_source_blocks, parameter_blocks, quality_blocks
 from tam_calibration.report.formatting import number, sentence, with_error
-from tam_calibration.report.update_rows import share_rows, update_sentences
+from tam_calibration.report.update_rows import update_blocks
+from tam_calibration.results import FORMULA, calibration_to_mapping, calibration_to_yaml, read_calibration
 
 if TYPE_CHECKING:
     from tam_calibration.gap.delays import Delays
 
 
-def _print_calibration(console: Console, calibration: Calibration, coverage: Coverage, weakness: Weakness) -> None:
-    """Print parameters, residuals, coverage, what to know, and how to apply the calibration by hand."""
-    console.print(_parameters(calibration))
-    if calibration.effects:
-        console.print(_effects(calibration))
-    console.print(_residuals(calibration))
-    if calibration.update is not None:
-        console.print(_shares(calibration.update))
-        for words in update_sentences(calibration.update):
-            console.print(words)
+def _blocks(
+    calibration: Calibration, recording: Recording, usage: Usage | None, delays: "Delays | None"
+) -> list[Block]:
+    """Return parameters, residuals, coverage, what to know, and how to apply the calibration by hand."""
+    from tam_calibration.fit.coverage import field_of, measure_coverage
+    from tam_calibration.fit.identifiability import find_weakness
+
+    update, weakness = calibration.update, find_weakness(recording, calibration)
+    advice = f" {sentence(measure_coverage(field_of(recording, calibration.errors)).advice)}"
     intensity = number(to_nanotesla(calibration.intensity_T), 6)
     reference = "from the scalar reference" if calibration.has_scalar_reference else "fitted, on an unknown scale"
-    console.print(f"Field: {intensity} nT, {reference}. Samples: {calibration.samples}.")
+    words = [f"Field: {intensity} nT, {reference}. Samples: {calibration.samples}."]
     if calibration.ambient_gradient is not None:
-        console.print(_gradient(calibration.ambient_gradient))
-    if calibration.known_source is not None:
-        console.print(_known_source(calibration.known_source))
-    advice = "" if calibration.update else f" {sentence(coverage.advice)}"
-    console.print(f"Coverage: {calibration.coverage:.0%} of the sphere.{advice}")
-    if weakness.parameters and calibration.update is None:
-        console.print(str(weakness))
-    if calibration.noise_is_estimated:
-        console.print("Noise: not stated in the array file, estimated from the recording's fast differences.")
-    for warning in calibration.warnings:
-        console.print(f"Warning: {sentence(warning)}", style="bold")
-    for statement in calibration.statements:
-        console.print(statement)
-    console.print(f"By hand: {FORMULA}")
+        words.append(_gradient(calibration.ambient_gradient))
+    words.append(f"Coverage: {calibration.coverage:.0%} of the sphere.{'' if update else advice}")
+    if weakness.parameters and update is None:
+        words.append(str(weakness))
+    is_data = calibration.array.attitude_noise is not None or calibration.ambient_gradient is not None
+    if recording.attitude is not None and calibration.method == DEFAULT_METHOD and not is_data:
+        words.append(_UNUSED_ATTITUDE)
+    notes = [*calibration.statements, f"By hand: {FORMULA}"]
+    if usage is not None:
+        notes.append(sentence(str(usage)))
+    if delays is not None:
+        notes.append(_delays_in_words(delays))
+    return [
+        *parameter_blocks(calibration),
+        *quality_blocks(calibration),
+        *([] if update is None else update_blocks(update)),
+        *known_source_blocks(calibration),
+        *(Text(each) for each in words),
+        *(Text(f"Warning: {sentence(warning)}", "doubt") for warning in calibration.warnings),
+        *(Text(each) for each in notes),
+    ]
 
 
-def _parameters(calibration: Calibration) -> Table:
-    table = Table("parameter", title=f"Errors of the sensors ± standard errors ({calibration.method})")
-    for sensor in range(calibration.errors.sensor_count):
-        table.add_column(f"sensor {sensor + 1}", justify="right")
-    for row in parameter_rows(calibration):
-        table.add_row(*row)
-    return table
-
-
-def _shares(update: Update) -> Table:
-    table = Table("parameter", title="Share of the recording in what is known, the rest is the prior's")
-    for sensor in range(len(update.data_share)):
-        table.add_column(f"sensor {sensor + 1}", justify="right")
-    for row in share_rows(update):
-        table.add_row(*row)
-    return table
-
-
-def _effects(calibration: Calibration) -> Table:
-    table = Table(*NUMBERS_HEADER, title="Effects beside the errors ± standard errors")
-    for row in effect_number_rows(calibration):
-        table.add_row(*row)
-    return table
-
-
-def _known_source(found: KnownSource) -> str:
-    degrees = zip(to_degrees(found.rotation), to_degrees(found.rotation_standard_errors), strict=True)
-    turn = ", ".join(with_error(float(value), float(error), 3) for value, error in degrees)
-    return (
-        f"Known source: baselines {with_error(found.baseline_scale, found.baseline_scale_standard_error, 4)} times "
-        f"those stated; frame turned by {turn}° about x, y, z; places of the axes to "
-        f"{number(1e3 * float(found.axis_offsets_standard_errors_m.max()))} mm; reduced χ² "
-        f"{number(found.reduced_chi_square)}."
-    )
+_UNUSED_ATTITUDE = (
+    "The recorded attitude is not used: --attitude-noise-deg, or attitude_noise_deg in the array file, makes it data "
+    "of the fit. It must not come from the magnetometers that are calibrated."
+)
 
 
 def _gradient(gradient: AmbientGradientEstimate) -> str:
@@ -130,39 +88,13 @@ def _gradient(gradient: AmbientGradientEstimate) -> str:
     return f"Gradient of the field in the world of the attitude (nT/m): {', '.join(parts)}."
 
 
-def _residuals(calibration: Calibration) -> Table:
-    columns = {
-        "before": calibration.before,
-        "in sample": calibration.in_sample,
-        "held out": calibration.held_out,
-        "noise floor": calibration.floor,
-    }
-    present = {name: _rows(residuals) for name, residuals in columns.items() if residuals is not None}
-    table = Table("RMS residual", title="Residuals in a uniform field")
-    for name in present:
-        table.add_column(name, justify="right")
-    for quantity in present["before"]:
-        table.add_row(quantity, *(number(rows[quantity], 4) for rows in present.values()))
-    return table
-
-
-def _rows(residuals: Residuals) -> dict[str, float]:
-    rows = {f"|B| of sensor {k} (nT)": value for k, value in enumerate(residuals.sensor_intensity_T, start=1)}
-    rows["|B| at the centre (nT)"] = residuals.center_intensity_T
-    if np.isfinite(residuals.tensor_rmse_T_per_m):
-        names = (f"{OUTPUT_NAMES[index]} (nT/m)" for index in TENSOR_OUTPUTS)
-        rows |= dict(zip(names, residuals.tensor_T_per_m, strict=True))
-        rows["tensor, root of the sum of squares (nT/m)"] = residuals.tensor_rmse_T_per_m
-    return {name: to_nanotesla(float(value)) for name, value in rows.items()}
-
-
 _Fit = Callable[[SampleSource, Array], Calibration]
 
 
 @click.command()
-@click.argument("recording", type=PATH)
-@click.option("--array", type=PATH, required=True, help="Array YAML: where the sensors sit, and their noise.")
-@click.option("-o", "--output", type=PATH, help="Calibration YAML to write.")
+@click.argument("recording", type=terminal.PATH)
+@click.option("--array", type=terminal.PATH, required=True, help="Array YAML: where the sensors sit, and their noise.")
+@click.option("-o", "--output", type=terminal.PATH, help="Calibration YAML to write.")
 @click.option("--method", default=DEFAULT_METHOD, show_default=True, help=f"One of {', '.join(METHODS)}.")
 @click.option(
     "--place",
@@ -172,12 +104,12 @@ _Fit = Callable[[SampleSource, Array], Calibration]
 @click.option(
     "--prior",
     "prior_path",
-    type=PATH,
+    type=terminal.PATH,
     help="Calibration YAML of the same array, made before: what is known already, less what may have changed since.",
 )
 @click.option(
     "--attitude-noise-deg",
-    type=Number(1e-4, 28),
+    type=terminal.Number(1e-4, 28),
     help="Standard deviation of the recorded attitude about each axis: attitude is then data of the fit.",
 )
 @click.option(
@@ -192,7 +124,7 @@ _Fit = Callable[[SampleSource, Array], Calibration]
 )
 @click.option(
     "--source",
-    type=PATH,
+    type=terminal.PATH,
     help="YAML of a known source and its recording: fit baselines, common frame and places of the axes too.",
 )
 @click.option(
@@ -200,9 +132,11 @@ _Fit = Callable[[SampleSource, Array], Calibration]
     is_flag=True,
     help="Estimate first how much later than sensor 1's the other sensors' readings are stamped, and take that off.",
 )
-@tolerance_option
-@click.option("--json", "json_path", type=PATH, help="Write the result as JSON; - is stdout, instead of the tables.")
-@click.option("--report", type=PATH, help="Write an HTML page with residuals, coverage and parameters.")
+@terminal.reading_options
+@click.option(
+    "--json", "json_path", type=terminal.PATH, help="Write the result as JSON; - is stdout, instead of the tables."
+)
+@click.option("--report", type=terminal.PATH, help="Write an HTML page with residuals, coverage and parameters.")
 @click.option(
     "--accept", multiple=True, metavar="NAME", help=f"Overrule a finding; may be repeated: {', '.join(ACCEPTABLE)}."
 )
@@ -218,32 +152,32 @@ def command(
     effects: str | None,
     source: Path | None,
     estimate_delays: bool,
-    tolerance_s: float,
+    how: Reading,
     json_path: Path | None,
     report: Path | None,
     accept: tuple[str, ...],
 ) -> None:
-    """Estimate the errors of an array's sensors from RECORDING: a CSV file or a bag."""
+    """Estimate the errors of an array's sensors from RECORDING, of any format."""
     to_stdout = json_path == Path("-")
     outputs = {"yaml": output, "json": None if to_stdout else json_path, "report": report}
-    inputs = [recording, array, *([prior_path] if prior_path else []), *_files_of(source)]
-    with write_together(outputs, inputs) as beside:
+    inputs = [recording, array, *([prior_path] if prior_path else []), *_files_of(source), *how.files]
+    with terminal.write_together(outputs, inputs) as beside:
         is_joint = prior_path is not None or attitude_noise_deg is not None
         model_T = field_at(place) if place is not None and is_joint else None
         fit = _fit_of(method, ambient_gradient, effects, accept, prior_path, model_T)
         if attitude_noise_deg is not None:
             fit = _with_attitude(fit)
-        with showing_progress() as progress:
+        with terminal.showing_progress() as progress:
             found = read_array(array, transforms_in(recording))
             if attitude_noise_deg is not None:
                 found = replace(found, attitude_noise=from_degrees(attitude_noise_deg))
-            delays = _delays(recording, found, place, tolerance_s, progress) if estimate_delays else None
+            delays = _delays(recording, found, place, how, progress) if estimate_delays else None
             if delays is not None:
                 found = replace(found, delay_s=delays.delay_s)
             taken = None if is_joint else place
-            calibration, data, usage = _calibrate(recording, found, fit, taken, tolerance_s, progress)
+            calibration, data, usage = _calibrate(recording, found, fit, taken, how, progress)
             if source is not None:
-                calibration = _complete(calibration, source, tolerance_s, progress)
+                calibration = _complete(calibration, source, how, progress)
         if "yaml" in beside:
             beside["yaml"].write_text(calibration_to_yaml(calibration), encoding="utf-8")
         if "json" in beside:
@@ -253,32 +187,25 @@ def command(
 
             write_calibration_report(beside["report"], calibration, data)
     if to_stdout:
-        click.echo(to_json(_to_mapping(calibration, delays)))
+        say(to_json(_to_mapping(calibration, delays)))
     else:
-        _print(data, calibration, usage, [path for path in outputs.values() if path])
-        if delays is not None:
-            stdout().print(_delays_in_words(delays))
+        terminal.print_blocks(_blocks(calibration, data, usage, delays))
+        terminal.say_written(outputs.values())
 
 
 def _to_mapping(calibration: Calibration, delays: "Delays | None") -> dict[str, Any]:
     content = calibration_to_mapping(calibration)
     if delays is not None:
-        content["delays"] = {
-            "delay_s": delays.delay_s.tolist(),
-            "standard_error_s": delays.standard_error_s.tolist(),
-        }
+        content["delays"] = {"delay_s": delays.delay_s.tolist(), "standard_error_s": delays.standard_error_s.tolist()}
     return content
 
 
-def _delays(path: Path, array: Array, place: str | None, tolerance_s: float, progress: Progress) -> "Delays":
+def _delays(path: Path, array: Array, place: str | None, how: Reading, progress: Progress) -> "Delays":
     """Return the delays of the sensors after sensor 1, whatever the array file states of them."""
     from tam_calibration.gap.delays import estimate_delays
 
     array = replace(array, delay_s=None)
-    samples = read_samples(path, array.sensor_count, tolerance_s, reading(progress), array)
-    recording = samples.recording
-    if samples.usage is not None:
-        recording = samples.usage.with_each_reading_once(recording).whole()
+    recording = read_source(path, array, how, terminal.reading(progress))[0].whole()
     progress.add_task("estimating delays", total=None)
     return estimate_delays(recording if place is None else _with_intensity(recording, place), array)
 
@@ -336,18 +263,18 @@ def _with_attitude(fit: _Fit) -> _Fit:
 
 
 def _calibrate(
-    path: Path, array: Array, fit: _Fit, place: str | None, tolerance_s: float, progress: Progress
+    path: Path, array: Array, fit: _Fit, place: str | None, how: Reading, progress: Progress
 ) -> tuple[Calibration, Recording, Usage | None]:
     """Return the calibration, what is shown of the recording, without the gradient that was fitted, and the usage.
 
     A large recording is kept in files and read anew for each pass; every n-th of its samples is shown.
     """
-    samples, usage = read_source(path, array.sensor_count, tolerance_s, reading(progress), array)
+    samples, usage = read_source(path, array, how, terminal.reading(progress))
     warnings = () if usage is None else usage.warnings()
     if place is not None:
         samples = _with_intensity(samples.whole(), place)
     progress.add_task(f"fitting {samples.sample_count} samples", total=None)
-    calibration = fit(samples if usage is None else usage.with_each_reading_once(samples), array)
+    calibration = fit(samples, array)
     if usage is not None:
         warnings += usage.interpolation_warnings(samples, calibration.array.vector_noise_T)
     calibration = replace(calibration, source=provenance(path), warnings=(*warnings, *calibration.warnings))
@@ -359,22 +286,22 @@ def _files_of(source: Path | None) -> list[Path]:
     """Return the files that a known source is read from."""
     if source is None:
         return []
-    from tam_calibration.files.known_source import read_known_source
+    from tam_calibration.recordings.known_source import read_known_source
 
     return [source, read_known_source(source).recording]
 
 
-def _complete(calibration: Calibration, path: Path, tolerance_s: float, progress: Progress) -> Calibration:
+def _complete(calibration: Calibration, path: Path, how: Reading, progress: Progress) -> Calibration:
     """Return the calibration with what the recording of a known source shows."""
-    from tam_calibration.files.known_source import read_known_source
     from tam_calibration.fit.source_completion import complete
+    from tam_calibration.recordings.known_source import read_known_source
 
     stated = read_known_source(path)
     array = calibration.array
-    given = stated.recording, array.sensor_count, tolerance_s, reading(progress), array
-    seen = read_samples(*given)
-    warnings = () if seen.usage is None else seen.usage.warnings()
-    completed = complete(calibration, seen.recording, stated.source, stated.frequency_hz)
+    given = stated.recording, array, replace(how, channel_map=None, window=AS_IT_IS.window), terminal.reading(progress)
+    seen, usage = read_source(*given)
+    warnings = () if usage is None else usage.warnings()
+    completed = complete(calibration, seen.whole(), stated.source, stated.frequency_hz)
     return replace(completed, warnings=(*completed.warnings, *warnings))
 
 
@@ -383,16 +310,3 @@ def _with_intensity(recording: Recording, place: str) -> Recording:
         raise InputError("--place is for recordings without a scalar reference; this one has its own")
     intensity = np.linalg.norm(field_at(place))
     return replace(recording, scalar_T=np.full(recording.sample_count, intensity))
-
-
-def _print(recording: Recording, calibration: Calibration, usage: Usage | None, written: list[Path]) -> None:
-    from tam_calibration.fit.coverage import field_of, measure_coverage
-    from tam_calibration.fit.identifiability import find_weakness
-
-    console = stdout()
-    coverage = measure_coverage(field_of(recording, calibration.errors))
-    _print_calibration(console, calibration, coverage, find_weakness(recording, calibration))
-    if usage is not None:
-        console.print(sentence(str(usage)), soft_wrap=True)
-    for path in written:
-        click.echo(f"written: {path}")

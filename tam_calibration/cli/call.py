@@ -4,6 +4,7 @@ import re
 
 import click
 
+from tam_calibration.cli.streams import say
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.nodes.session import ros_session
 
@@ -22,4 +23,4 @@ def command(service: str) -> None:
     with ros_session():
         from tam_calibration.nodes.client import call
 
-        click.echo(call(service, _FIND_S))
+        say(call(service, _FIND_S))

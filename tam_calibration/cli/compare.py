@@ -4,49 +4,31 @@ from dataclasses import replace
 from pathlib import Path
 
 import click
-from rich.console import Console
 
+from tam_calibration.cli.streams import say
 from tam_calibration.cli.terminal import (
     PATH,
+    print_blocks,
     progress_of,
+    reading_options,
+    say_written,
     showing_progress,
-    stdout,
-    table_of,
-    tolerance_option,
     working,
     write_together,
 )
 from tam_calibration.comparison import compare
-from tam_calibration.comparison.result import Closing, Comparison
-from tam_calibration.files import provenance
-from tam_calibration.files.compared_recordings import read_array_of, read_compared
-from tam_calibration.files.comparison_json import Sources, comparison_to_mapping
-from tam_calibration.files.mend_yaml import write_mend
+from tam_calibration.comparison.result import Comparison
 from tam_calibration.files.text_files import to_json
-from tam_calibration.report.comparison_rows import (
-    CLOSING_HEADER,
-    DIFFERENCES_HEADER,
-    NOISE_HEADER,
-    OTHER_HEADER,
-    SOURCE_HEADER,
-    closing_rows,
-    difference_rows,
-    headline,
-    mistake_words,
-    next_words,
-    noise_rows,
-    noise_words,
-    parameter_tables,
-    source_rows,
-)
-from tam_calibration.report.formatting import sentence
-from tam_calibration.report.gap_rows import closed_words
+from tam_calibration.recordings import provenance
+from tam_calibration.recordings.channel_map import read_map
+from tam_calibration.recordings.compared_recordings import read_array_of, read_compared
+from tam_calibration.recordings.reading import AS_IT_IS, Reading
+from tam_calibration.report import comparison_rows
+from tam_calibration.report.blocks import Text
+from tam_calibration.results.comparison_json import Sources, comparison_to_mapping, write_mend
 
-_ROWS = 12
+_ROWS = 30
 """Parameters of an effect that are printed."""
-
-_WORDS = ("simulation", "recording", "where", "unit", "colour: simulation", "colour: recording", "")
-"""Columns that hold words."""
 
 
 @click.command()
@@ -62,7 +44,8 @@ _WORDS = ("simulation", "recording", "where", "unit", "colour: simulation", "col
 @click.option("--json", "json_path", type=PATH, help="Write the result as JSON; - is stdout, instead of the tables.")
 @click.option("--report", type=PATH, help="Write an HTML page: what differs, drawn, and the mend to copy.")
 @click.option("--mend", type=PATH, help="Write what the simulation lacks, for tam simulate --from-comparison.")
-@tolerance_option
+@click.option("--map-of-simulation", type=PATH, help="Map YAML of the simulation, if its names are others.")
+@reading_options
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -73,18 +56,22 @@ def command(
     json_path: Path | None,
     report: Path | None,
     mend: Path | None,
-    tolerance_s: float,
+    map_of_simulation: Path | None,
+    how: Reading,
 ) -> None:
     """Say what SIMULATION, recorded from your simulator, has otherwise than RECORDING, and what mends the simulator.
 
-    Each is a CSV file or a bag; path, length, rate and site may differ. Exits 0 when they are the same, 1 when they
+    Each may have any format; path, length, rate and site may differ. Exits 0 when they are the same, 1 when they
     differ or that cannot be told, 2 on bad input.
     """
     to_stdout = json_path == Path("-")
     outputs = {"json": None if to_stdout else json_path, "report": report, "mend": mend}
-    inputs = [path for path in (simulation, recording, array_path, simulated_array_path) if path is not None]
+    given = (simulation, recording, array_path, simulated_array_path, map_of_simulation)
+    inputs = [*(path for path in given if path is not None), *how.files]
+    simulated_map = None if map_of_simulation is None else read_map(map_of_simulation)
+    simulated_how = replace(AS_IT_IS, channel_map=simulated_map, tolerance_s=how.tolerance_s)
     with write_together(outputs, inputs) as beside:
-        comparison = _compare(simulation, recording, array_path, simulated_array_path, tolerance_s)
+        comparison = _compare(simulation, recording, array_path, simulated_array_path, simulated_how, how)
         sources = Sources(provenance(simulation), provenance(recording))
         content = to_json(comparison_to_mapping(comparison, sources))
         if "json" in beside:
@@ -97,16 +84,21 @@ def command(
             write_mend(beside["mend"], comparison.mend)
     written = [path for name, path in outputs.items() if path and (name != "mend" or comparison.mend is not None)]
     if to_stdout:
-        click.echo(content)
+        say(content)
     else:
         _print(comparison, written)
         if mend and comparison.mend is None:
-            click.echo(f"not written: {mend}, as nothing was compared")
+            say(f"not written: {mend}, as nothing was compared")
     ctx.exit(0 if comparison.verdict == "same" else 1)
 
 
 def _compare(
-    simulation: Path, recording: Path, array_path: Path, simulated_array_path: Path | None, tolerance_s: float
+    simulation: Path,
+    recording: Path,
+    array_path: Path,
+    simulated_array_path: Path | None,
+    simulated_how: Reading,
+    how: Reading,
 ) -> Comparison:
     """Return the comparison of two files, with remarks on how their samples were joined."""
     array = read_array_of("recording", array_path, recording)
@@ -114,9 +106,9 @@ def _compare(
     with showing_progress() as progress:
         reading = working(progress, "reading the simulation"), working(progress, "reading the recording")
         simulated_source, simulated_remarks = read_compared(
-            "simulation", simulation, simulated, tolerance_s, reading[0]
+            "simulation", simulation, simulated, simulated_how, reading[0]
         )
-        source, remarks = read_compared("recording", recording, array, tolerance_s, reading[1])
+        source, remarks = read_compared("recording", recording, array, how, reading[1])
         comparison = compare(
             simulated_source, source, array, array_of_simulation=simulated, progress=progress_of(progress, "comparing")
         )
@@ -124,34 +116,12 @@ def _compare(
 
 
 def _print(comparison: Comparison, written: list[Path]) -> None:
-    console = stdout()
-    for mistake in comparison.mistakes:
-        console.print(mistake_words(mistake), soft_wrap=True)
-    for remark in comparison.remarks:
-        console.print(remark, soft_wrap=True)
-    console.print(headline(comparison), style="bold", soft_wrap=True)
-    if rows := difference_rows(comparison):
-        console.print(table_of(DIFFERENCES_HEADER, rows, _WORDS))
-    for caption, rows in parameter_tables(comparison):
-        console.print(f"{sentence(caption)[:-1]}:")
-        console.print(table_of(OTHER_HEADER, rows[:_ROWS], ("unit",)))
-        if len(rows) > _ROWS:
-            console.print(f"… and {len(rows) - _ROWS} more: --json and --report have all.")
-    if comparison.noise:
-        console.print(noise_words(comparison))
-        console.print(table_of(NOISE_HEADER, noise_rows(comparison), _WORDS))
-    if comparison.verdict == "differs" and comparison.closing is not None:
-        _print_closing(console, comparison.closing)
-    console.print(f"Next: {next_words(comparison)}", soft_wrap=True)
-    for path in written:
-        click.echo(f"written: {path}")
-
-
-def _print_closing(console: Console, closing: Closing) -> None:
-    console.print(table_of(CLOSING_HEADER, closing_rows(closing)))
-    if words := closed_words(closing):
-        console.print(sentence(words))
-    if rows := source_rows(closing):
-        console.print(table_of(SOURCE_HEADER, rows))
-    if closing.left:
-        console.print(f"What stays open: {sentence(closing.left)}", soft_wrap=True)
+    blocks = (
+        *comparison_rows.verdict_blocks(comparison),
+        *comparison_rows.difference_blocks(comparison),
+        *comparison_rows.noise_blocks(comparison),
+        *comparison_rows.closing_blocks(comparison),
+        Text(f"Next: {comparison_rows.next_words(comparison)}"),
+    )
+    print_blocks(blocks, _ROWS)
+    say_written(written)

@@ -10,18 +10,21 @@ from typing import Any
 import click
 import numpy as np
 
-from tam_calibration.cli.terminal import PATH, reading, showing_progress, tolerance_option, working
-from tam_calibration.correction.agreement import ScalarAgreement
+from tam_calibration.cli.streams import say
+from tam_calibration.cli.terminal import PATH, reading, reading_options, showing_progress, working
+from tam_calibration.correction.acceptance import ScalarAgreement
 from tam_calibration.correction.calibration import Calibration, Corrected
 from tam_calibration.correction.partial import sensors_of
-from tam_calibration.files import read_array, read_calibration, write_corrected_pieces
-from tam_calibration.files.bag_transforms import transforms_in
-from tam_calibration.files.overwriting import require_separate
-from tam_calibration.files.recording_file import correct_file
 from tam_calibration.files.text_files import to_json
 from tam_calibration.model.array import OUTPUT_NAMES
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.units import IntArray, to_nanotesla
+from tam_calibration.recordings import read_array
+from tam_calibration.recordings.bag_transforms import transforms_in
+from tam_calibration.recordings.reading import Reading
+from tam_calibration.results import read_calibration, write_corrected_pieces
+from tam_calibration.results.data_files import correct_file
+from tam_calibration.results.overwriting import require_separate
 
 Pieces = Iterator[tuple[Corrected, IntArray | None]]
 
@@ -34,7 +37,7 @@ RESIDUAL = "residual"
 @click.option("--calibration", "calibration_path", type=PATH, required=True, help="Calibration YAML of this array.")
 @click.option("--array", "array_path", type=PATH, help="Array YAML, to make sure that the calibration is of it.")
 @click.option("-o", "--output", type=PATH, required=True, help="A .csv or .mcap file, or the folder of a bag.")
-@tolerance_option
+@reading_options
 @click.option(
     "--accept", type=click.Choice([RESIDUAL]), multiple=True, help="Write what would be refused by this name."
 )
@@ -44,33 +47,35 @@ def command(
     calibration_path: Path,
     array_path: Path | None,
     output: Path,
-    tolerance_s: float,
+    how: Reading,
     accept: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Correct RECORDING, a CSV file or a bag; a bag keeps its other topics when a bag is written."""
-    require_separate([output], [path for path in (recording, calibration_path, array_path) if path is not None])
+    """Correct RECORDING, of any format; a bag keeps its other topics when a bag is written."""
+    inputs = [recording, calibration_path, *([] if array_path is None else [array_path]), *how.files]
+    require_separate([output], inputs)
     calibration = read_calibration(calibration_path)
     if array_path is not None:
         _check_array(calibration, array_path, recording)
     intensity, agreement = _Intensity(), ScalarAgreement()
     with showing_progress() as progress:
-        corrected = correct_file(recording, calibration, tolerance_s, reading(progress))
+        corrected = correct_file(recording, calibration, how, reading(progress))
         written = working(progress, f"writing {output}")
         counted = _counted(corrected, intensity, agreement)
         agreeing = counted if RESIDUAL in accept else _agreeing(counted, agreement, calibration)
-        write_corrected_pieces(output, agreeing, recording, written)
+        write_corrected_pieces(output, agreeing, recording, written, how, calibration.array)
     summary = _summarise(intensity, agreement, calibration, output)
     if agreement.is_doubtful(calibration):
-        click.echo(f"warning: {agreement.sentence(calibration)}", err=True)
-    click.echo(to_json(summary) if as_json else _sentence(summary))
+        say(f"warning: {agreement.sentence(calibration)}", err=True)
+    say(to_json(summary) if as_json else _sentence(summary))
 
 
 @dataclass
 class _Intensity:
     """Number, sum and sum of squares of the intensities, tesla, the sums of differences from the first.
 
-    ``without`` counts the samples that lack sensors, by what they lack; ``known`` those whose field is determined.
+    ``without`` counts the samples that lack sensors, by what they lack; ``known`` those whose field is determined;
+    ``remarks`` tell which readings are missing and why.
     """
 
     samples: int = 0
@@ -79,9 +84,11 @@ class _Intensity:
     first_T: float = 0.0
     sum_T: float = 0.0
     squares_T2: float = 0.0
+    remarks: tuple[str, ...] = ()
 
     def add(self, corrected: Corrected) -> None:
-        """Add the intensities of a correction."""
+        """Add the intensities of a correction; what is missing stands in the last that tells it."""
+        self.remarks = corrected.remarks or self.remarks
         if corrected.missing is not None:
             self.without.update(corrected.missing[corrected.missing > 0].tolist())
         self.samples += len(corrected.outputs)
@@ -137,7 +144,10 @@ def _summarise(
     return {
         "output": str(output),
         "samples": intensity.samples,
-        "without_sensors": {_named(code): count for code, count in sorted(intensity.without.items())},
+        "without_sensors": {
+            " and ".join(map(str, sensors_of(code))): count for code, count in sorted(intensity.without.items())
+        },
+        "missing": list(intensity.remarks),
         "intensity_mean_nT": to_nanotesla(intensity.mean_T),
         "intensity_standard_deviation_nT": to_nanotesla(intensity.standard_deviation_T),
         "scalar_residual_nT": to_nanotesla(agreement.residual_T),
@@ -147,13 +157,10 @@ def _summarise(
     }
 
 
-def _named(code: int) -> str:
-    return " and ".join(map(str, sensors_of(code)))
-
-
 def _sentence(summary: dict[str, Any]) -> str:
     without = "".join(f"{count} of them without sensor {name}, " for name, count in summary["without_sensors"].items())
     return (
         f"{summary['output']}: {summary['samples']} samples corrected, {without}"
         f"|B| {summary['intensity_mean_nT']:.1f} ± {summary['intensity_standard_deviation_nT']:.1f} nT"
+        + "".join(f"; {remark}" for remark in summary["missing"])
     )

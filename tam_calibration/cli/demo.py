@@ -2,8 +2,6 @@
 
 import os
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,9 +9,10 @@ from typing import TYPE_CHECKING
 import click
 import numpy as np
 from numpy.linalg import norm
-from rich.table import Table
 
-from tam_calibration.cli.terminal import NamedPath
+from tam_calibration.cli.nodes import watched
+from tam_calibration.cli.streams import say
+from tam_calibration.cli.terminal import NamedPath, print_blocks
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.model.array import TENSOR_OUTPUTS
 from tam_calibration.model.exceptions import Refused
@@ -23,12 +22,13 @@ from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
 from tam_calibration.nodes.children import NODES, Children, node_commands
 from tam_calibration.nodes.session import ros_session
+from tam_calibration.report.blocks import Table
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from tam_calibration.model.units import FloatArray
-    from tam_calibration.nodes.client import Client
+    from tam_calibration.nodes.monitor import Monitor
     from tam_calibration.simulation import Simulation
 
 _ACCEPTED_RATIO = 1.05
@@ -66,28 +66,24 @@ def _floor_of(run: "Simulation") -> tuple[float, float]:
 def raw_outputs(run: "Simulation") -> FloatArray:
     """Return the (N, 9) outputs of the raw readings, taken as the field."""
     readings = run.recording.readings_T
-    raw: FloatArray = readings.reshape(len(readings), -1) @ run.scenario.array.operator.T
-    return raw
+    return readings.reshape(len(readings), -1) @ run.scenario.array.operator.T
 
 
 def _gains_table(run: "Simulation", live: FloatArray) -> Table:
     """Return errors before and after, and the noise floor, of the run that the calibration has not seen."""
-    table = Table(title=f"{len(live)} samples of the second run against the truth")
-    for heading in ("RMS error", "raw", "corrected, live", "noise floor", "ratio"):
-        table.add_column(heading, justify="left" if heading == "RMS error" else "right")
+    rows = []
     names = ("|B| at the centre, nT", "tensor, 5 components, nT/m")
     figures = zip(errors_of(run, raw_outputs(run)), errors_of(run, live[:, :9]), _floor_of(run), strict=True)
     for name, (before, after, floor) in zip(names, figures, strict=True):
         in_nanotesla = [f"{to_nanotesla(value):.3f}" for value in (before, after, floor)]
-        table.add_row(name, *in_nanotesla, f"{after / floor:.4f}")
-    return table
+        rows.append([name, *in_nanotesla, f"{after / floor:.4f}"])
+    header = ("RMS error", "raw", "corrected, live", "noise floor", "ratio")
+    return Table(header, rows, f"{len(live)} samples of the second run against the truth")
 
 
 def _parameter_table(truth: SensorErrors, calibration: Calibration) -> Table:
     """Return size, true error and standard error of each group of parameters, as root mean squares."""
-    table = Table(title="Parameters against the truth")
-    for heading in ("RMS of", "size", "error of the estimate", "its standard error"):
-        table.add_column(heading, justify="left" if heading == "RMS of" else "right")
+    rows = []
     size = truth.to_vector() - SensorErrors.none(truth.sensor_count).to_vector()
     error = calibration.errors.to_vector() - truth.to_vector()
     for name, columns, factor in (
@@ -97,10 +93,11 @@ def _parameter_table(truth: SensorErrors, calibration: Calibration) -> Table:
         ("misalignment, °", slice(9, 12), to_degrees(1.0)),
     ):
         # Sensor 1 defines the frame: its misalignment is zero, in truth and estimate.
-        rows = slice(1, None) if name.startswith("misalignment") else slice(None)
-        parts = (each[rows, columns] for each in (size, error, calibration.standard_errors))
-        table.add_row(name, *(f"{factor * np.sqrt(np.mean(part**2)):.3g}" for part in parts))
-    return table
+        sensors = slice(1, None) if name.startswith("misalignment") else slice(None)
+        parts = (each[sensors, columns] for each in (size, error, calibration.standard_errors))
+        rows.append([name, *(f"{factor * np.sqrt(np.mean(part**2)):.3g}" for part in parts)])
+    header = ("RMS of", "size", "error of the estimate", "its standard error")
+    return Table(header, rows, "Parameters against the truth")
 
 
 def require_success(run: "Simulation", live: FloatArray) -> None:
@@ -151,7 +148,7 @@ def command(output_dir: Path) -> None:
     """
     from rich.console import Console
 
-    from tam_calibration.files.overwriting import require_outside_bags
+    from tam_calibration.results.overwriting import require_outside_bags
 
     require("bags", "the demonstration")
     require("report", "the demonstration")
@@ -170,8 +167,8 @@ def command(output_dir: Path) -> None:
 
 def _simulate(output_dir: Path) -> tuple["Simulation", "Simulation"]:
     """Return the run that is calibrated with, and a later one to judge by; write both as bags."""
-    from tam_calibration.files import write_recording
-    from tam_calibration.files.scenario import read_scenario
+    from tam_calibration.results import write_recording
+    from tam_calibration.results.scenario import read_scenario
     from tam_calibration.simulation import simulate
 
     scenario = read_scenario(_SCENARIO)
@@ -186,45 +183,36 @@ def _simulate(output_dir: Path) -> tuple["Simulation", "Simulation"]:
 
 def _run_nodes(console: "Console", output_dir: Path, turned: "Simulation", check: "Simulation") -> "FloatArray":
     """Return the rows of ``field_gradient`` of the second run, corrected with the calibration by the first."""
+    from tam_calibration.nodes.client import call, rows_of
+
     calibration_file = output_dir / "calibration.yaml"
     calibration_file.unlink(missing_ok=True)  # of a demonstration before: the calibrator would load it
     logs = output_dir / "logs"
-    with Children(node_commands(calibration=calibration_file), logs) as children, _watched(console, children) as client:
-        samples = turned.recording.sample_count
+    with Children(node_commands(calibration=calibration_file), logs) as children, watched(console, children) as monitor:
+        live, samples = rows_of(monitor, "field_gradient"), turned.recording.sample_count
         # What is played before a node listens to the collector is lost to it.
-        client.wait_until(
-            lambda: client.count("collector", "listeners") == len(NODES) - 1, "the start of the nodes", _TIMEOUT_S
+        monitor.wait_until(
+            lambda: monitor.count("collector", "listeners") == len(NODES) - 1, "the start of the nodes", _TIMEOUT_S
         )
-        _play(client, output_dir / "turned.mcap", logs)
-        client.wait_until(lambda: client.count("calibrator", "samples") == samples, f"{samples} samples", _TIMEOUT_S)
-        console.print(f"[bold]calibrator/calibrate[/]  {client.call('calibrator/calibrate', _TIMEOUT_S)}")
-        console.print(f"[bold]calibrator/save[/]       {client.call('calibrator/save', _TIMEOUT_S)}")
-        _play(client, output_dir / "check.mcap", logs)
+        _play(monitor, output_dir / "turned.mcap", logs)
+        monitor.wait_until(lambda: monitor.count("calibrator", "samples") == samples, f"{samples} samples", _TIMEOUT_S)
+        console.print(f"[bold]calibrator/calibrate[/]  {call('calibrator/calibrate', _TIMEOUT_S)}")
+        console.print(f"[bold]calibrator/save[/]       {call('calibrator/save', _TIMEOUT_S)}")
+        _play(monitor, output_dir / "check.mcap", logs)
         samples += check.recording.sample_count
-        client.wait_until(lambda: client.count("collector", "samples") == samples, f"{samples} samples", _TIMEOUT_S)
-        console.print(f"[bold]collector[/]             {client.figures('collector')['losses']}")
-        if lost := client.count("collector", "lost"):
-            raise Refused(f"{lost} messages were lost: {client.figures('collector')['losses']}")
+        monitor.wait_until(lambda: monitor.count("collector", "samples") == samples, f"{samples} samples", _TIMEOUT_S)
+        console.print(f"[bold]collector[/]             {monitor.figures('collector')['losses']}")
+        if lost := monitor.count("collector", "lost"):
+            raise Refused(f"{lost} messages were lost: {monitor.figures('collector')['losses']}")
         expected = check.recording.sample_count  # they arrive after the collector has counted them
-        client.wait_until(lambda: len(client.corrected) >= expected, f"{expected} corrected samples", _TIMEOUT_S)
-        return client.corrected
+        monitor.wait_until(lambda: len(live) >= expected, f"{expected} corrected samples", _TIMEOUT_S)
+        return np.array(live)
 
 
-@contextmanager
-def _watched(console: "Console", children: Children) -> Iterator["Client"]:
-    """Give a client of the nodes, whose bars are shown while it waits."""
-    from rich.live import Live
-
-    from tam_calibration.nodes.client import Client
-
-    with Live(console=console, auto_refresh=False, transient=True) as live:
-        yield Client(children, lambda client: live.update(client.render(), refresh=True))
-
-
-def _play(client: "Client", bag: Path, logs: Path) -> None:
+def _play(monitor: "Monitor", bag: Path, logs: Path) -> None:
     command = ["-m", "tam_calibration", "play", str(bag), "--rate", str(PLAY_RATE)]
     with Children({"player": command}, logs) as player:
-        client.wait_until(lambda: not player.is_running("player"), f"the end of {bag}", 2 * _TIMEOUT_S)
+        monitor.wait_until(lambda: not player.is_running("player"), f"the end of {bag}", 2 * _TIMEOUT_S)
 
 
 def _conclude(
@@ -237,8 +225,9 @@ def _conclude(
     Refused
         With the figures.
     """
-    from tam_calibration.files import provenance, read_calibration
+    from tam_calibration.recordings import provenance
     from tam_calibration.report.calibration_report import write_calibration_report
+    from tam_calibration.results import read_calibration
 
     calibration = read_calibration(output_dir / "calibration.yaml")
     page = output_dir / "calibration.html"
@@ -246,6 +235,6 @@ def _conclude(
         write_calibration_report(
             page, replace(calibration, source=provenance(output_dir / "turned.mcap")), turned.recording
         )
-    console.print(_gains_table(check, live), _parameter_table(turned.errors, calibration))
-    console.print(f"page: {page}")
+    print_blocks([_gains_table(check, live), _parameter_table(turned.errors, calibration)])
+    say(f"page: {page}")
     require_success(check, live)

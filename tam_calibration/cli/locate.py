@@ -4,48 +4,28 @@ from pathlib import Path
 
 import click
 import numpy as np
-from rich.console import Console
-from rich.table import Column, Table
 
-from tam_calibration.cli.terminal import PATH, reading, showing_progress, stdout, tolerance_option, write_together
-from tam_calibration.correction.calibration import Calibration
-from tam_calibration.files import read_calibration, read_samples
+from tam_calibration.cli import terminal
+from tam_calibration.cli.streams import say
 from tam_calibration.files.text_files import to_json
 from tam_calibration.localization.alternating import locate_alternating
 from tam_calibration.localization.steady import locate_steady
 from tam_calibration.localization.survey import Survey
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import LOCAL_VARIANCE_T2, field_at
-from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, from_degrees
-from tam_calibration.report.survey_rows import HEADER, overall_rows, sample_rows, statements
-
-
-def _print_survey(console: Console, survey: Survey) -> None:
-    """Print the source of all samples, of each, and what holds for them."""
-    if survey.overall is not None:
-        for number, one in enumerate((survey.overall, *survey.further), 1):
-            title = f"Source {number} ± standard errors" if survey.further else "The source ± standard errors"
-            table = Table("", *_right("x", "y", "z", "size"), title=title)
-            for row in overall_rows(one):
-                table.add_row(*row)
-            console.print(table)
-    if rows := sample_rows(survey):
-        table = Table(*_right(*HEADER), title="Poses" if survey.line else "Samples by themselves")
-        for row in rows:
-            table.add_row(*row)
-        console.print(table)
-    for words in statements(survey):
-        console.print(words)
-
-
-def _right(*names: str) -> list[Column]:
-    return [Column(name, justify="right") for name in names]
+from tam_calibration.recordings.reading import Reading
+from tam_calibration.recordings.recording_file import read_source
+from tam_calibration.report.blocks import Text
+from tam_calibration.report.survey_rows import sample_blocks, source_blocks, statements
+from tam_calibration.results import read_calibration
 
 
 @click.command()
-@click.argument("recording", type=PATH)
-@click.option("--calibration", "calibration_path", type=PATH, required=True, help="Calibration YAML of this array.")
+@click.argument("recording", type=terminal.PATH)
+@click.option(
+    "--calibration", "calibration_path", type=terminal.PATH, required=True, help="Calibration YAML of this array."
+)
 @click.option(
     "--index", default=3.0, show_default=True, help="Structural index: 3 dipole, 2 line of dipoles, 1 current."
 )
@@ -55,9 +35,9 @@ def _right(*names: str) -> list[Column]:
 @click.option("--velocity-error", type=float, help="Its standard error along each axis [m/s]; else a tenth of it.")
 @click.option("--place", help="LAT,LON,DATE: the regional field is that of IGRF there, instead of a fitted one.")
 @click.option("--attitude-noise-deg", default=0.0, show_default=True, help="Standard deviation about each axis.")
-@tolerance_option
+@terminal.reading_options
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
-@click.option("--report", type=PATH, help="Write an HTML page with a map.")
+@click.option("--report", type=terminal.PATH, help="Write an HTML page with a map.")
 def command(
     recording: Path,
     calibration_path: Path,
@@ -68,11 +48,11 @@ def command(
     velocity_error: float | None,
     place: str | None,
     attitude_noise_deg: float,
-    tolerance_s: float,
+    how: Reading,
     as_json: bool,
     report: Path | None,
 ) -> None:
-    """Locate the source in RECORDING, a CSV file or a bag.
+    """Locate the source in RECORDING, of any format.
 
     A steady source is located in each sample, less the regional field; with --velocity the dipoles of a straight track
     from all samples together. An alternating source is located in each pose in which the array stood still.
@@ -87,8 +67,12 @@ def command(
     speed = None if velocity is None else _vector(velocity)
     noise = float(from_degrees(attitude_noise_deg))
     calibration = read_calibration(calibration_path)
-    with write_together({"report": report}, [recording, calibration_path]) as beside:
-        data = _read(recording, calibration, tolerance_s)
+    with terminal.write_together({"report": report}, [recording, calibration_path, *how.files]) as beside:
+        with terminal.showing_progress() as progress:
+            source, usage = read_source(recording, calibration.array, how, terminal.reading(progress))
+            data = source.whole()
+        for remark in () if usage is None else usage.missing:
+            say(f"warning: {remark}", err=True)
         if is_alternating:
             survey = locate_alternating(data, calibration, frequency, index=index)
         else:
@@ -126,19 +110,12 @@ def _vector(words: str) -> FloatArray:
     return values
 
 
-def _read(path: Path, calibration: Calibration, tolerance_s: float) -> Recording:
-    with showing_progress() as progress:
-        array = calibration.array
-        return read_samples(path, array.sensor_count, tolerance_s, reading(progress), array).recording
-
-
 def _print(survey: Survey, as_json: bool, report: Path | None) -> None:
     if as_json:
-        from tam_calibration.files.results_json import survey_to_mapping
+        from tam_calibration.results.results_json import survey_to_mapping
 
-        click.echo(to_json(survey_to_mapping(survey)))
+        say(to_json(survey_to_mapping(survey)))
         return
-
-    _print_survey(stdout(), survey)
-    if report is not None:
-        click.echo(f"written: {report}")
+    words = (Text(each) for each in statements(survey))
+    terminal.print_blocks((*source_blocks(survey), *sample_blocks(survey), *words))
+    terminal.say_written([report])

@@ -1,25 +1,72 @@
-"""The `tam` command: one group, its subcommands loaded when they are called."""
+"""The `tam` command: one group, its subcommands loaded when they are called.
 
+It tells notes that are logged at once, and warnings at its end or in the sentence that ends it.
+"""
+
+import logging
 import sys
 from importlib import import_module
+from types import TracebackType
 from typing import Any
 
 import click
 
 from tam_calibration import __version__
-from tam_calibration.cli.held_warnings import HeldWarnings
-from tam_calibration.cli.streams import on_one_line, tell, usable_streams
+from tam_calibration.cli.streams import on_one_line, say, tell, usable_streams
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.processors import use_one_thread
 from tam_calibration.model.signals import Ending
 
+
+class HeldWarnings(logging.Handler):
+    """Tells notes of this package on stderr while it is entered, and holds its warnings until nothing is refused."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.INFO)
+        self._sentences: dict[str, None] = {}
+        self._notes: set[str] = set()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Hold a warning, or tell a note, each once."""
+        sentence = record.getMessage()
+        if record.levelno >= logging.WARNING:
+            self._sentences[sentence] = None
+        elif sentence not in self._notes:
+            self._notes.add(sentence)
+            say(sentence, err=True)
+
+    def after(self, problem: Exception) -> str:
+        """Return what is wrong, and behind it in one sentence what was warned of."""
+        return f"{problem} ({'; '.join(self._sentences)})" if self._sentences else str(problem)
+
+    def __enter__(self) -> None:
+        """Begin to hear what is logged."""
+        logger = logging.getLogger("tam_calibration")
+        self._level = logger.level
+        logger.setLevel(logging.INFO)
+        logger.addHandler(self)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, problem: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Say what was held, unless the command ends in a sentence."""
+        logger = logging.getLogger("tam_calibration")
+        logger.removeHandler(self)
+        logger.setLevel(self._level)
+        if not isinstance(problem, InputError | Refused):
+            for sentence in self._sentences:
+                say(sentence, err=True)
+
+
 SUBCOMMANDS = {
     "simulate": "Make a recording of a known array and field, with the truth beside it.",
+    "inspect": "Show what a recording holds, what is odd, and what is taken as sensors.",
     "calibrate": "Estimate the errors of an array's sensors from a recording.",
     "diagnose": "Say where a recording and its simulation part, and which effect causes it.",
     "compare": "Say what a simulator's recording has otherwise than a real one, and what mends the simulator.",
     "plan": "Propose the attitudes to record next, and what the standard errors will then be.",
     "correct": "Turn raw readings into the centre vector and the gradient tensor.",
+    "export": "Write a calibration for PX4, ArduPilot, imu_tools, MicroStrain, C or JSON.",
     "recover": "Write the whole messages of an unfinished or damaged bag to a new one.",
     "locate": "Locate the source in a recording, steady or alternating.",
     "batch": "Calibrate, diagnose and correct many recordings, on all cores or on a Dask cluster.",
@@ -93,7 +140,7 @@ class LazyGroup(click.Group):
         try:
             with held:
                 return super().invoke(ctx)
-        except click.NoSuchOption as problem:
+        except (click.NoSuchOption, click.BadParameter) as problem:
             raise _on_one_line(problem) from None
         except click.UsageError as problem:
             raise _on_one_line(problem) if type(problem) is click.UsageError else problem from None

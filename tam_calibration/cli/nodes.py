@@ -1,17 +1,22 @@
 """`tam nodes`: start the nodes and show what they say."""
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from tam_calibration.cli.terminal import NamedPath
+from tam_calibration.cli.streams import say
+from tam_calibration.cli.terminal import MAP_HELP, NamedPath
 from tam_calibration.files.text_files import check_writable, require_regular
-from tam_calibration.nodes.children import NODES, Children, node_commands
+from tam_calibration.nodes.children import Children, node_commands
 from tam_calibration.nodes.session import ros_session
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from tam_calibration.nodes.monitor import Monitor
 
 
@@ -23,10 +28,13 @@ if TYPE_CHECKING:
     help="Calibration YAML: loaded where it exists, written by calibrator/save.",
 )
 @click.option("--method", help="Method of the fit.")
+@click.option("--map", "map_file", type=NamedPath(exists=True, path_type=Path), help=MAP_HELP)
 @click.option("--params-file", type=NamedPath(exists=True, path_type=Path), help="ROS parameters of the nodes.")
-def command(array: Path | None, calibration: Path | None, method: str | None, params_file: Path | None) -> None:
+def command(
+    array: Path | None, calibration: Path | None, method: str | None, map_file: Path | None, params_file: Path | None
+) -> None:
     """Start collector, calibrator, corrector and localizer, and show coverage, losses and advice until Ctrl-C."""
-    for path in (array, params_file):
+    for path in (array, map_file, params_file):
         if path is not None:
             require_regular(path)
     if calibration is not None and calibration.exists():
@@ -35,23 +43,27 @@ def command(array: Path | None, calibration: Path | None, method: str | None, pa
         check_writable(str(calibration))  # by calibrator/save
     log_directory = Path(os.environ.get("ROS_LOG_DIR", "~/.ros/log")).expanduser() / f"tam_nodes_{os.getpid()}"
     with ros_session(exit_code=0):
-        from tam_calibration.nodes.monitor import Monitor
+        from rich.console import Console
 
-        with Children(node_commands(array, calibration, method, params_file), log_directory) as children:
-            _watch(children, Monitor(NODES))
+        commands = node_commands(array, calibration, method, params_file, map_file)
+        with Children(commands, log_directory) as children, watched(Console(), children) as monitor:
+            monitor.wait_until(lambda: False)
 
 
-def _watch(children: Children, monitor: "Monitor") -> None:
-    from rich.console import Console
+@contextmanager
+def watched(console: "Console", children: Children) -> Iterator["Monitor"]:
+    """Give a monitor of the nodes: while it waits, what they say is shown as bars, or line by line in a file."""
     from rich.live import Live
 
-    console = Console()
+    from tam_calibration.nodes.monitor import Monitor
+
     with Live(console=console, auto_refresh=False, transient=True) as live:
-        while True:
-            monitor.turn()
-            children.check()
+
+        def show(monitor: Monitor) -> None:
             if console.is_terminal:
                 live.update(monitor.render(), refresh=True)
             else:
                 for line in monitor.news():
-                    click.echo(line)
+                    say(line)
+
+        yield Monitor(children, show)

@@ -1,29 +1,88 @@
-"""`tam plan`: the attitudes to record next."""
+"""`tam plan`: the attitudes to record next; with a prior the turns of a vehicle, by what they buy per minute."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from time import time
 from typing import Any
 
 import click
 import numpy as np
-from rich.console import Console
 from rich.progress import Progress
-from rich.table import Table
 
-from tam_calibration.cli.plan_turns import plan_turns
-from tam_calibration.cli.terminal import PATH, Number, reading, showing_progress, stdout, tolerance_option
-from tam_calibration.files import read_array, read_calibration, read_samples
+from tam_calibration.cli.streams import say
+from tam_calibration.cli.terminal import PATH, Number, print_blocks, reading, reading_options, showing_progress
 from tam_calibration.files.text_files import to_json
 from tam_calibration.fit.coverage import ENOUGH_STANDARD_ERROR, describe
 from tam_calibration.fit.plan import Plan, Reach, make_plan, reach_of_turntable, reach_of_vehicle
 from tam_calibration.fit.plan_start import PlanStart, start_from_calibration, start_from_nothing, start_from_recording
-from tam_calibration.fit.plan_turns import Vehicle
+from tam_calibration.fit.plan_turns import Turn, Vehicle, best_turns, excess_of
+from tam_calibration.fit.prior import Prior, prior_of
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import field_at
 from tam_calibration.model.sensor_errors import PARAMETER_NAMES
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla, to_degrees, to_nanotesla
+from tam_calibration.recordings import read_array
+from tam_calibration.recordings.reading import Reading
+from tam_calibration.recordings.recording_file import read_source
+from tam_calibration.report.blocks import Block, Table, Text
 from tam_calibration.report.formatting import number, sentence
+from tam_calibration.report.update_rows import age_in_words
+from tam_calibration.results import read_calibration
+
+_MOST_SHOWN = 8
+"""Turns that are told: those after them buy less."""
+
+
+def plan_turns(path: Path, array: Array, vehicle: Vehicle, inclination: float, as_json: bool) -> None:
+    """Print which turns buy most, beside a calibration that is as old as it is now.
+
+    Raises
+    ------
+    InputError
+        When the calibration is of another array, or is no prior.
+    """
+    calibration = read_calibration(path)
+    if not calibration.is_of(array):
+        raise InputError(f"{path} is of another array: use the calibration of this array")
+    prior = prior_of(calibration, time(), None, array.change_rates)
+    turns = best_turns(prior, vehicle, inclination)
+    before = excess_of(prior, prior.covariance)
+    if as_json:
+        say(to_json({"excess_before": before, "turns": [_to_mapping(turn) for turn in turns]}))
+        return
+    _print(prior, before, turns[:_MOST_SHOWN])
+
+
+def _print(prior: Prior, before: float, turns: list[Turn]) -> None:
+    now = (
+        f"Now, beside a prior {age_in_words(prior.elapsed_s)}: what is not known of the calibration adds "
+        f"{_percent(before)} to the variance of field and tensor that the noise makes."
+    )
+    rows = []
+    for turn in turns:
+        yaw, pitch, roll = (to_degrees(angle) for angle in (turn.yaw, turn.pitch, turn.roll))
+        swings = (f"±{number(angle)}" if angle else "level" for angle in (pitch, roll))
+        gain = _percent(turn.gain_per_minute)
+        rows.append([number(yaw), *swings, number(turn.duration_s), _percent(turn.excess), gain])
+    header = ("heading turns by (°)", "pitch (°)", "roll (°)", "takes (s)", "adds then", "less per minute")
+    print_blocks([Text(now), Table(header, rows, "Turns, the one that buys most per minute first")])
+
+
+def _percent(part: float) -> str:
+    return f"{number(100 * part)} %"
+
+
+def _to_mapping(turn: Turn) -> dict[str, Any]:
+    return {
+        "yaw_deg": to_degrees(turn.yaw),
+        "pitch_deg": to_degrees(turn.pitch),
+        "roll_deg": to_degrees(turn.roll),
+        "duration_s": turn.duration_s,
+        "excess_after": turn.excess,
+        "gain_per_minute": turn.gain_per_minute,
+    }
+
 
 _GROUPS = (
     ("scale factor", "", 1.0),
@@ -72,43 +131,40 @@ class Proposal:
         return bool(self.plan.worst[-1] <= ENOUGH_STANDARD_ERROR)
 
 
-def _print_proposal(console: Console, proposal: Proposal) -> None:
+def _print_proposal(proposal: Proposal) -> None:
     """Print the poses, the standard errors before and after, and whether they are enough."""
     plan, start = proposal.plan, proposal.start
-    if start.note:
-        console.print(sentence(start.note))
-    console.print(_poses(proposal))
-    console.print(_HOW_TO_TURN)
-    console.print(_standard_errors(proposal))
     field = f"{number(to_nanotesla(start.model.intensity_T), 6)} nT, {_angle(proposal.inclination)}° down"
-    console.print(f"Field: {field} ({proposal.inclination_source}).")
     verdict = "enough" if proposal.is_enough else "not yet enough: plan more poses or samples, or allow larger angles"
     worst = f"{_size(start.worst)} before, {_size(plan.worst[-1])} after all poses"
     limit = number(ENOUGH_STANDARD_ERROR, 1)
-    console.print(f"Worst standard error: {worst} (× the sensor noise, at most {limit} wanted): {verdict}.")
+    blocks: list[Block] = [Text(sentence(start.note))] if start.note else []
+    blocks += (
+        _poses(proposal),
+        Text(_HOW_TO_TURN),
+        _standard_errors(proposal),
+        Text(f"Field: {field} ({proposal.inclination_source})."),
+        Text(f"Worst standard error: {worst} (× the sensor noise, at most {limit} wanted): {verdict}."),
+    )
+    print_blocks(blocks)
 
 
 def _poses(proposal: Proposal) -> Table:
     plan, reach = proposal.plan, proposal.reach
-    table = Table(title=f"Poses to record, {proposal.samples_per_pose} samples each")
-    for name in ("pose", "yaw (°)", "pitch (°)", "roll (°)"):
-        table.add_column(name, justify="right")
-    table.add_column("field points")
-    table.add_column("worst standard error then (× noise)", justify="right")
-    for order, (pose, worst) in enumerate(zip(plan.poses, plan.worst, strict=True), start=1):
-        angles = (_angle(angle) for angle in reach.angles[pose])
-        table.add_row(str(order), *angles, describe(reach.directions[pose]), _size(worst))
-    return table
+    rows = [
+        [str(order), *map(_angle, reach.angles[pose]), describe(reach.directions[pose]), _size(worst)]
+        for order, (pose, worst) in enumerate(zip(plan.poses, plan.worst, strict=True), start=1)
+    ]
+    header = ("pose", "yaw (°)", "pitch (°)", "roll (°)", "field points", "worst standard error then (× noise)")
+    return Table(header, rows, f"Poses to record, {proposal.samples_per_pose} samples each")
 
 
 def _standard_errors(proposal: Proposal) -> Table:
-    table = Table("worst of", title="Standard errors")
-    table.add_column("before", justify="right")
-    table.add_column("after", justify="right")
+    rows = []
     for index, (name, unit, factor) in enumerate(_GROUPS):
         columns = (_worst(errors, index, factor) for errors in _before_and_after(proposal))
-        table.add_row(f"{name} ({unit})".replace(" ()", "").replace("deg", "°"), *columns)
-    return table
+        rows.append([f"{name} ({unit})".replace(" ()", "").replace("deg", "°"), *columns])
+    return Table(("worst of", "before", "after"), rows, "Standard errors")
 
 
 def _before_and_after(proposal: Proposal) -> tuple[FloatArray | None, FloatArray]:
@@ -200,7 +256,7 @@ _ASSUMED_INCLINATION_DEG, _ASSUMED_INTENSITY_NT = 60.0, 50_000.0
 @click.option("--intensity-nT", "intensity_nT", type=Number(15e3, 100e3), help="Where no scalar tells it.")
 @click.option("--poses", type=click.IntRange(1, 200), default=12, show_default=True, help="Number of attitudes.")
 @click.option("--samples-per-pose", type=click.IntRange(1, 1_000_000), default=100, show_default=True)
-@tolerance_option
+@reading_options
 @click.option("--json", "as_json", is_flag=True, help="Print the plan as JSON.")
 def command(
     recording: Path | None,
@@ -217,7 +273,7 @@ def command(
     intensity_nT: float | None,
     poses: int,
     samples_per_pose: int,
-    tolerance_s: float,
+    how: Reading,
     as_json: bool,
 ) -> None:
     """Propose the attitudes that shrink the worst standard error most, and tell what the standard errors will then be.
@@ -227,7 +283,9 @@ def command(
     if place is not None:
         if inclination_deg is not None or intensity_nT is not None:
             raise InputError("--place tells inclination and intensity: leave out --inclination-deg and --intensity-nT")
-        inclination_deg, intensity_nT = _field_at(place)
+        field_T = field_at(place)
+        intensity_nT = to_nanotesla(float(np.linalg.norm(field_T)))
+        inclination_deg = to_degrees(float(np.arcsin(-to_nanotesla(field_T[2]) / intensity_nT)))
     array = read_array(array_path)
     if prior_path is not None:
         if recording is not None or calibration_path is not None or turntable is not None:
@@ -244,7 +302,7 @@ def command(
     if turn_rate_deg_s is not None or sample_rate_hz is not None:
         raise InputError("--turn-rate-deg-s and --sample-rate-hz go with --prior")
     with showing_progress() as progress:
-        start = _start(recording, calibration_path, array, intensity_nT, tolerance_s, progress)
+        start = _start(recording, calibration_path, array, intensity_nT, how, progress)
         inclination, source = _inclination(inclination_deg, start)
         reach = _reach(turntable, pitch_limit_deg, roll_limit_deg, inclination)
         field_T = start.model.intensity_T * reach.directions
@@ -252,16 +310,9 @@ def command(
         plan = make_plan(start, field_T, poses, samples_per_pose, lambda done: progress.update(task, completed=done))
     proposal = Proposal(plan, start, reach, inclination, source, samples_per_pose)
     if as_json:
-        click.echo(to_json(_proposal_to_mapping(proposal)))
+        say(to_json(_proposal_to_mapping(proposal)))
     else:
-        _print_proposal(stdout(), proposal)
-
-
-def _field_at(place: str) -> tuple[float, float]:
-    """Return inclination in degrees and intensity in nT of a place."""
-    field_T = field_at(place)
-    intensity_T = float(np.linalg.norm(field_T))
-    return to_degrees(float(np.arcsin(-field_T[2] / intensity_T))), to_nanotesla(intensity_T)
+        _print_proposal(proposal)
 
 
 def _start(
@@ -269,7 +320,7 @@ def _start(
     calibration_path: Path | None,
     array: Array,
     intensity_nT: float | None,
-    tolerance_s: float,
+    how: Reading,
     progress: Progress,
 ) -> PlanStart:
     if recording_path is not None and calibration_path is not None:
@@ -280,22 +331,19 @@ def _start(
             raise InputError(f"{calibration_path} is of another array: use the calibration of this array")
         return start_from_calibration(calibration)
     if recording_path is None:
-        return _start_from_nothing(array, intensity_nT)
-    source = recording_path, array.sensor_count, tolerance_s, reading(progress), array
-    recording = read_samples(*source).recording
+        if intensity_nT is None:
+            start = start_from_nothing(array, from_nanotesla(_ASSUMED_INTENSITY_NT))
+            return replace(start, note="the intensity of the field is assumed: give --place or --intensity-nT")
+        known = array if array.scalar_noise_T is not None else replace(array, scalar_noise_T=0.0)
+        return start_from_nothing(known, from_nanotesla(intensity_nT))
+    source, usage = read_source(recording_path, array, how, reading(progress))
+    recording = source.whole()
+    for remark in () if usage is None else usage.missing:
+        say(f"warning: {remark}", err=True)
     if intensity_nT is not None and recording.scalar_T is None:
         recording = replace(recording, scalar_T=np.full(recording.sample_count, from_nanotesla(intensity_nT)))
     progress.add_task(f"fitting {recording.sample_count} samples", total=None)
     return start_from_recording(recording, array)
-
-
-def _start_from_nothing(array: Array, intensity_nT: float | None) -> PlanStart:
-    if intensity_nT is None:
-        start = start_from_nothing(array, from_nanotesla(_ASSUMED_INTENSITY_NT))
-        return replace(start, note="the intensity of the field is assumed: give --place or --intensity-nT")
-    if array.scalar_noise_T is None:
-        array = replace(array, scalar_noise_T=0.0)
-    return start_from_nothing(array, from_nanotesla(intensity_nT))
 
 
 def _inclination(stated_deg: float | None, start: PlanStart) -> tuple[float, str]:

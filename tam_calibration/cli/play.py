@@ -1,4 +1,4 @@
-"""`tam play`: play a bag onto its topics."""
+"""`tam play`: play a recording onto topics."""
 
 import time
 from pathlib import Path
@@ -6,11 +6,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tam_calibration.cli.terminal import PATH, Number
-from tam_calibration.files.recording_file import is_bag
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.cli.streams import say
+from tam_calibration.cli.terminal import MAP_HELP, PATH, Number
+from tam_calibration.files.text_files import in_file
 from tam_calibration.model.extras import require
 from tam_calibration.nodes.session import ros_session
+from tam_calibration.recordings.channel_map import read_map
+from tam_calibration.recordings.formats import open_source
+from tam_calibration.recordings.reading import Reading
 
 if TYPE_CHECKING:
     from tam_calibration.nodes.player import Player
@@ -18,41 +21,45 @@ if TYPE_CHECKING:
 WAIT_S = 10.0
 """Longest wait for a subscriber: nodes that start beside the player are there within some seconds."""
 
-_SLOWEST = 0.001
-"""Least rate: an hour would last six weeks."""
+_SLOWEST, _FASTEST = 0.001, 1000.0
+"""Limits of the rate: an hour lasts six weeks, or 3.6 s, which no node keeps up with."""
 
 
 @click.command()
-@click.argument("bag", type=PATH)
+@click.argument("recording", type=PATH)
+@click.option("--map", "map_path", type=PATH, help=MAP_HELP)
 @click.option(
     "--rate",
-    type=Number(min=_SLOWEST),
+    type=Number(_SLOWEST, _FASTEST),
     default=1.0,
     show_default=True,
     help="How many times faster than recorded.",
 )
 @click.option("--loop", is_flag=True, help="Begin again at the end; stamps then go backwards.")
 @click.option("--clock", is_flag=True, help="Publish the bag's time on /clock, for nodes with use_sim_time.")
-def command(bag: Path, rate: float, loop: bool, clock: bool) -> None:
-    """Play every topic of BAG, a rosbag2 folder or .mcap file, once somebody listens to the sensors."""
-    if not is_bag(bag):
-        raise InputError(f"{bag} is no bag: only bags can be played, a rosbag2 folder or an .mcap file")
-    require("bags", "playing bags")
-    from tam_calibration.files.bag import open_bag
+def command(recording: Path, map_path: Path | None, rate: float, loop: bool, clock: bool) -> None:
+    """Play RECORDING, once somebody listens to the sensors.
 
-    with ros_session(exit_code=0), open_bag(bag) as reader:
+    A bag with the topics of this package is played as it was recorded. Of any other recording, and with --map, the
+    sensors and channels are played onto the topics that the collector reads.
+    """
+    require("bags", "playing recordings")
+    from tam_calibration.nodes.playback import playback_of
+
+    reading = Reading(None if map_path is None else read_map(map_path))
+    with ros_session(exit_code=0), open_source(recording, reading.channel_map) as source, in_file(recording):
         from tam_calibration.nodes.player import Player
 
-        player = Player(reader, rate, clock)
+        player = Player(playback_of(source, reading), rate, clock)
         _wait(player)
         _show(player, loop)
 
 
 def _wait(player: "Player") -> None:
     for name in player.unknown_types:
-        click.echo(f"not played: {name} is not installed here", err=True)
+        say(f"not played: {name} is not installed here", err=True)
     if not player.wait_for_subscribers(WAIT_S):
-        click.echo(f"nobody listens to {', '.join(player.unheard())}; playing all the same", err=True)
+        say(f"nobody listens to {', '.join(player.unheard())}; playing all the same", err=True)
 
 
 def _show(player: "Player", loop: bool) -> None:
@@ -60,14 +67,14 @@ def _show(player: "Player", loop: bool) -> None:
     from rich.progress import Progress
 
     with Progress(console=Console(stderr=True)) as progress:
-        task = progress.add_task("playing", total=player.duration_s)
+        task = progress.add_task("playing", total=player.playback.duration_s)
         while True:
             begin = time.monotonic()
             count = 0
             for position_s in player.play():
                 count += 1
                 progress.update(task, completed=position_s)
-            progress.update(task, completed=player.duration_s)
+            progress.update(task, completed=player.playback.duration_s)
             progress.console.print(f"{count} messages in {time.monotonic() - begin:.1f} s")
             if not loop:
                 return

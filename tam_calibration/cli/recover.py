@@ -4,12 +4,13 @@ from pathlib import Path
 
 import click
 
+from tam_calibration.cli.streams import say
 from tam_calibration.cli.terminal import PATH
-from tam_calibration.files.overwriting import require_separate
-from tam_calibration.files.recording_file import is_bag
 from tam_calibration.files.text_files import to_json
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.extras import require
+from tam_calibration.recordings.bag_storages import is_bag
+from tam_calibration.results.overwriting import require_separate
 
 
 @click.command()
@@ -25,7 +26,7 @@ def command(bag: Path, output: Path, as_json: bool) -> None:
         raise InputError(f"{bag} is no bag: only bags can be recovered, a rosbag2 folder, an .mcap or a .db3 file")
     require_separate([output], [bag])
     require("bags", "recovering bags")
-    from tam_calibration.files.bag_recovery import recover
+    from tam_calibration.recordings.bag_recovery import recover
 
     found = recover(bag, output)
     summary = {
@@ -35,4 +36,4 @@ def command(bag: Path, output: Path, as_json: bool) -> None:
         "ends_s": found.last_ns / 1e9,
         "faults": list(found.faults),
     }
-    click.echo(to_json(summary) if as_json else f"{output}: {found}")
+    say(to_json(summary) if as_json else f"{output}: {found}")

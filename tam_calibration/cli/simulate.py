@@ -2,6 +2,7 @@
 
 import json
 import shlex
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,15 +11,17 @@ import click
 import numpy as np
 from numpy.linalg import norm
 
+from tam_calibration.cli.streams import say
 from tam_calibration.cli.terminal import PATH, write_together
-from tam_calibration.files.bag_storages import DEFAULT, STORAGES, storage_alone
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.further_channels import channel_in_words
 from tam_calibration.model.recording import CHANNELS, Recording
 from tam_calibration.model.units import FloatArray, to_nanotesla
+from tam_calibration.recordings.bag_storages import DEFAULT, storage_alone, written
 
 if TYPE_CHECKING:
     from tam_calibration.comparison.result import Mend
+    from tam_calibration.model.array import Array
     from tam_calibration.simulation import Simulation
 
 
@@ -47,7 +50,7 @@ if TYPE_CHECKING:
 @click.option("--seed", type=click.IntRange(min=0), help="Of the random numbers, instead of the scenario's.")
 @click.option(
     "--storage",
-    type=click.Choice(list(STORAGES)),
+    type=click.Choice(list(written())),
     default=DEFAULT,
     show_default=True,
     help="Of a bag's folder.",
@@ -86,7 +89,7 @@ def command(
         raise InputError(
             "say what to simulate: a scenario, or --from-calibration or --from-comparison with --recording"
         )
-    click.echo(json.dumps(result) if as_json else sentences(result))
+    say(json.dumps(result) if as_json else sentences(result))
 
 
 def _simulate(
@@ -99,9 +102,10 @@ def _simulate(
 ) -> dict[str, Any]:
     from rich.console import Console
 
-    from tam_calibration.files import read_calibration, write_array, write_recording
-    from tam_calibration.files.mend_yaml import read_mend
-    from tam_calibration.files.scenario import files_of_scenario, read_scenario, write_truth
+    from tam_calibration.recordings import write_array
+    from tam_calibration.results import read_calibration, write_recording
+    from tam_calibration.results.comparison_json import read_mend
+    from tam_calibration.results.scenario import files_of_scenario, read_scenario, write_truth
     from tam_calibration.simulation import simulate
 
     inputs = [*files_of_scenario(scenario), *(path for path in (calibration_path, mend_path) if path is not None)]
@@ -134,47 +138,44 @@ def _mended(made: "Simulation", mend: "Mend") -> "Simulation":
 
 
 def _twin(calibration_path: Path, run_path: Path, output: Path, seed: int, storage: str) -> dict[str, Any]:
-    from rich.console import Console
-
     from tam_calibration.effects.removal import agreed_field
-    from tam_calibration.files import read_calibration, read_recording, write_array, write_recording
-    from tam_calibration.simulation.twin import twin
+    from tam_calibration.results import read_calibration
+    from tam_calibration.simulation.observe import twin
 
-    paths = {"recording": output, "array": beside(output, "array.yaml")}
-    inputs = [calibration_path, run_path]
-    with write_together(paths, inputs) as places, Console(stderr=True).status("simulating") as status:
-        calibration = read_calibration(calibration_path)
-        array = calibration.array
-        run = read_recording(run_path, array.sensor_count, array=replace(array, delay_s=None))
-        made = twin(calibration, run, seed)
-        status.update(f"writing {made.sample_count} samples")
-        write_recording(places["recording"], array.mounting.inverse.turned(made), storage)
-        write_array(places["array"], array)
+    calibration = read_calibration(calibration_path)
+    array = calibration.array
+    made, paths = _on_run(lambda run: twin(calibration, run, seed), calibration_path, array, run_path, output, storage)
     field = agreed_field(made.readings_T, calibration.errors, array)
-    summary = _summary(made, norm(field, axis=1), _rate_hz(made), seed)
-    return summary | {name: str(path) for name, path in paths.items()} | {"truth": str(calibration_path)}
+    return _summary(made, norm(field, axis=1), _rate_hz(made), seed) | paths | {"truth": str(calibration_path)}
 
 
 def _mend(mend_path: Path, run_path: Path, output: Path, seed: int, storage: str) -> dict[str, Any]:
+    from tam_calibration.comparison.additions import mended
+    from tam_calibration.results.comparison_json import read_mend
+
+    mend = read_mend(mend_path)
+    array = mend.calibration.array
+    made, paths = _on_run(lambda run: mended(run, mend, seed), mend_path, array, run_path, output, storage)
+    intensity = norm(made.readings_T, axis=2).mean(axis=1)
+    return _summary(made, intensity, _rate_hz(made), seed) | paths | {"mend": str(mend_path)}
+
+
+def _on_run(
+    make: Callable[[Recording], Recording], given: Path, array: "Array", run_path: Path, output: Path, storage: str
+) -> tuple[Recording, dict[str, str]]:
+    """Return what is made of the run of a recording, and the paths of the recording and array file written."""
     from rich.console import Console
 
-    from tam_calibration.comparison.additions import mended
-    from tam_calibration.files import read_recording, write_array, write_recording
-    from tam_calibration.files.mend_yaml import read_mend
+    from tam_calibration.recordings import read_recording, write_array
+    from tam_calibration.results import write_recording
 
     paths = {"recording": output, "array": beside(output, "array.yaml")}
-    inputs = [mend_path, run_path]
-    with write_together(paths, inputs) as places, Console(stderr=True).status("adding what it lacks") as status:
-        mend = read_mend(mend_path)
-        array = mend.calibration.array
-        run = read_recording(run_path, array.sensor_count, array=replace(array, delay_s=None))
-        made = mended(run, mend, seed)
+    with write_together(paths, [given, run_path]) as places, Console(stderr=True).status("simulating") as status:
+        made = make(read_recording(run_path, array.sensor_count, array=replace(array, delay_s=None)))
         status.update(f"writing {made.sample_count} samples")
         write_recording(places["recording"], array.mounting.inverse.turned(made), storage)
         write_array(places["array"], array)
-    intensity = norm(made.readings_T, axis=2).mean(axis=1)
-    summary = _summary(made, intensity, _rate_hz(made), seed)
-    return summary | {name: str(path) for name, path in paths.items()} | {"mend": str(mend_path)}
+    return made, {name: str(path) for name, path in paths.items()}
 
 
 def _rate_hz(recording: Recording) -> float:

@@ -1,17 +1,21 @@
 """Standard streams that are closed, full, or of an encoding without our letters: at most a sentence, no traceback."""
 
 import os
+import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from io import TextIOWrapper
-from unicodedata import category
+
+import click
+
+from tam_calibration.model.exceptions import printable
+
+_DIGITS = re.compile(r"(\d{12})\d{24,}(\d{12})")
+"""A number of more digits than anybody reads, between those that are shown."""
 
 _LONGEST = 2000
 """Letters of a sentence: a name in it, of a file or a column, may have thousands that tell nobody more."""
-
-_NO_LETTERS = ("Cc", "Cf", "Cs", "Zl", "Zp")
-"""Categories of Unicode that end a line, command a terminal, turn the order of letters, or stand for bytes."""
 
 
 @contextmanager
@@ -49,6 +53,11 @@ def usable_streams() -> Iterator[None]:
         _end(problem)
 
 
+def say(text: str, err: bool = False) -> None:
+    """Write lines to standard output or error, unprintable characters escaped."""
+    click.echo(printable(text, keep="\n\t"), err=err)
+
+
 def tell(sentence: str) -> None:
     """Write a sentence to standard error, where that can be written: one line, whatever the names in it are."""
     with suppress(OSError):
@@ -56,11 +65,12 @@ def tell(sentence: str) -> None:
 
 
 def on_one_line(sentence: str) -> str:
-    """Return a sentence without its middle where it is long, and what is no letter by its number."""
+    """Return a sentence without the middle of long numbers, and its own where it is long; printable."""
+    sentence = _DIGITS.sub(r"\1…\2", sentence)
     if len(sentence) > _LONGEST:
         half = _LONGEST // 2
         sentence = f"{sentence[:half]} … {sentence[-half:]}"
-    return "".join(ascii(each)[1:-1] if category(each) in _NO_LETTERS else each for each in sentence)
+    return printable(sentence)
 
 
 def _end(problem: OSError, code: str | int | None = 0) -> None:

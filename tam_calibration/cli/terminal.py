@@ -1,25 +1,34 @@
 """What the subcommands share: progress on stderr, results that appear together or not at all."""
 
 import math
+import re
 import sys
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import wraps
 from pathlib import Path
 from typing import Any
 
 import click
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-from rich.table import Table
+from rich.table import Table as RichTable
+from rich.text import Text as RichText
 
-from tam_calibration.files.overwriting import require_separate
-from tam_calibration.files.recording_file import TOLERANCE_S
+from tam_calibration.cli.streams import say
 from tam_calibration.files.whole_files import write_set
 from tam_calibration.messages.samples import Progress as ProgressCallback
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.exceptions import InputError, printable
 from tam_calibration.model.extras import require
+from tam_calibration.recordings.channel_map import read_map
+from tam_calibration.recordings.reading import TOLERANCE_S, Moment, Reading, Window
+from tam_calibration.report.blocks import Block, Points, Table, Text
+from tam_calibration.results.overwriting import require_separate
 
 _PIPE_WIDTH = 120
+
+_NUMBER = re.compile(r"([−–∞\d].*)?")
+"""A cell of a column that is aligned right: a number, a dash or nothing."""
 
 
 class NamedPath(click.Path):
@@ -47,7 +56,7 @@ JOBS = click.IntRange(1, 256)
 
 
 class Number(click.FloatRange):
-    """A number within a range, which NaN, unlike click's, is not."""
+    """A finite number within a range."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Return the number, or fail with a sentence.
@@ -69,46 +78,117 @@ class Number(click.FloatRange):
         Raises
         ------
         BadParameter
-            When it is no number, NaN, or out of range.
+            When it is not a finite number, or out of range.
         """
         number = float(super().convert(value, param, ctx))
-        if math.isnan(number):
-            self.fail(f"{value} is not a number.", param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value} is not a finite number.", param, ctx)
         return number
 
 
-tolerance_option = click.option(
-    "--tolerance-s",
-    type=Number(0, 60),
-    default=TOLERANCE_S,
-    show_default=True,
-    help="Difference of stamps in a bag up to which readings count as of one moment; beyond, they are interpolated.",
+MAP_HELP = "Map YAML: which topics or columns are sensors and channels (`tam inspect --write-map` writes one)."
+
+_READING_OPTIONS = (
+    click.option("--map", "map_path", type=PATH, help=MAP_HELP),
+    click.option("--from", "start", metavar="TIME", help="Read from here on: seconds from the start, or ISO 8601."),
+    click.option("--until", metavar="TIME", help="Read until here: seconds from the start, or ISO 8601."),
+    click.option("--unwrap", is_flag=True, help="Continue the counters of sensors that overflow."),
+    click.option(
+        "--base-station", type=PATH, help="IAGA-2002 file: the intensity where the recording has none of its own."
+    ),
+    click.option(
+        "--tolerance-s",
+        type=Number(0, 60),
+        default=TOLERANCE_S,
+        show_default=True,
+        help="Largest difference of stamps within a sample, in s; beyond it, readings are interpolated.",
+    ),
 )
+
+
+def reading_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options of how a recording is read to a command, which gets them as one argument ``how``.
+
+    Parameters
+    ----------
+    function : callable
+        The command's function.
+    """
+
+    @wraps(function)
+    def with_reading(
+        *args: Any,
+        map_path: Path | None,
+        start: str | None,
+        until: str | None,
+        unwrap: bool,
+        base_station: Path | None,
+        tolerance_s: float,
+        **extra: Any,
+    ) -> Any:
+        window = Window(*(None if each is None else Moment.of(each) for each in (start, until)))
+        channel_map = None if map_path is None else read_map(map_path)
+        files = tuple(path for path in (map_path, base_station) if path is not None)
+        how = Reading(channel_map, window, unwrap, base_station, tolerance_s, files)
+        return function(*args, how=how, **extra)
+
+    command: Callable[..., Any] = with_reading
+    for option in reversed(_READING_OPTIONS):
+        command = option(command)
+    return command
+
+
+class _Console(Console):
+    """A console that escapes unprintable characters of what it prints."""
+
+    def render_str(self, text: str, **options: Any) -> RichText:
+        return super().render_str(printable(text, keep="\n\t"), **options)
 
 
 def stdout() -> Console:
     """Return the console for results; wide enough for tables where it is a file or a pipe."""
-    return Console(width=None if sys.stdout.isatty() else _PIPE_WIDTH, highlight=False, markup=False)
+    return _Console(width=None if sys.stdout.isatty() else _PIPE_WIDTH, highlight=False, markup=False)
 
 
-def table_of(header: Sequence[str], rows: Sequence[Sequence[str]], words: Collection[str] = ()) -> Table:
-    """Return a table, its first column and those of words left, those of numbers right.
+def print_blocks(blocks: Iterable[Block], most: int = sys.maxsize) -> None:
+    """Print the paragraphs, points and tables of a page; what stands out is bold.
 
     Parameters
     ----------
-    header : sequence of str
-        Names of the columns.
-    rows : sequence of sequence of str
-        Cells.
-    words : collection of str
-        Names of the columns that hold words.
+    blocks : iterable of Block
+        No pictures.
+    most : int, optional
+        Rows of a table that are printed.
     """
-    table = Table(header[0])
-    for name in header[1:]:
-        table.add_column(name, justify="left" if name in words else "right")
-    for row in rows:
-        table.add_row(*row)
-    return table
+    console = stdout()
+    for block in blocks:
+        if isinstance(block, Text):
+            console.print(block.text, style="bold" if block.emphasis else None, soft_wrap=True)
+        elif isinstance(block, Points):
+            for point in block.points:
+                console.print(f"  {point}", soft_wrap=True)
+        elif isinstance(block, Table):
+            if block.caption:
+                console.print(f"{block.caption.rstrip('.')}:", soft_wrap=True)
+            console.print(_in_columns(block, most))
+            if len(block.rows) > most:
+                console.print(f"… and {len(block.rows) - most} more: --json and --report have all.")
+
+
+def _in_columns(table: Table, most: int) -> RichTable:
+    shown = RichTable(table.header[0])
+    for column, name in enumerate(table.header[1:], start=1):
+        is_numeric = all(_NUMBER.fullmatch(row[column]) for row in table.rows)
+        shown.add_column(name, justify="right" if is_numeric else "left")
+    for row in table.rows[:most]:
+        shown.add_row(*row)
+    return shown
+
+
+def say_written(paths: Iterable[Path | None]) -> None:
+    """Name the files that were written; None is one that was not wanted."""
+    for path in filter(None, paths):
+        say(f"written: {path}")
 
 
 @contextmanager
@@ -116,7 +196,7 @@ def showing_progress() -> Iterator[Progress]:
     """Show tasks on stderr while they run, where that is a terminal."""
     console = Console(stderr=True)
     console.quiet = not console.is_terminal  # Rich 13.7 ends a display that is disabled with an empty line
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True, disable=console.quiet) as progress:
         yield progress
 
@@ -136,7 +216,7 @@ def working(progress: Progress, description: str) -> ProgressCallback:
     description : str
         What is being done, shown beside the bar.
     """
-    task = progress.add_task(description, total=None)
+    task = progress.add_task(printable(description), total=None)
     return lambda done, total: progress.update(task, completed=done, total=total)
 
 

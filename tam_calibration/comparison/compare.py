@@ -1,16 +1,17 @@
 """The comparison of a simulator's recording with a real one: where, which, how far, and the mend."""
 
+from typing import Any
+
 import numpy as np
 
 from tam_calibration.comparison.differences import Differences, differences_between
-from tam_calibration.comparison.mending import mend_of, mended_twin
+from tam_calibration.comparison.mending import mend_of, mended_twin, source_error, source_of
 from tam_calibration.comparison.mistakes.find import mistakes_of
 from tam_calibration.comparison.readings import side_by_side
 from tam_calibration.comparison.result import Closing, Comparison, Mend, Side, Step
 from tam_calibration.comparison.side import side_of
-from tam_calibration.comparison.source_error import source_error, source_of
+from tam_calibration.gap.diagnose import in_stretches
 from tam_calibration.gap.search import Progress
-from tam_calibration.gap.stretches import in_stretches
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording, SampleSource
@@ -140,55 +141,39 @@ def _closing(
     differences: Differences, mend: Mend, simulation: Side, recording: Side, progress: Progress, seed: int
 ) -> Closing:
     """Return how far the gap shrinks: the mended twin is judged again."""
-    before = differences.energy
-    if differences.are_none:
-        after, left, mended = before, differences, simulation
-    else:
+    before, left, mended = differences.energy, differences, simulation
+    if not differences.are_none:
         try:
             twin = mended_twin(differences, simulation, mend, seed)
             mended = side_of(twin, simulation.array, progress)
         except (InputError, Refused) as problem:
-            return _untried(before, recording, str(problem))
+            untried = f"the mend cannot be tried in the simulation's run: {problem}"
+            return _closed(before, float("nan"), recording, (0.0, 1.0), left=untried)
         left = differences_between(mended, recording).that_show
-        after = left.energy
-    floor_T = recording.gap.size.floor_T
-    per_m = _gradient_of_floor(recording)
-    closed = max(1 - after / before, 0.0) if before > 0 else 0.0
     source = source_of(recording)
     of_simulation, of_recording, of_mended = (
         None if source is None else source_error(one.recording, one, source) for one in (simulation, recording, mended)
     )
-    return Closing(
-        float(np.sqrt(before)),
-        float(np.sqrt(after)),
-        float(np.sqrt(before)) * floor_T,
-        float(np.sqrt(after)) * floor_T,
-        float(np.sqrt(before)) * per_m,
-        float(np.sqrt(after)) * per_m,
-        closed,
-        _interval(before, after, left.undecided_energy, recording.gap.channel_count),
-        _steps(differences, after),
-        of_simulation,
-        of_recording,
-        of_mended,
-        "; ".join([*(words for words, _ in left.energies), *(remark.rstrip(".") for remark in left.remarks)]),
+    return _closed(
+        before,
+        left.energy,
+        recording,
+        _interval(before, left.energy, left.undecided_energy, recording.gap.channel_count),
+        steps=_steps(differences, left.energy),
+        simulation_source=of_simulation,
+        recording_source=of_recording,
+        mended_source=of_mended,
+        left="; ".join([*(words for words, _ in left.energies), *(remark.rstrip(".") for remark in left.remarks)]),
     )
 
 
-def _untried(before: float, recording: Side, problem: str) -> Closing:
-    """Return the gap of a simulation in whose run the mend cannot be tried."""
-    size, unknown = float(np.sqrt(before)), float("nan")
-    return Closing(
-        size,
-        unknown,
-        size * recording.gap.size.floor_T,
-        unknown,
-        size * _gradient_of_floor(recording),
-        unknown,
-        unknown,
-        (0.0, 1.0),
-        left=f"the mend cannot be tried in the simulation's run: {problem}",
-    )
+def _closed(before: float, after: float, recording: Side, interval: tuple[float, float], **further: Any) -> Closing:
+    """Return energies before and after as sizes, and their part that closes: NaN for what is not known."""
+    units = {"": 1.0, "_T": recording.gap.size.floor_T, "_T_per_m": _gradient_of_floor(recording)}
+    sizes = {"before": float(np.sqrt(before)), "after": float(np.sqrt(after))}
+    further |= {when + unit: size * one for unit, one in units.items() for when, size in sizes.items()}
+    closed = max(1 - after / before, 0.0) if before > 0 else 0.0 * after
+    return Closing(closed=closed, closed_interval=interval, **further)
 
 
 def _gradient_of_floor(side: Side) -> float:

@@ -1,5 +1,7 @@
 """The level and the colour of the noise of every axis, and whether two differ."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -7,6 +9,7 @@ from tam_calibration.comparison.colour import Colour, Shapes, colour_of
 from tam_calibration.comparison.result import AxisNoise
 from tam_calibration.comparison.result import Colour as ColourName
 from tam_calibration.comparison.spectrum import Spectra, spectra_of
+from tam_calibration.model.interpolated_noise import InterpolatedNoise
 from tam_calibration.model.units import FloatArray
 
 LEAST_DIFFERENCE = 0.05
@@ -22,7 +25,12 @@ _INTERVAL = 0.95
 """Probability of the interval of a density."""
 
 
-def noise_of(time_s: FloatArray, residual_T: FloatArray, mixing: FloatArray) -> tuple[AxisNoise, ...]:
+def noise_of(
+    time_s: FloatArray,
+    residual_T: FloatArray,
+    mixing: FloatArray,
+    interpolated: InterpolatedNoise | None = None,
+) -> tuple[AxisNoise, ...]:
     """Return the noise of each row.
 
     Parameters
@@ -34,6 +42,8 @@ def noise_of(time_s: FloatArray, residual_T: FloatArray, mixing: FloatArray) -> 
         z of K sensors, or 1 for the scalar.
     mixing : (R, R) array
         Derivative of each residual by each row's noise: the identity where nothing was fitted to the other rows.
+    interpolated : InterpolatedNoise, optional
+        What interpolation made of the noise of the K sensors: colour and spectrum are told as they were before it.
 
     Raises
     ------
@@ -41,6 +51,9 @@ def noise_of(time_s: FloatArray, residual_T: FloatArray, mixing: FloatArray) -> 
         When there are too few samples.
     """
     spectra = spectra_of(time_s, residual_T, mixing)
+    if interpolated is not None:
+        made = np.repeat(interpolated.spectrum(spectra.frequency), 3, axis=0)
+        spectra = replace(spectra, power_T2=spectra.power_T2 / made)
     shapes = Shapes(spectra)
     return tuple(_noise_of_row(spectra, shapes, row) for row in range(residual_T.shape[1]))
 
@@ -118,13 +131,11 @@ def differs(simulation: AxisNoise, recording: AxisNoise) -> bool:
 
 
 def _error_of_sum(power: FloatArray, error: FloatArray, bands: NDArray[np.bool_]) -> FloatArray:
-    relative: FloatArray = np.sqrt((power * error) ** 2 @ bands) / (power @ bands)
-    return relative
+    return np.sqrt((power * error) ** 2 @ bands) / (power @ bands)
 
 
 def _is_beyond(ratio: FloatArray, error: FloatArray | float) -> NDArray[np.bool_]:
-    beyond: NDArray[np.bool_] = np.abs(ratio) > np.maximum(np.log1p(LEAST_DIFFERENCE), CERTAIN * error)
-    return beyond
+    return np.abs(ratio) > np.maximum(np.log1p(LEAST_DIFFERENCE), CERTAIN * error)
 
 
 def _powers_of_both(simulation: AxisNoise, recording: AxisNoise) -> list[tuple[FloatArray, FloatArray]]:

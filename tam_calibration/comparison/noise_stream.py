@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.comparison.result import NoiseTerm
-from tam_calibration.effects.recursions import follow
+from tam_calibration.effects.covariates import follow
 from tam_calibration.model.recording import BLOCK
 from tam_calibration.model.units import FloatArray
 
@@ -92,8 +92,7 @@ def _density(time_constant_s: FloatArray, frequency_hz: FloatArray, rate_hz: flo
     """Return the one-sided density (F, J) of sampled first-order processes (J,) of unit variance, 1/Hz."""
     decay = np.exp(-1 / (rate_hz * time_constant_s))
     turn = np.cos(2 * np.pi * frequency_hz / rate_hz)[:, None]
-    density: FloatArray = 2 / rate_hz * (1 - decay**2) / (1 - 2 * decay * turn + decay**2)
-    return density
+    return np.asarray(2 / rate_hz * (1 - decay**2) / (1 - 2 * decay * turn + decay**2))
 
 
 class NoiseStream:
@@ -155,8 +154,7 @@ class NoiseStream:
         kick = self._drive_T * np.exp(0.5j * np.angle(square)) * (along * drawn[..., 0] + 1j * across * drawn[..., 1])
         modes: NDArray[np.complexfloating] = follow(kick, np.zeros_like(kick), self._state, exponent)[1:]
         self._state = modes[-1]
-        coloured: FloatArray = (self._reading * modes).real @ self._to_rows
-        return coloured
+        return (self._reading * modes).real @ self._to_rows
 
 
 def _modes(term: NoiseTerm, rate_hz: float, span_s: float) -> list[tuple[complex, float]]:
@@ -178,5 +176,4 @@ def _readings_of(decay: NDArray[np.complexfloating], rate_hz: float) -> NDArray[
     wanted = -np.arctan(np.tanh(decay.real / rate_hz) / np.tan(turn))
     lean = decay.real / np.abs(decay)  # of |E z²| to E |z|²
     angle = wanted + np.arcsin(np.clip(np.sin(wanted) / lean, -1, 1))
-    reading: NDArray[np.complexfloating] = np.exp(0.5j * (angle + np.angle(decay)))
-    return reading
+    return np.asarray(np.exp(0.5j * (angle + np.angle(decay))))

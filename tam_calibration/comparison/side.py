@@ -7,7 +7,7 @@ from numpy.linalg import lstsq
 
 from tam_calibration.comparison.noise import noise_of
 from tam_calibration.comparison.result import AxisNoise, Side
-from tam_calibration.core.elimination import Elimination
+from tam_calibration.core.normal_equations import Elimination
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.effects.removal import agreed_field
 from tam_calibration.gap.attitude_nominal import products_of
@@ -47,7 +47,7 @@ def side_of(source: SampleSource, array: Array, progress: Progress | None = None
         raise Refused(gap.statement)
     calibration = calibration_of(recording, found, gap, array, accept=ACCEPTABLE)
     residual, mixing = residual_of(calibration, recording, found.model)
-    noise = noise_of(recording.time_s, residual[:, :-1], mixing)
+    noise = noise_of(recording.time_s, residual[:, :-1], mixing, recording.interpolated_noise)
     if recording.scalar_T is not None:
         noise = (*noise, _noise_of_scalar(recording.time_s, residual[:, -1]))
     return Side(recording, array, gap, calibration, residual, noise, found)
@@ -129,8 +129,7 @@ def field_of(calibration: Calibration, quiet: Recording, model: Model) -> FloatA
     assert model.recording.attitude is not None
     products = products_of(model.recording.attitude)
     smooth_T = products @ lstsq(products, quiet.readings_T[:, 0], rcond=None)[0]
-    field: FloatArray = errors.restore(smooth_T[:, None])[:, 0]
-    return field
+    return errors.restore(smooth_T[:, None])[:, 0]
 
 
 def _noise_of_scalar(time_s: FloatArray, scalar_T: FloatArray) -> AxisNoise:

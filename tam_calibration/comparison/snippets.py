@@ -10,7 +10,7 @@ import numpy as np
 from tam_calibration.comparison.noise_stream import slow_modes
 from tam_calibration.comparison.result import Mend, NoiseTerm
 from tam_calibration.effects.library import effect_named
-from tam_calibration.model.fitted_effect import ALL, Contribution
+from tam_calibration.model.fitted_effect import ALL
 
 _STEP, _LIMITS = "step", ("lower limit", "upper limit")
 """Values of effects that a simulator has an element for: Gazebo for the step of rounding, MuJoCo for the range."""
@@ -100,7 +100,7 @@ def python_plugin(mend: Mend) -> str:
     arguments = ", ".join(["readings_T", "time_s", "scalar_T", *(f"{name}={name}" for name in given)])
     return (
         "from tam_calibration.comparison.additions import Additions\n"
-        "from tam_calibration.files.mend_yaml import read_mend\n"
+        "from tam_calibration.results.comparison_json import read_mend\n"
         "\n"
         'add = Additions(read_mend("mend.yaml"), seed=1)  # once; another seed for each run\n'
         f"readings_T, scalar_T = add({arguments})  # each sample, SI\n"
@@ -128,11 +128,8 @@ def _range_T(mend: Mend, sensor: int) -> float | None:
 def _value(mend: Mend, name: str, sensor: int, axis: int) -> float | None:
     """Return a value of an added effect at an axis; None where there is none."""
     parts = [part for fitted in mend.added for part in fitted.contributions]
-    return next((part.values[name] for part in parts if name in part.values and _acts_on(part, sensor, axis)), None)
-
-
-def _acts_on(part: Contribution, sensor: int, axis: int) -> bool:
-    return part.sensor in (sensor, ALL) and part.axis in (axis, None)
+    own = [part.values for part in parts if part.sensor in (sensor, ALL) and part.axis in (axis, None)]
+    return next((values[name] for values in own if name in values), None)
 
 
 def _not_held(mend: Mend, held: Collection[str]) -> Iterator[str]:

@@ -70,8 +70,7 @@ class Spectra:
     @property
     def frequency(self) -> FloatArray:
         """(B,) centres of the bands, cycles a sample."""
-        centre: FloatArray = (self.edges[1:] + self.edges[:-1]) / 2
-        return centre
+        return (self.edges[1:] + self.edges[:-1]) / 2
 
 
 def spectra_of(time_s: FloatArray, residual_T: FloatArray, mixing: FloatArray) -> Spectra:
@@ -124,16 +123,14 @@ def _course(residual: FloatArray) -> FloatArray:
     """Return the running medians (N, R), which outliers do not move."""
     from scipy.ndimage import median_filter
 
-    course: FloatArray = median_filter(residual, size=(_LONGEST_HOLE + 1, 1), mode="nearest")
-    return course
+    return np.asarray(median_filter(residual, size=(_LONGEST_HOLE + 1, 1), mode="nearest"))
 
 
 def _fits(deviation: FloatArray) -> NDArray[np.bool_]:
     """Return which samples (N,) have no outlier; a row that mostly stands still has none."""
     size = noise_deviation(deviation, axis=0)
     is_outlier: NDArray[np.bool_] = (np.abs(deviation) > _OUTLIER * size) & (size > 0)
-    fits: NDArray[np.bool_] = np.logical_not(is_outlier.any(axis=1))
-    return fits
+    return np.logical_not(is_outlier.any(axis=1))
 
 
 def _places(time_s: FloatArray, step_s: float) -> IntArray:
@@ -153,8 +150,7 @@ def _filled(place: IntArray, values: FloatArray) -> FloatArray:
     if is_hole.any():
         for own, course in zip(series, _course(values).T, strict=True):
             own[is_hole] = np.interp(every[is_hole], place, course)
-    centered: FloatArray = series - series.mean(axis=1, keepdims=True)
-    return centered
+    return np.asarray(series - series.mean(axis=1, keepdims=True))
 
 
 def _bounds(count: int) -> IntArray:
@@ -177,8 +173,7 @@ def _cross_spectra(series: FloatArray, bounds: IntArray) -> FloatArray:
         for own, (start, stop) in zip(cross, pairwise(bounds), strict=True):
             band = transform[:, start:stop]
             own += (band @ band.conj().T).real
-    mean: FloatArray = cross / (_TAPERS * np.diff(bounds)[:, None, None])
-    return mean
+    return np.asarray(cross / (_TAPERS * np.diff(bounds)[:, None, None]))
 
 
 def _unmixed(cross: FloatArray, reduced: FloatArray) -> FloatArray:
@@ -190,15 +185,13 @@ def _unmixed(cross: FloatArray, reduced: FloatArray) -> FloatArray:
         found = np.sum(weighted * (cross @ weighted), axis=1)
         power = power * found / np.sum(weighted * reduced, axis=1)
         power = np.maximum(power, np.maximum(_LEAST_PART * power.max(axis=1, keepdims=True), np.finfo(float).tiny))
-    unmixed: FloatArray = power
-    return unmixed
+    return np.asarray(power)
 
 
 def _weighted(power: FloatArray, reduced: FloatArray) -> FloatArray:
     """Return the inverse covariances of the residuals times the mixing, (B, r, R)."""
     covariance = (reduced * power[:, None]) @ reduced.T
-    weighted: FloatArray = np.linalg.solve(covariance, np.broadcast_to(reduced, (len(power), *reduced.shape)))
-    return weighted
+    return np.linalg.solve(covariance, np.broadcast_to(reduced, (len(power), *reduced.shape)))
 
 
 def _certainty(cross: FloatArray, bins: IntArray, reduced: FloatArray) -> FloatArray:
@@ -210,5 +203,4 @@ def _certainty(cross: FloatArray, bins: IntArray, reduced: FloatArray) -> FloatA
     shared = (np.swapaxes(_weighted(power, reduced), 1, 2) @ reduced) ** 2
     information = shared * power[:, :, None] * power[:, None]
     variance = np.diagonal(np.linalg.pinv(information, rcond=_LEAST_PART, hermitian=True), axis1=1, axis2=2)
-    certainty: FloatArray = 1 / np.maximum(variance, 1.0)
-    return certainty
+    return 1 / np.maximum(variance, 1.0)

@@ -73,8 +73,7 @@ def fields(degree: int, position_m: FloatArray) -> FloatArray:
     """
     power = np.stack([position_m**exponent / factorial(exponent) for exponent in range(degree)])
     products = np.stack([power[x, 0] * power[y, 1] * power[z, 2] for x, y, z in _monomials(degree)])
-    field: FloatArray = (_coefficients(degree) @ products).reshape(2 * degree + 1, 3, -1)
-    return field
+    return np.asarray((_coefficients(degree) @ products).reshape(2 * degree + 1, 3, -1))
 
 
 def _monomials(degree: int) -> list[tuple[int, int, int]]:

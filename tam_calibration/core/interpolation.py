@@ -21,6 +21,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.interpolated_noise import LAGS, InterpolatedNoise
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, IntArray
 
@@ -32,6 +33,9 @@ MOST_UNEVEN = 8
 
 LARGEST_ERROR = 0.049
 """Of even readings, over the field and (ωh)⁴: the largest of u_2 u_3 u_4 u_5 / 24 h⁴ - α between the last two."""
+
+_STRETCH, _STRETCHES = 256, 16
+"""Values that follow each other, and how many such stretches of a batch tell the correlation: to a hundredth."""
 
 Number = TypeVar("Number", float, FloatArray)
 _Five = tuple[Number, Number, Number, Number, Number]
@@ -98,7 +102,49 @@ def is_even(*times: Number) -> Any:
     return np.max(intervals, axis=0) <= MOST_UNEVEN * np.min(intervals, axis=0)
 
 
-def interpolated(times: IntArray, values: FloatArray, asked: IntArray) -> tuple[FloatArray, IntArray]:
+class Correlation:
+    """The correlation that white noise has after interpolation, summed up over values in the order of time.
+
+    Where a sensor is read less often than it is asked for, every n-th value counts, so that there is one a reading.
+    """
+
+    def __init__(self) -> None:
+        self._products, self._pairs = np.zeros(LAGS), np.zeros(LAGS)
+
+    def add(self, after: IntArray, weight: FloatArray) -> None:
+        """Add values, or some stretches of many.
+
+        Parameters
+        ----------
+        after : (n,) array of int
+            Number of the reading after each, not falling.
+        weight : (n, 5) array
+            The weights of the readings that make it.
+        """
+        if not len(after):
+            return
+        stride = max(round(len(after) / int(after[-1] - after[0] + 1)), 1)
+        after, weight = after[::stride], weight[::stride]
+        length = min(len(after), _STRETCH)
+        starts = np.linspace(0, len(after) - length, min(len(after) // length, _STRETCHES)).astype(int)
+        chosen = starts[:, None] + np.arange(length)
+        after, weight = after[chosen], weight[chosen]
+        for lag in range(1, min(LAGS, length - 1) + 1):
+            apart = after[:, lag:] - after[:, :-lag]
+            self._pairs[lag - 1] += apart.size
+            for shift in range(BEFORE + 1):
+                is_so = apart == shift
+                earlier, later = weight[:, :-lag, shift:][is_so], weight[:, lag:, : BEFORE + 1 - shift][is_so]
+                self._products[lag - 1] += np.sum(earlier * later)
+
+    @property
+    def values(self) -> FloatArray:
+        """(LAGS,) correlation of values that lie so many apart; 0 where there is no pair."""
+        known: FloatArray = self._products / np.maximum(self._pairs, 1)
+        return known
+
+
+def interpolated(times: IntArray, values: FloatArray, asked: IntArray) -> tuple[FloatArray, IntArray, FloatArray]:
     """Return the values of a sensor at other times than those of its readings.
 
     Parameters
@@ -116,6 +162,8 @@ def interpolated(times: IntArray, values: FloatArray, asked: IntArray) -> tuple[
         NaN where the readings tell none.
     after : (m,) array of int
         Place of the reading after each time; n where the readings tell none.
+    weight : (t, 5) array
+        Of the readings, at the times of which they tell.
     """
     after = np.searchsorted(times, asked, "right")
     inside = (after >= BEFORE) & (after < len(times))
@@ -124,10 +172,12 @@ def interpolated(times: IntArray, values: FloatArray, asked: IntArray) -> tuple[
     even = is_even(*relative)
     inside[inside] = even
     told = np.full((len(asked), values.shape[1]), np.nan)
-    parts = zip(weights(*relative[:, even]), around[even].T, strict=True)
-    oldest, first, second, third, last = (weight[:, None] * values[index] for weight, index in parts)
+    weight = np.column_stack(weights(*relative[:, even]))
+    oldest, first, second, third, last = (
+        each[:, None] * values[index] for each, index in zip(weight.T, around[even].T, strict=True)
+    )
     told[inside] = oldest + first + second + third + last
-    return told, np.where(inside, after, len(times))
+    return told, np.where(inside, after, len(times)), weight
 
 
 def without_delays(recording: Recording, delay_s: FloatArray) -> Recording:
@@ -152,16 +202,20 @@ def without_delays(recording: Recording, delay_s: FloatArray) -> Recording:
     """
     time_ns = np.round(1e9 * (recording.time_s - recording.time_s[0])).astype(np.int64)
     readings = recording.readings_T.copy()
+    correlation = np.zeros((recording.sensor_count, LAGS))
     for sensor in np.flatnonzero(delay_s[: recording.sensor_count]):
-        sensed_ns = time_ns - np.int64(round(1e9 * delay_s[sensor]))
-        readings[:, sensor] = interpolated(sensed_ns, recording.readings_T[:, sensor], time_ns)[0]
+        sensed_ns, own = time_ns - np.int64(round(1e9 * delay_s[sensor])), Correlation()
+        readings[:, sensor], after, weight = interpolated(sensed_ns, recording.readings_T[:, sensor], time_ns)
+        own.add(after[after < len(time_ns)], weight)
+        correlation[sensor] = own.values
     is_told = np.isfinite(readings).all(axis=(1, 2))
     if not is_told.any():
         raise InputError("the delays of the sensors are longer than the recording, or its samples lie too unevenly")
     if recording.scalar_T is not None and delay_s[recording.sensor_count :].any():
         recording = replace(recording, scalar_T=_moved(recording.time_s, recording.scalar_T, delay_s[-1]))
     index = np.flatnonzero(is_told)
-    return replace(recording.take(index), readings_T=readings[index])
+    noise = InterpolatedNoise(correlation, np.ones(recording.sensor_count))
+    return replace(recording.take(index), readings_T=readings[index], interpolated_noise=noise)
 
 
 def _moved(time_s: FloatArray, scalar_T: FloatArray, delay_s: float) -> FloatArray:

@@ -67,8 +67,7 @@ def whitening(matrix: FloatArray, least: float) -> FloatArray:
     inverse = np.divide(1, size, out=np.zeros_like(size), where=size > 0)
     values, vectors = np.linalg.eigh(matrix * np.outer(inverse, inverse))
     seen = values > least * values[-1]
-    white: FloatArray = inverse[:, None] * vectors[:, seen] / np.sqrt(values[seen])
-    return white
+    return np.asarray(inverse[:, None] * vectors[:, seen] / np.sqrt(values[seen]))
 
 
 def scaled(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -170,8 +169,7 @@ def _linearize(
 def _damped_step(normal: FloatArray, slope: FloatArray, damping: FloatArray) -> FloatArray:
     unit, scale = scaled(normal)
     damped = unit + damping[:, None, None] * np.eye(normal.shape[1])
-    step: FloatArray = np.linalg.solve(damped, (slope / scale)[..., None])[..., 0] / scale
-    return step
+    return np.linalg.solve(damped, (slope / scale)[..., None])[..., 0] / scale
 
 
 def _invert(normal: FloatArray) -> tuple[FloatArray, np.ndarray]:

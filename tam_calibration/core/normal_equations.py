@@ -1,10 +1,89 @@
-"""Normal equations of least squares: sums of outer products, which add up over samples, and their solution."""
+"""Normal equations of least squares: sums of outer products, which add up over samples, and their solution.
+
+The readings of a sample without bias are r = A b + ε: A the stacked matrices D Λ of its R = 3K rows, b the field, ε
+white noise of standard deviations σ. With W = diag(1/σ) the field that the sensors agree on is its weighted
+least-squares estimate; what the readings tell beside it lies along the directions across the columns of W A:
+
+    C = (Aᵀ W² A)⁻¹            covariance of the field,
+    b̂ = C Aᵀ W² r              the field; the 3 × R matrix before r unmixes the readings,
+    W A = [Q₁ Q₂] [T; 0]        a complete QR decomposition,
+    d = Q₂ᵀ W r                 the R - 3 differential channels: white, of unit variance, free of the field.
+
+b̂ and d are independent, and together they are all of r: rᵀ W² r = b̂ᵀ C⁻¹ b̂ + |d|². The field of each sample is a
+nuisance of three numbers. So the likelihood of the sensors' errors is that of d, and of the one number of b̂ that is
+known otherwise: its length |b̂|, of variance uᵀ C u along its direction u, against the scalar magnetometer.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.linalg import inv
 
+from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Elimination:
+    """The linear maps from the rows of a sample to its field and to its differential channels.
+
+    Parameters
+    ----------
+    unmixing : (3, R) array
+        C Aᵀ W²: from the readings without bias to the field.
+    covariance : (3, 3) array
+        C, of that field, in the square of its unit.
+    directions : (R, R - 3) array
+        W Q₂: ``readings @ directions`` are the differential channels, of unit variance.
+    """
+
+    unmixing: FloatArray
+    covariance: FloatArray
+    directions: FloatArray
+
+    @classmethod
+    def of(cls, response: FloatArray, weight: FloatArray) -> "Elimination":
+        """Return the elimination of an unknown field.
+
+        Parameters
+        ----------
+        response : (R, 3) array
+            A: what each row reads of the field.
+        weight : (R,) array
+            Inverse standard deviation of each row's noise; zero for a row that does not count.
+        """
+        weighted = weight[:, None] ** 2 * response
+        covariance = inv(response.T @ weighted)
+        basis, _ = np.linalg.qr(weight[:, None] * response, mode="complete")
+        return cls(covariance @ weighted.T, covariance, weight[:, None] * basis[:, 3:])
+
+    @classmethod
+    def of_sensors(cls, errors: SensorErrors, noise_T: FloatArray) -> "Elimination":
+        """Return the elimination for the readings of an array's sensors.
+
+        Parameters
+        ----------
+        errors : SensorErrors
+            Of the K sensors; their matrices D Λ are the response.
+        noise_T : (K,) array
+            Standard deviation of the noise of each sensor's axes, tesla.
+        """
+        return cls.of(errors.matrix.reshape(-1, 3), 1 / np.repeat(noise_T, 3))
+
+    @classmethod
+    def of_known_field(cls, weight: FloatArray) -> "Elimination":
+        """Return that of rows from which a field known otherwise is taken off: each is a channel of its own."""
+        return cls(np.zeros((3, len(weight))), np.zeros((3, 3)), np.diag(weight))
+
+    @property
+    def complement(self) -> FloatArray:
+        """(R, R) quadratic form W Q₂ Q₂ᵀ W of the differential channels' energy |d|² in the readings without bias."""
+        return self.directions @ self.directions.T
+
+    def variance_along(self, direction: FloatArray) -> FloatArray:
+        """Return the variance (N,) of the field along directions (3, N): uᵀ C u for u of unit length."""
+        return np.asarray(np.einsum("in,in->n", self.covariance @ direction, direction))
+
 
 _SMALL_PRODUCT = 900_000
 """Multiplications up to which OpenBLAS does a product without packing: above, as for A Aᵀ, it takes thrice as long."""
@@ -34,8 +113,7 @@ def ridged(information: FloatArray) -> FloatArray:
     """
     mean = np.asarray(np.trace(information, axis1=-2, axis2=-1) / information.shape[-1])
     size = np.where(mean > 0, mean, 1.0)
-    added: FloatArray = information + _RIDGE * size[..., None, None] * np.eye(information.shape[-1])
-    return added
+    return information + _RIDGE * size[..., None, None] * np.eye(information.shape[-1])
 
 
 @dataclass(frozen=True, eq=False)

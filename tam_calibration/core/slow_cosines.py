@@ -22,5 +22,4 @@ BLOCKS = 4 * COSINES
 def slow_cosines() -> FloatArray:
     """Return the cosines (BLOCKS, COSINES) of 1, 2, … half periods in all blocks, of unit mean square."""
     phase = np.pi * (np.arange(BLOCKS) + 0.5) / BLOCKS
-    cosines: FloatArray = np.sqrt(2) * np.cos(np.outer(phase, np.arange(1, COSINES + 1)))
-    return cosines
+    return np.asarray(np.sqrt(2) * np.cos(np.outer(phase, np.arange(1, COSINES + 1))))

@@ -1,7 +1,11 @@
-"""What no sensor of an array is: a calibration beyond these limits is of another unit, or went wrong."""
+"""What no sensor of an array is: a calibration beyond these limits is of another unit, or went wrong.
+
+Nor should the corrected field be longer or shorter than the scalar magnetometer beside the array reads it.
+"""
 
 from collections.abc import Collection
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -12,6 +16,7 @@ from tam_calibration.model.units import FloatArray, from_degrees, to_degrees, to
 LIMITS = {
     "bias": "a reading in zero field beyond the range of sensors of the Earth's field",
     "non_orthogonality": "axes far from being orthogonal",
+    "one_sensor": "two channels with the same errors, as if both read one sensor",
     "residual": "intensities far from those of the field",
     "scale_factor": "an axis in another unit, or of another gain, than the others",
 }
@@ -26,6 +31,18 @@ _LARGEST_NON_ORTHOGONALITY = from_degrees(15.0)
 _LARGEST_BIAS_T = 2e-3
 """Tesla: beyond the range of sensors that read the field of the Earth; beside the magnets of a phone it is 0.6 mT."""
 
+_FEWEST_TOLD_APART = 3
+"""Sensors of which two may have the same errors and others not."""
+
+_SAME_ERRORS = 44.0
+"""Squared distance of two sensors' twelve errors over its variance; by chance one pair in a thousand has more.
+
+12 + 2 √(12 ln 1000) + 2 ln 1000, by Laurent and Massart 2000, lemma 1.
+"""
+
+_OTHER_ERRORS = 100.0
+"""Times that distance, by which errors must differ from those of an ideal sensor: others are small, or unknown."""
+
 _LARGEST_RESIDUAL = 0.05
 """Part of the intensity, some 2.5 µT, that the fit may leave: twice what a phone's chip leaves beside its currents."""
 
@@ -37,6 +54,7 @@ def beyond_limits(calibration: Calibration) -> dict[str, str]:
         "scale_factor": _scale_factor(errors.scale_factor),
         "non_orthogonality": _non_orthogonality(errors.non_orthogonality),
         "bias": _bias(errors.bias_T),
+        "one_sensor": _one_sensor(calibration),
         "residual": _residual(calibration.in_sample.sensor_intensity_T, calibration.intensity_T),
     }
     return {name: sentence for name, sentence in found.items() if sentence}
@@ -105,7 +123,102 @@ def _residual(residual_T: FloatArray, intensity_T: float) -> str:
     )
 
 
+def _one_sensor(calibration: Calibration) -> str:
+    """Compare the errors of each two sensors; where those of all are equal, a simulator gave all the same."""
+    errors, covariance, count = calibration.errors.to_vector(), calibration.covariance, calibration.errors.sensor_count
+    if covariance is None or count < _FEWEST_TOLD_APART:
+        return ""
+    blocks = covariance.reshape(count, 12, count, 12)
+
+    def distance(difference: FloatArray, spread: FloatArray) -> float:
+        scale = np.sqrt(np.diag(spread))
+        known = scale > 0
+        whitened = difference[known] / scale[known]
+        correlation = spread[np.ix_(known, known)] / np.outer(scale[known], scale[known])
+        return float(whitened @ np.linalg.pinv(correlation, hermitian=True) @ whitened)
+
+    same = []
+    for one, other in combinations(range(count), 2):
+        own, its, shared = blocks[one, :, one], blocks[other, :, other], blocks[one, :, other]
+        if distance(errors[one] - errors[other], own + its - shared - shared.T) < _SAME_ERRORS:
+            same.append((one, other))
+    if not same or len(same) == count * (count - 1) // 2:
+        return ""
+    one, other = same[0]
+    if distance(errors[other] - np.repeat([1.0, 0.0], [3, 9]), blocks[other, :, other]) < _OTHER_ERRORS * _SAME_ERRORS:
+        return ""
+    return (
+        f"sensors {one + 1} and {other + 1} have the same errors, all twelve within their standard errors: both "
+        "channels seem to read one sensor, look at the wiring and at the multiplexer"
+    )
+
+
 def _worst(values: FloatArray, size: FloatArray) -> tuple[int, str, float]:
     """Return sensor, counted from 1, axis and value where a size (K, 3) is largest."""
     sensor, axis = divmod(int(np.argmax(size)), 3)
     return sensor + 1, "xyz"[axis], float(values[sensor, axis])
+
+
+_DOUBTFUL_RATIO = 3.0
+"""Residual over the noise floor, or over what the fit left, above which a new calibration is advised."""
+
+_WRONG_PART = 0.01
+"""Part of the intensity, some 500 nT: more in most samples is the calibration of another array, or another unit."""
+
+
+@dataclass
+class ScalarAgreement:
+    """The residuals |B| − scalar of samples that have both.
+
+    Parameters
+    ----------
+    samples : int
+        How many there are.
+    wrong : int
+        Those whose residual exceeds a hundredth of the intensity.
+    squares_T2 : float
+        Sum of the squares of the residuals.
+    """
+
+    samples: int = 0
+    wrong: int = 0
+    squares_T2: float = 0.0
+
+    def add(self, field_T: FloatArray, scalar_T: FloatArray) -> None:
+        """Add samples.
+
+        Parameters
+        ----------
+        field_T : (N, 3) array
+            Corrected field at the centre, tesla; NaN where it is not determined.
+        scalar_T : (N,) array
+            Readings of the scalar magnetometer, tesla; NaN where there is none.
+        """
+        residual = np.linalg.norm(field_T, axis=1) - scalar_T
+        is_known = np.isfinite(residual)
+        self.samples += int(np.count_nonzero(is_known))
+        self.wrong += int(np.count_nonzero(np.abs(residual[is_known]) > _WRONG_PART * scalar_T[is_known]))
+        self.squares_T2 += float(np.sum(residual[is_known] ** 2))
+
+    @property
+    def residual_T(self) -> float:
+        """Root mean square of the residuals, tesla; NaN where there is none."""
+        return float(np.sqrt(self.squares_T2 / self.samples)) if self.samples else np.nan
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether most samples are off by more than any use of this calibration makes them."""
+        return 2 * self.wrong > self.samples
+
+    def is_doubtful(self, calibration: Calibration) -> bool:
+        """Whether the residual is larger than the calibration left it."""
+        least_T = max(calibration.floor.center_intensity_T, calibration.in_sample.center_intensity_T)
+        return self.residual_T > _DOUBTFUL_RATIO * least_T
+
+    def sentence(self, calibration: Calibration) -> str:
+        """Return the residual beside the noise floor, and what to do where they do not fit."""
+        floor_nT = to_nanotesla(calibration.floor.center_intensity_T)
+        compared = f"|B| − scalar is {to_nanotesla(self.residual_T):.3g} nT, noise floor {floor_nT:.3g} nT"
+        if self.is_wrong:
+            return f"{compared}: the calibration is not of this array, or a sensor or the scalar has another unit"
+        return f"{compared}: calibrate again" if self.is_doubtful(calibration) else compared

@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from importlib import import_module
+from typing import Any, Literal, overload
 
 import numpy as np
 from numpy.linalg import inv
@@ -12,9 +14,10 @@ from tam_calibration.correction.update import Update
 from tam_calibration.effects.removal import added_to, of_sensors, removable
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.extras import require
 from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.residuals import Residuals
+from tam_calibration.model.residuals import Residuals, ResidualSeries, residual_series
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, IntArray
 
@@ -101,7 +104,7 @@ FRAME_STATEMENT = (
 )
 _SCALE_STATEMENT = (
     "Without a scalar reference the absolute scale is unknown: the determinants of the matrices are given the "
-    "geometric mean 1, and the intensity is told on that scale."
+    "geometric mean 1, and the intensity is on that scale too. --place LAT,LON,DATE takes the intensity from IGRF."
 )
 _GRADIENT_STATEMENT = (
     "The field of the recording was taken to have a gradient, the same throughout in the world of the attitude; it was "
@@ -134,6 +137,8 @@ class Corrected:
         Of the outputs of samples that lack sensors, by what they lack.
     scalar_T : (N,) array, optional
         What the scalar magnetometer read, less what effects add to it, tesla; None where there is none.
+    remarks : tuple of str
+        Readings that are missing, a clause for each sensor and reason.
 
     Examples
     --------
@@ -151,6 +156,7 @@ class Corrected:
     missing: IntArray | None = None
     covariances: Mapping[int, FloatArray] = field(default_factory=dict)
     scalar_T: FloatArray | None = None
+    remarks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,6 +225,11 @@ class Calibration:
     array([ 36.,  22., -24.])
     >>> calibration.standard_errors.shape, calibration.has_scalar_reference
     ((4, 12), True)
+    >>> outputs, standard_errors = calibration.apply(made.recording.readings_T, with_errors=True)
+    >>> residuals = calibration.residuals(made.recording)
+    >>> (residuals.sensor_intensity_T.std(axis=0) * 1e9).round()  # nT, as the noise of the sensors
+    array([1., 1., 1., 1.])
+    >>> calibration.plot(made.recording).savefig("calibration.png")
     """
 
     method: str
@@ -326,12 +337,14 @@ class Calibration:
         (9, 9) array
             As ``output_covariance``.
         """
-        noise = matrix * np.repeat(self.array.vector_noise_T**2, 3) @ matrix.T
-        effects = sum((size.standard_errors**2 for size in self.effect_sizes), start=np.zeros(9))
-        covariance: FloatArray = (
-            noise + self._calibration_covariance(matrix) + np.diag(self.growth_of(matrix) * effects)
-        )
+        covariance: FloatArray = self._noise_covariance(matrix) + self._calibration_covariance(matrix)
         return covariance
+
+    def _noise_covariance(self, matrix: FloatArray) -> FloatArray:
+        """Return the part of ``covariance_of`` that sensor noise and effects make."""
+        effects = sum((size.standard_errors**2 for size in self.effect_sizes), start=np.zeros(9))
+        noise: FloatArray = matrix * np.repeat(self.array.vector_noise_T**2, 3) @ matrix.T
+        return noise + np.diag(self.growth_of(matrix) * effects)
 
     def growth_of(self, matrix: FloatArray) -> FloatArray:
         """Return by how much the noise of the outputs that a matrix makes exceeds that of all sensors.
@@ -350,17 +363,23 @@ class Calibration:
         return growth
 
     def _calibration_covariance(self, matrix: FloatArray) -> FloatArray:
+        """Return the part of ``covariance_of`` that errors of the calibration make, the mean over all directions."""
         if self.covariance is None:
             return np.zeros((9, 9))
-        sensor_count = self.errors.sensor_count
-        # d output = -C_i (dM_i b + do_i)
-        sensors = matrix.reshape(9, sensor_count, 3)
-        by_parameter = np.einsum("rki,kidp->rdkp", sensors, self.errors.jacobian()).reshape(9, 4, -1)
+        by_parameter = self._by_parameter(matrix).reshape(9, 4, -1)
         mean_square = np.array([*[self.intensity_T**2 / 3] * 3, 1.0])
         covariance: FloatArray = np.einsum(
             "rdp,pq,sdq,d->rs", by_parameter, self.covariance, by_parameter, mean_square, optimize=True
         )
         return covariance
+
+    def _by_parameter(self, matrix: FloatArray) -> FloatArray:
+        """Return (9, 4, K, 12) derivatives of the outputs by the parameters for each component of the field, and 1."""
+        # d output = -C_i (dM_i b + do_i)
+        derivatives: FloatArray = np.einsum(
+            "rki,kidp->rdkp", matrix.reshape(9, self.errors.sensor_count, 3), self.errors.jacobian()
+        )
+        return derivatives
 
     def correct(self, recording: Recording) -> Corrected:
         """Return the centre vector and gradient tensor of raw readings, what the effects of the sensors add taken off.
@@ -435,22 +454,87 @@ class Calibration:
         scalar = None if recording.scalar_T is None else recording.scalar_T - added[:, -1]
         return replace(recording, readings_T=readings, scalar_T=scalar)
 
-    def apply(self, readings_T: FloatArray) -> FloatArray:
+    def residuals(self, recording: Recording) -> ResidualSeries:
+        """Return the residuals of a recording in a uniform field, effects of the calibration removed.
+
+        Parameters
+        ----------
+        recording : Recording
+            N samples of the array that was calibrated; without a scalar the calibration's intensity is the reference.
+
+        Returns
+        -------
+        ResidualSeries
+            Intensity less the reference of each sensor (N, K) and of the centre (N,), tesla; gradient tensor (N, 5),
+            T/m.
+
+        Raises
+        ------
+        InputError
+            As ``correct``.
+        """
+        return residual_series(self.errors, self.array, self.without_effects(recording), self.intensity_T)
+
+    def plot(self, recording: Recording) -> Any:
+        """Draw the residuals of a recording over time, before and after calibration, and the directions of its field.
+
+        Parameters
+        ----------
+        recording : Recording
+            Of the array that was calibrated.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Save it with ``savefig``.
+
+        Raises
+        ------
+        InputError
+            As ``correct``, or when matplotlib is not installed.
+        """
+        require("report", "Calibration.plot")
+        figures = import_module("tam_calibration.report.calibration_figure")  # a room above: loaded when it is used
+        return figures.plot_calibration(self, recording)
+
+    @overload
+    def apply(self, readings_T: FloatArray, with_errors: Literal[False] = False) -> FloatArray: ...
+
+    @overload
+    def apply(self, readings_T: FloatArray, with_errors: Literal[True]) -> tuple[FloatArray, FloatArray]: ...
+
+    def apply(self, readings_T: FloatArray, with_errors: bool = False) -> FloatArray | tuple[FloatArray, FloatArray]:
         """Return the outputs of readings that no effect adds to; no sample depends on its neighbours.
 
         Parameters
         ----------
         readings_T : (N, K, 3) array
             Raw readings along the sensors' own axes, tesla.
+        with_errors : bool
+            Whether to return the standard errors too. Unlike ``output_standard_errors``, which is their root mean
+            square over all directions, they are for the field of each sample.
 
         Returns
         -------
-        (N, 9) array
-            Outputs in the order of ``array.OUTPUT_NAMES``, array frame, tesla and T/m.
+        (N, 9) array, or two of them
+            Outputs in the order of ``array.OUTPUT_NAMES``, array frame, tesla and T/m; standard errors of each.
         """
         unbiased = (readings_T - self.errors.bias_T).reshape(len(readings_T), -1)
         outputs: FloatArray = np.einsum("nj,ij->ni", unbiased, self.correction_matrix)
-        return outputs
+        return (outputs, self._standard_errors_of(readings_T)) if with_errors else outputs
+
+    def _standard_errors_of(self, readings_T: FloatArray) -> FloatArray:
+        """Return the (N, 9) standard errors of the outputs of readings."""
+        variance = np.tile(np.diag(self._noise_covariance(self.correction_matrix)), (len(readings_T), 1))
+        if self.covariance is not None:
+            field_T = np.pad(self.errors.restore(readings_T), ((0, 0), (0, 0), (0, 1)), constant_values=1.0)
+            field_T = field_T.reshape(len(field_T), -1)
+            covariance = self.covariance.reshape(-1, 12, self.errors.sensor_count, 12)
+            for output, by_parameter in enumerate(self._by_parameter(self.correction_matrix)):
+                quadratic = np.einsum("dkp,kplq,clq->kdlc", by_parameter, covariance, by_parameter, optimize=True)
+                variance[:, output] += ((field_T @ quadratic.reshape(field_T.shape[1], -1)) * field_T).sum(axis=1)
+        errors: FloatArray = np.sqrt(variance)
+        return errors
 
     def _check(self, recording: Recording) -> None:
         if recording.sensor_count != self.errors.sensor_count:

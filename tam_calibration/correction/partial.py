@@ -17,11 +17,47 @@ from itertools import combinations
 
 import numpy as np
 
-from tam_calibration.core.elimination import Elimination
+from tam_calibration.core.normal_equations import Elimination
 from tam_calibration.correction.calibration import Calibration, Corrected
+from tam_calibration.effects.removal import EffectStream, linear_effect, of_array
 from tam_calibration.model.array import OUTPUT_NAMES
+from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, IntArray
+
+
+class Unaffected:
+    """Takes the effects that go with the array off batches of samples, in the order of time.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        With effects or without.
+
+    Raises
+    ------
+    InputError
+        When an effect can only be taken off a whole recording.
+    """
+
+    def __init__(self, calibration: Calibration) -> None:
+        effects = of_array(calibration.effects)
+        if late := [fitted.effect for fitted in effects if not linear_effect(fitted).is_causal]:
+            raise InputError(
+                f"the calibration has the effect {late[0]}, which needs later samples to be taken off: "
+                "use a calibration without it"
+            )
+        self._stream = EffectStream(effects, calibration.errors, calibration.array) if effects else None
+
+    def of(self, recording: Recording) -> Recording:
+        """Return the samples without the effects; those whose channels do not tell them are left out."""
+        if self._stream is None:
+            return recording
+        added = self._stream.added(recording)
+        readings = recording.readings_T - added.rows_T[:, :-1].reshape(recording.readings_T.shape)
+        scalar = None if recording.scalar_T is None else recording.scalar_T - added.rows_T[:, -1]
+        return replace(recording, readings_T=readings, scalar_T=scalar).take(np.asarray(added.is_known.all(axis=1)))
+
 
 _DETERMINED = 1e-6
 """Part of an output, at most, that may lie outside what the sensors see: rounding, and a micrometre of a metre."""
@@ -41,8 +77,7 @@ def missing_codes(readings_T: FloatArray) -> IntArray:
         0 where all sensors are there.
     """
     is_missing = np.isnan(readings_T).any(axis=2)
-    codes: IntArray = is_missing @ (1 << np.arange(readings_T.shape[1]))
-    return codes
+    return is_missing @ (1 << np.arange(readings_T.shape[1]))
 
 
 def sensors_of(code: int) -> tuple[int, ...]:
@@ -72,8 +107,7 @@ class PartialOutputs:
     @cached_property
     def standard_errors(self) -> FloatArray:
         """(9,) standard errors of the outputs."""
-        errors: FloatArray = np.sqrt(np.diag(self.covariance))
-        return errors
+        return np.sqrt(np.diag(self.covariance))
 
     @property
     def not_determined(self) -> tuple[str, ...]:

@@ -11,12 +11,10 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.core.harmonics import derivatives, fields
-from tam_calibration.effects.covariates import LEAST_TURN, Covariates, to_world, turn_spread
-from tam_calibration.effects.effect import Limit, LinearEffect, SurrogateKind
-from tam_calibration.effects.term import Coefficient, Term
+from tam_calibration.effects.covariates import LEAST_TURN, to_world, turn_spread
+from tam_calibration.effects.effect import ALL, Coefficient, Covariates, Limit, LinearEffect, Shape, SurrogateKind, Term
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.fitted_effect import ALL, Shape
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
@@ -35,8 +33,7 @@ def turned(tensors: FloatArray, attitude: FloatArray) -> FloatArray:
     from scipy.spatial.transform import Rotation
 
     matrix = Rotation.from_quat(attitude).as_matrix()[:, None]
-    in_array: FloatArray = np.swapaxes(matrix, 2, 3) @ tensors @ matrix
-    return in_array
+    return np.asarray(np.swapaxes(matrix, 2, 3) @ tensors @ matrix)
 
 
 def gradient_field(gradient_T_per_m: FloatArray, attitude: FloatArray, positions_m: FloatArray) -> FloatArray:
@@ -52,8 +49,7 @@ def gradient_field(gradient_T_per_m: FloatArray, attitude: FloatArray, positions
         Positions in the array frame, metres.
     """
     tensors = turned(gradient_T_per_m[None], attitude)[:, 0]
-    field: FloatArray = np.einsum("nij,pj->npi", tensors, positions_m)
-    return field
+    return np.asarray(np.einsum("nij,pj->npi", tensors, positions_m))
 
 
 def require_attitude(recording: Recording) -> Recording:
@@ -186,8 +182,7 @@ def _signal_at(degree: int, position_m: FloatArray, matrix: FloatArray, rotation
     """
     in_world = fields(degree, np.tensordot(position_m, rotation, axes=(0, 1)))
     reading = np.einsum("rjn,ijn->rin", np.broadcast_to(matrix, (*matrix.shape[:2], rotation.shape[2])), rotation)
-    seen: FloatArray = np.einsum("rin,pin->rpn", reading, in_world).reshape(-1, rotation.shape[2])
-    return seen
+    return np.asarray(np.einsum("rin,pin->rpn", reading, in_world).reshape(-1, rotation.shape[2]))
 
 
 def _has_distant_scalar(array: Array) -> bool:

@@ -8,12 +8,11 @@ import numpy as np
 from numpy.linalg import norm
 from numpy.typing import NDArray
 
-from tam_calibration.effects.change_points import Path, without
-from tam_calibration.effects.covariates import Covariates
-from tam_calibration.effects.effect import Limit, LinearEffect, SurrogateKind
+from tam_calibration.effects.change_points import Path, StepEffect, is_on, shape_of, without
+from tam_calibration.effects.effect import Covariates, Limit
 from tam_calibration.effects.grades import LEAST_SAMPLES, MINOR, NEGLIGIBLE
 from tam_calibration.effects.saturation import inside_range
-from tam_calibration.effects.spikes import without_spikes_of_motion
+from tam_calibration.effects.spikes import without_spikes
 from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect, Shape
 from tam_calibration.model.recording import Recording
@@ -64,8 +63,7 @@ def gross_bias_jump(recording: Recording) -> FittedEffect | None:
     jump = sums.jump(best)
     if one < LEAST_FALL * two or norm(jump, axis=1).max() < MINOR:
         return None
-    middle = (recording.time_s[1:] + recording.time_s[:-1]) / 2
-    shape = {name: float(middle[cut - 1]) for name, cut in zip(("time_s", "end_s"), best, strict=True) if cut < count}
+    shape = shape_of(recording.time_s, [cut - 1 for cut in best if cut < count])
     contributions = tuple(
         Contribution(sensor, axis, "offset", {"offset": float(jump[sensor, axis] * sums.unit_T[sensor])})
         for sensor in range(recording.sensor_count)
@@ -104,8 +102,7 @@ class _Sums:
     def residual_energy(self, cuts: NDArray[np.intp]) -> FloatArray:
         """Return the residual energies (C,) of two spheres, one between each pair of cuts (C, 2), one outside."""
         inside = self.total[cuts[:, 1]] - self.total[cuts[:, 0]]
-        squares: FloatArray = np.sum(self._fit(inside)[1] + self._fit(self.total[-1] - inside)[1], axis=1)
-        return squares
+        return np.asarray(np.sum(self._fit(inside)[1] + self._fit(self.total[-1] - inside)[1], axis=1))
 
     def jump(self, cuts: NDArray[np.intp]) -> FloatArray:
         """Return the offset of the sphere between two cuts from the other, (K, 3), in units of the field."""
@@ -126,7 +123,7 @@ _MOST_OF_ROWS = 3
 """Rows whose best times are tried for all rows: those in which a jump explains most."""
 
 
-class BiasJump(LinearEffect):
+class BiasJump(StepEffect):
     """Offsets of axes change at one time, for good or until another time."""
 
     name: ClassVar[str] = "bias_jump"
@@ -136,14 +133,9 @@ class BiasJump(LinearEffect):
         "(Ripka, Magnetic Sensors and Magnetometers, Artech House, 2001: perming); its time is where the cumulative "
         "sum of the residuals turns (Page, Continuous inspection schemes, Biometrika 41, 1954, p. 100)."
     )
+    told_of_samples: ClassVar[str] = "a jump"
     excitation: ClassVar[str] = "turn through the same attitudes before and after the jump"
     may_be: ClassVar[tuple[str, ...]] = ("temperature_drift",)
-    is_free_in_time: ClassVar[bool] = True
-    is_step: ClassVar[bool] = True
-    may_repeat: ClassVar[bool] = True
-    has_exact_shapes: ClassVar[bool] = True
-    surrogates: ClassVar[SurrogateKind] = "at_other_times"
-    shape_units: ClassVar[dict[str, str]] = {"time_s": "s", "end_s": "s"}
     limits: ClassVar[Mapping[str, Limit]] = {
         "offset": Limit(
             1e-2,
@@ -152,12 +144,6 @@ class BiasJump(LinearEffect):
             "T",
         )
     }
-
-    def obstacle(self, covariates: Covariates) -> str | None:
-        """Return that the recording is too short, where it is."""
-        if covariates.sample_count < LEAST_SAMPLES:
-            return f"{covariates.sample_count} samples are too few to tell a jump"
-        return None
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
         """Return the times, and pairs of times, at which jumps of one row or of all explain most, of all samples.
@@ -171,23 +157,14 @@ class BiasJump(LinearEffect):
         residuals : WhitenedResiduals
             Of the same N samples.
         """
-        if covariates.sample_count < LEAST_SAMPLES:
-            return []
         intensity = float(np.median(covariates.intensity_T))
-        middle = (covariates.time_s[1:] + covariates.time_s[:-1]) / 2
-        whole, *rows = (path.best() for path in _paths(without_spikes_of_motion(inside_range(residuals))))
+        whole, *rows = (path.best() for path in _paths(without_spikes(inside_range(residuals), of_motion=True)))
         ranked = [sorted((row[kind] for row in rows), key=lambda jump: -jump.gain)[:_MOST_OF_ROWS] for kind in range(2)]
         cuts = dict.fromkeys(jump.cuts for jump in (*whole, *ranked[0], *ranked[1]) if jump.gain > 0)
-        shapes: list[Shape] = [
-            dict(zip(self.shape_units, (float(middle[cut]) for cut in found), strict=False)) for found in cuts
-        ]
+        shapes: list[Shape] = [shape_of(covariates.time_s, found) for found in cuts]
         is_small = covariates.follows_attitude or np.sqrt(np.mean(residuals.row_shift_T**2)) < NEGLIGIBLE * intensity
         gross = None if is_small else gross_bias_jump(residuals.recording)
         return shapes if gross is None else [gross.shape, *shapes]
-
-    def always(self, shape: Shape) -> Shape | None:
-        """Return the shape of a jump before the first sample."""
-        return {"time_s": -np.inf}
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
         """Return an offset of each row from the one time on, until the other where there is one.
@@ -199,8 +176,7 @@ class BiasJump(LinearEffect):
         shape : Shape
             ``time_s`` of the jump and, where it ends, ``end_s``, seconds.
         """
-        is_off = (covariates.time_s < shape["time_s"]) | (covariates.time_s >= shape.get("end_s", np.inf))
-        step = np.where(is_off, 0.0, 1.0)[:, None]
+        step = is_on(covariates.time_s, shape)[:, None].astype(float)
         parts = [Coefficient("offset", "T")]
         return [Term.of_row(covariates, row, "offset", parts, step) for row in range(covariates.scalar_row + 1)]
 

@@ -4,11 +4,14 @@ Every place is tried at the cost of one: a change behind a sample explains what 
 there on (Page, Continuous inspection schemes, Biometrika 41, 1954, p. 100).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.effects.effect import LinearEffect, Shape, SurrogateKind
 from tam_calibration.effects.grades import LONGEST_BURST
 from tam_calibration.model.units import FloatArray
 
@@ -97,8 +100,7 @@ class Path:
         left = information - nuisance.transpose(0, 2, 1) @ nuisance
         left += np.diag(np.maximum(_PRECISE * whole, np.finfo(float).tiny))
         values = score / left if left.shape[1] == 1 else np.linalg.solve(left, score)
-        gain: FloatArray = np.sum(score * values, axis=(1, 2)) * enough
-        return gain
+        return np.asarray(np.sum(score * values, axis=(1, 2)) * enough)
 
     def _pair(self, start: int, cuts: NDArray[np.intp]) -> Change:
         """Return a pair of changes at some samples, a local optimum in each of the two times."""
@@ -141,5 +143,31 @@ def without(residual: FloatArray, nuisance: FloatArray) -> tuple[FloatArray, Flo
 
 def _summed(left: FloatArray, right: FloatArray) -> FloatArray:
     """Return the sums (N - 1, P, Q) of products of values (N, P) and (N, Q) up to each sample but the last."""
-    total: FloatArray = np.cumsum(left[:, :, None] * right[:, None, :], axis=0)[:-1]
-    return total
+    return np.cumsum(left[:, :, None] * right[:, None, :], axis=0)[:-1]
+
+
+class StepEffect(LinearEffect):
+    """What begins at a time, and may end at another."""
+
+    is_free_in_time: ClassVar[bool] = True
+    is_step: ClassVar[bool] = True
+    may_repeat: ClassVar[bool] = True
+    has_exact_shapes: ClassVar[bool] = True
+    surrogates: ClassVar[SurrogateKind] = "at_other_times"
+    shape_units: ClassVar[dict[str, str]] = {"time_s": "s", "end_s": "s"}
+
+    def always(self, shape: Shape) -> Shape | None:
+        """Return the same without its times."""
+        return {"time_s": -np.inf}
+
+
+def shape_of(time_s: FloatArray, cuts: Sequence[int]) -> dict[str, float]:
+    """Return the times of a step that begins, and may end, behind some samples (one or two of N)."""
+    before = np.array(cuts)
+    middle = (time_s[before + 1] + time_s[before]) / 2
+    return dict(zip(StepEffect.shape_units, middle.tolist(), strict=False))
+
+
+def is_on(time_s: FloatArray, shape: Shape) -> NDArray[np.bool_]:
+    """Return at which of (N,) times a step has begun and not ended."""
+    return np.asarray((time_s >= shape["time_s"]) & (time_s < shape.get("end_s", np.inf)))

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.linalg import norm
 from numpy.typing import NDArray
 
+from tam_calibration.effects.displaced import AgainstOthers
 from tam_calibration.effects.grades import NOTABLE
 from tam_calibration.effects.motion import is_chance
-from tam_calibration.effects.other_sensors import AgainstOthers
 from tam_calibration.effects.term import WhitenedResiduals
 from tam_calibration.model.units import FloatArray
 
@@ -140,14 +140,12 @@ class _Hinge:
     @cached_property
     def _end(self) -> FloatArray:
         """(N,) 1 on the upper side of the axis, -1 on the lower."""
-        end: FloatArray = np.where(self.against.expected_T[:, self.axis] > 0, 1.0, -1.0)
-        return end
+        return np.where(self.against.expected_T[:, self.axis] > 0, 1.0, -1.0)
 
     @cached_property
     def _height(self) -> FloatArray:
         """(N,) magnitude of the reading that is expected of the axis, tesla."""
-        height: FloatArray = np.abs(self.against.expected_T[:, self.axis])
-        return height
+        return np.abs(self.against.expected_T[:, self.axis])
 
     @cached_property
     def _functions(self) -> FloatArray:

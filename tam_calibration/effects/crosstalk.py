@@ -6,13 +6,9 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from tam_calibration.effects.covariates import Covariates
-from tam_calibration.effects.effect import Limit, LinearEffect
-from tam_calibration.effects.grades import LEAST_SAMPLES
+from tam_calibration.effects.effect import Coefficient, Covariates, Limit, LinearEffect, Shape, Term, WhitenedResiduals
 from tam_calibration.effects.motion import jumps
 from tam_calibration.effects.switching import WINDOW_UNITS, Level, Switching, in_windows, settled_strongest
-from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
-from tam_calibration.model.fitted_effect import Shape
 from tam_calibration.model.units import FloatArray
 
 if TYPE_CHECKING:
@@ -47,6 +43,7 @@ class Crosstalk(LinearEffect):
         "always or while it is in a hurry, and open switches and parallel wires let through part of another channel's "
         "signal while it is connected (Kester, The Data Conversion Handbook, Newnes, 2005, chapter 7)."
     )
+    told_of_samples: ClassVar[str] = "a motion or windows"
     excitation: ClassVar[str] = "turn the array fast and about all axes, so that the channels differ and change"
     is_causal: ClassVar[bool] = False
     is_of_one_sensor: ClassVar[bool] = True
@@ -54,12 +51,6 @@ class Crosstalk(LinearEffect):
     limits: ClassVar[Mapping[str, Limit]] = {
         "bleed": Limit(1.0, "an input that nothing drives keeps the whole charge of the one before it; Kester 2005")
     }
-
-    def obstacle(self, covariates: Covariates) -> str | None:
-        """Return that the recording is too short, where it is."""
-        if covariates.sample_count < LEAST_SAMPLES:
-            return f"{covariates.sample_count} samples are too few to tell a motion or windows"
-        return None
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
         """Return how late it is, where there is continuous motion, and the windows in which an axis bleeds most.
@@ -131,8 +122,7 @@ def _turned(course: "CubicSpline", time_s: FloatArray) -> FloatArray:
     field, rate = course(begin), course(begin, 1)
     speed = max(float(np.linalg.norm(rate) / np.linalg.norm(field)), np.finfo(float).tiny)
     phase = speed * (time_s - begin)[:, None]
-    turned: FloatArray = np.cos(phase) * field + np.sin(phase) * rate / speed
-    return turned
+    return np.asarray(np.cos(phase) * field + np.sin(phase) * rate / speed)
 
 
 def _windows(covariates: Covariates, residuals: WhitenedResiduals) -> Switching | None:
@@ -159,5 +149,4 @@ def _bleeding(covariates: Covariates, residuals: WhitenedResiduals, row: int) ->
     size = np.einsum("bni,bnj->bij", information * field, field)
     score = np.einsum("bni,bn->bi", information * field, shift)
     response = np.einsum("bij,bj->bi", np.linalg.pinv(size + size.mean(axis=0), hermitian=True), score)
-    along: FloatArray = np.linalg.eigh(response.T @ response)[1][:, -1]
-    return along
+    return np.linalg.eigh(response.T @ response)[1][:, -1]

@@ -5,12 +5,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.covariates import Covariates
-from tam_calibration.effects.effect import Limit, LinearEffect, SurrogateKind
+from tam_calibration.effects.covariates import lagged
+from tam_calibration.effects.effect import Covariates, Limit, LinearEffect, Shape, SurrogateKind
 from tam_calibration.effects.grades import NEGLIGIBLE
-from tam_calibration.effects.recursions import lagged
 from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
-from tam_calibration.model.fitted_effect import Shape
 
 _AT_A_MILLIMETRE = Limit(2e-4, "a straight wire at 1 mm, by the law of Biot and Savart: µ0/(2π r)", "T/A")
 """Field per current."""

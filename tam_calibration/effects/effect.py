@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.effects.covariates import Covariates
-from tam_calibration.effects.term import Coefficient, Key, Term, WhitenedResiduals
+from tam_calibration.effects.grades import LEAST_SAMPLES
+from tam_calibration.effects.term import Coefficient, Key, Term, WhitenedResiduals, rows_of
 from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect, Shape
 from tam_calibration.model.units import FloatArray, to_nanotesla
@@ -139,6 +140,8 @@ class Effect(ABC):
         Names of the fields of ``Recording`` that it needs.
     excitation : str
         What a recording must do to make it visible.
+    told_of_samples : str
+        What it takes ``LEAST_SAMPLES`` to tell: "a jump"; empty where its own ``obstacle`` says when samples are few.
     limits : mapping
         The largest sizes of its values, by the name of a value, or of a term for all values of it.
     may_repeat : bool
@@ -167,6 +170,7 @@ class Effect(ABC):
     physics: ClassVar[str]
     channels: ClassVar[tuple[str, ...]] = ()
     excitation: ClassVar[str]
+    told_of_samples: ClassVar[str] = ""
     limits: ClassVar[Mapping[str, Limit]] = {}
     may_repeat: ClassVar[bool] = False
     explains_any_excess: ClassVar[bool] = False
@@ -210,6 +214,8 @@ class Effect(ABC):
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return why a recording that has the channels cannot show this effect, in one clause; None where it can."""
+        if self.told_of_samples and covariates.sample_count < LEAST_SAMPLES:
+            return f"{covariates.sample_count} samples are too few to tell {self.told_of_samples}"
         return None
 
     @abstractmethod
@@ -436,3 +442,41 @@ class FoundEffect(Effect):
     @abstractmethod
     def find(self, residuals: WhitenedResiduals) -> Finding | str:
         """Return what was found, or why nothing was, in one clause."""
+
+    def add(
+        self, rows_T: FloatArray, covariates: Covariates, fitted: FittedEffect, generator: np.random.Generator
+    ) -> FloatArray:
+        """Return simulated rows (N, 3K + 1) with the effect in them, tesla.
+
+        Parameters
+        ----------
+        rows_T : (N, 3K + 1) array
+            Readings of K sensors, and the scalar reading, without the effect, tesla.
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        fitted : FittedEffect
+            Where the effect acts, and its numbers.
+        generator : numpy.random.Generator
+            Source of the random numbers.
+        """
+        rows = rows_T.copy()
+        for part in fitted.contributions:
+            touched = rows_of(part, covariates)
+            rows[:, touched] = self.put(rows[:, touched], part, covariates, generator)
+        return rows
+
+    def put(self, rows_T: FloatArray, part: Contribution, run: Covariates, source: np.random.Generator) -> FloatArray:
+        """Return the readings of the rows that a contribution acts on with the effect in them.
+
+        Parameters
+        ----------
+        rows_T : (N, n) array
+            Readings of these rows, tesla: a copy, which may be changed.
+        part : Contribution
+            Of the effect.
+        run : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        source : numpy.random.Generator
+            Source of the random numbers.
+        """
+        raise NotImplementedError

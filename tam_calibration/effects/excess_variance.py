@@ -250,5 +250,4 @@ def _cells(residuals: WhitenedResiduals) -> NDArray[np.intp]:
     centers = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), height], axis=1)
     direction = residuals.covariates.field_T / residuals.covariates.intensity_T[:, None]
     nearest = cKDTree(np.concatenate([centers, -centers])).query(direction)[1] % count
-    cells: NDArray[np.intp] = np.where(np.isfinite(residuals.common_mode), nearest, count)
-    return cells
+    return np.where(np.isfinite(residuals.common_mode), nearest, count)

@@ -5,10 +5,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.covariates import LEAST_TURN, Covariates, upwards
-from tam_calibration.effects.effect import Limit, LinearEffect, SurrogateKind
-from tam_calibration.effects.term import Coefficient, Term
-from tam_calibration.model.fitted_effect import Shape
+from tam_calibration.effects.covariates import LEAST_TURN, upwards
+from tam_calibration.effects.effect import Coefficient, Covariates, Limit, LinearEffect, Shape, SurrogateKind, Term
 
 
 class Flexure(LinearEffect):

@@ -7,13 +7,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.covariates import Covariates
-from tam_calibration.effects.effect import Limit, LinearEffect, SurrogateKind
-from tam_calibration.effects.grades import LEAST_SAMPLES
-from tam_calibration.effects.recursions import Memory
+from tam_calibration.effects.covariates import Memory
+from tam_calibration.effects.effect import Covariates, Limit, LinearEffect, Shape, SurrogateKind
 from tam_calibration.effects.switching import WINDOW_UNITS, Level, Switching, in_windows, settled_strongest
 from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
-from tam_calibration.model.fitted_effect import Shape
 from tam_calibration.model.units import FloatArray
 
 _QUANTILES, _COARSE = np.linspace(0, 1, 41), 8
@@ -32,6 +29,7 @@ class GainSwitching(LinearEffect):
         "changes with hysteresis at two thresholds gives an amplifier one of two gains (Horowitz and Hill, The Art of "
         "Electronics, 3rd edition, Cambridge University Press, 2015, chapters 4 and 13)."
     )
+    told_of_samples: ClassVar[str] = "two states"
     excitation: ClassVar[str] = "turn each axis along and against the field in both states of the gain"
     is_free_in_time: ClassVar[bool] = True
     is_of_one_sensor: ClassVar[bool] = True
@@ -51,12 +49,6 @@ class GainSwitching(LinearEffect):
         )
     }
 
-    def obstacle(self, covariates: Covariates) -> str | None:
-        """Return that the recording is too short, where it is."""
-        if covariates.sample_count < LEAST_SAMPLES:
-            return f"{covariates.sample_count} samples are too few to tell two states"
-        return None
-
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
         """Return the windows of the axis in which two states explain most, or the thresholds that make them.
 
@@ -69,7 +61,7 @@ class GainSwitching(LinearEffect):
         residuals : WhitenedResiduals
             Of the same N samples.
         """
-        if covariates.sample_count < LEAST_SAMPLES:
+        if self.obstacle(covariates):
             return []
         levels = [Level.of_row(residuals, row, covariates.sensed_T[:, row]) for row in range(covariates.scalar_row)]
         states, level, row = settled_strongest(levels)
@@ -141,8 +133,7 @@ def _states(covariates: Covariates, shape: Shape) -> NDArray[np.bool_]:
 
 def _sizes(covariates: Covariates) -> FloatArray:
     """Return the size (N, 3K) of the readings, on which an automatic gain depends."""
-    sizes: FloatArray = np.abs(covariates.sensed_T + covariates.errors.bias_T.ravel())
-    return sizes
+    return np.abs(covariates.sensed_T + covariates.errors.bias_T.ravel())
 
 
 def _relay(size: FloatArray, upper: float, lower: float, memory: Memory | None = None) -> NDArray[np.bool_]:

@@ -6,11 +6,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
-from tam_calibration.effects.covariates import Covariates
-from tam_calibration.effects.effect import Limit, LinearEffect, Sized, SurrogateKind
+from tam_calibration.effects.effect import Covariates, FittedEffect, Limit, LinearEffect, Shape, Sized, SurrogateKind
 from tam_calibration.effects.grades import LONGEST_BURST
 from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
-from tam_calibration.model.fitted_effect import FittedEffect, Shape
 
 ORDERS = ((1, 2), (3, 4), (5, 8), (9, 16), (17, 32))
 """Orders of the functions of a free course in time that stand or fall together, by octaves."""

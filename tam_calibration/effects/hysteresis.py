@@ -6,13 +6,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
-from tam_calibration.effects.covariates import Covariates
-from tam_calibration.effects.effect import Limit, LinearEffect
+from tam_calibration.effects.covariates import Memory, follow
+from tam_calibration.effects.effect import Coefficient, Covariates, Limit, LinearEffect, Shape, Term, WhitenedResiduals
 from tam_calibration.effects.grades import MINOR
 from tam_calibration.effects.nonlinearity import full_scale
-from tam_calibration.effects.recursions import Memory, follow
-from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
-from tam_calibration.model.fitted_effect import Shape
 from tam_calibration.model.units import FloatArray
 
 _PLAYS = (0.15, 0.4)
@@ -167,8 +164,7 @@ def play(drive: FloatArray, widths: FloatArray, memory: Memory | None = None) ->
 
     def pushed(state: FloatArray, step: int) -> FloatArray:
         now = blocks[:, step]
-        moved: FloatArray = np.minimum(now + widths, np.maximum(now - widths, state))
-        return moved
+        return np.minimum(now + widths, np.maximum(now - widths, state))
 
     shape = (len(blocks), drive.shape[1], len(widths))
     low, high = np.full(shape, -np.inf), np.full(shape, np.inf)

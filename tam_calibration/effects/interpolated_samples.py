@@ -12,14 +12,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.bursts import drawn_bursts
-from tam_calibration.effects.covariates import Covariates
-from tam_calibration.effects.displaced import NOWHERE_T, Displaced, Explained, finding_of
-from tam_calibration.effects.effect import Finding, FoundEffect
+from tam_calibration.effects.displaced import NOWHERE_T, AgainstOthers, Displaced, Explained, drawn_bursts, finding_of
+from tam_calibration.effects.effect import Contribution, Covariates, Finding, FoundEffect
 from tam_calibration.effects.grades import FEWEST, NEGLIGIBLE
-from tam_calibration.effects.other_sensors import AgainstOthers
-from tam_calibration.effects.term import WhitenedResiduals, rows_of
-from tam_calibration.model.fitted_effect import Contribution, FittedEffect
+from tam_calibration.effects.term import WhitenedResiduals
 from tam_calibration.model.units import FloatArray
 
 _ROUNDING = 1e-13
@@ -45,41 +41,25 @@ class InterpolatedSamples(FoundEffect):
 
     def find(self, residuals: WhitenedResiduals) -> Finding | str:
         """Return the samples that were filled, flagged, or why there are none."""
-        found, is_certain = {}, False
+        found, is_certain = [], False
         for sensor in range(residuals.covariates.sensor_count):
             against = AgainstOthers.of(residuals, sensor).recalibrated()
             exact = _exact(residuals.recording.readings_T[:, sensor], residuals.covariates)
             is_certain |= bool(exact)
             windows = exact or _curved(against)
             if windows:
-                found[sensor] = _explained(against, windows)
+                found.append(_explained(against, windows))
         if not found:
             return "no sensor reads along straight lines where the others see the field turn"
-        return finding_of(self.name, residuals, found, 0.0, is_certain)
+        return finding_of(self.name, residuals, found, len(found), is_certain=is_certain)
 
-    def add(
-        self, rows_T: FloatArray, covariates: Covariates, fitted: FittedEffect, generator: np.random.Generator
-    ) -> FloatArray:
-        """Return simulated rows (N, 3K + 1) with the effect in them, tesla.
-
-        Parameters
-        ----------
-        rows_T : (N, 3K + 1) array
-            Readings of K sensors, and the scalar reading, without the effect, tesla.
-        covariates : Covariates
-            Time, field in the array frame and recorded channels of the N samples.
-        fitted : FittedEffect
-            Where the effect acts, and its numbers.
-        generator : numpy.random.Generator
-            Source of the random numbers.
-        """
-        rows, count = rows_T.copy(), covariates.sample_count
-        for part in fitted.contributions:
-            starts, burst = drawn_bursts(part, count, generator)
-            for start in starts[(starts > 0) & (starts + burst < count)]:
-                filled, ends = np.arange(start, start + burst), [start - 1, start + burst]
-                for row in rows_of(part, covariates):
-                    rows[filled, row] = np.interp(filled, ends, rows_T[ends, row])
+    def put(self, rows_T: FloatArray, part: Contribution, run: Covariates, source: np.random.Generator) -> FloatArray:
+        """Return the readings (N, n) of the n rows that a contribution acts on with the effect; see `FoundEffect`."""
+        rows, count = rows_T.copy(), len(rows_T)
+        starts, burst = drawn_bursts(part, count, source)
+        for start in starts[(starts > 0) & (starts + burst < count)]:
+            filled, ends = np.arange(start, start + burst), [start - 1, start + burst]
+            rows[filled] = np.column_stack([np.interp(filled, ends, own) for own in rows_T[ends].T])
         return rows
 
 

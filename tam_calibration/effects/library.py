@@ -6,11 +6,9 @@ from importlib.metadata import entry_points
 
 import numpy as np
 
-from tam_calibration.effects.covariates import Covariates
-from tam_calibration.effects.effect import Effect, LinearEffect
+from tam_calibration.effects.effect import Covariates, Effect, FittedEffect, LinearEffect
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, quoted
-from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.further_channels import is_further
 from tam_calibration.model.sensor_errors import SensorErrors
 
@@ -81,8 +79,7 @@ def units_of(fitted: FittedEffect, errors: SensorErrors, array: Array) -> dict[s
     """
     effect = effect_named(fitted.effect)
     if not isinstance(effect, LinearEffect):
-        units: dict[str, str] = dict(getattr(effect, "units", {}))
-        return units
+        return dict(getattr(effect, "units", {}))
     terms = effect.terms(_some_covariates(errors, array, effect.needs(fitted)), fitted.shape)
     return dict(effect.shape_units) | {part.name: part.unit for term in terms for part in term.coefficients}
 
@@ -114,13 +111,5 @@ def _some_covariates(errors: SensorErrors, array: Array, channels: Iterable[str]
     time_s = np.arange(float(_SAMPLES))
     field = _FIELD_T * np.column_stack([np.cos(time_s), np.sin(time_s), np.ones(_SAMPLES)])
     attitude = np.tile([0.0, 0.0, 0.0, 1.0], (_SAMPLES, 1))
-    return Covariates(
-        time_s,
-        field,
-        errors,
-        array,
-        time_s,
-        time_s,
-        attitude,
-        further=dict.fromkeys(filter(is_further, channels), time_s),
-    )
+    further = dict.fromkeys(filter(is_further, channels), time_s)
+    return Covariates(time_s, field, errors, array, time_s, time_s, attitude, further=further)

@@ -28,8 +28,7 @@ def sum_around(values: FloatArray, span: int) -> FloatArray:
     """
     padding = [(span + 1, span), *[(0, 0)] * (values.ndim - 1)]
     total = np.cumsum(np.pad(values, padding), axis=0)
-    around: FloatArray = total[2 * span + 1 :] - total[: -2 * span - 1] - values
-    return around
+    return total[2 * span + 1 :] - total[: -2 * span - 1] - values
 
 
 _NEIGHBOURS = 6
@@ -97,8 +96,7 @@ def _neighbours(stretch: slice) -> NDArray[np.intp]:
     here = np.arange(count)[:, None]
     first = np.clip(here - reach // 2, 0, count - 1 - reach)
     nodes = first + np.arange(reach)
-    around: NDArray[np.intp] = stretch.start + nodes + (nodes >= here)
-    return around
+    return np.asarray(stretch.start + nodes + (nodes >= here))
 
 
 def _weights(offset: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -10,16 +10,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.covariates import Covariates
-from tam_calibration.effects.effect import Finding, FoundEffect, Limit
+from tam_calibration.effects.effect import ALL, Contribution, Covariates, Finding, FittedEffect, FoundEffect, Limit
 from tam_calibration.effects.excess_variance import LARGEST_NOISE, ChannelMoments, Excess, best_excess
 from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, NOTABLE
 from tam_calibration.effects.quantization import find_lattices
 from tam_calibration.effects.regularity import neighbour_covariance, objection_to
 from tam_calibration.effects.saturation import inside_range
 from tam_calibration.effects.spikes import without_spikes
-from tam_calibration.effects.term import WhitenedResiduals, row_deviations, rows_of
-from tam_calibration.model.fitted_effect import ALL, Contribution, FittedEffect
+from tam_calibration.effects.term import WhitenedResiduals, row_deviations
 from tam_calibration.model.units import FloatArray
 
 
@@ -91,28 +89,9 @@ class NoiseExcess(FoundEffect):
             variance=shared,
         )
 
-    def add(
-        self, rows_T: FloatArray, covariates: Covariates, fitted: FittedEffect, generator: np.random.Generator
-    ) -> FloatArray:
-        """Return simulated rows (N, 3K + 1) with the effect in them, tesla.
-
-        Parameters
-        ----------
-        rows_T : (N, 3K + 1) array
-            Readings of K sensors, and the scalar reading, without the effect, tesla.
-        covariates : Covariates
-            Time, field in the array frame and recorded channels of the N samples.
-        fitted : FittedEffect
-            Where the effect acts, and its numbers.
-        generator : numpy.random.Generator
-            Source of the random numbers.
-        """
-        rows = rows_T.copy()
-        for part in fitted.contributions:
-            touched = rows_of(part, covariates)
-            size = part.values["standard deviation"]
-            rows[:, touched] += generator.normal(0, size, (covariates.sample_count, len(touched)))
-        return rows
+    def put(self, rows_T: FloatArray, part: Contribution, run: Covariates, source: np.random.Generator) -> FloatArray:
+        """Return the readings (N, n) of the n rows that a contribution acts on with the effect; see `FoundEffect`."""
+        return rows_T + source.normal(0, part.values["standard deviation"], rows_T.shape)
 
 
 def _is_rounding(residuals: WhitenedResiduals, variance_T2: FloatArray) -> bool:

@@ -6,11 +6,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
-from tam_calibration.effects.covariates import Covariates
-from tam_calibration.effects.effect import Limit, LinearEffect
+from tam_calibration.effects.effect import Coefficient, Covariates, Limit, LinearEffect, Shape, Term, WhitenedResiduals
 from tam_calibration.effects.grades import MINOR
-from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
-from tam_calibration.model.fitted_effect import Shape
 
 _ORDERS = {"quadratic": (2,), "cubic": (3,), "higher": (4, 5), "highest": (6, 7, 8, 9)}
 """Orders of the polynomials that stand or fall together, by name: bends, and kinks as of a limit that is soft."""

@@ -11,20 +11,11 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.bursts import drawn_bursts
-from tam_calibration.effects.covariates import Covariates
-from tam_calibration.effects.effect import Finding, FoundEffect, Limit
+from tam_calibration.effects.displaced import drawn_bursts
+from tam_calibration.effects.effect import Covariates, Finding, FoundEffect, Limit, WhitenedResiduals
 from tam_calibration.effects.saturation import WIDEST_RANGE
 from tam_calibration.effects.spikes import Spikes, come_with_motion, find_spikes
-from tam_calibration.effects.term import (
-    Place,
-    WhitenedResiduals,
-    everywhere,
-    explained_energy,
-    places,
-    row_deviations,
-    rows_of,
-)
+from tam_calibration.effects.term import Place, everywhere, explained_energy, places, row_deviations
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
 from tam_calibration.model.units import FloatArray
 
@@ -69,29 +60,12 @@ class Outliers(FoundEffect):
             flagged=flagged,
         )
 
-    def add(
-        self, rows_T: FloatArray, covariates: Covariates, fitted: FittedEffect, generator: np.random.Generator
-    ) -> FloatArray:
-        """Return simulated rows (N, 3K + 1) with the effect in them, tesla.
-
-        Parameters
-        ----------
-        rows_T : (N, 3K + 1) array
-            Readings of K sensors, and the scalar reading, without the effect, tesla.
-        covariates : Covariates
-            Time, field in the array frame and recorded channels of the N samples.
-        fitted : FittedEffect
-            Where the effect acts, and its numbers.
-        generator : numpy.random.Generator
-            Source of the random numbers.
-        """
-        rows, count = rows_T.copy(), covariates.sample_count
-        for part in fitted.contributions:
-            starts, burst = drawn_bursts(part, count, generator)
-            struck = np.unique(np.minimum(starts[:, None] + np.arange(burst), count - 1))
-            touched = rows_of(part, covariates)
-            rows[struck[:, None], touched] += generator.normal(0, part.values["size"], (len(struck), len(touched)))
-        return rows
+    def put(self, rows_T: FloatArray, part: Contribution, run: Covariates, source: np.random.Generator) -> FloatArray:
+        """Return the readings (N, n) of the n rows that a contribution acts on with the effect; see `FoundEffect`."""
+        starts, burst = drawn_bursts(part, len(rows_T), source)
+        struck = np.unique(np.minimum(starts[:, None] + np.arange(burst), len(rows_T) - 1))
+        rows_T[struck] += source.normal(0, part.values["size"], rows_T[struck].shape)
+        return rows_T
 
 
 def _floor(residuals: WhitenedResiduals, flagged: NDArray[np.bool_]) -> float:

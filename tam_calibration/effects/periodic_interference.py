@@ -5,11 +5,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.covariates import Covariates
-from tam_calibration.effects.effect import Limit, LinearEffect, Sized, SurrogateKind
+from tam_calibration.effects.effect import Covariates, FittedEffect, Limit, LinearEffect, Shape, Sized, SurrogateKind
 from tam_calibration.effects.grades import NEGLIGIBLE, NOTABLE, SLIGHT
 from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
-from tam_calibration.model.fitted_effect import FittedEffect, Shape
 from tam_calibration.model.units import FloatArray
 
 _LEAST_PERIODS = 10

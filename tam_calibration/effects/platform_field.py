@@ -7,13 +7,11 @@ from typing import ClassVar
 import numpy as np
 
 from tam_calibration.core.harmonics import derivatives, fields
-from tam_calibration.effects.covariates import Covariates
+from tam_calibration.effects.covariates import Memory, mode
 from tam_calibration.effects.eddy_current import LIMIT, SLOWER, followed, time_constants_s
-from tam_calibration.effects.effect import Limit, LinearEffect, Sized
+from tam_calibration.effects.effect import Coefficient, Covariates, Limit, LinearEffect, Sized, Term, WhitenedResiduals
 from tam_calibration.effects.grades import NOTABLE
 from tam_calibration.effects.motion import jumps
-from tam_calibration.effects.recursions import Memory, mode
-from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
 from tam_calibration.model.fitted_effect import ALL, SCALAR, FittedEffect, Shape
 from tam_calibration.model.further_channels import is_further, unit_of
 from tam_calibration.model.units import FloatArray
@@ -160,8 +158,7 @@ class PlatformField(LinearEffect):
 
 
 def _direction(covariates: Covariates) -> FloatArray:
-    direction: FloatArray = covariates.field_T / covariates.intensity_T[:, None]
-    return direction
+    return covariates.field_T / covariates.intensity_T[:, None]
 
 
 def _of_scalar_iron(covariates: Covariates) -> list[Term]:

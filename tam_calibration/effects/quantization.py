@@ -18,10 +18,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.covariates import Covariates
-from tam_calibration.effects.effect import Finding, FoundEffect, Limit
+from tam_calibration.effects.effect import Covariates, Finding, FoundEffect, Limit, WhitenedResiduals
 from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, MINOR, MOST, NEGLIGIBLE, NOTABLE
-from tam_calibration.effects.term import WhitenedResiduals, row_deviations, rows_of
+from tam_calibration.effects.term import row_deviations
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
 from tam_calibration.model.units import FloatArray
 
@@ -93,28 +92,10 @@ class Quantization(FoundEffect):
             is_certain=True,
         )
 
-    def add(
-        self, rows_T: FloatArray, covariates: Covariates, fitted: FittedEffect, generator: np.random.Generator
-    ) -> FloatArray:
-        """Return simulated rows (N, 3K + 1) with the effect in them, tesla.
-
-        Parameters
-        ----------
-        rows_T : (N, 3K + 1) array
-            Readings of K sensors, and the scalar reading, without the effect, tesla.
-        covariates : Covariates
-            Time, field in the array frame and recorded channels of the N samples.
-        fitted : FittedEffect
-            Where the effect acts, and its numbers.
-        generator : numpy.random.Generator
-            Not used: the effect is not random.
-        """
-        rows = rows_T.copy()
-        for part in fitted.contributions:
-            step, offset = part.values["step"], part.values.get("offset", 0.0)
-            touched = rows_of(part, covariates)
-            rows[:, touched] = np.round((rows[:, touched] - offset) / step) * step + offset
-        return rows
+    def put(self, rows_T: FloatArray, part: Contribution, run: Covariates, source: np.random.Generator) -> FloatArray:
+        """Return the readings (N, n) of the n rows that a contribution acts on with the effect; see `FoundEffect`."""
+        step, offset = part.values["step"], part.values.get("offset", 0.0)
+        return np.round((rows_T - offset) / step) * step + offset
 
 
 def find_lattices(residuals: WhitenedResiduals) -> list[Lattice]:

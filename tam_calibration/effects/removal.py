@@ -6,14 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.core.elimination import Elimination
-from tam_calibration.effects.covariates import Covariates
-from tam_calibration.effects.effect import LinearEffect
+from tam_calibration.core.normal_equations import Elimination
+from tam_calibration.effects.covariates import Memory
+from tam_calibration.effects.effect import SCALAR, Covariates, FittedEffect, LinearEffect
 from tam_calibration.effects.library import effect_named
-from tam_calibration.effects.recursions import Memory
 from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.fitted_effect import SCALAR, FittedEffect
 from tam_calibration.model.further_channels import channel_in_words
 from tam_calibration.model.recording import BLOCK, Recording
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -78,16 +76,8 @@ class EffectStream:
         total = np.zeros((recording.sample_count, unbiased.shape[1] + 1))
         is_known = np.column_stack([_knows(recording, effect.needs(fitted)) for effect, fitted in self._effects])
         for memories in self._memories:
-            covariates = Covariates(
-                recording.time_s,
-                (unbiased - total[:, :-1]) @ self._unmix.T,
-                self._errors,
-                self._array,
-                recording.temperature_C,
-                recording.current_A,
-                recording.attitude,
-                further=recording.further,
-            )
+            field = (unbiased - total[:, :-1]) @ self._unmix.T
+            covariates = Covariates.of(recording, field, self._errors, self._array)
             total = np.zeros_like(total)
             for (effect, fitted), memory, known in zip(self._effects, memories, is_known.T, strict=True):
                 if known.any():
@@ -157,29 +147,20 @@ def require_channels(recording: Recording, effects: Iterable[FittedEffect]) -> N
 
 def filled(recording: Recording) -> Recording:
     """Return the recording with holes in temperature, currents, actuators and attitude filled from their neighbours."""
-    channels = {}
-    for name in ("temperature_C", "current_A", "attitude"):
-        values = getattr(recording, name)
-        if values is None:
-            continue
-        known = np.isfinite(values).reshape(len(values), -1).all(axis=1)
+    whole = recording.values()
+    for name in whole.keys() - {"time_s", "readings_T", "scalar_T"}:
+        values, known = whole[name], _knows(recording, (name,))
         if name == "attitude":
             nearest = np.round(np.interp(np.arange(len(known)), np.flatnonzero(known), np.arange(known.sum())))
-            channels[name] = values[known][nearest.astype(int)]
+            whole[name] = values[known][nearest.astype(int)]
         else:
-            channels[name] = np.interp(recording.time_s, recording.time_s[known], values[known])
-    further = {
-        name: np.interp(recording.time_s, recording.time_s[np.isfinite(values)], values[np.isfinite(values)])
-        for name, values in recording.further.items()
-    }
-    return replace(recording, **channels, further=further)
+            whole[name] = np.interp(recording.time_s, recording.time_s[known], values[known])
+    return Recording.of_values(whole)
 
 
 def attitude_known(recording: Recording) -> NDArray[np.bool_] | None:
     """Return in which samples (N,) the attitude is known; None where it was not recorded."""
-    if recording.attitude is None:
-        return None
-    return np.asarray(np.isfinite(recording.attitude).all(axis=1))
+    return None if recording.attitude is None else _knows(recording, ("attitude",))
 
 
 def removable(effects: Iterable[FittedEffect]) -> tuple[FittedEffect, ...]:
@@ -194,8 +175,7 @@ def of_array(effects: Iterable[FittedEffect]) -> tuple[FittedEffect, ...]:
 
 def of_sensors(effects: Iterable[FittedEffect]) -> tuple[FittedEffect, ...]:
     """Return the removable effects that belong to the array, as far as they act on its sensors."""
-    kept = (on_sensors(fitted) for fitted in effects)
-    return tuple(fitted for fitted in kept if fitted is not None)
+    return tuple(filter(None, map(on_sensors, effects)))
 
 
 def on_sensors(fitted: FittedEffect) -> FittedEffect | None:
@@ -245,5 +225,4 @@ def agreed_field(
     """
     unbiased = (readings_T - errors.bias_T).reshape(len(readings_T), -1)
     weight = np.where(True if is_trusted is None else is_trusted, 1 / np.repeat(array.vector_noise_T, 3), 0.0)
-    field: FloatArray = unbiased @ Elimination.of(errors.matrix.reshape(-1, 3), weight).unmixing.T
-    return field
+    return unbiased @ Elimination.of(errors.matrix.reshape(-1, 3), weight).unmixing.T

@@ -6,12 +6,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.covariates import Covariates
-from tam_calibration.effects.effect import Limit, LinearEffect
+from tam_calibration.effects.covariates import follow, mode
+from tam_calibration.effects.effect import Coefficient, Covariates, Limit, LinearEffect, Shape, Term, WhitenedResiduals
 from tam_calibration.effects.motion import jumps, rates
-from tam_calibration.effects.recursions import follow, mode
-from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
-from tam_calibration.model.fitted_effect import Shape
 from tam_calibration.model.units import FloatArray
 
 _FREQUENCIES, _DAMPINGS = 5, (0.1, 0.4)
@@ -113,8 +110,7 @@ def _response(covariates: Covariates, frequency_hz: float, damping: float) -> Fl
     parts = [
         mode(field[stretch], rate[stretch], covariates.time_s[stretch], -1 / pole) for stretch in covariates.stretches
     ]
-    response: FloatArray = -(omega**2) / pole.imag * np.imag(np.concatenate(parts) / pole)
-    return response
+    return -(omega**2) / pole.imag * np.imag(np.concatenate(parts) / pole)
 
 
 def _tail(covariates: Covariates, frequency_hz: float, damping: float) -> NDArray[np.complexfloating]:

@@ -16,12 +16,10 @@ from numpy.typing import NDArray
 
 from tam_calibration.core.noise import noise_deviation
 from tam_calibration.effects.clipped_core import ClippedCore, find_clipped_cores
-from tam_calibration.effects.covariates import Covariates
-from tam_calibration.effects.effect import Finding, FoundEffect, Limit
+from tam_calibration.effects.displaced import Explained, finding_of
+from tam_calibration.effects.effect import Contribution, Covariates, Finding, FittedEffect, FoundEffect, Limit
 from tam_calibration.effects.grades import CERTAIN, FEWEST, MOST, NEGLIGIBLE, NOTABLE
-from tam_calibration.effects.other_sensors import AgainstOthers
 from tam_calibration.effects.term import WhitenedResiduals, rows_of
-from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 from tam_calibration.model.units import FloatArray
 
 WIDEST_RANGE = Limit(5e-2, "the widest range of a Hall sensor; Melexis, data sheet of the MLX90393", "T")
@@ -92,21 +90,10 @@ class Saturation(FoundEffect):
 
     def _of_cores(self, residuals: WhitenedResiduals, cores: list[ClippedCore]) -> Finding:
         """Return the limits of cores in front of a correction."""
-        flagged = np.zeros(len(residuals.energy), dtype=bool)
-        shift = np.zeros((len(flagged), residuals.covariates.scalar_row))
-        for core in cores:
-            own = slice(3 * core.sensor, 3 * core.sensor + 3)
-            flagged[core.samples] = True
-            shift[:, own] = AgainstOthers.of(residuals, core.sensor).beyond_T - core.left_T
-        used = residuals.is_counted | flagged
-        count = float(residuals.channel_count[used].sum())
-        return Finding(
-            FittedEffect(self.name, {}, tuple(_core_contribution(core) for core in cores)),
-            gain=count * float(np.log(residuals.energy[used].sum() / residuals.energy_without(shift)[used].sum())),
-            parameter_count=sum(len(core.limits_T) + 4 for core in cores),
-            flagged=flagged,
-            is_certain=True,
-        )
+        samples = np.arange(len(residuals.energy))
+        found = [Explained(np.isin(samples, core.samples), core.left_T, _core_contribution(core)) for core in cores]
+        parameter_count = sum(len(core.limits_T) + 4 for core in cores)
+        return finding_of(self.name, residuals, found, parameter_count, is_certain=True)
 
     def add(
         self, rows_T: FloatArray, covariates: Covariates, fitted: FittedEffect, generator: np.random.Generator

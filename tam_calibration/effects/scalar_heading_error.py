@@ -8,11 +8,8 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 
 from tam_calibration.core.harmonics import harmonics
-from tam_calibration.effects.covariates import Covariates
-from tam_calibration.effects.effect import Limit, LinearEffect
+from tam_calibration.effects.effect import Coefficient, Covariates, Limit, LinearEffect, Shape, Term, WhitenedResiduals
 from tam_calibration.effects.grades import SLIGHT
-from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
-from tam_calibration.model.fitted_effect import Shape
 from tam_calibration.model.units import FloatArray
 
 _NUISANCE_COUNT = 9
@@ -146,8 +143,7 @@ class _AxisSearch:
         score = polynomials @ self.score
         information = polynomials @ self.information @ np.swapaxes(polynomials, 1, 2)
         step = np.linalg.pinv(information, rcond=_PRECISE, hermitian=True) @ score[:, :, None]
-        gain: FloatArray = np.sum(score * step[:, :, 0], axis=1)
-        return gain
+        return np.asarray(np.sum(score * step[:, :, 0], axis=1))
 
 
 def _axes(residuals: WhitenedResiduals) -> list[tuple[float, float]]:
@@ -198,8 +194,7 @@ def _without_lower(information: FloatArray) -> FloatArray:
     """Return normal equations (P, P) or (P, P + 1) with the harmonics up to degree 2 eliminated."""
     count = _NUISANCE_COUNT
     own, other = information[:count, :count], information[count:, :count]
-    left: FloatArray = (
+    return (
         information[count:, count:]
         - other @ np.linalg.pinv(own, rcond=_PRECISE, hermitian=True) @ (information[:count, count:])
     )
-    return left

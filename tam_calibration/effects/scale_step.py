@@ -7,14 +7,11 @@ from typing import ClassVar
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
-from tam_calibration.effects.change_points import Change, Path, without
-from tam_calibration.effects.covariates import Covariates
-from tam_calibration.effects.effect import Limit, LinearEffect, SurrogateKind
-from tam_calibration.effects.grades import LEAST_SAMPLES
+from tam_calibration.effects.change_points import Change, Path, StepEffect, is_on, shape_of, without
+from tam_calibration.effects.effect import Covariates, Limit, Shape
 from tam_calibration.effects.saturation import inside_range
-from tam_calibration.effects.spikes import without_spikes_of_motion
+from tam_calibration.effects.spikes import without_spikes
 from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
-from tam_calibration.model.fitted_effect import Shape
 from tam_calibration.model.units import FloatArray
 
 _SMOOTHEST = 4
@@ -33,7 +30,7 @@ _SCALE = Coefficient("scale", "1")
 _TURNS = tuple(Coefficient(f"turn about {axis}", "rad") for axis in "xyz")
 
 
-class ScaleStep(LinearEffect):
+class ScaleStep(StepEffect):
     """The response of a sensor changes at one time, for good or until another time: it reads (M + ΔM) b."""
 
     name: ClassVar[str] = "scale_step"
@@ -44,14 +41,9 @@ class ScaleStep(LinearEffect):
         "Magnetometers, Artech House, 2001, chapter 3; steps of gain and offset as faults of a sensor: Isermann, "
         "Fault-Diagnosis Systems, Springer, 2006)."
     )
+    told_of_samples: ClassVar[str] = "a step"
     excitation: ClassVar[str] = "turn through the same attitudes before and after the step"
-    is_free_in_time: ClassVar[bool] = True
-    is_step: ClassVar[bool] = True
-    may_repeat: ClassVar[bool] = True
     is_of_one_sensor: ClassVar[bool] = True
-    has_exact_shapes: ClassVar[bool] = True
-    surrogates: ClassVar[SurrogateKind] = "at_other_times"
-    shape_units: ClassVar[dict[str, str]] = {"time_s": "s", "end_s": "s"}
     limits: ClassVar[Mapping[str, Limit]] = {
         "scale": Limit(
             1.0, "an axis that fails reads nothing, and ranges are switched by factors of two; Isermann 2006"
@@ -59,12 +51,6 @@ class ScaleStep(LinearEffect):
         "tilt": _SLIP,
         "turn": _SLIP,
     }
-
-    def obstacle(self, covariates: Covariates) -> str | None:
-        """Return that the recording is too short, where it is."""
-        if covariates.sample_count < LEAST_SAMPLES:
-            return f"{covariates.sample_count} samples are too few to tell a step"
-        return None
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
         """Return the times at which a step, and a pair of steps, of one axis and of a sensor explain most.
@@ -78,10 +64,8 @@ class ScaleStep(LinearEffect):
         residuals : WhitenedResiduals
             Of the same N samples.
         """
-        if covariates.sample_count < LEAST_SAMPLES:
-            return []
         time = covariates.time_s[:: _thinning(covariates)]
-        paths = list(_paths(without_spikes_of_motion(inside_range(residuals))))
+        paths = list(_paths(without_spikes(inside_range(residuals), of_motion=True)))
         found: dict[tuple[int, int], Change] = {}
         for path in paths:
             for change in path.best(-(-len(time) // _COARSE)):
@@ -90,13 +74,8 @@ class ScaleStep(LinearEffect):
                 net = replace(change, gain=change.gain - price)
                 found[kind] = max(found.get(kind, net), net, key=lambda one: one.gain)
         sharp = {kind: one for kind, one in found.items() if one.gain > max(found[kind[0], 1].gain * (kind[1] > 1), 0)}
-        middle = (time[1:] + time[:-1]) / 2
         cuts = dict.fromkeys(change.cuts for change in sharp.values())
-        return [dict(zip(self.shape_units, middle[list(times)].tolist(), strict=False)) for times in cuts]
-
-    def always(self, shape: Shape) -> Shape | None:
-        """Return a step that was there before the first sample."""
-        return {"time_s": -np.inf}
+        return [shape_of(time, times) for times in cuts]
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
         """Return from the one time on a scale and a tilt of each axis and a turn of each sensor.
@@ -110,7 +89,7 @@ class ScaleStep(LinearEffect):
         shape : Shape
             ``time_s`` of the step and, where it ends, ``end_s``, seconds.
         """
-        since = (covariates.time_s >= shape["time_s"]) & (covariates.time_s < shape.get("end_s", np.inf))
+        since = is_on(covariates.time_s, shape)
         field = np.where(since[:, None], covariates.field_T, 0.0)
         matrix = covariates.errors.matrix
         sensed = field @ matrix.reshape(-1, 3).T

@@ -83,14 +83,6 @@ def find_spikes(residuals: WhitenedResiduals) -> Spikes | str:
     return Spikes(samples, worst[samples])
 
 
-def without_spikes(residuals: WhitenedResiduals) -> WhitenedResiduals:
-    """Return a residual in which isolated outliers do not count."""
-    spikes = find_spikes(residuals)
-    if isinstance(spikes, str):
-        return residuals
-    return _without(residuals, spikes)
-
-
 def come_with_motion(residuals: WhitenedResiduals, spikes: Spikes) -> bool:
     """Whether spikes occur where the expected reading of their rows changes fastest, or where it is constant.
 
@@ -121,15 +113,11 @@ def come_with_motion(residuals: WhitenedResiduals, spikes: Spikes) -> bool:
     return bool(fastest < NEGLIGIBLE or slowest < ndtr(-CERTAIN))
 
 
-def without_spikes_of_motion(residuals: WhitenedResiduals) -> WhitenedResiduals:
-    """Return a residual in which isolated outliers do not count where they occur with the motion."""
+def without_spikes(residuals: WhitenedResiduals, of_motion: bool = False) -> WhitenedResiduals:
+    """Return a residual in which isolated outliers do not count; on wish only where they occur with the motion."""
     spikes = find_spikes(residuals)
-    if isinstance(spikes, str) or not come_with_motion(residuals, spikes):
+    if isinstance(spikes, str) or (of_motion and not come_with_motion(residuals, spikes)):
         return residuals
-    return _without(residuals, spikes)
-
-
-def _without(residuals: WhitenedResiduals, spikes: Spikes) -> WhitenedResiduals:
     is_counted = residuals.is_counted.copy()
     is_counted[spikes.samples] = False
     return replace(residuals, is_counted=is_counted)
@@ -148,8 +136,7 @@ def _standardised(raw: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
     index = np.zeros(len(deviation), dtype=np.intp)
     index[usable] = np.minimum(np.arange(len(chosen)) // size, count - 1)
     scale = np.where(scale > 0, scale, np.inf)
-    standardised: FloatArray = deviation / scale[index]
-    return standardised
+    return deviation / scale[index]
 
 
 def _chance(height: FloatArray, count: int, row_count: int) -> FloatArray:
@@ -157,16 +144,14 @@ def _chance(height: FloatArray, count: int, row_count: int) -> FloatArray:
     from scipy.special import stdtr
 
     freedom = _EFFICIENCY * min(count, _BLOCK)
-    chance: FloatArray = np.minimum(1.0, 2 * row_count * stdtr(freedom, -height))
-    return chance
+    return np.asarray(np.minimum(1.0, 2 * row_count * stdtr(freedom, -height)))
 
 
 def _improbable(chance: FloatArray) -> NDArray[np.bool_]:
     """Return the samples that are improbable, by the false discovery rate among all."""
     ordered = np.sort(chance)
     allowed = np.flatnonzero(ordered <= NEGLIGIBLE * np.arange(1, len(chance) + 1) / len(chance))
-    improbable: NDArray[np.bool_] = chance <= (ordered[allowed[-1]] if len(allowed) else -1.0)
-    return improbable
+    return chance <= (ordered[allowed[-1]] if len(allowed) else -1.0)
 
 
 def _bursts(hot: NDArray[np.bool_]) -> NDArray[np.intp]:
@@ -201,8 +186,7 @@ def _shared(
     shared[several] |= np.nanmedian(at_direction[several], axis=1) / own[several] > NOTABLE
     sides = deviation[around, rows].reshape(len(samples), 2, LEAST_SAMPLES)
     shared |= np.abs(own) < CERTAIN * noise_deviation(sides, axis=2).max(axis=1)
-    found: NDArray[np.intp] = samples[shared]
-    return found
+    return np.asarray(samples[shared])
 
 
 def _is_loud_around(

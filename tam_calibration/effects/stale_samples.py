@@ -11,14 +11,18 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.bursts import drawn_bursts, samples_in
-from tam_calibration.effects.covariates import Covariates
-from tam_calibration.effects.displaced import NOWHERE_T, Displaced, Explained, finding_of
-from tam_calibration.effects.effect import Finding, FoundEffect
-from tam_calibration.effects.other_sensors import AgainstOthers
+from tam_calibration.effects.displaced import (
+    NOWHERE_T,
+    AgainstOthers,
+    Displaced,
+    Explained,
+    drawn_bursts,
+    finding_of,
+    samples_in,
+)
+from tam_calibration.effects.effect import Contribution, Covariates, Finding, FoundEffect
 from tam_calibration.effects.outliers import position_nats
-from tam_calibration.effects.term import WhitenedResiduals, rows_of
-from tam_calibration.model.fitted_effect import Contribution, FittedEffect
+from tam_calibration.effects.term import WhitenedResiduals
 from tam_calibration.model.units import FloatArray
 
 LATEST = 8
@@ -46,42 +50,26 @@ class StaleSamples(FoundEffect):
 
     def find(self, residuals: WhitenedResiduals) -> Finding | str:
         """Return the samples that are stale, flagged, or why there is none."""
-        found = {}
+        found = []
         for sensor in range(residuals.covariates.sensor_count):
             against = AgainstOthers.of(residuals, sensor).recalibrated()
             displaced = Displaced(against, against.beyond_T, _ways_back(against))
             if displaced.is_found:
-                found[sensor] = _explained(sensor, displaced)
+                found.append(_explained(sensor, displaced))
         if not found:
             return "no sensor reads at some times what it should have read just before"
         count = residuals.covariates.sample_count
-        nats = sum(position_nats(count, int(one.samples.sum())) for one in found.values())
-        return finding_of(self.name, residuals, found, nats)
+        nats = sum(position_nats(count, int(one.samples.sum())) for one in found)
+        return finding_of(self.name, residuals, found, len(found), nats)
 
-    def add(
-        self, rows_T: FloatArray, covariates: Covariates, fitted: FittedEffect, generator: np.random.Generator
-    ) -> FloatArray:
-        """Return simulated rows (N, 3K + 1) with the effect in them, tesla.
-
-        Parameters
-        ----------
-        rows_T : (N, 3K + 1) array
-            Readings of K sensors, and the scalar reading, without the effect, tesla.
-        covariates : Covariates
-            Time, field in the array frame and recorded channels of the N samples.
-        fitted : FittedEffect
-            Where the effect acts, and its numbers.
-        generator : numpy.random.Generator
-            Source of the random numbers.
-        """
-        rows, count = rows_T.copy(), covariates.sample_count
-        for part in fitted.contributions:
-            (starts, burst), late = drawn_bursts(part, count, generator), samples_in(part, "samples late", count)
-            struck = np.minimum(starts[:, None] + np.arange(burst), count - 1)
-            source = np.broadcast_to(starts[:, None] - 1, struck.shape) if part.term == "repeats" else struck - late
-            touched = rows_of(part, covariates)
-            rows[struck[:, :, None], touched] = rows_T[np.maximum(source, 0)[:, :, None], touched]
-        return rows
+    def put(self, rows_T: FloatArray, part: Contribution, run: Covariates, source: np.random.Generator) -> FloatArray:
+        """Return the readings (N, n) of the n rows that a contribution acts on with the effect; see `FoundEffect`."""
+        count = len(rows_T)
+        (starts, burst), late = drawn_bursts(part, count, source), samples_in(part, "samples late", count)
+        struck = np.minimum(starts[:, None] + np.arange(burst), count - 1)
+        taken = np.broadcast_to(starts[:, None] - 1, struck.shape) if part.term == "repeats" else struck - late
+        rows_T[struck] = rows_T[np.maximum(taken, 0)]
+        return rows_T
 
 
 def _ways_back(against: AgainstOthers) -> FloatArray:

@@ -197,8 +197,7 @@ def settled_strongest(levels: Sequence[Level]) -> tuple[Switching, Level, int]:
 
 
 def _ratio(score: FloatArray, size: FloatArray) -> FloatArray:
-    ratio: FloatArray = score / np.maximum(size, np.finfo(float).eps * max(size.max(), np.finfo(float).tiny))
-    return ratio
+    return np.asarray(score / np.maximum(size, np.finfo(float).eps * max(size.max(), np.finfo(float).tiny)))
 
 
 def _segmented(advantage: FloatArray, price: float) -> NDArray[np.bool_]:

@@ -5,11 +5,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.covariates import Covariates
-from tam_calibration.effects.effect import Limit, LinearEffect, SurrogateKind
-from tam_calibration.effects.recursions import lagged
+from tam_calibration.effects.covariates import lagged
+from tam_calibration.effects.effect import Covariates, Limit, LinearEffect, Shape, SurrogateKind
 from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
-from tam_calibration.model.fitted_effect import Shape
 
 _LEAST_CHANGE_K = 0.2
 """Least change of temperature, K: less is the noise of usual thermometers."""

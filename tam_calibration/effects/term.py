@@ -53,16 +53,14 @@ class WhitenedResiduals:
     @cached_property
     def energy(self) -> FloatArray:
         """(N,) sums of the squares of each sample's whitened channels."""
-        energy: FloatArray = np.sum(self.differential**2, axis=1) + np.nan_to_num(self.common_mode) ** 2
-        return energy
+        return np.asarray(np.sum(self.differential**2, axis=1) + np.nan_to_num(self.common_mode) ** 2)
 
     @cached_property
     def row_information(self) -> FloatArray:
         """(N, 3K + 1) information of a sample on a shift of one row alone, 1/T²."""
         of_rows = np.append(np.sum(self.directions**2, axis=1), 0.0)
         has_reference = np.isfinite(self.common_mode)
-        information: FloatArray = of_rows + has_reference[:, None] * self.row_slope**2
-        return information
+        return of_rows + has_reference[:, None] * self.row_slope**2
 
     @cached_property
     def row_shift_T(self) -> FloatArray:
@@ -70,8 +68,7 @@ class WhitenedResiduals:
         score = np.nan_to_num(self.common_mode)[:, None] * self.row_slope
         score[:, :-1] += self.differential @ self.directions.T
         information = self.row_information
-        shift: FloatArray = np.divide(score, information, out=np.zeros_like(score), where=information > 0)
-        return shift
+        return np.divide(score, information, out=np.zeros_like(score), where=information > 0)
 
     def channels_without(self, shift_T: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the channels, differential and common (N,), without shifts (N, 3K) of the readings, tesla.
@@ -84,8 +81,7 @@ class WhitenedResiduals:
     def energy_without(self, shift_T: FloatArray) -> FloatArray:
         """Return the residual energy (N,) after subtracting shifts (N, 3K) from the readings, tesla."""
         differential, common = self.channels_without(shift_T)
-        energy: FloatArray = np.sum(differential**2, axis=1) + common**2
-        return energy
+        return np.asarray(np.sum(differential**2, axis=1) + common**2)
 
 
 @dataclass(frozen=True)
@@ -147,14 +143,12 @@ def rows_of(part: Contribution, covariates: Covariates) -> list[int]:
 
 def row_scores(residuals: WhitenedResiduals) -> FloatArray:
     """Return the score (N, 3K + 1) of a shift of each row in each sample, 1/T."""
-    scores: FloatArray = residuals.row_shift_T * residuals.row_information
-    return scores
+    return residuals.row_shift_T * residuals.row_information
 
 
 def row_deviations(residuals: WhitenedResiduals) -> FloatArray:
     """Return the (N, 3K + 1) shift of each row alone in its standard errors: its square is the energy it explains."""
-    deviations: FloatArray = residuals.row_shift_T * np.sqrt(residuals.row_information)
-    return deviations
+    return residuals.row_shift_T * np.sqrt(residuals.row_information)
 
 
 def explained_energy(residuals: WhitenedResiduals, samples: np.ndarray, place: Place) -> FloatArray:
@@ -177,8 +171,7 @@ def explained_energy(residuals: WhitenedResiduals, samples: np.ndarray, place: P
         residuals.differential[samples] @ differential.T
         + np.nan_to_num(residuals.common_mode[samples])[:, None] * slope
     )
-    energy: FloatArray = np.sum(score * np.linalg.solve(gram, score[:, :, None])[:, :, 0], axis=1)
-    return energy
+    return np.asarray(np.sum(score * np.linalg.solve(gram, score[:, :, None])[:, :, 0], axis=1))
 
 
 Key = tuple[int, int | None, str]
@@ -264,8 +257,7 @@ class Term:
             Number of rows, 3K + 1.
         """
         if self.rows.ndim == 2:
-            spread: FloatArray = (self.features * values[self.columns]) @ self.rows
-            return spread
+            return (self.features * values[self.columns]) @ self.rows
         added = np.zeros((len(self.features), row_count))
         for atom, (row, column) in enumerate(zip(self.rows, self.columns, strict=True)):
             added[:, row] += values[column] * self.features[:, atom]
@@ -282,8 +274,7 @@ def at_rows(values: NDArray[Any], rows: NDArray[Any]) -> NDArray[Any]:
     rows : (J,) array of int, or (J, 3K + 1) array
         As those of a ``Term``.
     """
-    of_atoms: NDArray[Any] = values[rows] if rows.ndim == 1 else np.tensordot(rows, values, 1)
-    return of_atoms
+    return values[rows] if rows.ndim == 1 else np.tensordot(rows, values, 1)
 
 
 def chosen(terms: Iterable[Term], keys: Sequence[Key]) -> list[Term]:

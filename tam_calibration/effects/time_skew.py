@@ -5,11 +5,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.covariates import Covariates
-from tam_calibration.effects.effect import Limit, LinearEffect
+from tam_calibration.effects.effect import Coefficient, Covariates, Limit, LinearEffect, Shape, Term
 from tam_calibration.effects.motion import jumps, rates
-from tam_calibration.effects.term import Coefficient, Term
-from tam_calibration.model.fitted_effect import Shape
 
 _DELAY = Coefficient("delay", "s")
 

@@ -17,14 +17,13 @@ from typing import ClassVar
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.effects.covariates import Covariates
-from tam_calibration.effects.effect import Finding, FoundEffect, Limit
+from tam_calibration.effects.displaced import AgainstOthers
+from tam_calibration.effects.effect import Covariates, Finding, FoundEffect, Limit, WhitenedResiduals
 from tam_calibration.effects.excess_variance import ChannelMoments, best_excess, most_likely, relative_error
 from tam_calibration.effects.grades import CERTAIN, NOTABLE
 from tam_calibration.effects.motion import Statistic, is_chance, jumps, rates
-from tam_calibration.effects.other_sensors import AgainstOthers
 from tam_calibration.effects.regularity import neighbour_covariance
-from tam_calibration.effects.term import WhitenedResiduals
+from tam_calibration.effects.term import rows_of
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 from tam_calibration.model.units import FloatArray
 
@@ -80,28 +79,10 @@ class TimingJitter(FoundEffect):
             spread_T=spread,
         )
 
-    def add(
-        self, rows_T: FloatArray, covariates: Covariates, fitted: FittedEffect, generator: np.random.Generator
-    ) -> FloatArray:
-        """Return simulated rows (N, 3K + 1) with the effect in them, tesla.
-
-        Parameters
-        ----------
-        rows_T : (N, 3K + 1) array
-            Readings of K sensors, and the scalar reading, without the effect, tesla.
-        covariates : Covariates
-            Time, field in the array frame and recorded channels of the N samples.
-        fitted : FittedEffect
-            Where the effect acts, and its numbers.
-        generator : numpy.random.Generator
-            Source of the random numbers.
-        """
-        rows, changing = rows_T.copy(), rates(covariates) @ covariates.errors.matrix.reshape(-1, 3).T
-        for part in fitted.contributions:
-            own = slice(3 * part.sensor, 3 * part.sensor + 3)
-            early = generator.normal(0, part.values["standard deviation"], (covariates.sample_count, 1))
-            rows[:, own] += early * changing[:, own]
-        return rows
+    def put(self, rows_T: FloatArray, part: Contribution, run: Covariates, source: np.random.Generator) -> FloatArray:
+        """Return the readings (N, n) of the n rows that a contribution acts on with the effect; see `FoundEffect`."""
+        early = source.normal(0, part.values["standard deviation"], (len(rows_T), 1))
+        return rows_T + early * (rates(run) @ run.errors.matrix.reshape(-1, 3).T)[:, rows_of(part, run)]
 
 
 @dataclass(frozen=True, eq=False)

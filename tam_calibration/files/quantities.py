@@ -1,8 +1,12 @@
 """The quantities of our files: what a number can be in the unit of its key; beyond, it is of another unit or damage."""
 
-from typing import Annotated, Literal
+from dataclasses import fields
+from typing import Annotated, Any, Literal
+
+import numpy as np
 
 from tam_calibration.files.schema import Bounds
+from tam_calibration.model.units import from_degrees, from_nanotesla
 
 Finite = Annotated[float, Bounds()]
 Vector = tuple[Finite, Finite, Finite]
@@ -56,3 +60,21 @@ Celsius = Annotated[float, Bounds(least=-273.15, most=1e4, unit="°C")]
 
 Ampere = Annotated[float, Bounds(least=-1e6, most=1e6, unit="A")]
 """Of a current on the vehicle."""
+
+
+def in_si(block: Any) -> list[Any]:
+    """Return the values of a checked block in SI, in the order of its keys, which name the units; lists become arrays.
+
+    Parameters
+    ----------
+    block : dataclass
+        Keys with nT are fields, or fields per metre, those with deg angles; others have SI units, or none.
+    """
+    values = [(field.name, getattr(block, field.name)) for field in fields(block)]
+    return [None if value is None else value_in_si(key, value) for key, value in values]
+
+
+def value_in_si(key: str, value: Any) -> Any:
+    """Return the value of a key in SI; a list becomes an array."""
+    number = np.array(value) if isinstance(value, list | tuple) else value
+    return from_nanotesla(number) if "_nT" in key else from_degrees(number) if "_deg" in key else number

@@ -26,7 +26,7 @@ class Bounds:
     unit : str
         Of the number, where a wrong one is what mostly breaks the bounds.
     may_be_nan : bool
-        Whether it need not be known.
+        Whether it may be unknown: null or NaN in the file, NaN when read.
     """
 
     above: float = -math.inf
@@ -47,6 +47,20 @@ class Bounds:
         if number < self.least:
             return f"greater than or equal to {self.least}{hint}"
         return f"less than or equal to {self.most}{hint}" if number > self.most else ""
+
+
+def require_schema(content: Mapping[str, Any], kind: str, schema: str) -> None:
+    """Check that a file of some kind states the schema that this version reads.
+
+    Raises
+    ------
+    InputError
+        When it states another, or none.
+    """
+    found = content.get("schema")
+    if found != schema:
+        stated = "has no schema" if found is None else f"has the schema {quoted(found)}"
+        raise InputError(f"this is no {kind} that this version reads: it {stated}, not {schema!r}")
 
 
 def check(content: Mapping[str, Any], schema: type[Schema]) -> Schema:
@@ -143,12 +157,14 @@ def _dict(kind: Any, value: Any, place: str, faults: list[str]) -> Any:
 
 
 def _literal(kind: Any, value: Any, place: str, faults: list[str]) -> Any:
-    choices = [repr(choice) for choice in get_args(kind)]
+    choices = [repr(choice) for choice in get_args(kind) if choice != ""]
     return value if value in get_args(kind) else _fault(" or ".join(choices), place, faults)
 
 
 def _bounded(kind: Any, value: Any, place: str, faults: list[str]) -> Any:
     base, bounds = get_args(kind)
+    if value is None and bounds.may_be_nan:
+        return math.nan
     number = _value(base, value, place, faults)
     broken = "" if number is None else bounds.broken_by(number)
     return _fault(broken, place, faults) if broken else number
@@ -168,7 +184,8 @@ def _one_of(kind: Any, value: Any, place: str, faults: list[str]) -> Any:
         if not own:
             return read
         told.append(own)
-    faults += told[-1] if isinstance(value, list) else told[0]  # a list was meant for what takes one
+    # A list or a mapping was meant for what takes one.
+    faults += told[-1] if isinstance(value, list | Mapping) else told[0]
     return None
 
 
@@ -178,7 +195,7 @@ def _of_kind(schemas: list[Any], content: Any, place: str, faults: list[str]) ->
     if "kind" not in content:
         faults.append(f"the key '{place}.kind' is missing")
         return None
-    by_kind = {get_args(_types(schema)["kind"])[0]: schema for schema in schemas}
+    by_kind = {kind: schema for schema in schemas for kind in get_args(_types(schema)["kind"])}
     kind = content["kind"]
     if not isinstance(kind, str) or kind not in by_kind:
         faults.append(f"{place}: the kind {quoted(kind)} is none of {', '.join(by_kind)}")
@@ -186,14 +203,19 @@ def _of_kind(schemas: list[Any], content: Any, place: str, faults: list[str]) ->
     return _document(by_kind[kind], content, place, faults)
 
 
+_LARGEST_INTEGER = 10**40
+"""Size of an integer: no count or seed is larger, and no sentence quotes more digits."""
+
+
 def _number(value: Any) -> float:
     return float(_no_truth(value))
 
 
 def _integer(value: Any) -> int:
-    if isinstance(value, float) and not value.is_integer():
+    number = _no_truth(value)
+    if not abs(number) <= _LARGEST_INTEGER or number != int(number):
         raise ValueError
-    return int(_no_truth(value))
+    return int(number)
 
 
 def _no_truth(value: Any) -> Any:

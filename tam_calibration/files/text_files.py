@@ -23,12 +23,7 @@ def in_file(path: Path | str) -> Iterator[None]:
         yield
     except InputError as problem:
         told = str(problem)
-        raise InputError(told if told.startswith(f"{path} ") else f"{path}: {told}") from None
-
-
-def printable(path: Path | str) -> str:
-    r"""Return a path as text for files: of a name that is no UTF-8 the bytes that are none, as \udcff."""
-    return str(path).encode("utf-8", "backslashreplace").decode("utf-8")
+        raise InputError(told if told.startswith((f"{path} ", f"{path}:")) else f"{path}: {told}") from None
 
 
 MOST_BYTES = 1 << 26
@@ -107,10 +102,7 @@ def check_writable(path: str) -> None:
 
 @contextmanager
 def write_whole(path: Path) -> Iterator[Path]:
-    """Give a place to write a file or folder to, and move it to its path when that went well.
-
-    A file that was there is replaced at once; a folder that was there is never replaced. After a failure
-    everything is as it was.
+    """Give a place to write a file or folder to, and move it to its path as `write_set` does.
 
     Parameters
     ----------
@@ -129,6 +121,18 @@ def write_whole(path: Path) -> Iterator[Path]:
     """
     with write_set([path]) as [beside]:
         yield beside
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file, whole or not at all.
+
+    Raises
+    ------
+    InputError
+        When it cannot be written.
+    """
+    with write_whole(path) as beside:
+        beside.write_text(text, encoding="utf-8")
 
 
 def to_json(content: Mapping[str, Any]) -> str:

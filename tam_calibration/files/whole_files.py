@@ -11,6 +11,7 @@ import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from stat import S_IMODE
 from tempfile import gettempdir, mkdtemp
 
 from tam_calibration.model.exceptions import InputError
@@ -27,8 +28,9 @@ _OLDER = ".older"
 def write_set(paths: Iterable[Path]) -> Iterator[list[Path]]:
     """Give places to write files or folders to, and move all to their paths, or none, when that went well.
 
-    What nothing is written to is left out. A file that was there is replaced at once; a folder that was there is never
-    replaced. After a failure everything is as it was.
+    Paths without content are left out. An existing file is replaced at once, and its mode is kept; an existing folder
+    is never replaced. A symbolic link stays, and the path it leads to is written. After a failure everything is as it
+    was.
 
     Parameters
     ----------
@@ -45,7 +47,7 @@ def write_set(paths: Iterable[Path]) -> Iterator[list[Path]]:
     InputError
         When one cannot be written.
     """
-    targets = [Path(path) for path in paths]
+    targets = [Path(os.path.realpath(path) if os.path.islink(path) else path) for path in paths]
     for path in targets:
         _require_replaceable(path)
     with ExitStack() as folders:
@@ -67,7 +69,7 @@ def write_set(paths: Iterable[Path]) -> Iterator[list[Path]]:
 def _require_replaceable(path: Path) -> None:
     if path.is_dir():
         raise InputError(f"{path} is a folder that exists already: choose another name, or remove it")
-    if path.exists() and not path.is_file():
+    if os.path.lexists(path) and not path.is_file():
         raise InputError(f"{path} is not a regular file: choose another name")
 
 
@@ -113,8 +115,8 @@ def unfinished(path: Path) -> Iterator[Path]:
 
 def _remove(folder: Path, holder: int) -> None:
     with postponed():
+        os.close(holder)  # removing needs two descriptors, and there may be no other
         shutil.rmtree(folder, ignore_errors=True)
-        os.close(holder)
 
 
 def _make_folder(path: Path) -> tuple[Path, int]:
@@ -203,6 +205,7 @@ def _put_in_place(moves: Mapping[Path, Path]) -> None:
             _sync(place)
         for place, path in moves.items():
             if os.path.lexists(path) and not path.is_dir():
+                _take_mode(place, path)
                 undo.callback(os.replace, _kept(path, place.parent), path)
             os.replace(place, path)
             undo.callback(os.replace, path, place)
@@ -211,13 +214,18 @@ def _put_in_place(moves: Mapping[Path, Path]) -> None:
         undo.pop_all()
 
 
+def _take_mode(place: Path, older: Path) -> None:
+    """Give a new file or folder the permissions of the one that it replaces."""
+    os.chmod(place, S_IMODE(older.stat().st_mode))
+
+
 def _kept(path: Path, folder: Path) -> Path:
-    """Return a second name of a file, or of a link, in a folder."""
+    """Return a second name of a file in a folder."""
     kept = folder / f"{path.name}{_OLDER}"
     try:
-        os.link(path, kept, follow_symlinks=False)
+        os.link(path, kept)
     except OSError:  # a file system without hard links
-        shutil.copy2(path, kept, follow_symlinks=False)
+        shutil.copy2(path, kept)
     return kept
 
 
@@ -241,6 +249,7 @@ def replace_folder(place: Path, path: Path) -> None:
     with postponed(), ExitStack() as undo:
         _sync(place)
         if path.is_dir():
+            _take_mode(place, path)
             older = place.with_name(f"{path.name}{_OLDER}")
             os.rename(path, older)
             undo.callback(os.rename, older, path)

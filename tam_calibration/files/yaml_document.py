@@ -4,6 +4,7 @@ What is read may be hostile. Values are those of YAML 1.2's core schema, so that
 counted while the parser gives its events, before anything is made of them.
 """
 
+import math
 import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -189,12 +190,20 @@ def _represent_list(dumper: yaml.SafeDumper, data: list[Any]) -> yaml.Node:
     return dumper.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=is_flat)
 
 
+def _represent_float(dumper: yaml.SafeDumper, data: float) -> yaml.Node:
+    return dumper.represent_none(None) if math.isnan(data) else dumper.represent_float(data)
+
+
 _Dumper.add_representer(list, _represent_list)
+_Dumper.add_representer(float, _represent_float)
 _Dumper.add_implicit_resolver(  # text that YAML 1.1 has for text, as 1e5, is to be quoted
     "tag:yaml.org,2002:plain", re.compile(f"({'|'.join(pattern.pattern for pattern, _ in _PLAIN)})$"), None
 )
 
 
 def dump_mapping(content: Mapping[str, Any]) -> str:
-    """Return YAML in the order of the keys, flat lists on one line; numbers read back exactly."""
+    """Return YAML in the order of the keys, flat lists on one line.
+
+    Numbers read back exactly; NaN becomes null, as in JSON.
+    """
     return yaml.dump(dict(content), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120)

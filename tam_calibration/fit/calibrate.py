@@ -8,20 +8,17 @@ import numpy as np
 
 from tam_calibration.correction.acceptance import within_limits
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.accepted_fit import Fit, accepted
-from tam_calibration.fit.artificial_vector import artificial_vector
-from tam_calibration.fit.consistency import find_warnings
-from tam_calibration.fit.fast_rotation import fast_rotation
+from tam_calibration.fit.consistency import Fit, accepted, find_warnings
 from tam_calibration.fit.identifiability import FEWEST_SAMPLES, require_determined
 from tam_calibration.fit.integrated import integrated
 from tam_calibration.fit.joint_calibration import calibrate_jointly
 from tam_calibration.fit.lossless import lossless
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.prior import Prior
+from tam_calibration.fit.published import artificial_vector, fast_rotation, simplified_linear, two_step_linear
 from tam_calibration.fit.recorded_attitude import as_if_uniform
-from tam_calibration.fit.simplified_linear import simplified_linear
+from tam_calibration.fit.screening import without_bad_readings
 from tam_calibration.fit.slow_residuals import widened
-from tam_calibration.fit.two_step_linear import two_step_linear
 from tam_calibration.integrity import require_enough, require_sound
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
@@ -114,13 +111,12 @@ def calibrate(
         kind = "an ambient gradient" if ambient_gradient else method
         raise InputError(f"priors and attitude as data go with {DEFAULT_METHOD} in a uniform field, not with {kind}")
     is_joint |= takes_priors and array.tolerances is not None
-    if recording.sensor_count != array.sensor_count:
-        raise InputError(
-            f"the recording has {recording.sensor_count} sensors, the array {array.sensor_count}: "
-            "use the array file of this recording"
-        )
-    faults = require_sound(recording, array, accept)
+    array.require_recording(recording)
+    found = [fault.sentence for fault in require_sound(recording, array, accept)]
     recording.thinned(SKETCH).check_plausible(array.field)
+    if not (is_joint or ambient_gradient or method == "robust"):
+        recording, left_out = without_bad_readings(recording, array)
+        found += () if left_out is None else left_out.sentences()
     if not is_joint:
         require_determined(recording, array, is_uniform=not ambient_gradient)
     require_enough(recording.sample_count, accept)
@@ -131,7 +127,7 @@ def calibrate(
     uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient)
     if not is_joint and method in _OURS:
         calibration = widened(calibration, uniform, is_robust=method == "robust")
-    warnings = (*(fault.sentence for fault in faults), *calibration.warnings, *find_warnings(uniform, calibration))
+    warnings = (*found, *calibration.warnings, *find_warnings(uniform, calibration))
     calibration = within_limits(replace(calibration, warnings=warnings), accept)
     return replace(calibration, held_out=_held_out(recording, array, fit))
 

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from tam_calibration.core.elimination import Elimination
+from tam_calibration.core.normal_equations import Elimination
 from tam_calibration.effects.ambient_gradient import turned
 from tam_calibration.model.array import TENSOR_COLUMNS, TENSOR_ROWS, UNIT_TENSORS
 from tam_calibration.model.units import FloatArray
@@ -41,14 +41,12 @@ class Turning:
     @property
     def levers(self) -> FloatArray:
         """(K, 3, 5) fields at the sensors of the five unit tensors of the array frame."""
-        levers: FloatArray = np.einsum("cij,kj->kic", UNIT_TENSORS, self.positions_m)
-        return levers
+        return np.asarray(np.einsum("cij,kj->kic", UNIT_TENSORS, self.positions_m))
 
     @property
     def scalar_lever(self) -> FloatArray:
         """(3, 5) the same at the scalar magnetometer."""
-        lever: FloatArray = np.einsum("cij,j->ic", UNIT_TENSORS, self.scalar_position_m)
-        return lever
+        return np.asarray(np.einsum("cij,j->ic", UNIT_TENSORS, self.scalar_position_m))
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,12 +146,10 @@ def _features_only(of_features: FloatArray, before: int) -> FloatArray:
 
 def _each(of_components: FloatArray) -> FloatArray:
     """Return maps (M, 5) of components in the array frame as maps (M, 5, 25) of features, one for each unit tensor."""
-    each: FloatArray = np.einsum("mc,pq->mpcq", of_components, np.eye(5)).reshape(len(of_components), 5, 25)
-    return each
+    return np.asarray(np.einsum("mc,pq->mpcq", of_components, np.eye(5)).reshape(len(of_components), 5, 25))
 
 
 def _by_rows(unmix: FloatArray, field: FloatArray) -> FloatArray:
     """Return the (12K, 3, V) responses of the common field to the rows, from maps (K, 4, V) to what they act on."""
     by_reading = unmix.reshape(3, -1, 3)
-    by_rows: FloatArray = np.einsum("xia,icv->iacxv", by_reading, field).reshape(12 * len(field), 3, -1)
-    return by_rows
+    return np.asarray(np.einsum("xia,icv->iacxv", by_reading, field).reshape(12 * len(field), 3, -1))

@@ -3,15 +3,18 @@
 Of a recording of more than ``SKETCH`` samples every n-th one is looked at.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.identifiability import FEWEST_SAMPLES
+from tam_calibration.fit.identifiability import FEWEST_SAMPLES, require_accurate
+from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.fit.scale import normalize, sphere_of_most
-from tam_calibration.model.exceptions import Refused
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import SKETCH, SampleSource
 from tam_calibration.model.residuals import residual_series
 from tam_calibration.model.units import FloatArray, to_nanotesla
@@ -124,7 +127,9 @@ def find_warnings(recording: SampleSource, calibration: Calibration) -> tuple[st
     """
     warnings = []
     if calibration.array.sensor_count >= _FEWEST_FOR_GRADIENT and not calibration.array.has_gradient:
-        warnings.append("the sensors stand in one line, which determines no gradient tensor: the outputs have none")
+        warnings.append(
+            "the sensors stand in one line, so this array measures no gradient tensor: the outputs have none"
+        )
     names = {"differential": "between the sensors", "common_mode": "against the reference intensity"}
     chance = 6 * np.sqrt(2 / max(1, calibration.samples - FEWEST_SAMPLES))
     for channel, words in names.items():
@@ -162,3 +167,54 @@ def _in_parts(residual: FloatArray, time: FloatArray) -> _Parts | None:
         np.array([time[chunk[0]] for chunk in chunks]),
         np.array([time[chunk[-1]] for chunk in chunks]),
     )
+
+
+Fit = Callable[[SampleSource, Array], Calibration]
+
+
+def accepted(recording: SampleSource, array: Array, fit: Fit) -> Calibration:
+    """Return the calibration of a fit that is of one field, the same throughout, and accurate enough to be of use.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        Raw readings of the array that was turned in a field.
+    array : Array
+        Geometry and noise of its K sensors; a noise that is not stated is estimated.
+    fit : callable
+        The method: from recording and array to a ``Calibration``.
+
+    Raises
+    ------
+    InputError
+        When the readings make no calibration, or leave parameters open.
+    Refused
+        When the recording is not one calibration.
+    """
+    try:
+        calibration = fit(recording, array)
+    except (InputError, Refused):
+        require_one_sphere(recording)
+        raise
+    require_one_field(recording, calibration)
+    require_accurate(calibration)
+    return calibration
+
+
+def require_one_field(recording: SampleSource, calibration: Calibration) -> None:
+    """Check that a recording is one calibration in one field.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        Raw readings of K sensors.
+    calibration : Calibration
+        Made from them.
+
+    Raises
+    ------
+    Refused
+        When it is not.
+    """
+    uniform = as_if_uniform(recording, calibration.errors, calibration.array, calibration.ambient_gradient)
+    require_one_calibration(uniform, calibration)

@@ -17,11 +17,82 @@ from operator import itemgetter
 import numpy as np
 from numpy.linalg import slogdet
 
-from tam_calibration.correction.update import ALL_BIASES, SEVERAL, in_words
+from tam_calibration.correction.update import ALL_BIASES, COMMON_SCALE, KINDS, SEVERAL, in_words
 from tam_calibration.fit.posterior import Posterior
 from tam_calibration.fit.prior import Prior, without_scale
-from tam_calibration.fit.sensor_changes import Hypothesis, changes_of_sensors
+from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_nanotesla
+
+FAR_RATIO = 1e5
+"""Ratio from which each is fitted by itself: a bias of some fifty times the noise, over which lengths begin to bend."""
+
+_NAMES = {
+    "scale factor": ("x", "y", "z"),
+    "non-orthogonality": ("θ", "φ", "ψ"),
+    "bias": ("x", "y", "z"),
+    "misalignment": ("α", "β", "γ"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """What may have changed.
+
+    Parameters
+    ----------
+    name : str
+        For people: "bias of sensor 2".
+    parameters : str
+        Kind of the errors: one of `KINDS`, or what changes together.
+    sensor : int
+        Number of the sensor from 1; 0 where it is not one alone.
+    directions : (12 K, M) array
+        Changes of the errors by its M unknowns.
+    components : tuple of str
+        Names of the unknowns.
+    unit : str
+        Of the unknowns, SI.
+    """
+
+    name: str
+    parameters: str
+    sensor: int
+    directions: FloatArray
+    components: tuple[str, ...]
+    unit: str
+
+
+def changes_of_sensors(errors: SensorErrors) -> tuple[Hypothesis, ...]:
+    """Return what may have changed in the sensors of an array.
+
+    One kind of errors of one sensor, as when it is knocked; all errors of a sensor; the biases of all, as when a
+    battery is swapped; the scalar magnetometer against all.
+
+    Parameters
+    ----------
+    errors : SensorErrors
+        Of the K sensors.
+    """
+    count = errors.sensor_count
+    every = np.eye(12 * count).reshape(12 * count, count, 12)
+    found = []
+    for sensor in range(count):
+        for place, kind in enumerate(KINDS):
+            if kind == "misalignment" and count == 1:
+                continue
+            unit = {"scale factor": "1", "bias": "T"}.get(kind, "rad")
+            found.append(_of(kind, sensor + 1, every[:, sensor, 3 * place : 3 * place + 3], _NAMES[kind], unit))
+        found.append(_of(SEVERAL, sensor + 1, every[:, sensor]))
+    if count == 1:
+        return tuple(found)
+    found.append(_of(ALL_BIASES, 0, every[:, :, 6:9].reshape(12 * count, -1), unit="T"))
+    scale = (every[:, :, :3] * errors.scale_factor).sum(axis=(1, 2))[:, None]
+    return (*found, _of(COMMON_SCALE, 0, scale, ("",), "1"))
+
+
+def _of(kind: str, sensor: int, directions: FloatArray, components: tuple[str, ...] = (), unit: str = "") -> Hypothesis:
+    return Hypothesis(in_words(kind, sensor), kind, sensor, directions, components, unit)
+
 
 SIGNIFICANT = 1e-4
 """Probability of a difference below which data and prior contradict: one false alarm in ten thousand updates."""
@@ -151,8 +222,7 @@ class Difference:
 def _inverse(information: FloatArray) -> FloatArray:
     """Return the inverse of a matrix of which no eigenvalue is below one, its diagonal positive whatever rounds."""
     values, vectors = np.linalg.eigh(information)
-    inverse: FloatArray = vectors / np.maximum(values, 1.0) @ vectors.T
-    return inverse
+    return np.asarray(vectors / np.maximum(values, 1.0) @ vectors.T)
 
 
 def probability_of(chi_square: float, freedom: int) -> float:
@@ -186,10 +256,6 @@ def changes_that_explain(difference: Difference, candidates: Sequence[Sequence[C
             break
         difference = difference.without(strongest)
     return found
-
-
-def _weighed(difference: Difference, sizes: Sequence[Change]) -> list[tuple[float, Change]]:
-    return [(difference.evidence(change) + log_odds(change), change) for change in sizes]
 
 
 def log_odds(change: Change) -> float:

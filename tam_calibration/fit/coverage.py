@@ -68,8 +68,7 @@ def cell_of(direction: FloatArray) -> IntArray:
     """Return the cell numbers (N,) of unit vectors (N, 3)."""
     band = np.clip(((direction[:, 2] + 1) / 2 * BANDS).astype(int), 0, BANDS - 1)
     turn = (np.arctan2(direction[:, 1], direction[:, 0]) + np.pi) / (2 * np.pi)
-    cell: IntArray = band * SECTORS + np.clip((turn * SECTORS).astype(int), 0, SECTORS - 1)
-    return cell
+    return np.asarray(band * SECTORS + np.clip((turn * SECTORS).astype(int), 0, SECTORS - 1))
 
 
 def measure_coverage(field_T: FloatArray) -> Coverage:

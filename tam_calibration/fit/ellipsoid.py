@@ -81,8 +81,7 @@ def move_origin(moments: FloatArray, origin: FloatArray) -> FloatArray:
     """
     pairs = origin[..., ROWS] * origin[..., COLUMNS]
     shift = (np.concatenate([origin, pairs], axis=-1) @ _SHIFT).reshape(moments.shape) + np.eye(11)
-    moved: FloatArray = shift @ moments @ np.swapaxes(shift, -1, -2)
-    return moved
+    return shift @ moments @ np.swapaxes(shift, -1, -2)
 
 
 def symmetric(elements: FloatArray) -> FloatArray:

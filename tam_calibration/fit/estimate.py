@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.linalg import inv
 
-from tam_calibration.core.elimination import Elimination
 from tam_calibration.core.noise import complete_noise
+from tam_calibration.core.normal_equations import Elimination
 from tam_calibration.core.variance_factors import VarianceFactors
 from tam_calibration.correction.calibration import FRAME_STATEMENT, AmbientGradientEstimate, Calibration
 from tam_calibration.fit.coverage import CELLS, cell_of
@@ -169,8 +169,7 @@ def sample_energies(
     energy = EnergySums(errors, array, intensity_T)
     parts = [energy.of_samples(block) for block in source.blocks()]
     differential, common_mode = (np.concatenate(channel) for channel in zip(*parts, strict=True))
-    weighed: FloatArray = differential / factors.differential + np.nan_to_num(common_mode) / factors.common_mode
-    return weighed
+    return np.asarray(differential / factors.differential + np.nan_to_num(common_mode) / factors.common_mode)
 
 
 class _Visited:

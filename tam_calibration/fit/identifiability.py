@@ -208,11 +208,8 @@ def _worst(ratio: FloatArray) -> tuple[str, ...]:
     largest = np.where(weak, ratio, 0).max(axis=0)
     ordered = np.argsort(-largest)[: min(_MOST_NAMES, int(weak.any(axis=0).sum()))]
     only = np.arange(len(PARAMETER_NAMES)) == ordered[:, None]
-    return tuple(f"{_name_open(weak & own)} {_times(largest[index])}" for index, own in zip(ordered, only, strict=True))
-
-
-def _times(ratio: float) -> str:
-    return f"{ratio:.3g} ×" if np.isfinite(ratio) else "undetermined"
+    times = [f"{ratio:.3g} ×" if np.isfinite(ratio) else "undetermined" for ratio in largest[ordered]]
+    return tuple(f"{_name_open(weak & own)} {each}" for each, own in zip(times, only, strict=True))
 
 
 def _reason(field_T: FloatArray, intensity_T: float) -> str:

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.linalg import inv, norm
 
-from tam_calibration.core.elimination import Elimination
+from tam_calibration.core.normal_equations import Elimination
 from tam_calibration.fit.coverage import ellipsoid_rows
 from tam_calibration.fit.likelihood import Likelihood
 from tam_calibration.fit.scale import free_scale_gradient
@@ -101,10 +101,8 @@ def rows_by_unknowns(errors: SensorErrors, unit_T: float, free_intensity_T: floa
     count = errors.sensor_count
     # Without a reference the rows of D Λ enter times the intensity F: d(F D Λ) = F d(D Λ) + D Λ dF.
     factor = 1.0 if free_intensity_T is None else free_intensity_T / unit_T
-    derivative = np.zeros((count, 12, count, 12))
-    for index, block in enumerate(errors.jacobian() * np.array([factor, factor, factor, 1 / unit_T])[:, None]):
-        derivative[index, :, index] = block.reshape(12, 12)
-    by_errors = derivative.reshape(12 * count, 12 * count)
+    blocks = errors.jacobian() * np.array([factor, factor, factor, 1 / unit_T])[:, None]
+    by_errors = _block_diagonal(blocks).reshape(12 * count, 12 * count)
     if free_intensity_T is None:
         return by_errors
     by_intensity = np.concatenate([errors.matrix, np.zeros((count, 3, 1))], axis=2).reshape(-1, 1)
@@ -254,15 +252,13 @@ class InformationModel:
         rest_affine = 1 + np.sum(gain_affine * rows.affine, axis=1, keepdims=True)
         variance = np.sum((ellipsoid @ inverse) * ellipsoid, axis=1) + square @ inverse_affine.ravel()
         outer = (gain_affine[:, :, None] * gain_affine[:, None, :]).reshape(-1, 16)
-        after: FloatArray = variance - (gain @ ellipsoid.T) ** 2 / rest - outer @ square.T / rest_affine
-        return after
+        return np.asarray(variance - (gain @ ellipsoid.T) ** 2 / rest - outer @ square.T / rest_affine)
 
     @cached_property
     def noise_units(self) -> FloatArray:
         """(12 K,) factors that turn a bias, and a scale factor or angle times the field, into units of the noise."""
         relative = np.repeat([self.intensity_T, self.intensity_T, 1.0, self.intensity_T], 3)
-        units: FloatArray = np.outer(1 / self.array.vector_noise_T, relative).ravel()
-        return units
+        return np.outer(1 / self.array.vector_noise_T, relative).ravel()
 
     @cached_property
     def loadings(self) -> tuple[FloatArray, FloatArray]:

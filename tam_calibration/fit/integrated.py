@@ -9,8 +9,7 @@ from numpy.linalg import LinAlgError, inv
 
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit import ellipsoid, recorded_attitude
-from tam_calibration.fit.alignment import field_products, procrustes
-from tam_calibration.fit.moments import Moments, finish, gather
+from tam_calibration.fit.moments import Moments, field_products, finish, gather, procrustes
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import SampleSource

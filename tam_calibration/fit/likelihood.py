@@ -147,8 +147,7 @@ class Likelihood:
     @property
     def channel_count(self) -> FloatArray:
         """(N,) number of whitened channels of each sample: 3K - 3, and one more with a reference."""
-        count: FloatArray = 3.0 * self.points.shape[1] - 3 + np.isfinite(self.intensity)
-        return count
+        return np.asarray(3.0 * self.points.shape[1] - 3 + np.isfinite(self.intensity))
 
     def linearize(
         self,
@@ -326,8 +325,7 @@ def expected_score(there: CommonMode, features: FloatArray) -> FloatArray:
     extended = np.concatenate([there.field, features[:, there.known], np.ones((1, len(there.precision)))])
     score = (there.precision * there.of_direction) @ extended.T
     score[:, :3] += (there.precision * there.direction) @ there.of_field.T
-    summed: FloatArray = score.ravel()
-    return summed
+    return np.asarray(score.ravel())
 
 
 def normal_equations(

@@ -195,5 +195,4 @@ def _data_share(calibration: Calibration, prior: Prior) -> FloatArray:
     after = np.diag(derivative @ calibration.covariance @ derivative.T)
     before = np.diag(prior.covariance)
     ratio = np.divide(after, before, out=np.full_like(before, np.nan), where=before > 0)
-    share: FloatArray = np.clip(1 - ratio, 0, 1).reshape(-1, 12)
-    return share
+    return np.asarray(np.clip(1 - ratio, 0, 1).reshape(-1, 12))

@@ -1,22 +1,27 @@
 """The moments of a recording, of all its samples and with each group of samples left out, and the way back from them.
 
 A method that needs no more than these is worked out for all sets at once, and its covariance is a jackknife.
+
+Sensors that are orthogonal already are aligned by Procrustes analysis, or by linear regression. Every function takes
+any number of leading axes and treats each of them apart.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.linalg import inv
 
 from tam_calibration.core.normal_equations import gram
 from tam_calibration.correction.calibration import FRAME_STATEMENT, Calibration
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.estimate import Estimate, make_calibration
+from tam_calibration.fit.handedness import require_one_hand
 from tam_calibration.fit.scale import Normalized, free_scale, normalize
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import BLOCK, Recording, SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
-from tam_calibration.model.units import FloatArray, IntArray
+from tam_calibration.model.units import FloatArray, IntArray, from_degrees
 
 _JACKKNIFE_GROUPS = 64
 _FEWEST_SAMPLES = 10
@@ -56,8 +61,7 @@ class Moments:
     @property
     def mean_square(self) -> FloatArray:
         """(S, 1) mean square of the intensity, in units of the radius."""
-        mean: FloatArray = self.quartic[:, :1, 9, 10] / self.quartic[:, :1, 9, 9]
-        return mean
+        return self.quartic[:, :1, 9, 10] / self.quartic[:, :1, 9, 9]
 
     def with_constant_intensity(self) -> "Moments":
         """Return the moments that the readings would have beside a constant intensity of the same mean square."""
@@ -126,8 +130,7 @@ def _products_of_runs(columns: FloatArray, groups: int) -> FloatArray:
     if run * groups != count:
         columns = np.pad(columns, ((0, 0), (0, run * groups - count)))
     dealt = np.swapaxes(columns.reshape(width, groups, run), 0, 1)
-    products: FloatArray = dealt @ np.swapaxes(dealt, 1, 2)
-    return products
+    return dealt @ np.swapaxes(dealt, 1, 2)
 
 
 def _length_of_run(count: int, groups: int) -> int:
@@ -185,8 +188,115 @@ def finish(
 
 
 def jackknife(replicates: FloatArray) -> FloatArray:
-    """Return the covariance of the flattened estimates (G, ...) that leave one group out each."""
+    """Return the covariance of the flattened estimates (G, ...) that leave one group out each.
+
+    So few groups tell the standard errors to a tenth only: these are widened so that 1.96 of them cover 95 %, by
+    Student's t with G - 1 degrees of freedom.
+    """
+    from scipy.special import ndtri, stdtrit
+
     groups = len(replicates)
     deviation = (replicates - replicates.mean(axis=0)).reshape(groups, -1)
-    covariance: FloatArray = (groups - 1) / groups * deviation.T @ deviation
-    return covariance
+    wider = (stdtrit(groups - 1, 0.975) / ndtri(0.975)) ** 2
+    return np.asarray(wider * (groups - 1) / groups * deviation.T @ deviation)
+
+
+_LARGEST_TURN = from_degrees(80.0)
+"""Of a sensor whose angle is found by its sine, radians: noise counts six times there, and without bound at 90°."""
+
+
+def field_products(joint: FloatArray, unmix: FloatArray, center: FloatArray) -> FloatArray:
+    """Return the sums of the outer products of the restored fields.
+
+    Parameters
+    ----------
+    joint : (S, 3K+1, 3K+1) array
+        Moments of all readings, and 1.
+    unmix : (S, K, 3, 3) array
+        From unbiased readings to the field in each sensor's own frame.
+    center : (S, K, 3) array
+        Biases.
+
+    Returns
+    -------
+    (S, K, K, 3, 3) array
+        At k, l the sum of b_k b_lᵀ.
+    """
+    sets, sensors = center.shape[:2]
+    restore = np.zeros((sets, sensors, 3, 3 * sensors + 1))
+    for sensor in range(sensors):
+        restore[:, sensor, :, 3 * sensor : 3 * sensor + 3] = unmix[:, sensor]
+    restore[..., -1:] = -unmix @ center[..., None]
+    restore = restore.reshape(sets, 3 * sensors, -1)
+    products: FloatArray = restore @ joint @ np.swapaxes(restore, 1, 2)
+    return np.swapaxes(products.reshape(sets, sensors, 3, sensors, 3), 2, 3)
+
+
+def procrustes(cross: FloatArray) -> FloatArray:
+    """Return the rotations Λ that turn a reference into each sensor's field.
+
+    Parameters
+    ----------
+    cross : (..., K, 3, 3) array
+        Sums of b_k bᵀ, b the reference.
+
+    Returns
+    -------
+    (..., K, 3, 3) array
+        Minimising the sum of |b_k - Λ_k b|² over rotations (Chi 2017 eq. 16, the other way round).
+
+    Raises
+    ------
+    InputError
+        When sensors are mirror images of others; it has their numbers.
+    """
+    left, _, right = np.linalg.svd(cross)
+    rotation: FloatArray = left @ right
+    require_one_hand(rotation)
+    return rotation
+
+
+def rotation_by_regression(regression: FloatArray) -> FloatArray:
+    """Return the rotations Λ of the sensors from the regression of a reference on their fields, angle by angle.
+
+    The z row of b = V b_k gives two angles, the y row the third: what V says beside that is not used. Li 2018a compares
+    itself with this alignment of Yin 2014, and its Table 2 is met by it.
+
+    Parameters
+    ----------
+    regression : (..., K, 3, 3) array
+        V of each sensor.
+
+    Raises
+    ------
+    InputError
+        When a sensor is turned by more than 80° about y or z: from 90° on the arc sine is wrong, and near it noise is.
+        When sensors are mirror images of others.
+    """
+    require_one_hand(regression)
+    beyond = (regression[..., 0, 0] < np.cos(_LARGEST_TURN)).reshape(-1, regression.shape[-3]).any(axis=0)
+    if beyond.any():
+        raise InputError(
+            f"sensor {np.argmax(beyond) + 1} is turned by more than 80° against the reference, "
+            "beyond what a linear alignment finds: use the method maximum_likelihood"
+        )
+    beta = -np.arcsin(np.clip(regression[..., 2, 0], -1, 1))
+    alpha = np.arctan2(regression[..., 2, 1], regression[..., 2, 2])
+    gamma = np.arcsin(np.clip(regression[..., 1, 0] / np.cos(beta), -1, 1))
+    angles = np.stack([alpha, beta, gamma], axis=-1).reshape(-1, 3)
+    zero = np.zeros_like(angles)
+    rotation: FloatArray = SensorErrors(zero + 1, zero, zero, angles).rotation
+    return rotation.reshape(regression.shape)
+
+
+def regression_on_first(products: FloatArray) -> FloatArray:
+    """Return the regressions V (S, K, 3, 3) of sensor 1's field on each sensor's, from ``field_products``."""
+    own = np.moveaxis(np.diagonal(products, axis1=1, axis2=2), -1, 1)
+    return products[:, 0] @ inv(own)
+
+
+def into_frame_of_first(matrix: FloatArray) -> FloatArray:
+    """Turn the common frame of matrices D Λ (S, K, 3, 3), all of one hand, into the orthogonal frame of sensor 1."""
+    require_one_hand(matrix)
+    first = SensorErrors.from_matrix(matrix[:, 0], np.zeros((len(matrix), 3))).rotation
+    return matrix @ np.swapaxes(first, 1, 2)[:, None]

@@ -15,6 +15,9 @@ from tam_calibration.model.units import FloatArray, from_degrees
 _STEP = from_degrees(15.0)
 """Finer steps than this are not told apart: they hardly change the errors."""
 
+_FINEST_STEP = from_degrees(0.001)
+"""Least step of a turntable, radians: motorised rotation stages resolve no finer one."""
+
 _DISTINCT = 0.01
 
 
@@ -47,10 +50,10 @@ def reach_of_turntable(steps: FloatArray, inclination: float) -> Reach:
     Raises
     ------
     InputError
-        When a step is negative or more than half a turn.
+        When a step is neither 0 nor between the finest one and half a turn.
     """
-    if not ((steps >= 0) & (steps <= np.pi)).all():
-        raise InputError("the steps of a turntable must lie between 0 (an axis that does not turn) and 180 degrees")
+    if not ((steps == 0) | (steps >= _FINEST_STEP) & (steps <= np.pi)).all():
+        raise InputError("the steps of a turntable must be 0 (an axis that does not turn) or 0.001 to 180 degrees")
     return _reach([_turn(float(step)) for step in steps], inclination)
 
 
@@ -79,8 +82,7 @@ def _turn(step: float) -> FloatArray:
         return np.zeros(1)
     step *= np.ceil(_STEP / step - 1e-9)
     angle = np.arange(0, 2 * np.pi - 1e-9, step)
-    turn: FloatArray = np.where(angle > np.pi + 1e-9, angle - 2 * np.pi, angle)
-    return turn
+    return np.where(angle > np.pi + 1e-9, angle - 2 * np.pi, angle)
 
 
 def _swing(limit: float) -> FloatArray:
@@ -106,8 +108,7 @@ def field_directions(angles: FloatArray, inclination: float) -> FloatArray:
     from scipy.spatial.transform import Rotation
 
     in_world = [np.cos(inclination), 0.0, -np.sin(inclination)]
-    directions: FloatArray = Rotation.from_euler("ZYX", angles).inv().apply(in_world)
-    return directions
+    return np.asarray(Rotation.from_euler("ZYX", angles).inv().apply(in_world))
 
 
 def _reach(axes: list[FloatArray], inclination: float) -> Reach:
@@ -176,7 +177,7 @@ def make_plan(
     search = _PoseSearch(start.model, start.information, start.model.rows(field_T), samples_per_pose)
     chosen: list[int] = []
     for _ in range(pose_count):
-        chosen.append(search.best(chosen, _sum))
+        chosen.append(int(np.argmin(search.scores(chosen, _sum))))
         progress(len(chosen))
     chosen = search.exchange(search.exchange(chosen, _sum), _largest)
     poses = search.order(chosen)
@@ -192,13 +193,11 @@ def make_plan(
 
 
 def _sum(squares: FloatArray) -> FloatArray:
-    total: FloatArray = squares.sum(axis=-1)
-    return total
+    return np.asarray(squares.sum(axis=-1))
 
 
 def _largest(squares: FloatArray) -> FloatArray:
-    largest: FloatArray = squares.max(axis=-1)
-    return largest
+    return np.asarray(squares.max(axis=-1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,10 +228,6 @@ class _PoseSearch:
         """Return the criterion of the squared standard errors with each candidate beside the chosen ones."""
         variances = self.model.variances_with(self.with_poses(chosen) + self._ignorance, self._poses)
         return criterion(variances * self.model.noise_units**2)
-
-    def best(self, chosen: list[int], criterion: Callable[[FloatArray], FloatArray]) -> int:
-        """Return the candidate that helps most beside the chosen ones."""
-        return int(np.argmin(self.scores(chosen, criterion)))
 
     def exchange(self, chosen: list[int], criterion: Callable[[FloatArray], FloatArray]) -> list[int]:
         """Return the poses with each exchanged for a better one until that gains nothing."""

@@ -170,5 +170,4 @@ def _inclination(recording: Recording, field_T: FloatArray) -> float | None:
 
 
 def _standard_errors(model: InformationModel, information: Information) -> FloatArray:
-    errors: FloatArray = np.sqrt(model.variances(information)).reshape(-1, 12)
-    return errors
+    return np.sqrt(model.variances(information)).reshape(-1, 12)

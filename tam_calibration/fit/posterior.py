@@ -312,8 +312,7 @@ class Problem:
         free = np.ones(size, dtype=bool)
         free[9:12] = self.known.knows_frame
         if self.has_scalar or self.known.knows_scale:
-            columns: FloatArray = np.eye(size)[:, free]
-            return columns
+            return np.eye(size)[:, free]
         gradient = np.zeros(size)
         gradient[: 12 * place.errors.sensor_count] = free_scale_gradient(place.errors)
         return keeping(gradient, free)

@@ -106,8 +106,7 @@ class Prior:
     @cached_property
     def precision(self) -> FloatArray:
         """(12 K, 12 K) inverse of the covariance, zero along what is held."""
-        precision: FloatArray = self.whitening @ self.whitening.T
-        return precision
+        return self.whitening @ self.whitening.T
 
     def widened(self, changes: FloatArray, variance: FloatArray) -> "Prior":
         """Return the prior where errors may have changed along some directions by more.
@@ -222,8 +221,7 @@ def without_scale(errors: SensorErrors) -> FloatArray:
     """
     gradient, scale = free_scale_gradient(errors), errors.to_vector()
     scale[:, 3:] = 0
-    projection: FloatArray = np.eye(gradient.size) - np.outer(scale, gradient) / (gradient @ scale.ravel())
-    return projection
+    return np.eye(gradient.size) - np.outer(scale, gradient) / (gradient @ scale.ravel())
 
 
 def _covariance_of(calibration: Calibration) -> FloatArray:

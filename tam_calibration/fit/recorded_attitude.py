@@ -23,37 +23,6 @@ _SMALLEST_SHARE = 1e-3
 """How far the second best turn must be from the field standing still, as part of the field's square."""
 
 
-def into_array_frame(errors: SensorErrors, recording: Recording) -> SensorErrors:
-    """Return errors with their common frame turned into the one whose attitude was recorded.
-
-    Parameters
-    ----------
-    errors : SensorErrors
-        In any frame that is fixed to the array, such as that of sensor 1.
-    recording : Recording
-        Samples in a uniform field with attitude.
-
-    Returns
-    -------
-    SensorErrors
-        The misalignment of sensor 1 is no longer zero.
-
-    Raises
-    ------
-    InputError
-        When the recording has no attitude, or the array was not turned about two axes.
-    """
-    from scipy.spatial.transform import Rotation
-
-    if recording.attitude is None:
-        raise InputError("the recording has no attitude: without it the frame of the array is not to be found")
-    field = errors.restore(recording.readings_T).mean(axis=1)
-    field = field / np.sqrt(np.mean(np.sum(field**2, axis=1)))
-    to_world = Rotation.from_quat(recording.attitude).as_matrix()
-    turn = find_turn(field, to_world)
-    return SensorErrors.from_matrix(errors.matrix @ turn.T, errors.bias_T)
-
-
 def find_turn(field: FloatArray, to_world: FloatArray) -> FloatArray:
     """Return the rotation X with which the fields to_world X field are nearest to one vector w.
 
@@ -101,14 +70,12 @@ def _still_turns(field: FloatArray, to_world: FloatArray) -> FloatArray:
     mixed = np.einsum("naj,ni->jia", to_world, field).reshape(9, 3)
     residuals = np.kron(np.eye(3), field.T @ field) - mixed @ mixed.T / len(field)
     values, vectors = np.linalg.eigh(residuals)
-    still: FloatArray = vectors[:, : max(1, int(np.searchsorted(values, _SMALLEST_SHARE * len(field))))]
-    return still
+    return vectors[:, : max(1, int(np.searchsorted(values, _SMALLEST_SHARE * len(field))))]
 
 
 def _nearest_rotation(matrix: FloatArray) -> FloatArray:
     left, _, right = np.linalg.svd(matrix * np.sign(np.linalg.det(matrix)))
-    turn: FloatArray = left @ right
-    return turn
+    return np.asarray(left @ right)
 
 
 _OPEN = 1e-12
@@ -155,8 +122,7 @@ def aligned(attitude: FloatArray, field: FloatArray) -> FloatArray:
             "attitude must be the turn from the array to the world, x y z w, at the time of the sample"
         )
     back = axis * (angle / np.maximum(sine, np.finfo(float).tiny))[:, None]
-    quaternions: FloatArray = (Rotation.from_rotvec(back) * to_world).as_quat()
-    return quaternions
+    return np.asarray((Rotation.from_rotvec(back) * to_world).as_quat())
 
 
 def turning_of(recording: Recording, array: Array, field: FloatArray) -> Turning:

@@ -127,8 +127,7 @@ class InterpolationNoise:
         rows = np.concatenate([self.interval, self.interval + 1])
         shape = (int(self.interval.max()) + 2, len(line))
         transposed = coo_array((line.T.ravel(), (rows, np.concatenate([place, place]))), shape)
-        gathered: FloatArray = transposed.tocsr() @ columns
-        return gathered
+        return np.asarray(transposed.tocsr() @ columns)
 
 
 @dataclass(frozen=True, eq=False)

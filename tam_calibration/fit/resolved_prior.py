@@ -2,33 +2,163 @@
 
 Where something moved within the recording, the samples before it are fitted first, and what they tell with the prior is
 the prior of those after it: what did not move is known from all samples.
+
+Where a recording shows it, the time of a change is found too. Lengths are no straight lines over a large contradiction:
+each change that may explain it is fitted by itself beside the prior, its own errors all but free, and they are compared
+by the energy that is left and the number of their unknowns (Schwarz 1978).
 """
 
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
+from numpy.linalg import slogdet
 
+from tam_calibration.core.variance_factors import VarianceFactors
 from tam_calibration.correction.update import KINDS, Moved
-from tam_calibration.fit.change_time import samples_between, time_of_change
-from tam_calibration.fit.contradiction import (
-    MOST_CHANGES,
-    Change,
-    Difference,
-    candidates_of,
-    changes_that_explain,
-    estimated_beside,
-    is_everything,
-)
-from tam_calibration.fit.large_change import large_change
+from tam_calibration.fit import contradiction
+from tam_calibration.fit.estimate import sample_energies
+from tam_calibration.fit.information import inverted
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, with_noise
-from tam_calibration.fit.posterior import Known, Posterior, posterior_of
+from tam_calibration.fit.posterior import Known, Place, Posterior, Problem, posterior_of
 from tam_calibration.fit.prior import Prior
-from tam_calibration.fit.sensor_changes import FAR_RATIO
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.recording import Recording, SampleSource
+from tam_calibration.model.units import FloatArray
+
+_MOST_SAMPLES = 500
+"""Of a recording, spread over it: what contradicts by as much shows in some."""
+
+
+def large_change(
+    recording: SampleSource, array: KnownNoiseArray, known: Known, candidates: Sequence[Sequence[contradiction.Change]]
+) -> list[contradiction.Change]:
+    """Return the most probable change, and after it those that are not improbable beside it; none where no fit settles.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        Of K sensors.
+    array : KnownNoiseArray
+        With every noise.
+    known : Known
+        Of which the recording contradicts the prior.
+    candidates : sequence of sequence of Change
+        What may have changed, each in all sizes.
+    """
+    prior, some = known.prior, recording.whole()
+    assert prior is not None
+    some = some.take(slice(None, None, -(-some.sample_count // _MOST_SAMPLES)))
+    weighed = []
+    for *_, largest in candidates:
+        used = prior.widened(largest.directions, largest.variance)
+        with suppress(Refused):
+            problem = Problem.of(some, array, replace(known, prior=used))
+            place, _ = problem.settled(problem.start, is_corrected=False)
+            left = float(sample_energies(some, array, known.variance_factors, place.errors, place.intensity_T).sum())
+            left += used.terms(place.errors).energy + len(largest.variance) * np.log(some.sample_count)
+            weighed.append((contradiction.log_odds(largest) - left / 2, largest))
+    return contradiction.plausible(weighed) if weighed else []
+
+
+_MOST_BLOCKS = 100
+"""Of equal length, at the beginning of one of which the change is placed: to a hundredth of the recording."""
+
+_BY_CHANCE = 1e-6
+"""Probability of a sample's energy beyond which it does not fit: none in most recordings."""
+
+_CONVINCING = 5.0
+"""Logarithm of the evidence, beside that of the number of times tried, for a change within the recording."""
+
+
+def time_of_change(
+    recording: Recording, array: KnownNoiseArray, known: Known, posterior: Posterior, change: contradiction.Change
+) -> float | None:
+    """Return the time stamp from which on errors were changed; None where they were so from the start.
+
+    A change from block j on acts with the information of the samples from there on, while the errors before it are
+    those of the prior: as in ``contradiction``, the evidences of all j are compared.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of K sensors.
+    array : KnownNoiseArray
+        With every noise.
+    known : Known
+        What is known before; the recording contradicts its prior.
+    posterior : Posterior
+        Of both.
+    change : Change
+        What moved.
+    """
+    count = min(_MOST_BLOCKS, recording.sample_count)
+    starts = np.linspace(0, recording.sample_count, count + 1).astype(int)
+    place = Place(posterior.errors, posterior.intensity_T, posterior.view)
+    has_scalar = recording.scalar_count is not None
+    problems = [Problem.of(recording.take(slice(*span)), array, known, has_scalar) for span in pairwise(starts)]
+    parts = [problem.data_at(place) for problem in problems]
+    later = [np.cumsum([part[index] for part in parts[::-1]], axis=0)[::-1] for index in range(2)]
+    basis, (size, unknowns) = problems[0].basis_at(place), change.directions.shape
+    directions = np.zeros((len(basis), unknowns))
+    directions[:size] = change.directions
+    whole = later[0][0].copy()
+    problems[0].add_known(place, whole, np.zeros(len(whole)))
+    covariance = inverted(whole, basis)
+    evidence = []
+    for information, gradient in zip(*later, strict=True):
+        reached = information @ directions
+        told = directions.T @ reached - reached.T @ covariance @ reached
+        score = directions.T @ gradient
+        gain = score @ np.linalg.solve(told + np.diag(1 / change.variance), score)
+        evidence.append((gain - slogdet(np.eye(unknowns) + change.variance[:, None] * told)[1]) / 2)
+    best = int(np.argmax(evidence))
+    if evidence[best] - evidence[0] < _CONVINCING + np.log(count):
+        return None
+    return float(recording.time_s[starts[best]])
+
+
+def samples_between(
+    recording: Recording, array: KnownNoiseArray, factors: VarianceFactors, before: Posterior, after: Posterior
+) -> tuple[int, int]:
+    """Return the number of samples that the errors before a change fit, and the place from which on those after it do.
+
+    Of a change of many times the noise, which bends what ``time_of_change`` takes for straight, this is the time. While
+    it lasts, as when a tool is picked up, samples fit neither: they lie between the two places.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of K sensors.
+    array : KnownNoiseArray
+        With every noise.
+    factors : VarianceFactors
+        Of the channels, as of ``Known``.
+    before, after : Posterior
+        Of the samples before the change and of those after it, or most of them.
+    """
+    old, new = (sample_energies(recording, array, factors, fit.errors, fit.intensity_T) for fit in (before, after))
+    gained = np.cumsum((old - new)[::-1])[::-1]
+    last = first = 1 + int(np.argmax(gained[1:]))
+    channels = 3 * array.sensor_count - 2
+    old_limit, new_limit = _largest(old[:last], channels), _largest(new[first:], channels)
+    while last > 1 and old[last - 1] > old_limit:
+        last -= 1
+    while first < len(new) - 1 and new[first] > new_limit:
+        first += 1
+    return last, first
+
+
+def _largest(energies: FloatArray, channels: int) -> float:
+    """Return the energy beyond which a sample does not fit, where most do, or do as well as these."""
+    from scipy.special import chdtri
+
+    usual, limit = chdtri(channels, [0.5, _BY_CHANCE])
+    return float(limit * max(1.0, np.median(energies) / usual))
+
 
 MOST_TIMES = 3
 """That something moves within a recording: a tool is picked up, used and dropped."""
@@ -39,7 +169,7 @@ _MOST_TRIES = 5
 _PART_UNSURE = 50
 """A fiftieth of the recording to both sides of the first estimate of a change: what it may be wrong by, or last for."""
 
-_Found = Sequence[Sequence[Change]]
+_Found = Sequence[Sequence[contradiction.Change]]
 """Changes, each with its plausible rivals after it."""
 
 
@@ -67,7 +197,7 @@ class Resolved:
 
     recording: SampleSource
     known: Known
-    difference: Difference | None = None
+    difference: contradiction.Difference | None = None
     found: _Found = ()
     moved: tuple[Moved, ...] = ()
     earlier: tuple[tuple[Recording, Known], ...] = ()
@@ -125,7 +255,7 @@ def resolve(recording: SampleSource, array: Array, known: Known, most_times: int
 def _in_sequence(parts: Sequence[Recording], array: KnownNoiseArray, known: Known) -> Resolved | None:
     """Return the last of some parts of a recording beside those before it; None where nothing moved before that."""
     earlier: list[tuple[Recording, Known]] = []
-    all_found: list[Sequence[Change]] = []
+    all_found: list[Sequence[contradiction.Change]] = []
     moved: tuple[Moved, ...] = ()
     for part in parts:
         try:
@@ -147,36 +277,40 @@ def _in_sequence(parts: Sequence[Recording], array: KnownNoiseArray, known: Know
 
 
 def _contradiction(
-    recording: SampleSource, array: KnownNoiseArray, known: Known, most: int = MOST_CHANGES
-) -> tuple[Difference, _Found]:
+    recording: SampleSource, array: KnownNoiseArray, known: Known, most: int = contradiction.MOST_CHANGES
+) -> tuple[contradiction.Difference, _Found]:
     """Return the difference of readings and prior, and the changes that explain it: large ones, then what is left."""
-    large: list[Sequence[Change]] = []
+    large: list[Sequence[contradiction.Change]] = []
     prior = known.prior
     assert prior is not None
-    candidates = candidates_of(prior, recording.scalar_count is not None or known.main_field_T is not None)
-    left = difference = Difference.of(prior, posterior_of(recording, array, known))
+    candidates = contradiction.candidates_of(
+        prior, recording.scalar_count is not None or known.main_field_T is not None
+    )
+    left = difference = contradiction.Difference.of(prior, posterior_of(recording, array, known))
     with suppress(Refused):
-        while left.chi_square > FAR_RATIO and len(large) < most:
+        while left.chi_square > contradiction.FAR_RATIO and len(large) < most:
             strongest = large_change(recording, array, replace(known, prior=prior), candidates)
             if not strongest:
                 break
             used = _widened(prior, [strongest])
             posterior = posterior_of(recording, array, replace(known, prior=used))
-            large.append([estimated_beside(strongest[0], prior, posterior), *strongest[1:]])
-            if is_everything(strongest[0]):
+            large.append([contradiction.estimated_beside(strongest[0], prior, posterior), *strongest[1:]])
+            if contradiction.is_everything(strongest[0]):
                 return difference, large
-            prior, left = used, Difference.of(used, posterior)
-    found = changes_that_explain(left, candidates)
-    if any(is_everything(change) for change, *_ in found):
+            prior, left = used, contradiction.Difference.of(used, posterior)
+    found = contradiction.changes_that_explain(left, candidates)
+    if any(contradiction.is_everything(change) for change, *_ in found):
         try:
             posterior_of(recording, array, replace(known, prior=_widened(prior, found)))
         except Refused:
-            found = changes_that_explain(left, [sizes for sizes in candidates if not is_everything(sizes[0])])
+            found = contradiction.changes_that_explain(
+                left, [sizes for sizes in candidates if not contradiction.is_everything(sizes[0])]
+            )
     return difference, [*large, *found][:most]
 
 
 def _split(
-    whole: Recording, array: KnownNoiseArray, known: Known, posterior: Posterior, change: Change
+    whole: Recording, array: KnownNoiseArray, known: Known, posterior: Posterior, change: contradiction.Change
 ) -> tuple[Recording, Recording] | None:
     """Return the samples before and after a change, by the errors that they have; those during it are in neither.
 
@@ -218,7 +352,7 @@ def _known_after(earlier: Recording, array: KnownNoiseArray, known: Known) -> Kn
 
 def _widened(prior: Prior, found: _Found) -> Prior:
     """Return the prior less certain by all plausible changes."""
-    for change in (change for plausible in found for change in plausible):
+    for change in (change for several in found for change in several):
         prior = prior.widened(change.directions, change.variance)
     return prior
 

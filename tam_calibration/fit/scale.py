@@ -60,8 +60,7 @@ class Normalized:
     @property
     def points(self) -> FloatArray:
         """(N, K, 3) readings, all at once."""
-        points: FloatArray = (self.source.whole().readings_T - self.origin_T) / self.radius_T
-        return points
+        return (self.source.whole().readings_T - self.origin_T) / self.radius_T
 
     @property
     def intensity(self) -> FloatArray:
@@ -73,6 +72,21 @@ class Normalized:
         if scalar_T is None:
             return np.full(count, np.nan if self.has_scalar else 1.0)
         return scalar_T / self.radius_T
+
+    def errors_at(self, matrix: FloatArray, bias: FloatArray) -> tuple[SensorErrors, float]:
+        """Return the errors of sensors in the frame of the first, and by how much their scale exceeds that of the data.
+
+        Parameters
+        ----------
+        matrix : (K, 3, 3) array
+            D Λ of each sensor.
+        bias : (K, 3) array
+            About the origins, in units of the radius.
+        """
+        factor = 1.0 if self.has_scalar else float(free_scale(matrix))
+        errors = SensorErrors.from_matrix(factor * matrix, self.origin_T + self.radius_T * bias)
+        errors.misalignment[0] = 0
+        return errors, factor
 
     @cached_property
     def moments(self) -> FloatArray:
@@ -127,8 +141,7 @@ def normalize(source: SampleSource) -> Normalized:
 
 def free_scale(matrix: FloatArray) -> FloatArray:
     """Return the factors (...) that give matrices (..., K, 3, 3) determinants of geometric mean 1."""
-    factor: FloatArray = np.exp(-np.log(np.linalg.det(matrix)).mean(axis=-1) / 3)
-    return factor
+    return np.asarray(np.exp(-np.log(np.linalg.det(matrix)).mean(axis=-1) / 3))
 
 
 def free_scale_gradient(errors: SensorErrors) -> FloatArray:

@@ -19,7 +19,7 @@ from tam_calibration.core.slow_cosines import BLOCKS, slow_cosines
 from tam_calibration.core.variance_factors import WHITE, VarianceFactors
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.information import rows_by_unknowns
-from tam_calibration.fit.likelihood import Likelihood, UniformLikelihood
+from tam_calibration.fit.likelihood import Likelihood
 from tam_calibration.fit.scale import Normalized
 from tam_calibration.fit.student_noise import StudentNoise
 from tam_calibration.model.recording import Recording, SampleSource
@@ -128,8 +128,7 @@ def _sandwich(covariance: FloatArray, differential: FloatArray, factors: Varianc
     directions, part = root @ turn, np.clip(part, 0, 1)
     least = min(factors.differential, factors.common_mode)
     more = part * factors.differential + (1 - part) * factors.common_mode - least
-    wider: FloatArray = least * covariance + directions * more @ directions.T
-    return wider
+    return np.asarray(least * covariance + directions * more @ directions.T)
 
 
 def _factor(information: FloatArray, score: FloatArray) -> float:
@@ -181,12 +180,10 @@ def _by_block(
     score = np.zeros((2, BLOCKS, rows.shape[1]))
     point, first = (errors.matrix, np.zeros_like(errors.bias_T)), 0
     for block, part in _parts(recording):
-        if student is None:
-            here = scored = UniformLikelihood(*_normalized(calibration, part, has_scalar)).linearize(*point)
-            variance = 1.0
-        else:
-            likelihood = _likelihood(calibration, part, has_scalar)
-            here, variance = likelihood.linearize(*point), student.spread_of(2)
+        likelihood, variance = _likelihood(calibration, part, has_scalar), 1.0
+        here = scored = likelihood.linearize(*point)
+        if student is not None:
+            variance = student.spread_of(2)
             scored = likelihood.linearize(*point, student.weights[first : first + part.sample_count])
             first += part.sample_count
         information[_DIFFERENTIAL, block] += rows.T @ (here.information - here.common_information) @ rows * variance
@@ -196,18 +193,12 @@ def _by_block(
     return information, score
 
 
-def _normalized(
-    calibration: Calibration, recording: SampleSource, has_scalar: bool
-) -> tuple[Normalized, FloatArray, float]:
-    """Return samples about the biases in units of the intensity, and the noise of sensors and intensity in it."""
+def _likelihood(calibration: Calibration, recording: SampleSource, has_scalar: bool) -> Likelihood:
+    """Return that of samples about the biases, in units of the intensity."""
     array, intensity_T = calibration.array, calibration.intensity_T
     data = Normalized(recording, calibration.errors.bias_T, intensity_T, has_scalar)
-    return data, array.vector_noise_T / intensity_T, array.scalar_noise_T / intensity_T if has_scalar else 0.0
-
-
-def _likelihood(calibration: Calibration, recording: SampleSource, has_scalar: bool) -> Likelihood:
-    data, vector_noise, scalar_noise = _normalized(calibration, recording, has_scalar)
-    return Likelihood(data.points, data.intensity, vector_noise, scalar_noise)
+    scalar_noise = array.scalar_noise_T / intensity_T if has_scalar else 0.0
+    return Likelihood(data.points, data.intensity, array.vector_noise_T / intensity_T, scalar_noise)
 
 
 def _student_noise(calibration: Calibration, recording: SampleSource) -> StudentNoise:

@@ -7,13 +7,12 @@ from glob import glob, has_magic
 from os.path import realpath
 from pathlib import Path
 
-from tam_calibration.files.bag_storages import STORAGES
-from tam_calibration.files.overwriting import require_separate
 from tam_calibration.files.whole_files import hold, remove_left_over
 from tam_calibration.fleet.summary import SUMMARIES, write_summaries
-from tam_calibration.fleet.task import Options, Task
-from tam_calibration.fleet.task_result import Result, read_result
+from tam_calibration.fleet.task import Options, Result, Task, read_result
 from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.recordings.bag_storages import STORAGES
+from tam_calibration.results.overwriting import require_separate
 
 _SUFFIXES = (".csv", ".zstd", *(storage.suffix for storage in STORAGES.values()))
 _METADATA = "metadata.yaml"
@@ -24,7 +23,8 @@ def find_recordings(patterns: Iterable[str], without: Path) -> list[Path]:
     """Return the recordings that patterns name, each once, sorted by their absolute paths.
 
     A file of a bag's folder stands for the bag. A pattern such as ``missions/**`` finds bags and files that end in
-    .csv, .mcap or .db3; a name without ``*``, ``?`` or ``[`` is taken as it is.
+    .csv, .mcap, .db3 or .bag, and those that end as the pattern does; a name without ``*``, ``?`` or ``[`` is taken
+    as it is.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def find_recordings(patterns: Iterable[str], without: Path) -> list[Path]:
         here = {path for path in _matches(pattern) if not path.is_relative_to(without)}
         if not here:
             raise InputError(
-                f"no recording is found by {pattern}: name bags or CSV files, as in 'missions/**/*.mcap' (with quotes)"
+                f"no recording is found by {pattern}: name how they end, as in 'missions/**/*.mcap' (with quotes)"
             )
         found |= here
     return sorted(found)
@@ -56,9 +56,9 @@ def _matches(pattern: str) -> Iterator[Path]:
         if path.exists():
             yield _bag_of(path)
         return
-    for name in glob(pattern, recursive=True):
-        path = _bag_of(Path(realpath(name)))
-        if (path / _METADATA).is_file() or (path.suffix in _SUFFIXES and path.is_file()):
+    for path in map(_bag_of, map(Path, map(realpath, glob(pattern, recursive=True)))):
+        is_named = path.suffix in (*_SUFFIXES, Path(pattern).suffix or ".csv")
+        if (path / _METADATA).is_file() or (is_named and path.is_file()):
             yield path
 
 

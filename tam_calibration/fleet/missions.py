@@ -7,10 +7,13 @@ from itertools import groupby
 
 import numpy as np
 
-from tam_calibration.fleet.task_result import Result
+from tam_calibration.fleet.task import Result
 from tam_calibration.model.units import FloatArray
 
 SECONDS_PER_DAY = 86_400.0
+
+_FIRST_ABSOLUTE_S = 631_152_000.0
+"""Least time that counts from 1970, seconds: 1990. Earlier times count from the start of a recorder."""
 
 
 @dataclass(frozen=True)
@@ -43,31 +46,35 @@ class LinearDrift:
         return self.per_day / self.per_day_standard_error
 
 
-def fit_drift(time_s: FloatArray, values: FloatArray, standard_errors: FloatArray) -> LinearDrift | None:
+def fit_drift(
+    time_s: FloatArray, values: FloatArray, standard_errors: FloatArray, least_apart_s: float = 0.0
+) -> LinearDrift | None:
     """Fit a line through estimates by weighted least squares.
 
     Parameters
     ----------
     time_s, values, standard_errors : (M,) array
         Of each mission; a standard error of zero marks what was held fixed, NaN what is not known.
+    least_apart_s : float
+        The slope is NaN where no two missions are further apart than this, seconds.
 
     Returns
     -------
-    Drift or None
+    LinearDrift or None
         None where no mission tells the parameter.
     """
     known = np.isfinite(values) & (standard_errors > 0)
     count = int(known.sum())
     if not count:
         return None
-    days, value = time_s[known] / SECONDS_PER_DAY, values[known]
+    days, value = (time_s[known] - time_s[0]) / SECONDS_PER_DAY, values[known]
     weight = standard_errors[known] ** -2.0
     total = float(weight.sum())
     mean, middle = float(weight @ value) / total, float(weight @ days) / total
+    if np.ptp(time_s[known]) <= least_apart_s:
+        return LinearDrift(count, mean, total**-0.5, math.nan, math.nan, math.nan)
     since = days - middle
     spread = float(weight @ since**2)
-    if count == 1 or spread == 0:
-        return LinearDrift(count, mean, total**-0.5, math.nan, math.nan, math.nan)
     slope = float(weight @ (since * (value - mean))) / spread
     scatter = math.nan
     if count > 2:
@@ -133,21 +140,35 @@ class Missions:
         Its name.
     time_s : (M,) array
         The middle of each mission, seconds.
+    longest_s : float
+        Duration of the longest mission, seconds.
     values, standard_errors : dict
         For each group (M, K, 3), in its unit.
     """
 
     platform: str
     time_s: FloatArray
+    longest_s: float
     values: dict[Group, FloatArray]
     standard_errors: dict[Group, FloatArray]
 
+    @property
+    def no_drift(self) -> str:
+        """Why several missions give no drift; empty where they give one, or there is one mission."""
+        if len(self.time_s) == 1:
+            return ""
+        if np.ptp(self.time_s) <= self.longest_s:
+            return "no drift: the missions have one time"
+        is_absolute = self.time_s.min() >= _FIRST_ABSOLUTE_S
+        return "" if is_absolute else "no drift: the times of the missions do not count from 1970"
+
     def drifts(self) -> Iterator[ParameterDrift]:
         """Yield the drift of each parameter that some mission tells."""
+        apart_s = math.inf if self.no_drift else self.longest_s
         for group, values in self.values.items():
             errors = self.standard_errors[group]
             for sensor, axis in np.ndindex(*values.shape[1:]):
-                drift = fit_drift(self.time_s, values[:, sensor, axis], errors[:, sensor, axis])
+                drift = fit_drift(self.time_s, values[:, sensor, axis], errors[:, sensor, axis], apart_s)
                 if drift is not None:
                     yield ParameterDrift(self.platform, sensor + 1, group, axis, drift)
 
@@ -157,34 +178,21 @@ def by_platform(results: Sequence[Result]) -> dict[str, list[Result]]:
     return {platform: list(some) for platform, some in groupby(results, lambda result: result.platform)}
 
 
-def missions_of(platform: str, results: Sequence[Result]) -> Missions | None:
-    """Return the calibrated missions of a platform; None where there is none.
+def _table(results: Sequence[Result], key: str) -> FloatArray:
+    return np.array([[sensor[key] for sensor in each.sensors] for each in results], float)
 
-    Parameters
-    ----------
-    platform : str
-        Name of the platform.
-    results : sequence of Result
-        Of all recordings of this platform; those without a calibration are left out.
-    """
-    calibrated = [result for result in results if result.sensors and result.time_span_s]
-    if not calibrated:
-        return None
-    time_s = np.array([np.mean(result.time_span_s or ()) for result in calibrated])
-    values, errors = (
-        {
-            group: np.array([[sensor[key] for sensor in each.sensors] for each in calibrated], float)
-            for group, key in keys
-        }
-        for keys in (
-            [(group, group.key) for group in GROUPS],
-            [(group, group.standard_error_key) for group in GROUPS],
-        )
-    )
-    return Missions(platform, time_s, values, errors)
+
+def all_missions(results: Sequence[Result]) -> list[Missions]:
+    """Return the calibrated missions, platform by platform."""
+    missions = []
+    for platform, some in by_platform([result for result in results if result.sensors and result.time_span_s]).items():
+        spans_s = np.array([result.time_span_s for result in some])
+        values = {group: _table(some, group.key) for group in GROUPS}
+        errors = {group: _table(some, group.standard_error_key) for group in GROUPS}
+        missions.append(Missions(platform, spans_s.mean(axis=1), float(np.ptp(spans_s, axis=1).max()), values, errors))
+    return missions
 
 
 def all_drifts(results: Sequence[Result]) -> list[ParameterDrift]:
     """Return the drifts of all parameters, platform by platform."""
-    missions = (missions_of(platform, some) for platform, some in by_platform(results).items())
-    return [drift for each in missions if each is not None for drift in each.drifts()]
+    return [drift for missions in all_missions(results) for drift in missions.drifts()]

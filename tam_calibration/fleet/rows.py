@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from tam_calibration.fleet.missions import ParameterDrift, by_platform
-from tam_calibration.fleet.task_result import ANSWERS, Result
+from tam_calibration.fleet.task import ANSWERS, Result
 from tam_calibration.report.formatting import number, with_error
 
 COLUMNS = ("recordings", "done", "refused", "failed", "no gap", "explained", "open")

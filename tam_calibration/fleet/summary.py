@@ -1,8 +1,8 @@
-"""The summaries of a batch: ``summary.json``, ``summary.csv`` with a row for each recording, and a page."""
+"""The summaries of a batch: ``summary.json``, ``summary.csv``, and a page of counts, drifts and troubles."""
 
 import csv
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
@@ -21,8 +21,8 @@ from tam_calibration.fleet.missions import (
     Missions,
     ParameterDrift,
     all_drifts,
+    all_missions,
     by_platform,
-    missions_of,
 )
 from tam_calibration.fleet.rows import (
     COUNTS_HEADER,
@@ -33,9 +33,10 @@ from tam_calibration.fleet.rows import (
     drift_row,
     open_points,
 )
-from tam_calibration.fleet.task_result import Result
-from tam_calibration.report.formatting import count, number
-from tam_calibration.report.page import Block, Gallery, Points, Section, Table, Text, embed, write_page
+from tam_calibration.fleet.task import Result
+from tam_calibration.report.blocks import Block, Gallery, Points, Section, Table, Text
+from tam_calibration.report.formatting import count, number, sentence
+from tam_calibration.report.page import embed, write_page
 from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR, FLOOR_COLOR, QUIET_COLOR, STYLE, WIDTH_INCH
 
 _COLORS = (BEFORE_COLOR, AFTER_COLOR, FLOOR_COLOR)
@@ -98,7 +99,8 @@ def _write_fleet_page(path: Path, results: Sequence[Result]) -> None:
     results : sequence of Result
         Sorted by platform and time.
     """
-    sections = [_overview(results), *_drifts(results), _recordings(results)]
+    recordings = Table(_RECORDINGS_HEADER, list(map(_recording_cells, results)), numeric=False)
+    sections = [_overview(results), *map(_drift_section, all_missions(results)), Section("Recordings", [recordings])]
     platforms = len(by_platform(results))
     subtitle = f"{_number(len(results), 'recording')} of {_number(platforms, 'platform')}"
     write_page(path, "Calibrations over many missions", subtitle, sections)
@@ -115,27 +117,15 @@ def _overview(results: Sequence[Result]) -> Section:
     return Section("What was found", blocks)
 
 
-def _drifts(results: Sequence[Result]) -> Iterator[Section]:
-    for platform, some in by_platform(results).items():
-        missions = missions_of(platform, some)
-        if missions is not None:
-            yield _drift_section(missions)
-
-
 def _drift_section(missions: Missions) -> Section:
     drawn = [
         embed(plot_missions(missions, group), f"{group.title} over the missions", f"{group.title} ± 1 standard error")
         for group in GROUPS
     ]
     rows = [drift_row(found)[1:] for found in missions.drifts()]
-    blocks: list[Block] = [Text(_DRIFTS), Gallery(drawn), Table(DRIFT_HEADER[1:], rows)]
+    words = sentence(missions.no_drift) if missions.no_drift else _DRIFTS
+    blocks: list[Block] = [Text(words), Gallery(drawn), Table(DRIFT_HEADER[1:], rows)]
     return Section(f"Drift of {missions.platform}: {_number(len(missions.time_s), 'mission')}", blocks)
-
-
-def _recordings(results: Sequence[Result]) -> Section:
-    return Section(
-        "Recordings", [Table(_RECORDINGS_HEADER, [_recording_cells(result) for result in results], numeric=False)]
-    )
 
 
 def _recording_cells(result: Result) -> list[str]:
@@ -236,17 +226,12 @@ def _columns(sensor: int) -> list[str]:
     return names
 
 
-def _as_text(cell: str) -> str:
-    """Return a text that no spreadsheet takes for a formula: an apostrophe stands before what looks like one."""
-    return _FORMULA.sub(r"\1'", cell)
-
-
 def _csv_row(result: Result, width: int) -> list[Any]:
     gap = result.gap or {"before": "", "after": "", "closed": "", "causes": []}
     row: list[Any] = [result.platform, result.recording, result.path, result.status, result.verdict]
     row += [*(result.time_span_s or ("", "")), result.samples]
     row += [gap["before"], gap["after"], gap["closed"], " ".join(gap["causes"]), result.trouble]
-    row = [_as_text(cell) if isinstance(cell, str) else cell for cell in row]
+    row = [_FORMULA.sub(r"\1'", cell) if isinstance(cell, str) else cell for cell in row]
     for sensor in result.sensors:
         for group in GROUPS:
             row += [*sensor[group.key], *sensor[group.standard_error_key]]

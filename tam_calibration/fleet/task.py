@@ -1,37 +1,157 @@
-"""One recording through calibration, diagnosis and correction, into a folder that appears whole."""
+"""One recording through calibration, diagnosis and correction, into a folder that appears whole.
 
+What became of it is the file ``result.json`` of its folder, written last.
+"""
+
+import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from tam_calibration import __version__
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.files import (
-    array_to_mapping,
-    calibration_to_mapping,
-    calibration_to_yaml,
-    provenance,
-    read_array,
-    read_calibration,
-    read_samples,
-    write_calibration,
-    write_corrected_pieces,
-)
-from tam_calibration.files.recording_file import correct_file, is_bag, read_source
-from tam_calibration.files.results_json import gap_to_mapping, write_gap
-from tam_calibration.files.text_files import printable, to_json
+from tam_calibration.files.text_files import to_json
 from tam_calibration.files.whole_files import replace_folder, unfinished
 from tam_calibration.fit import calibrate
-from tam_calibration.fleet.task_result import Result, Seal, Status, read_result, state_of, write_result
 from tam_calibration.gap import diagnose
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
-from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.exceptions import InputError, Refused, printable
 from tam_calibration.model.recording import SampleSource
+from tam_calibration.recordings import array_to_mapping, read_array, read_samples
+from tam_calibration.recordings.bag_storages import is_bag
+from tam_calibration.recordings.reading import Reading
+from tam_calibration.recordings.recording_file import provenance, read_source
+from tam_calibration.results import (
+    calibration_to_mapping,
+    calibration_to_yaml,
+    read_calibration,
+    write_calibration,
+    write_corrected_pieces,
+)
+from tam_calibration.results.data_files import correct_file
+from tam_calibration.results.results_json import gap_to_mapping, write_gap
+
+SCHEMA = "tam_calibration/batch_result/1"
+RESULT = "result.json"
+ANSWERS = ("no_gap", "explained")
+"""Verdicts that leave nothing open."""
+
+Status = Literal["done", "refused", "failed"]
+
+
+@dataclass(frozen=True)
+class Seal:
+    """By what a recording is known to be the same: size, time of the last change, and SHA-256 of its data."""
+
+    size_bytes: int
+    modified_ns: int
+    sha256: str
+
+    def holds(self, path: Path) -> bool:
+        """Whether a recording is still the same; its content is read only where its time has changed."""
+        size, modified = state_of(path)
+        return size == self.size_bytes and (modified == self.modified_ns or provenance(path).sha256 == self.sha256)
+
+
+@dataclass(frozen=True)
+class Result:
+    """What became of one recording.
+
+    Parameters
+    ----------
+    recording, platform, path : str
+        Name of the recording, of the folder that it lies in, and its whole path.
+    status : str
+        ``done``; ``refused`` when it could be read, but not be calibrated or diagnosed, which is an answer; ``failed``
+        when it could not be read or corrected, which is tried again the next time.
+    problems : mapping
+        What kept a step (read, calibrate, diagnose, correct) from its result, one sentence each.
+    options : str
+        Digest of what was asked for.
+    seal : Seal, optional
+        Of the recording; None where it could not be read.
+    samples : int
+        Number of samples.
+    time_span_s : (float, float), optional
+        First and last time stamp, seconds.
+    sensors : sequence of mapping
+        Errors of each sensor with standard errors, as in the calibration file; empty without a calibration.
+    gap : mapping, optional
+        The verdict on the gap, its statement, its size before and after, and its causes by name.
+    corrected : str, optional
+        Name of the file of corrected data.
+    """
+
+    recording: str
+    platform: str
+    path: str
+    status: Status
+    problems: Mapping[str, str]
+    options: str
+    seal: Seal | None = None
+    samples: int = 0
+    time_span_s: tuple[float, float] | None = None
+    sensors: Sequence[Mapping[str, Any]] = field(default=(), repr=False)
+    gap: Mapping[str, Any] | None = None
+    corrected: str | None = None
+
+    @property
+    def verdict(self) -> str:
+        """The verdict on the gap; empty where there is none."""
+        return "" if self.gap is None else str(self.gap["verdict"])
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether every step was done and nothing of the gap stays open."""
+        return self.status == "done" and self.verdict in ANSWERS
+
+    @property
+    def trouble(self) -> str:
+        """What went wrong, as one text; empty where nothing did."""
+        return "; ".join(f"{step}: {sentence}" for step, sentence in self.problems.items())
+
+
+def write_result(folder: Path, result: Result) -> None:
+    """Write a result into its folder.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the recording's task; an older result there is overwritten.
+    result : Result
+        What became of the recording.
+    """
+    content = json.loads(to_json({"schema": SCHEMA} | asdict(result)))
+    (folder / RESULT).write_text(to_json(content | {"digest": _digest(content)}), encoding="utf-8")
+
+
+def read_result(folder: Path) -> Result | None:
+    """Return the result that a folder holds; None where it holds none, or one that is not as it was written."""
+    try:
+        content = json.loads((folder / RESULT).read_text(encoding="utf-8"))
+        if content.pop("digest") != _digest(content) or content.pop("schema") != SCHEMA:
+            return None
+        seal, span, sensors = (content.pop(key) for key in ("seal", "time_span_s", "sensors"))
+        return Result(**content, seal=seal and Seal(**seal), time_span_s=span and tuple(span), sensors=tuple(sensors))
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        return None
+
+
+def _digest(content: Mapping[str, Any]) -> str:
+    return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def state_of(path: Path) -> tuple[int, int]:
+    """Return size in bytes and time, ns, of the last change of a file, or of all files of a folder."""
+    parts = [part for part in path.iterdir() if part.is_file()] if path.is_dir() else [path]
+    states = [part.stat() for part in parts]
+    return sum(state.st_size for state in states), max((state.st_mtime_ns for state in states), default=0)
+
 
 _DIGEST_LETTERS = 8
 
@@ -46,19 +166,19 @@ class Options:
         Geometry and noise.
     calibration : Calibration, optional
         What recordings are corrected with, its effects taken off first; by default each with its own calibration.
-    tolerance_s : float
-        Greatest difference of stamps within a sample of a bag, seconds.
+    how : Reading
+        How recordings are read.
     digest : str
         Of all these and of the software's version.
     """
 
     array: Array
     calibration: Calibration | None
-    tolerance_s: float
+    how: Reading
     digest: str
 
 
-def read_options(array_path: Path, calibration_path: Path | None, tolerance_s: float) -> Options:
+def read_options(array_path: Path, calibration_path: Path | None, how: Reading) -> Options:
     """Return what is asked for every recording.
 
     Parameters
@@ -67,8 +187,8 @@ def read_options(array_path: Path, calibration_path: Path | None, tolerance_s: f
         Array file.
     calibration_path : Path or None
         Calibration to correct all recordings with; None where each is corrected with its own.
-    tolerance_s : float
-        Greatest difference of stamps within a sample of a bag, seconds.
+    how : Reading
+        How recordings are read.
 
     Raises
     ------
@@ -83,9 +203,9 @@ def read_options(array_path: Path, calibration_path: Path | None, tolerance_s: f
         "software": __version__,
         "array": array_to_mapping(array),
         "calibration": None if calibration is None else calibration_to_yaml(calibration),
-        "tolerance_s": tolerance_s,
+        "how": repr(how),
     }
-    return Options(array, calibration, tolerance_s, sha256(to_json(asked).encode()).hexdigest())
+    return Options(array, calibration, how, sha256(to_json(asked).encode()).hexdigest())
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +246,8 @@ class Task:
             Further fields of `Result`.
         """
         names = printable(self.path.name), printable(self.path.parent.name), printable(self.path)
-        return Result(*names, status, problems, self.options.digest, **rest)
+        told = {step: printable(sentence) for step, sentence in problems.items()}
+        return Result(*names, status, told, self.options.digest, **rest)
 
     def is_done(self) -> bool:
         """Whether its result is there, of this recording as it is now and of these options."""
@@ -139,26 +260,19 @@ class Task:
 
 
 def process(task: Task) -> None:
-    """Do a task; what is wrong with the recording is kept in its result.
+    """Do a task; what is wrong with the recording is kept in its result, and an older result goes when all is written.
 
     Raises
     ------
     OSError
         When its folder cannot be written.
     """
-    with _placing(task.folder) as folder:
-        write_result(folder, _work(task, folder))
-
-
-@contextmanager
-def _placing(folder: Path) -> Iterator[Path]:
-    """Give a folder to write to that takes its place when all is written; an older one goes after that."""
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with unfinished(folder) as parent:
-        beside = parent / folder.name
+    task.folder.parent.mkdir(parents=True, exist_ok=True)
+    with unfinished(task.folder) as parent:
+        beside = parent / task.folder.name
         beside.mkdir()
-        yield beside
-        replace_folder(beside, folder)
+        write_result(beside, _work(task, beside))
+        replace_folder(beside, task.folder)
 
 
 @dataclass
@@ -199,10 +313,9 @@ def _work(task: Task, folder: Path) -> Result:
         rest |= {"seal": Seal(*state, origin.sha256), "samples": source.sample_count, "time_span_s": source.time_span_s}
     if notes.problems:
         return task.result(notes.status, notes.problems)
-    seen = source if usage is None else usage.with_each_reading_once(source)
     with notes.step("calibrate", may_refuse=True):
         warnings = () if usage is None else usage.warnings()
-        own = calibrate(seen, options.array)
+        own = calibrate(source, options.array)
         if usage is not None:
             warnings += usage.interpolation_warnings(source, own.array.vector_noise_T)
         own = replace(own, source=origin, warnings=(*warnings, *own.warnings))
@@ -211,7 +324,7 @@ def _work(task: Task, folder: Path) -> Result:
         calibration = calibration or read_calibration(folder / "calibration.yaml")  # what others will correct with
     with notes.step("diagnose", may_refuse=True):
         remarks = () if usage is None else usage.remarks()
-        gap = diagnose(seen, options.array)
+        gap = diagnose(source, options.array)
         gap = replace(gap, remarks=(*remarks, *gap.remarks))
         write_gap(folder / "gap.json", gap, origin)
         rest["gap"] = _in_short(gap_to_mapping(gap))
@@ -222,13 +335,14 @@ def _work(task: Task, folder: Path) -> Result:
 
 
 def _read(path: Path, options: Options) -> tuple[SampleSource, Usage | None]:
-    """Return the samples, without what effects of the given calibration add, and their usage."""
+    """Return samples for a fit, without what effects of the given calibration add, and their usage."""
     array = options.array
-    source = path, array.sensor_count, options.tolerance_s
+    source = path, array, options.how
     if options.calibration is not None and options.calibration.effects:
-        samples = read_samples(*source, array=array)
-        return options.calibration.without_effects(samples.recording), samples.usage
-    return read_source(*source, array=array)
+        samples = read_samples(*source)
+        quiet, usage = options.calibration.without_effects(samples.recording), samples.usage
+        return (quiet if usage is None else usage.with_each_reading_once(quiet)), usage
+    return read_source(*source)
 
 
 def _in_short(content: dict[str, Any]) -> dict[str, Any]:
@@ -244,6 +358,6 @@ def _in_short(content: dict[str, Any]) -> dict[str, Any]:
 def _correct(task: Task, calibration: Calibration, folder: Path) -> str:
     """Write the corrected data, a bag as one .mcap file with its other topics, and return the file's name."""
     name = "corrected.mcap" if is_bag(task.path) else "corrected.csv"
-    pieces = correct_file(task.path, calibration, task.options.tolerance_s)
-    write_corrected_pieces(folder / name, pieces, task.path)
+    pieces = correct_file(task.path, calibration, task.options.how)
+    write_corrected_pieces(folder / name, pieces, task.path, how=task.options.how, array=calibration.array)
     return name

@@ -11,7 +11,7 @@ import numpy as np
 
 from tam_calibration.core.noise import fast_noise
 from tam_calibration.effects.bias_jump import LEAST_FALL, BiasJump
-from tam_calibration.effects.change_points import Path, without
+from tam_calibration.effects.change_points import Path, is_on, shape_of, without
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.gap.world import World, turns
@@ -51,7 +51,7 @@ class Oriented:
             products_of(recording.attitude),
         )
         shape = _gross_jump(recording.time_s, readings, products)
-        step = np.empty((len(turned), 0)) if shape is None else _step(recording.time_s, shape)
+        step = np.empty((len(turned), 0)) if shape is None else is_on(recording.time_s, shape)[:, None].astype(float)
         values = np.linalg.lstsq(np.column_stack([products, step]), readings, rcond=_OPEN)[0]
         start = min(
             (_Linear.at(matrix, turned, step, readings) for matrix in (_factor(values[:9]), np.eye(3))),
@@ -94,13 +94,7 @@ def _gross_jump(time_s: FloatArray, readings: FloatArray, products: FloatArray) 
     best = max(path.best(), key=lambda jump: jump.gain)
     if energy < LEAST_FALL * (energy - best.gain):
         return None
-    middle = (time_s[1:] + time_s[:-1]) / 2
-    return {name: float(middle[cut]) for name, cut in zip(BiasJump.shape_units, best.cuts, strict=False)}
-
-
-def _step(time_s: FloatArray, shape: dict[str, float]) -> FloatArray:
-    """Return 1 in the samples of a jump and 0 in the others, (N, 1)."""
-    return np.where((time_s >= shape["time_s"]) & (time_s < shape.get("end_s", np.inf)), 1.0, 0.0)[:, None]
+    return shape_of(time_s, best.cuts)
 
 
 def _factor(products: FloatArray) -> FloatArray:
@@ -109,8 +103,7 @@ def _factor(products: FloatArray) -> FloatArray:
     left, _, _ = np.linalg.svd(of_axis, full_matrices=False)
     matrix = np.sqrt(3) * left[:, 0].reshape(3, 3)
     # (M, h) and (-M, -h) are the same.
-    right_handed: FloatArray = matrix * np.sign(np.linalg.det(matrix))
-    return right_handed
+    return np.asarray(matrix * np.sign(np.linalg.det(matrix)))
 
 
 def _jump(shape: dict[str, float], offset_T: FloatArray) -> FittedEffect:

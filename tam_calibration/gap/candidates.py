@@ -8,7 +8,7 @@ import numpy as np
 
 from tam_calibration.effects.covariates import Covariates, to_world
 from tam_calibration.effects.effect import LinearEffect
-from tam_calibration.effects.term import Term
+from tam_calibration.effects.term import Term, chosen
 from tam_calibration.gap.model import Model, Part
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.whitened_channels import WhitenedChannels
@@ -115,8 +115,7 @@ class Candidate:
         generator, whole = np.random.default_rng(0), 60 * self.minutes
         if self.path == "poses":
             poses: FloatArray = Turntable().attitudes(np.arange(whole / self.turn_s), generator)
-            held: FloatArray = poses[(time_s / self.turn_s).astype(int)]
-            return held
+            return np.asarray(poses[(time_s / self.turn_s).astype(int)])
         along = {
             "onwards": time_s,
             "back and forth": np.minimum(time_s, whole - time_s),
@@ -174,8 +173,7 @@ def _world_field(now: Covariates) -> FloatArray:
         direction = np.array([0.0, 0.5, -np.sqrt(0.75)])
     else:
         direction = np.einsum("nij,nj->i", to_world(now), now.field_T)
-    field: FloatArray = float(np.mean(now.intensity_T)) * direction / np.linalg.norm(direction)
-    return field
+    return float(np.mean(now.intensity_T)) * direction / np.linalg.norm(direction)
 
 
 def _level(channel: FloatArray | None, least: float, otherwise: float) -> tuple[float, float]:
@@ -315,8 +313,7 @@ def signal_of(setting: Setting, covariates: Covariates, truth: Part) -> FloatArr
     if truth.effect.is_free_in_time:
         before = setting.covariates.time_s
         covariates = replace(covariates, time_s=np.linspace(before[0], before[-1], covariates.sample_count))
-    found = {(term.sensor, term.axis, term.name): term for term in truth.effect.terms(covariates, truth.shape)}
-    return truth.signal([found[key] for key in truth.keys], covariates.scalar_row + 1)
+    return truth.signal(chosen(truth.effect.terms(covariates, truth.shape), truth.keys), covariates.scalar_row + 1)
 
 
 def _terms(setting: Setting, effect: LinearEffect, covariates: Covariates, shape: Shape) -> list[Term]:

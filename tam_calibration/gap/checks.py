@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 
 from tam_calibration.core.harmonics import harmonics
 from tam_calibration.effects.grades import LEAST_SAMPLES
+from tam_calibration.model.interpolated_noise import InterpolatedNoise
 from tam_calibration.model.units import FloatArray
 
 CHANCE = 0.05
 """Significance level: of all checks of a recording together, and of confidence intervals."""
 
 LAGS = 20
-"""Samples up to which the autocorrelation is drawn."""
+"""Samples up to which the autocorrelation is given."""
 
 _HIGHEST_DEGREE = 3
 """Degree of the spherical harmonics of the direction: a calibration absorbs 1 and 2, nonlinear axes have 3."""
@@ -66,8 +67,7 @@ class Check:
     @property
     def departs(self) -> NDArray[np.bool_]:
         """(R,) whether the statistic is out of its range in noise."""
-        out: NDArray[np.bool_] = (self.values < self.low) | (self.values > self.high)
-        return out
+        return (self.values < self.low) | (self.values > self.high)
 
     @property
     def worst(self) -> int:
@@ -162,7 +162,13 @@ def row_name(row: int, row_count: int) -> str:
     return "the scalar magnetometer" if row == row_count - 1 else f"sensor {row // 3 + 1} {'xyz'[row % 3]}"
 
 
-def checks_of(time_s: FloatArray, direction: FloatArray, rows_T: FloatArray, floor_T: FloatArray) -> Checks:
+def checks_of(
+    time_s: FloatArray,
+    direction: FloatArray,
+    rows_T: FloatArray,
+    floor_T: FloatArray,
+    interpolated: InterpolatedNoise | None = None,
+) -> Checks:
     """Return the statistics of a residual.
 
     Parameters
@@ -175,6 +181,8 @@ def checks_of(time_s: FloatArray, direction: FloatArray, rows_T: FloatArray, flo
         Residual of each row, tesla; NaN where a sample has no information on it.
     floor_T : (R,) array
         Its standard deviation from noise alone.
+    interpolated : InterpolatedNoise, optional
+        What interpolation made of the noise of the sensors, which rows may have in part.
     """
     functions = harmonics(direction, _HIGHEST_DEGREE)[:, 1:]
     row_count = rows_T.shape[1]
@@ -197,6 +205,10 @@ def checks_of(time_s: FloatArray, direction: FloatArray, rows_T: FloatArray, flo
             _part_of_direction(values[known], functions[known], chance),
             _kurtosis(values[known], chance),
         )
+    if interpolated is not None:
+        alike = interpolated.correlation[:, 0]
+        checked[1, 1:] += np.array([min(alike.min(), 0.0), max(alike.max(), 0.0)])[:, None]
+        checked[2, 2] *= interpolated.spectrum(np.linspace(0, 0.5, LAGS)).max()
     chi_square, lag_1, line_of, direction_of, kurtosis = (Check(*each) for each in checked)
     return Checks(chi_square, lag_1, line_of, direction_of, kurtosis, line_hz, correlation)
 
@@ -218,8 +230,7 @@ def _autocorrelation(values: FloatArray, known: NDArray[np.bool_]) -> FloatArray
     centred = np.where(known, values - values[known].mean(), 0.0)
     pairs = np.array([np.sum(known[lag:] & known[:-lag]) for lag in range(1, LAGS + 1)])
     products = np.array([centred[lag:] @ centred[:-lag] for lag in range(1, LAGS + 1)])
-    correlation: FloatArray = products / np.maximum(pairs, 1) / (np.sum(centred**2) / known.sum())
-    return correlation
+    return np.asarray(products / np.maximum(pairs, 1) / (np.sum(centred**2) / known.sum()))
 
 
 def _lag_1(value: float, count: int, chance: float) -> _Checked:

@@ -63,8 +63,7 @@ def sandwich(base: Base, effects: Sequence[Regressors]) -> FloatArray:
     cosines = slow_cosines()
     sums = cosines.T @ (residual @ influence)
     scale = np.array([_scale(information, solve, one, cosines) for one in influence.T])
-    covariance: FloatArray = scale[:, None] * (sums.T @ sums / COSINES) * scale
-    return covariance
+    return np.asarray(scale[:, None] * (sums.T @ sums / COSINES) * scale)
 
 
 def unseen(base: Base, effects: Sequence[Regressors], left_out: Regressors) -> FloatArray:
@@ -88,8 +87,7 @@ def unseen(base: Base, effects: Sequence[Regressors], left_out: Regressors) -> F
     alone = np.diag(both.information[others, others] - both.information[others, fitted] @ carried)
     count, is_visible = base.channels.count, alone > VISIBLE * both.before[others]
     limit = np.divide(np.log(count) * base.energy / count, alone, out=np.zeros_like(alone), where=is_visible)
-    covariance: FloatArray = carried * (limit / 3) @ carried.T
-    return covariance
+    return np.asarray(carried * (limit / 3) @ carried.T)
 
 
 def _solution(base: Base, information: FloatArray, visible: FloatArray) -> tuple[FloatArray, slice]:

@@ -65,8 +65,7 @@ class Floor:
         colour = np.clip(self.colour, 0, 1 - np.finfo(float).eps)
         # Power at three quarters of the Nyquist frequency over that of white noise of the same variance.
         part = (1 - colour**2) / (1 + colour**2 - 2 * colour * np.cos(0.75 * np.pi))
-        total: FloatArray = self.level_T / np.sqrt(part)
-        return total
+        return np.asarray(self.level_T / np.sqrt(part))
 
     @property
     def sensor_level_T(self) -> FloatArray:
@@ -203,8 +202,7 @@ def _stated_T(array: Array) -> FloatArray:
 
 
 def _by_sensor(rows: FloatArray) -> FloatArray:
-    root: FloatArray = np.sqrt(np.mean(rows[:-1].reshape(-1, 3) ** 2, axis=1))
-    return root
+    return np.asarray(np.sqrt(np.mean(rows[:-1].reshape(-1, 3) ** 2, axis=1)))
 
 
 def _middle(values: FloatArray) -> float:
@@ -229,8 +227,8 @@ def _remarks(floor: Floor, stated: Array, sample_count: int) -> tuple[str, ...]:
     level = floor.sensor_level_T
     if stated.vector_noise_T is None:
         return (
-            f"The noise is not stated: {_named(level)} {_are(level)} taken from differences of neighbouring samples, "
-            "so that nothing white can be called a gap.",
+            f"The noise is not stated: {_named(level)} {'is' if len(level) == 1 else 'are'} taken from differences of "
+            "neighbouring samples, so that nothing white can be called a gap.",
         )
     least, total = _least_factor(sample_count), _by_sensor(floor.total_T)
     return tuple(
@@ -242,10 +240,6 @@ def _remarks(floor: Floor, stated: Array, sample_count: int) -> tuple[str, ...]:
 
 def _named(level_T: FloatArray) -> str:
     return ", ".join(f"{_nT(one)} of sensor {sensor + 1}" for sensor, one in enumerate(level_T))
-
-
-def _are(level_T: FloatArray) -> str:
-    return "is" if len(level_T) == 1 else "are"
 
 
 def _nT(value_T: float) -> str:

@@ -9,8 +9,7 @@ import numpy as np
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Finding, LinearEffect
 from tam_calibration.effects.term import Key, Term, chosen
-from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
-from tam_calibration.gap.selection import Choice, Selection, columns_of, evidence
+from tam_calibration.gap.regression import Base, Choice, Selection, columns_of, evidence, twice_log_likelihood_ratio
 from tam_calibration.model.fitted_effect import SCALAR, FittedEffect, Shape
 from tam_calibration.model.units import FloatArray
 
@@ -132,14 +131,8 @@ def given_form(base: Base, effect: LinearEffect, fitted: FittedEffect) -> Hypoth
         Shape and coefficients, SI; coefficients without a value are zero.
     """
     wanted = {(one.sensor, one.axis, one.term): one for one in fitted.contributions}
-    terms = [
-        term for term in base.channels.terms(effect, fitted.shape) if (term.sensor, term.axis, term.name) in wanted
-    ]
-    values = [
-        wanted[term.sensor, term.axis, term.name].values.get(coefficient.name, 0.0)
-        for term in terms
-        for coefficient in term.coefficients
-    ]
+    terms = [term for term in base.channels.terms(effect, fitted.shape) if term.key in wanted]
+    values = [wanted[term.key].values.get(part.name, 0.0) for term in terms for part in term.coefficients]
     gain, rank = base.project(base.channels.design(terms)).gain()
     selection = Selection(tuple(range(len(terms))), gain, rank, evidence(base.energy, gain, base.channels.count, rank))
     return Hypothesis(effect, fitted.shape, tuple(terms), selection, (), np.array(values))
@@ -180,23 +173,11 @@ def _offers(base: Base, effect: LinearEffect, shape: Shape, sensor: int | None =
     if not terms:
         return
     projected, count = base.project(base.channels.design(terms)), base.channels.count - base.rank
-    choices = [Choice(projected, terms, base.energy, count)]
-    if effect.is_of_one_sensor:
-        columns = columns_of(terms)
-        groups = [
-            [index for index, term in enumerate(terms) if term.sensor == one]
-            for one in dict.fromkeys(term.sensor for term in terms)
-        ]
-        choices = [
-            Choice(
-                projected.take(np.concatenate([columns[index] for index in group])),
-                [terms[index] for index in group],
-                base.energy,
-                count,
-            )
-            for group in groups
-        ]
-    for choice in choices:
+    columns = columns_of(terms)
+    for apart in dict.fromkeys(term.sensor if effect.is_of_one_sensor else None for term in terms):
+        own = [index for index, term in enumerate(terms) if apart in (None, term.sensor)]
+        part = projected.take(np.concatenate([columns[index] for index in own]))
+        choice = Choice(part, [terms[index] for index in own], base.energy, count)
         first = choice.first_step()
         if np.isfinite(first):
             yield _Offer(shape, choice, first)

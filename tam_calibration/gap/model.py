@@ -16,14 +16,20 @@ from tam_calibration.effects.grades import NEGLIGIBLE, NOTABLE
 from tam_calibration.effects.removal import added_to, attitude_known, filled, linear_effect, require_channels
 from tam_calibration.effects.term import Key, Term, chosen
 from tam_calibration.gap.attitude_nominal import Oriented, attitude_variance, bias_variance
-from tam_calibration.gap.channel_nominal import without_channels, without_channels_in_world
 from tam_calibration.gap.floor import floor_of
 from tam_calibration.gap.hypothesis import Hypothesis
-from tam_calibration.gap.nominal import outlying_samples, starts, steady_parts, stepped, without_jump
+from tam_calibration.gap.nominal import (
+    outlying_samples,
+    starts,
+    steady_parts,
+    stepped,
+    without_channels,
+    without_channels_in_world,
+    without_jump,
+)
 from tam_calibration.gap.physical import objection_to, sensed_intensity
 from tam_calibration.gap.refusal import ENOUGH_SAMPLES, open_parameters, without_calibration
-from tam_calibration.gap.regression import Base
-from tam_calibration.gap.selection import columns_of
+from tam_calibration.gap.regression import Base, columns_of
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.gap.world import World
 from tam_calibration.model.array import Array, KnownNoiseArray
@@ -71,6 +77,12 @@ class Part:
         own = tuple(Contribution(sensor, axis, name, {}) for sensor, axis, name in self.keys)
         return {*self.effect.channels, *self.effect.needs(FittedEffect(self.effect.name, self.shape, own))}
 
+    @classmethod
+    def at(cls, base: Base, form: Hypothesis) -> "Part":
+        """Return a form with the coefficients of least squares at a null model."""
+        projected = base.project(base.channels.design(form.terms))
+        return replace(cls.of(form), values=projected.inverse()[0] @ projected.score)
+
     def terms(self, channels: WhitenedChannels) -> list[Term]:
         """Return the terms for the covariates of the channels, at all samples."""
         return chosen(self.effect.terms(channels.covariates, self.shape), self.keys)
@@ -96,17 +108,17 @@ class Part:
             total += term.signal(self.values[columns], row_count)
         return total
 
-    def fitted(self, terms: Sequence[Term], covariance: FloatArray) -> FittedEffect:
+    def fitted(self, terms: Sequence[Term], covariance: FloatArray | None = None) -> FittedEffect:
         """Return the effect with its values and their standard errors.
 
         Parameters
         ----------
         terms : sequence of Term
             As of ``terms``, in the order of the values.
-        covariance : (P, P) array
-            Of the values, each in the SI unit of its coefficient.
+        covariance : (P, P) array, optional
+            Of the values, each in the SI unit of its coefficient; zero where it does not matter.
         """
-        error = np.sqrt(np.maximum(np.diag(covariance), 0))
+        error = np.sqrt(np.maximum(np.zeros(len(self.values)) if covariance is None else np.diag(covariance), 0))
         contributions = []
         for term, columns in zip(terms, columns_of(terms), strict=True):
             names = [coefficient.name for coefficient in term.coefficients]
@@ -306,7 +318,6 @@ class Model:
         """Return the model with the noise of the recording, where none is stated or the stated one is contradicted."""
         floor = floor_of(self.channels(), stated)
         noise_T = self.array.vector_noise_T
-        before_T = noise_T
         if stated.vector_noise_T is not None:
             noise_T = stated.vector_noise_T * floor.factor_common_to_all(int(self.is_counted.sum()))
         elif floor.is_determined:
@@ -314,7 +325,7 @@ class Model:
         else:
             base = self.base()
             noise_T = noise_T * np.sqrt(base.energy / max(base.channels.count - base.rank, 1.0))
-        if np.array_equal(noise_T, before_T):
+        if np.array_equal(noise_T, self.array.vector_noise_T):
             return self
         model = replace(self, array=replace(self.array, vector_noise_T=noise_T))
         return model.settled() if settled else model
@@ -364,16 +375,14 @@ class Model:
     @property
     def agrees(self) -> NDArray[np.bool_]:
         """(N,) whether the residual of a sample is a small disturbance of the field."""
-        agrees: NDArray[np.bool_] = self._relative_residual <= NEGLIGIBLE
-        return agrees
+        return self._relative_residual <= NEGLIGIBLE
 
     @property
     def _relative_residual(self) -> FloatArray:
         """(N,) root mean square of the shifts of the rows that explain a sample, in units of the field."""
         channels = self.channels()
         square = np.mean(channels.residuals.row_shift_T**2 * (channels.residuals.row_information > 0), axis=1)
-        relative: FloatArray = np.sqrt(square) / np.median(channels.covariates.intensity_T)
-        return relative
+        return np.asarray(np.sqrt(square) / np.median(channels.covariates.intensity_T))
 
     @property
     def is_counted(self) -> NDArray[np.bool_]:
@@ -390,8 +399,7 @@ class Model:
     def row_noise_T(self) -> FloatArray:
         """(3K,) standard deviation of the white noise of each row: the array's, and what the attitude adds."""
         variance = np.repeat(self.array.vector_noise_T**2, 3)
-        noise: FloatArray = np.sqrt(variance if self.world is None else variance + self.world.variance_T2)
-        return noise
+        return np.sqrt(variance if self.world is None else variance + self.world.variance_T2)
 
     def channels(self, added_T: FloatArray | None = None) -> WhitenedChannels:
         """Return the whitened channels at the errors of the fit, after subtracting what is added to the rows."""
@@ -488,10 +496,7 @@ class Model:
     def quiet(self) -> Recording:
         """Return the recording without what its accepted effects add to it."""
         channels = self.channels()
-        none = [np.zeros((len(part.values),) * 2) for part in self.parts]
-        return self.without(
-            [part.fitted(part.terms(channels), unknown) for part, unknown in zip(self.parts, none, strict=True)]
-        )
+        return self.without([part.fitted(part.terms(channels)) for part in self.parts])
 
     def base(self) -> Base:
         """Return the fit as the base of further hypotheses, linearised where it stands; kept of a short recording."""

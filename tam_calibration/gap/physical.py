@@ -92,8 +92,7 @@ def sensed_intensity(errors: SensorErrors, intensity_T: float, field: FieldBound
 
 
 def _sensed(errors: SensorErrors, intensity_T: float) -> FloatArray:
-    sensed: FloatArray = intensity_T * np.cbrt(np.linalg.det(errors.matrix))
-    return sensed
+    return np.asarray(intensity_T * np.cbrt(np.linalg.det(errors.matrix)))
 
 
 def _most_like(field: FieldBounds, sensed_T: FloatArray) -> int:

@@ -5,8 +5,7 @@ from numpy.linalg import LinAlgError
 
 from tam_calibration.effects.grades import LEAST_SAMPLES, NEGLIGIBLE
 from tam_calibration.effects.library import installed_effects
-from tam_calibration.fit.accepted_fit import accepted
-from tam_calibration.fit.consistency import require_one_sphere
+from tam_calibration.fit.consistency import accepted, require_one_sphere
 from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.gap.nominal import canonical_correlations, significant_correlation
@@ -145,7 +144,7 @@ def _nothing(recording: Recording, why: str, reason: str) -> Gap:
     return Gap(
         "not_identifiable",
         Size(unknown, unknown, unknown, unknown, unknown, unknown, unknown, unknown, (unknown, unknown)),
-        Where((), (), None, None, {}),
+        Where(),
         (),
         tuple(Considered(name, "not_identifiable", why) for name in installed_effects()),
         {},

@@ -106,7 +106,7 @@ def describe(found: Search, verdict: Verdict, size: Size, residue: Residue, vari
         return ""
     is_unexplained = verdict == "unexplained"
     base, unknown = (found.nominal.base(), found.rivals) if is_unexplained else (found.model.base(), found.remaining)
-    where = locate(base, [], unknown, variance, LEAST_EVIDENCE)
+    where = locate(base, [], unknown, variance)
     significant = [one for one in unknown if one.delta_bic >= LEAST_EVIDENCE]
     strongest = max(significant, key=lambda one: one.delta_bic).effect if significant else ""
     share = "All of the gap" if is_unexplained else f"{100 * (1 - size.closed):.2g} % of the gap's energy"
@@ -213,5 +213,4 @@ def growth_with_rate(values: FloatArray, rate: FloatArray) -> float | None:
 def _ranks(values: FloatArray) -> FloatArray:
     """Return the ranks of values (N,), but for a constant; equal ones share theirs."""
     _, place, count = np.unique(values, return_inverse=True, return_counts=True)
-    ranks: FloatArray = (np.cumsum(count) - count / 2)[place]
-    return ranks
+    return (np.cumsum(count) - count / 2)[place]

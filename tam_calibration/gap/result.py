@@ -66,11 +66,11 @@ class Where:
         Statistics that it rests on, by name.
     """
 
-    sensors: tuple[int | str, ...]
-    axes: tuple[str, ...]
-    time_s: tuple[float, float] | None
-    frequency_hz: tuple[float, float] | None
-    evidence: Mapping[str, float]
+    sensors: tuple[int | str, ...] = ()
+    axes: tuple[str, ...] = ()
+    time_s: tuple[float, float] | None = None
+    frequency_hz: tuple[float, float] | None = None
+    evidence: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)

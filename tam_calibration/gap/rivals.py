@@ -29,9 +29,6 @@ class FunctionOfTime(LinearEffect):
     """Each row shifts by a smooth function of time."""
 
     name = "function_of_time"
-    title = "a shift that changes with time"
-    physics = "No physics: cosines of half periods of the record."
-    excitation = "none"
     is_free_in_time = True
     is_of_site = True
 
@@ -63,9 +60,6 @@ class FunctionOfDirection(LinearEffect):
     """Each row shifts by a smooth function of the direction of the field in the array frame."""
 
     name = "function_of_direction"
-    title = "a shift that changes with the attitude"
-    physics = "No physics: polynomials of the direction of the field beyond those that the calibration holds."
-    excitation = "none"
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
         """Return polynomials of degree 2, 3 and 4 for each axis.
@@ -99,9 +93,6 @@ class FunctionOfTilt(LinearEffect):
     """Each row shifts by a smooth function of the direction upwards in the array frame."""
 
     name = "function_of_tilt"
-    title = "a shift that changes with the tilt"
-    physics = "No physics: spherical harmonics of the direction upwards."
-    excitation = "none"
     channels = ("attitude",)
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
@@ -132,9 +123,6 @@ class FunctionOfRate(LinearEffect):
     """Each row follows the field's change from sample to sample."""
 
     name = "function_of_rate"
-    title = "a shift that changes with the rate of the field"
-    physics = "No physics: differences of the field to the samples before and after."
-    excitation = "none"
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
         """Return the field's difference and second difference for each axis.
@@ -159,9 +147,6 @@ class FunctionOfNeighbours(LinearEffect):
     """Each row shifts by what the samples around it are shifted by: whatever is slower than the sampling."""
 
     name = "function_of_neighbours"
-    title = "a shift that neighbouring samples share"
-    physics = "No physics: means of the residual over neighbouring samples, the sample itself left out."
-    excitation = "none"
     is_free_in_time = True
 
     def __init__(self) -> None:
@@ -178,7 +163,9 @@ class FunctionOfNeighbours(LinearEffect):
             Their shifts of the rows are kept for ``terms``.
         """
         self._shift = np.where(residuals.is_counted[:, None], residuals.row_shift_T, 0.0)
-        return [{"samples": float(span)} for span in (1, 4, 16, 64) if 8 * span <= covariates.sample_count]
+        # Interpolation alone makes the noise of the next sample alike.
+        spans = (1, 4, 16, 64) if residuals.recording.interpolated_noise is None else (4, 16, 64)
+        return [{"samples": float(span)} for span in spans if 8 * span <= covariates.sample_count]
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
         """Return the mean of the neighbours' shifts for each row.
@@ -211,8 +198,7 @@ def cosines(time_s: FloatArray, orders: NDArray[np.integer[Any]]) -> FloatArray:
         Number of half periods between the first sample and the last.
     """
     phase = np.pi * (time_s - time_s[0]) / max(float(np.ptp(time_s)), np.finfo(float).tiny)
-    values: FloatArray = np.cos(phase[:, None] * orders)
-    return values
+    return np.asarray(np.cos(phase[:, None] * orders))
 
 
 def _numbered(count: int) -> list[Coefficient]:

@@ -9,25 +9,12 @@ from tam_calibration.effects.effect import Effect, LinearEffect
 from tam_calibration.effects.excess_variance import LARGEST_NOISE
 from tam_calibration.effects.grades import MINOR, NOTABLE, SLIGHT
 from tam_calibration.effects.library import installed_effects
-from tam_calibration.gap.evidence import Evidence, evidence_of, examine, rivals, sharpened, usable
+from tam_calibration.gap import support
 from tam_calibration.gap.hypothesis import Hypothesis, given_form, places_of, restricted, sensors_of
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.result import Considered
-from tam_calibration.gap.size import certain_noise
-from tam_calibration.gap.support import (
-    LEAST_EVIDENCE,
-    Step,
-    absorbed,
-    beyond_surrogates,
-    energy_explained,
-    holds,
-    is_new,
-    open_part,
-    special_case,
-    support_of,
-    supported,
-)
+from tam_calibration.gap.size import Evidence, certain_noise, evidence_of, examine, rivals, sharpened, usable
 from tam_calibration.gap.surrogates import SurrogateTest
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
@@ -49,7 +36,7 @@ class SearchResult:
     """Causes that hold, the model with them, the rivals at that model, and its log-evidence (-BIC)."""
 
     first: Evidence | None
-    steps: tuple[Step, ...]
+    steps: tuple[support.Step, ...]
     model: Model
     remaining: tuple[Evidence, ...]
     evidence: float
@@ -95,7 +82,7 @@ class CauseSearch:
         spent = base.rank - self.first_base.rank + sum(finding.parameter_count for finding in model.findings)
         evidence = -count * log(base.energy / count) - spent * log(count)
         is_small = base.energy < (1 + LARGEST_REST**2) * count
-        is_clean = bool(causes or not steps) and is_small and open_part(self.first_base, base, unknown) < MINOR
+        is_clean = bool(causes or not steps) and is_small and support.open_part(self.first_base, base, unknown) < MINOR
         return SearchResult(steps[0].accepted if steps else None, tuple(causes), model, unknown, evidence, is_clean)
 
     def other_starts(self, found: SearchResult) -> Iterator[Evidence]:
@@ -109,7 +96,7 @@ class CauseSearch:
         alone = self._alone(first)
         base = self.first_base
         for one in (alone, *starts):
-            if one is not None and is_new(one, (), base) and support_of(base, one)[0]:
+            if one is not None and support.is_new(one, (), base) and support.support_of(base, one)[0]:
                 yield one
 
     def _weigh(self, base: Base, depth: int, effects: Mapping[str, Effect]) -> tuple[Evidence, ...]:
@@ -123,7 +110,7 @@ class CauseSearch:
                 self._considered[name] = Considered(name, "not_supported", found)
         return sharpened(base, weighed)
 
-    def _beside_held(self, steps: Sequence[Step]) -> list[Step]:
+    def _beside_held(self, steps: Sequence[support.Step]) -> list[support.Step]:
         """Return the causes that hold, and those found beside them in place of causes that do not."""
         held, passed_over = self._holding(steps), set[str]()
         while held and len(held) < len(steps):
@@ -135,7 +122,9 @@ class CauseSearch:
             held = more
         return held
 
-    def _forward(self, known: Sequence[Step], first: Evidence | None, without: Collection[str]) -> list[Step]:
+    def _forward(
+        self, known: Sequence[support.Step], first: Evidence | None, without: Collection[str]
+    ) -> list[support.Step]:
         """Accept causes beside known ones, the strongest first; a given first one before all."""
         steps = list(known)
         weighed = self.weighed
@@ -152,27 +141,29 @@ class CauseSearch:
                 ):
                     return steps
                 weighed = self._weigh(base, len(steps), self._effects)
-            given = (first, support_of(base, first)[1]) if first is not None and not steps else None
-            found = given or supported(base, [one for one in weighed if one.effect not in without], steps, least)
+            given = (first, support.support_of(base, first)[1]) if first is not None and not steps else None
+            found = given or support.supported(
+                base, [one for one in weighed if one.effect not in without], steps, least
+            )
             if found is None:
                 return steps
             accepted, surrogate_test = found
-            steps.append(Step(absorbed(accepted, steps), weighed, surrogate_test))
+            steps.append(support.Step(support.absorbed(accepted, steps), weighed, surrogate_test))
         return steps
 
-    def _is_found(self, base: Base, steps: Sequence[Step], without: Collection[str], least: float) -> bool:
+    def _is_found(self, base: Base, steps: Sequence[support.Step], without: Collection[str], least: float) -> bool:
         """Whether an effect is supported that no regression finds, and that therefore may explain noise too."""
         effects = {name: effect for name, effect in self._effects.items() if not isinstance(effect, LinearEffect)}
         weighed = self._weigh(base, len(steps), effects)
-        return supported(base, [one for one in weighed if one.effect not in without], steps, least) is not None
+        return support.supported(base, [one for one in weighed if one.effect not in without], steps, least) is not None
 
     def _visible(self) -> float:
         """Return the energy of the gap: the most that any hypothesis explains, or the excess over the largest noise."""
         base = self.first_base
-        explained = max((energy_explained(one, base) for one in (*self.weighed, *rivals(base))), default=0.0)
+        explained = max((support.energy_explained(one, base) for one in (*self.weighed, *rivals(base))), default=0.0)
         return max(explained, base.energy - LARGEST_NOISE**2 * base.channels.count)
 
-    def _beside(self, steps: Sequence[Step], step: Step | None = None) -> tuple[Model, Base]:
+    def _beside(self, steps: Sequence[support.Step], step: support.Step | None = None) -> tuple[Model, Base]:
         """Return the model with all causes, or all but one, and its base."""
         return self._fitted(tuple(other.accepted for other in steps if other is not step))
 
@@ -190,7 +181,7 @@ class CauseSearch:
         model = self._fitted(causes[:-1])[0].accept(causes[-1].form)
         return model, model.base()
 
-    def _holding(self, steps: Sequence[Step]) -> list[Step]:
+    def _holding(self, steps: Sequence[support.Step]) -> list[support.Step]:
         """Return the causes that are still supported beside all others, dropping the weakest first."""
         kept = list(steps)
         while True:
@@ -200,11 +191,11 @@ class CauseSearch:
                 return kept
             kept.remove(failing)
 
-    def _holds(self, steps: Sequence[Step], step: Step) -> bool:
+    def _holds(self, steps: Sequence[support.Step], step: support.Step) -> bool:
         base = self._beside(steps, step)[1]
-        return holds(base, step.accepted)
+        return support.holds(base, step.accepted)
 
-    def _swapped(self, steps: Sequence[Step]) -> list[Step]:
+    def _swapped(self, steps: Sequence[support.Step]) -> list[support.Step]:
         """Return the causes, each replaced by the effect and form with the most evidence beside the others."""
         kept = list(steps)
         if len(kept) < 2 and self.nominal.gross is not None:
@@ -214,7 +205,7 @@ class CauseSearch:
                 kept[index] = self._chosen_again(step, [one for one in kept if one is not step])
         return kept
 
-    def _chosen_again(self, step: Step, rest: Sequence[Step]) -> Step:
+    def _chosen_again(self, step: support.Step, rest: Sequence[support.Step]) -> support.Step:
         """Return the cause, or another that has more evidence beside the rest and exceeds its surrogates by more."""
         base, own = self._beside(rest)[1], step.accepted.effect
         others = {one.accepted.effect for one in rest}
@@ -222,29 +213,29 @@ class CauseSearch:
             one.effect
             for one in (*step.weighed, step.accepted)
             if isinstance(one.form, Hypothesis)
-            and one.delta_bic > max(LEAST_EVIDENCE, NOTABLE * step.accepted.delta_bic)
+            and one.delta_bic > max(support.LEAST_EVIDENCE, NOTABLE * step.accepted.delta_bic)
             and (one.effect not in others or one.effect == own)
         ]
         offers = [examine(base, self._effects[name]) for name in dict.fromkeys(names)]
         sharp = sharpened(base, [offer for offer in offers if isinstance(offer, Evidence)])
-        fitting = [offer for offer in sharp if is_new(offer, rest, base)]
+        fitting = [offer for offer in sharp if support.is_new(offer, rest, base)]
         same = next((offer for offer in fitting if offer.effect == own), None)
         if same is None:
             return step
 
         def surrogate_test_of(offer: Evidence) -> tuple[bool, SurrogateTest | None]:
-            is_held, surrogate_test = support_of(base, offer)
+            is_held, surrogate_test = support.support_of(base, offer)
             return is_held or offer is same, surrogate_test
 
-        best, most = same, beyond_surrogates(same, surrogate_test_of(same)[1])
+        best, most = same, support.beyond_surrogates(same, surrogate_test_of(same)[1])
         for offer in fitting:
             if offer.delta_bic > same.delta_bic and offer.gain > most:
                 is_held, surrogate_test = surrogate_test_of(offer)
-                beyond = beyond_surrogates(offer, surrogate_test)
+                beyond = support.beyond_surrogates(offer, surrogate_test)
                 best, most = (offer, beyond) if is_held and beyond > most else (best, most)
-        nested = special_case(best, fitting)
+        nested = support.special_case(best, fitting)
         best = nested if surrogate_test_of(nested)[0] else best
-        return Step(best, step.weighed, step.surrogate_test if best is same else surrogate_test_of(best)[1])
+        return support.Step(best, step.weighed, step.surrogate_test if best is same else surrogate_test_of(best)[1])
 
     def _alone(self, one: Evidence) -> Evidence | None:
         """Return the evidence for a hypothesis at its strongest sensor alone; None where it has one sensor only."""
@@ -276,7 +267,7 @@ class Search:
 
     nominal: Model
     model: Model
-    steps: tuple[Step, ...]
+    steps: tuple[support.Step, ...]
     weighed: tuple[Evidence, ...]
     rivals: tuple[Evidence, ...]
     remaining: tuple[Evidence, ...]

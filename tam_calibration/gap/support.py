@@ -9,11 +9,11 @@ import numpy as np
 from tam_calibration.effects.effect import Effect, Finding
 from tam_calibration.effects.grades import LONGEST_BURST, MINOR, NEARLY_ALL, NOTABLE, SLIGHT
 from tam_calibration.effects.library import effect_named
-from tam_calibration.gap.evidence import Evidence, cached_by_base, cached_by_form, examine, rivals
 from tam_calibration.gap.hypothesis import Hypothesis, places_of, sensors_of
+from tam_calibration.gap.model import Part
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
 from tam_calibration.gap.rivals import MOST_STEPS, SHARPEST, FunctionOfDirection, surrogate_test_of_change
-from tam_calibration.gap.selection import columns_of
+from tam_calibration.gap.size import Evidence, cached_by_base, cached_by_form, examine, rivals
 from tam_calibration.gap.surrogates import SurrogateTest, surrogate_test_of
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
 
@@ -192,7 +192,9 @@ def support_of(base: Base, candidate: Evidence) -> tuple[bool, SurrogateTest | N
     """
     form = candidate.form
     if isinstance(form, Finding):
-        return candidate.is_certain or _is_best(base, candidate), None
+        # Noise or spikes explain as much as any function without physics in their sensors.
+        gains = (_gain_in_sensors(base, form, one) for one in rivals(base))
+        return candidate.is_certain or all(candidate.gain >= gain for gain in gains), None
     follows_field_alone = not (form.effect.is_free_in_time or form.effect.channels)
     if follows_field_alone and _is_of_direction(base, candidate):
         return False, None
@@ -246,15 +248,8 @@ def _unexplained_part(base: Base, form: Hypothesis) -> float:
 
 
 def _fitted_at(base: Base, form: Hypothesis) -> FittedEffect:
-    """Return the effect with its least-squares values beside a base."""
-    projected = base.project(base.channels.design(form.terms))
-    values = projected.inverse()[0] @ projected.score
-    contributions = []
-    for term, columns in zip(form.terms, columns_of(form.terms), strict=True):
-        names = [coefficient.name for coefficient in term.coefficients]
-        by_name = dict(zip(names, values[columns].tolist(), strict=True))
-        contributions.append(Contribution(term.sensor, term.axis, term.name, by_name))
-    return FittedEffect(form.effect.name, form.shape, tuple(contributions))
+    """Return a form with the coefficients of least squares at a null model."""
+    return Part.at(base, form).fitted(form.terms)
 
 
 @cached_by_base
@@ -281,9 +276,7 @@ def holds(base: Base, cause: Evidence) -> bool:
     return _is_far_out(surrogate_test, moved) or _is_complete(base, moved)
 
 
-@cached_by_form
-def _surrogate_test(base: Base, form: Hypothesis) -> SurrogateTest:
-    return surrogate_test_of(base, form)
+_surrogate_test = cached_by_form(surrogate_test_of)
 
 
 def open_part(first: Base, last: Base, unknown: Sequence[Evidence]) -> float:
@@ -326,8 +319,8 @@ def is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:
         The calibration with these causes.
     """
     same_effect = [step.accepted for step in steps if step.accepted.effect == candidate.effect]
+    sensors = sensors_of(places_of(candidate.form))
     if isinstance(candidate.form, Hypothesis) and candidate.form.effect.is_of_one_sensor:
-        sensors = sensors_of(places_of(candidate.form))
         same_effect = [one for one in same_effect if sensors & sensors_of(places_of(one.form))]
     if isinstance(candidate.form, Hypothesis) and candidate.form.effect.is_of_each_sensor:
         of_one = [one for one in same_effect if len(sensors_of(places_of(one.form))) == 1]
@@ -336,11 +329,11 @@ def is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:
         return False
     if any(_is_same(candidate, other, base) for other in same_effect):
         return False
-    if isinstance(candidate.form, Finding) and not _excludes_more(candidate.form, base):
+    flagged = candidate.form.flagged if isinstance(candidate.form, Finding) else None
+    if flagged is not None and not (flagged & base.channels.is_counted).any():
         return False
     if _effect_of(candidate).is_of_lone_samples and _flagged_part([candidate, *same_effect]) > SLIGHT:
         return False
-    sensors = sensors_of(places_of(candidate.form))
     there = [step.accepted for step in steps if sensors & sensors_of(places_of(step.accepted.form))]
     if any(_is_nested(candidate, other) for other in there):
         return False
@@ -377,11 +370,6 @@ def absorbed(accepted: Evidence, steps: Sequence[Step]) -> Evidence:
     return accepted
 
 
-def _is_best(base: Base, candidate: Evidence) -> bool:
-    """Whether noise or spikes explain as much as any function without physics in their sensors."""
-    return all(candidate.gain >= _gain_in_sensors(base, candidate.form, one) for one in rivals(base))
-
-
 def _is_of_direction(base: Base, cause: Evidence) -> bool:
     """Whether a function of the direction explains more than a cause in its sensors, whatever axis and time."""
     others = [one for one in rivals(base) if one.effect == FunctionOfDirection.name]
@@ -416,8 +404,3 @@ def _changes(causes: Sequence[Evidence], step_s: float) -> int:
     return sum(
         later - time > LONGEST_BURST * step_s for time, later in zip(times, [*times[1:], float("inf")], strict=True)
     )
-
-
-def _excludes_more(finding: Finding, base: Base) -> bool:
-    """Whether a finding excludes samples that are still counted, or excludes none at all."""
-    return finding.flagged is None or bool((finding.flagged & base.channels.is_counted).any())

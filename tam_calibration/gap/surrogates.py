@@ -11,9 +11,8 @@ from tam_calibration.effects.grades import MOST, NEGLIGIBLE, SLIGHT
 from tam_calibration.effects.periodic_interference import SAME_LINE
 from tam_calibration.effects.term import Term, at_rows, chosen
 from tam_calibration.gap.hypothesis import Hypothesis
-from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
+from tam_calibration.gap.regression import Base, columns_of, twice_log_likelihood_ratio
 from tam_calibration.gap.regressors import Regressors
-from tam_calibration.gap.selection import columns_of
 from tam_calibration.model.fitted_effect import SCALAR
 from tam_calibration.model.units import FloatArray
 
@@ -116,8 +115,7 @@ def _explained(
     moved = _Shifted(base, differential, common)
     _, eliminated = base.eliminated(design)
     score = moved.scores(design) - eliminated @ np.concatenate([moved.scores(one) for one in base.designs])
-    explained: FloatArray = np.sum(score * (inverse @ score), axis=0)
-    return explained
+    return np.asarray(np.sum(score * (inverse @ score), axis=0))
 
 
 def _whitened(base: Base, form: Hypothesis, values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -153,8 +151,7 @@ class _Shifted:
 
     def _at_shifts(self, design: Regressors, product: np.ndarray) -> FloatArray:
         of_columns = product if design.scatter is None else design.scatter.T @ product
-        score: FloatArray = np.fft.irfft(of_columns, self._count, axis=1)[:, self._shifts]
-        return score
+        return np.fft.irfft(of_columns, self._count, axis=1)[:, self._shifts]
 
 
 def _of_channel(base: Base, form: Hypothesis) -> Iterator[float]:

@@ -6,11 +6,11 @@ import numpy as np
 
 from tam_calibration.core.normal_equations import ridged
 from tam_calibration.effects.grades import LEAST_SAMPLES, MINOR, MOST, NEGLIGIBLE, NOTABLE
-from tam_calibration.gap.evidence import Evidence
 from tam_calibration.gap.hypothesis import Hypothesis, Place
-from tam_calibration.gap.regression import Base
+from tam_calibration.gap.regression import Base, columns_of
 from tam_calibration.gap.result import Where
-from tam_calibration.gap.selection import columns_of
+from tam_calibration.gap.size import Evidence
+from tam_calibration.gap.support import LEAST_EVIDENCE
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.model.fitted_effect import ALL, SCALAR
 from tam_calibration.model.recording import Recording
@@ -55,10 +55,9 @@ def noisy_places(channels: WhitenedChannels) -> tuple[list[Place], float]:
     direction, score = channels.row_direction, channels.row_score
     best: tuple[list[Place], float] = ([], 0.0)
     for place, rows in _candidates(channels):
-        energy, freedom = _energy_along(channels, direction[:, rows], score[:, rows], rows)
-        energy = energy[counted]
+        energy = _energy_along(channels, direction[:, rows], score[:, rows], rows)[counted]
         inside, outside = float(energy.sum()), total - float(energy.sum())
-        many = freedom * len(energy)
+        many = len(rows) * len(energy)
         rest = count - many
         if rest <= NEGLIGIBLE * many or outside <= 0 or inside / many <= outside / rest:
             continue
@@ -80,10 +79,8 @@ def _candidates(channels: WhitenedChannels) -> list[tuple[list[Place], list[int]
     return found
 
 
-def _energy_along(
-    channels: WhitenedChannels, direction: FloatArray, score: FloatArray, rows: list[int]
-) -> tuple[FloatArray, int]:
-    """Return the energy (N,) of each sample that shifts of some rows can explain, and the number of such channels."""
+def _energy_along(channels: WhitenedChannels, direction: FloatArray, score: FloatArray, rows: list[int]) -> FloatArray:
+    """Return the energy (N,) of each sample that shifts of some rows can explain."""
     information = np.broadcast_to(
         channels.coupling[np.ix_(rows, rows)], (len(channels.intensity_residual_T), len(rows), len(rows))
     ).copy()
@@ -91,7 +88,7 @@ def _energy_along(
     size = np.sqrt(np.maximum(np.einsum("nii->ni", information), np.finfo(float).tiny))
     scaled = ridged(information / (size[:, :, None] * size[:, None, :]))
     solved = np.linalg.solve(scaled, (score / size)[:, :, None])[:, :, 0]
-    return np.sum(solved * score / size, axis=1), len(rows)
+    return np.asarray(np.sum(solved * score / size, axis=1))
 
 
 def span_of(channels: WhitenedChannels, excess: FloatArray) -> tuple[float, float] | None:
@@ -144,13 +141,7 @@ def band_of(channels: WhitenedChannels, row: int, variance: float) -> tuple[floa
     return float(frequency[1 + low]), float(frequency[1 + high])
 
 
-def locate(
-    base: Base,
-    causes: list[list[Place]],
-    rivals: Iterable[Evidence],
-    variance: float,
-    least_evidence: float,
-) -> Where:
+def locate(base: Base, causes: list[list[Place]], rivals: Iterable[Evidence], variance: float) -> Where:
     """Return where the gap of a nominal model lies.
 
     Parameters
@@ -163,26 +154,23 @@ def locate(
         At the nominal calibration.
     variance : float
         Of the channels' white noise.
-    least_evidence : float
-        Evidence from which a rival counts.
     """
     channels = base.channels
     noisy, gain = noisy_places(channels)
     strongest = max(rivals, key=lambda rival: rival.delta_bic, default=None)
     if causes:
         places = [place for cause in causes for place in cause]
-    elif strongest is not None and strongest.delta_bic > max(least_evidence, NOTABLE * gain):
+    elif strongest is not None and strongest.delta_bic > max(LEAST_EVIDENCE, NOTABLE * gain):
         places = main_places(base, strongest)
     else:
         places = noisy
     sensors, axes = sensors_and_axes(places, channels.recording)
     excess = (channels.energy_per_sample / variance - channels.channels_per_sample) * channels.is_counted
     row = _first_row(places, channels)
+    known = channels.is_counted & (channels.precision > 0)
     per_channel = {
-        "differential_chi_square": float(np.mean(channels.differential[channels.is_counted] ** 2))
-        if channels.differential.size
-        else float("nan"),
-        "common_mode_chi_square": _common_mode(channels),
+        "differential_chi_square": _mean(channels.differential[channels.is_counted] ** 2),
+        "common_mode_chi_square": _mean(channels.precision[known] * channels.intensity_residual_T[known] ** 2),
         "two_variances_gain": gain,
     }
     return Where(sensors, axes, span_of(channels, excess), band_of(channels, row, variance), per_channel)
@@ -236,8 +224,6 @@ def _first_row(places: list[Place], channels: WhitenedChannels) -> int:
     return 3 * max(sensor, 0) + (axis or 0)
 
 
-def _common_mode(channels: WhitenedChannels) -> float:
-    known = channels.is_counted & (channels.precision > 0)
-    if not known.any():
-        return float("nan")
-    return float(np.mean(channels.precision[known] * channels.intensity_residual_T[known] ** 2))
+def _mean(values: FloatArray) -> float:
+    """Return the mean, NaN of nothing."""
+    return float(np.mean(values)) if values.size else float("nan")

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.linalg import norm
 from numpy.typing import NDArray
 
-from tam_calibration.core.elimination import Elimination
-from tam_calibration.core.normal_equations import Normal
+from tam_calibration.core.normal_equations import Elimination, Normal
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.term import Term, WhitenedResiduals, at_rows, thinned
@@ -109,33 +108,27 @@ class WhitenedChannels:
         world : World, optional
             Of a recording with attitude and without scalar: its field takes the place of that of the readings.
         """
-        if world is not None:
-            return cls._in_world(recording, array, errors, world, added_T, is_counted, row_variance, stride)
-        elimination = Elimination.of(errors.matrix.reshape(-1, 3), _row_weight(array, row_variance))
-        beyond = 0.0 if row_variance is None else float(row_variance[-1])
-        scalar_variance = array.scalar_noise_T**2 + beyond
-        added = np.zeros(3 * recording.sensor_count + 1) if added_T is None else added_T
-        rows = recording.readings_T.reshape(recording.sample_count, -1) - errors.bias_T.ravel() - added[..., :-1]
-        field = rows @ elimination.unmixing.T
-        length = norm(field, axis=1)
-        direction = field / length[:, None]
-        scalar = (
-            (intensity_T if recording.scalar_T is None else recording.scalar_T) - added[..., -1] + np.zeros(len(rows))
-        )
-        residuals = np.where(np.isfinite(scalar), scalar - length, 0.0)
-        precision = np.where(np.isfinite(scalar), 1 / (scalar_variance + elimination.variance_along(direction.T)), 0.0)
-        # Along the direction only, so that no channel depends on a rotation of the array.
-        moved = length + (1 - precision * scalar_variance) * residuals
-        covariates = Covariates(
-            recording.time_s,
-            moved[:, None] * direction,
-            errors,
-            array,
-            recording.temperature_C,
-            recording.current_A,
-            recording.attitude,
-            further=recording.further,
-        )
+        added = np.zeros((1, 3 * recording.sensor_count + 1)) if added_T is None else added_T
+        rows = (recording.readings_T - errors.bias_T).reshape(recording.sample_count, -1) - added[:, :-1]
+        if world is None:
+            elimination = Elimination.of(errors.matrix.reshape(-1, 3), _row_weight(array, row_variance))
+            field = rows @ elimination.unmixing.T
+            length = norm(field, axis=1)
+            direction = field / length[:, None]
+            scalar_variance = array.scalar_noise_T**2 + (0.0 if row_variance is None else float(row_variance[-1]))
+            measured = np.full(len(rows), intensity_T) if recording.scalar_T is None else recording.scalar_T
+            scalar = measured - added[:, -1]
+            is_known = np.isfinite(scalar)
+            residuals = np.where(is_known, scalar - length, 0.0)
+            precision = np.where(is_known, 1 / (scalar_variance + elimination.variance_along(direction.T)), 0.0)
+            # Along the direction only, so that no channel depends on a rotation of the array.
+            moved = length + (1 - precision * scalar_variance) * residuals
+            covariates = Covariates.of(recording, moved[:, None] * direction, errors, array)
+        else:
+            elimination, covariates = _in_world(recording, array, errors, world, added, row_variance)
+            rows = rows - covariates.sensed_T
+            direction = covariates.field_T / covariates.intensity_T[:, None]
+            residuals = precision = np.zeros(len(rows))
         return cls(
             recording,
             covariates,
@@ -171,57 +164,10 @@ class WhitenedChannels:
             )
         return channels
 
-    @classmethod
-    def _in_world(
-        cls,
-        recording: Recording,
-        array: KnownNoiseArray,
-        errors: SensorErrors,
-        world: World,
-        added_T: FloatArray | None,
-        is_counted: NDArray[np.bool_] | None,
-        row_variance: FloatArray | None,
-        stride: int,
-    ) -> "WhitenedChannels":
-        assert recording.attitude is not None and recording.scalar_T is None
-        count = recording.sample_count
-        beyond = np.append(world.variance_T2, 0.0)
-        weight = _row_weight(array, beyond if row_variance is None else beyond + row_variance)
-        elimination = Elimination.of_known_field(weight)
-        added = np.zeros((count, 3 * recording.sensor_count + 1)) if added_T is None else added_T
-        attitude = world.attitude(recording.attitude)
-        # An intensity that is taken for constant and is too large by what is added to it.
-        field = world.field(attitude) * (1 - added[:, -1:] / world.intensity_T)
-        covariates = Covariates(
-            recording.time_s,
-            field,
-            errors,
-            array,
-            recording.temperature_C,
-            recording.current_A,
-            attitude,
-            follows_attitude=True,
-            further=recording.further,
-        )
-        rows = (recording.readings_T - errors.bias_T).reshape(count, -1) - added[:, :-1] - covariates.sensed_T
-        return cls(
-            recording,
-            covariates,
-            elimination.directions,
-            rows @ elimination.directions,
-            np.column_stack([field / covariates.intensity_T[:, None], np.ones(count)]),
-            _row_turn(elimination),
-            np.zeros(count),
-            np.zeros(count),
-            np.ones(count, dtype=bool) if is_counted is None else is_counted,
-            stride,
-        )
-
     @property
     def row_direction(self) -> FloatArray:
         """(N, 3K + 1) how a shift of each row moves the scalar minus the length of the field."""
-        by_row: FloatArray = self.direction @ self.turn
-        return by_row
+        return self.direction @ self.turn
 
     @cached_property
     def coupling(self) -> FloatArray:
@@ -279,8 +225,7 @@ class WhitenedChannels:
     @property
     def channels_per_sample(self) -> FloatArray:
         """(N,) number of channels of each sample that counts."""
-        count: FloatArray = self.is_counted * (self.differential.shape[1] + (self.precision > 0))
-        return count
+        return np.asarray(self.is_counted * (self.differential.shape[1] + (self.precision > 0)))
 
     @cached_property
     def count(self) -> float:
@@ -290,8 +235,7 @@ class WhitenedChannels:
     @cached_property
     def energy_per_sample(self) -> FloatArray:
         """(N,) sums of the squares of each sample's channels."""
-        energy: FloatArray = np.sum(self.differential**2, axis=1) + self.precision * self.intensity_residual_T**2
-        return energy
+        return np.asarray(np.sum(self.differential**2, axis=1) + self.precision * self.intensity_residual_T**2)
 
     @cached_property
     def energy(self) -> float:
@@ -438,28 +382,6 @@ class WhitenedChannels:
             common = counted * (root * self.intensity_residual_T[every])[last]
         return np.where(counted[:, None], self.differential[every], 0.0), common
 
-    def with_residual(self, differential: FloatArray, common: FloatArray) -> "WhitenedChannels":
-        """Return channels of the same samples with other whitened residuals.
-
-        Parameters
-        ----------
-        differential : (n, C) array
-            Between the sensors, or against the field of the world, in the samples that the normal equations take.
-        common : (n,) array
-            Of the common mode in the same samples; not used where there is no reference.
-        """
-        every = slice(None, None, self.stride)
-        root = np.sqrt(self.precision[every])
-        intensity_residual_T, between = self.intensity_residual_T.copy(), self.differential.copy()
-        between[every] = differential
-        intensity_residual_T[every] = np.divide(common, root, out=np.zeros_like(common), where=root > 0)
-        other = replace(self, differential=between, intensity_residual_T=intensity_residual_T)
-        # Caches that do not depend on the residual.
-        other.__dict__.update(
-            _taken=self._taken, _known=self._known, _crossed=self._crossed, calibration=self.calibration
-        )
-        return other
-
     def score(self, design: Regressors, part: slice | None = None) -> FloatArray:
         """Return the score (P,) of the columns of a design: their products with the residuals.
 
@@ -513,11 +435,29 @@ class WhitenedChannels:
             yield slice(first, min(first + _PIECE * step, stop), step)
 
 
+def _in_world(
+    recording: Recording,
+    array: KnownNoiseArray,
+    errors: SensorErrors,
+    world: World,
+    added_T: FloatArray,
+    row_variance: FloatArray | None,
+) -> tuple[Elimination, Covariates]:
+    """Return the elimination of a known field, and the covariates with the field of the world in them."""
+    assert recording.attitude is not None and recording.scalar_T is None
+    beyond = np.append(world.variance_T2, 0.0)
+    weight = _row_weight(array, beyond if row_variance is None else beyond + row_variance)
+    attitude = world.attitude(recording.attitude)
+    # An intensity that is taken for constant and is too large by what is added to it.
+    field = world.field(attitude) * (1 - added_T[:, -1:] / world.intensity_T)
+    covariates = replace(Covariates.of(recording, field, errors, array), attitude=attitude, follows_attitude=True)
+    return Elimination.of_known_field(weight), covariates
+
+
 def _row_weight(array: KnownNoiseArray, row_variance: FloatArray | None) -> FloatArray:
     """Return the inverse standard deviation (3K,) of the rows of the sensors, 1/T."""
     variance = np.repeat(array.vector_noise_T**2, 3)
-    weight: FloatArray = 1 / np.sqrt(variance if row_variance is None else variance + row_variance[:-1])
-    return weight
+    return 1 / np.sqrt(variance if row_variance is None else variance + row_variance[:-1])
 
 
 def _row_turn(elimination: Elimination) -> FloatArray:

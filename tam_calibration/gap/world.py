@@ -80,8 +80,7 @@ class World:
         x, y, z, w = Rotation.from_matrix(self.mount).inv().as_quat()
         # Rows (x, y, z, w) times these are the products, for which SciPy takes thirty times as long.
         behind = np.array([[w, -z, y, -x], [z, w, -x, -y], [-y, x, w, -z], [x, y, z, w]])
-        turned: FloatArray = recorded / np.linalg.norm(recorded, axis=1)[:, None] @ behind
-        return turned
+        return np.asarray(recorded / np.linalg.norm(recorded, axis=1)[:, None] @ behind)
 
     def field(self, attitude: FloatArray) -> FloatArray:
         """Return the field (N, 3) in the array's frame at attitudes (N, 4) of the array, tesla."""
@@ -134,5 +133,4 @@ def turns(attitude: FloatArray) -> FloatArray:
     """Return the rotation matrices (N, 3, 3) from the world to a frame with attitudes (N, 4)."""
     from scipy.spatial.transform import Rotation
 
-    matrices: FloatArray = Rotation.from_quat(attitude).inv().as_matrix()
-    return matrices
+    return np.asarray(Rotation.from_quat(attitude).inv().as_matrix())

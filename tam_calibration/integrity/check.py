@@ -9,9 +9,8 @@ from tam_calibration.integrity.fault import Fault, refuse, require_names
 from tam_calibration.integrity.handedness import left_handed
 from tam_calibration.integrity.holds import Holds
 from tam_calibration.integrity.overview import Overview
-from tam_calibration.integrity.stuck_bits import with_stuck_bits
 from tam_calibration.integrity.units import in_other_units
-from tam_calibration.integrity.values import at_ends, in_steps
+from tam_calibration.integrity.values import at_ends, in_steps, with_stuck_bits
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import SampleSource
 

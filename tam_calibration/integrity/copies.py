@@ -1,14 +1,33 @@
 """Sensors that repeat another, at once or some samples later, in one pass through all samples; axes that do."""
 
 from itertools import permutations
+from math import log
 
 import numpy as np
 
-from tam_calibration.integrity.chance import is_chance
 from tam_calibration.integrity.fault import Fault, between, channel
 from tam_calibration.integrity.overview import Overview
 from tam_calibration.model.recording import Block
 from tam_calibration.model.units import FloatArray
+
+SURE = 1e-6
+"""Chance that sound readings are taken for faulty ones, in a whole recording."""
+
+
+def is_chance(equal: int, share: float, count: int) -> bool:
+    """Whether so many equalities in a row may happen by chance.
+
+    Parameters
+    ----------
+    equal : int
+        Number of equalities in a row.
+    share : float
+        Chance of one equality, above 0: how often it happens elsewhere.
+    count : int
+        Number of samples, at each of which the row may begin.
+    """
+    return share >= 1 or equal * log(share) > log(SURE / count)
+
 
 SHORTEST = 10
 """Different readings in a row that a copy repeats at least."""

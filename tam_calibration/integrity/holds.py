@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tam_calibration.integrity.chance import is_chance
+from tam_calibration.integrity.copies import is_chance
 from tam_calibration.integrity.fault import Fault, between, channel, in_nanotesla
 from tam_calibration.model.recording import Block, SampleSource
 from tam_calibration.model.units import FloatArray

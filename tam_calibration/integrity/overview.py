@@ -47,8 +47,7 @@ class Overview:
     @cached_property
     def sorted_T(self) -> FloatArray:
         """(3K, n) readings of each axis, in increasing order."""
-        ordered: FloatArray = np.sort(self.values_T, axis=1)
-        return ordered
+        return np.sort(self.values_T, axis=1)
 
     @cached_property
     def without_spikes_T(self) -> FloatArray:
@@ -57,15 +56,13 @@ class Overview:
         lone = int(LONE * count)
         low, high = self.sorted_T[:, lone : lone + 1], self.sorted_T[:, count - 1 - lone : count - lone]
         clipped = np.clip(self.values_T, low, high)
-        centered: FloatArray = clipped - clipped.mean(axis=1, keepdims=True)
-        return centered
+        return np.asarray(clipped - clipped.mean(axis=1, keepdims=True))
 
     @cached_property
     def covariance(self) -> FloatArray:
         """(K, K, 3, 3) covariances of the sensors, without spikes, T²."""
         values, count = self.without_spikes_T, self.sensor_count
-        covariance: FloatArray = (values @ values.T / values.shape[1]).reshape(count, 3, count, 3).swapaxes(1, 2)
-        return covariance
+        return np.asarray((values @ values.T / values.shape[1]).reshape(count, 3, count, 3).swapaxes(1, 2))
 
     def shared_motion(self, one: int, other: int) -> float:
         """Return the smallest canonical correlation of two sensors: 1 where the same motion is all that both read."""
@@ -82,12 +79,10 @@ class Overview:
     def spread_T(self) -> FloatArray:
         """(K, 3) standard deviations of the axes, without spikes."""
         own = self.covariance[range(self.sensor_count), range(self.sensor_count)]
-        spread: FloatArray = np.sqrt(np.diagonal(own, axis1=1, axis2=2))
-        return spread
+        return np.sqrt(np.diagonal(own, axis1=1, axis2=2))
 
     @cached_property
     def principal_T(self) -> FloatArray:
         """(K, 3) standard deviations of each sensor's readings along their principal directions, increasing."""
         own = self.covariance[range(self.sensor_count), range(self.sensor_count)]
-        principal: FloatArray = np.sqrt(np.maximum(np.linalg.eigvalsh(own), 0))
-        return principal
+        return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(own), 0)))

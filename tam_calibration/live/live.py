@@ -16,10 +16,8 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.identifiability import open_parameters
 from tam_calibration.fit.likelihood import Linearization
 from tam_calibration.fit.prior import Prior
-from tam_calibration.live.change import GRADIENT
-from tam_calibration.live.change_window import BLOCK_S, ChangeWindow, Step, Suspicion
-from tam_calibration.live.recursion import Belief, Recursion, Walk, solve
-from tam_calibration.live.sample_moments import MomentLikelihood, SampleMoments
+from tam_calibration.live.change import BLOCK_S, GRADIENT, ChangeWindow, Step, Suspicion
+from tam_calibration.live.recursion import Belief, MomentLikelihood, Recursion, SampleMoments, Walk, solve
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.units import FloatArray
 
@@ -238,8 +236,7 @@ class Live:
         rows[~bounds.hold_each(rows[:, -2]), -2] = np.nan
         is_told = bounds.hold_each(np.median(norm(fields_T, axis=2), axis=1))
         self._left_out += int(np.count_nonzero(~is_told))
-        told: FloatArray = rows[is_told]
-        return told
+        return np.asarray(rows[is_told])
 
     def _learn(self, moments: SampleMoments, end_s: float, temperature_C: float) -> None:
         try:

@@ -5,16 +5,17 @@ from numpy.linalg import inv
 
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.source_completion import FEWEST_PERIODS, amplitudes_of, poses_of
-from tam_calibration.localization.euler import DIPOLE_INDEX, locate
-from tam_calibration.localization.finite_baseline import require_index
-from tam_calibration.localization.sample_by_sample import locate_samples, turned
+from tam_calibration.localization.euler import DIPOLE_INDEX, locate, require_index
 from tam_calibration.localization.solutions import EulerSolutions
 from tam_calibration.localization.survey import ARRAY_FRAME, WORLD_FRAME, Line, Overall, Survey
+from tam_calibration.localization.turned_samples import locate_samples, turned
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
-from tam_calibration.sources.demodulation import background_of, demodulate, turning_of
-from tam_calibration.sources.spectrum import Spectrum, find_frequency
+from tam_calibration.sources.demodulation import Spectrum, background_of, demodulate, find_frequency, turning_of
+
+_HIGHEST_HZ = 1e6
+"""Highest frequency of a source, hertz: no array samples twice as fast."""
 
 _TURNING = (
     "The array never stood still: field and gradient were demodulated as they turned, and the error of finite "
@@ -52,8 +53,10 @@ def locate_alternating(
     require_index(index)
     if not calibration.array.has_gradient:
         raise InputError("the array's geometry determines no gradient, from which sources are located")
-    if frequency_hz is not None and not (np.isfinite(frequency_hz) and frequency_hz > 0):
-        raise InputError(f"the frequency must be a positive number of hertz, not {frequency_hz:g}")
+    if frequency_hz is not None and not 0 < frequency_hz <= _HIGHEST_HZ:
+        raise InputError(
+            f"the frequency must be a positive number of hertz, at most {_HIGHEST_HZ:g}, not {frequency_hz:g}"
+        )
     recording = calibration.without_effects(recording)
     if recording.attitude is not None:
         recording = recording.take(np.flatnonzero(np.isfinite(recording.attitude).all(axis=1)))
@@ -108,8 +111,7 @@ def _turning(recording: Recording, calibration: Calibration, line: Line, index: 
 
 
 def _middle(recording: Recording) -> FloatArray:
-    middle: FloatArray = np.mean(recording.time_s[[0, -1]], keepdims=True)
-    return middle
+    return np.asarray(np.mean(recording.time_s[[0, -1]], keepdims=True))
 
 
 def _locate(amplitudes_T: FloatArray, noise_T: FloatArray, calibration: Calibration, index: float) -> EulerSolutions:

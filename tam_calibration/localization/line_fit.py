@@ -30,8 +30,7 @@ def directions_of(outputs: FloatArray) -> FloatArray:
     """Return the unit vectors (N, 3) along which the tensors of outputs (N, 8) or (N, 9) change the field least."""
     values, vectors = np.linalg.eigh(tensors_of(outputs))
     least = np.abs(values).argmin(axis=1)
-    direction: FloatArray = np.take_along_axis(vectors, least[:, None, None], axis=2)[..., 0]
-    return direction
+    return np.take_along_axis(vectors, least[:, None, None], axis=2)[..., 0]
 
 
 def fit_lines(
@@ -126,7 +125,7 @@ def _field(points_m: FloatArray, unknowns: FloatArray, index: float) -> tuple[Fl
     tilted = [np.cross(axis, offset) for axis in _ACROSS]
     if index == CURRENT_INDEX:
         slopes = [strength[:, :, 0] * _slope(across, change) for change in [*(-each for each in moved), *tilted]]
-        unit = _inverse(across)
+        unit = across / _dot(across, across)
         return strength[:, :, 0] * unit, np.stack([*slopes, unit], axis=-1)
     moment = np.concatenate([strength[..., 0], np.zeros((count, 1, 1))], axis=2)
     shift = np.cross(along, moment)
@@ -140,13 +139,7 @@ def _field(points_m: FloatArray, unknowns: FloatArray, index: float) -> tuple[Fl
 
 
 def _dot(one: FloatArray, other: FloatArray) -> FloatArray:
-    product: FloatArray = np.sum(one * other, axis=-1, keepdims=True)
-    return product
-
-
-def _inverse(vectors: FloatArray) -> FloatArray:
-    """Return h(c) = c/|c|² of vectors (…, 3)."""
-    return vectors / _dot(vectors, vectors)
+    return np.asarray(np.sum(one * other, axis=-1, keepdims=True))
 
 
 def _slope(vectors: FloatArray, change: FloatArray) -> FloatArray:
@@ -183,5 +176,4 @@ def _is_small(unknowns: FloatArray, step: FloatArray) -> np.ndarray:
     """Return whether steps (N, 5 or 6) hardly change places, directions and strengths."""
     size = [norm(unknowns[:, :2], axis=1), np.ones(len(unknowns)), norm(unknowns[:, 4:], axis=1)]
     change = [norm(step[:, :2], axis=1), norm(step[:, 2:4], axis=1), norm(step[:, 4:], axis=1)]
-    is_small: np.ndarray = np.all(np.array(change) <= _SMALLEST_STEP * np.array(size), axis=0)
-    return is_small
+    return np.asarray(np.all(np.array(change) <= _SMALLEST_STEP * np.array(size), axis=0))

@@ -20,7 +20,9 @@ from numpy.linalg import norm
 from tam_calibration.core.least_squares import Solution, solve_damped
 from tam_calibration.localization.source_problem import Kernel
 from tam_calibration.model.array import UNIT_TENSORS, Array
+from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.units import FloatArray
+from tam_calibration.sources.poses import Poses
 
 OF_SOURCE = 6
 """Unknowns of a source: its place and its moment."""
@@ -60,14 +62,12 @@ class Known:
     @property
     def is_free(self) -> np.ndarray:
         """(11,) which of them are unknown."""
-        free: np.ndarray = self.standard_error > 0
-        return free
+        return self.standard_error > 0
 
     @property
     def is_uncertain(self) -> np.ndarray:
         """(11,) of which of them something is known, but not all."""
-        uncertain: np.ndarray = self.is_free & np.isfinite(self.standard_error)
-        return uncertain
+        return self.is_free & np.isfinite(self.standard_error)
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,13 +150,11 @@ class Passage:
 
     def sources(self, unknowns: FloatArray) -> FloatArray:
         """Return the places and moments (S, 6) of unknowns (P,)."""
-        rows: FloatArray = unknowns[: len(unknowns) - int(self.known.is_free.sum())].reshape(-1, OF_SOURCE)
-        return rows
+        return unknowns[: len(unknowns) - int(self.known.is_free.sum())].reshape(-1, OF_SOURCE)
 
     def center_m(self, unknowns: FloatArray) -> FloatArray:
         """Return the places (N, 3) of the array's centre in the world, metres."""
-        center: FloatArray = self.path_m + np.outer(self.time_s, self.further(unknowns)[VELOCITY])
-        return center
+        return self.path_m + np.outer(self.time_s, self.further(unknowns)[VELOCITY])
 
     def left_T(self, unknowns: FloatArray) -> FloatArray:
         """Return the readings (N, K, 3) less what unknowns make at the reported attitudes, array frame, tesla."""
@@ -243,28 +241,24 @@ class Passage:
             values, vectors = np.linalg.eigh(root + by_turn @ np.swapaxes(by_turn, 1, 2))
             root = (vectors / np.sqrt(values)[:, None]) @ np.swapaxes(vectors, 1, 2)
         sensors = root.reshape(len(root), -1, 3, root.shape[2])
-        world: FloatArray = (self.matrix[:, None] @ sensors).reshape(root.shape)
-        return world
+        return (self.matrix[:, None] @ sensors).reshape(root.shape)
 
     def _rotation(self, turn: FloatArray) -> FloatArray:
         """Return the rotations Q (N, 3, 3) from the array frame to the world for errors (N, 3) of the attitudes."""
         from scipy.spatial.transform import Rotation
 
-        rotation: FloatArray = self.matrix @ Rotation.from_rotvec(self.attitude_noise * turn).as_matrix()
-        return rotation
+        return np.asarray(self.matrix @ Rotation.from_rotvec(self.attitude_noise * turn).as_matrix())
 
     def _points(self, unknowns: FloatArray, rotation: FloatArray) -> FloatArray:
         """Return the places (N, K, 3) of the sensors in the world, metres."""
-        points: FloatArray = self.center_m(unknowns)[:, None] + self.array.positions_m @ np.swapaxes(rotation, 1, 2)
-        return points
+        return self.center_m(unknowns)[:, None] + self.array.positions_m @ np.swapaxes(rotation, 1, 2)
 
     def _step(self, turn: FloatArray, field: FloatArray, by_turn: FloatArray) -> FloatArray:
         """Return the step (N, 3) of the attitudes' errors, in units of their size, towards the readings (N, 3 K)."""
         readings = (self.readings_T / self.noise_T[:, None]).reshape(len(turn), -1)
         turned = np.swapaxes(by_turn, 1, 2)
         slope = (turned @ (readings - field)[..., None])[..., 0] - turn
-        step: FloatArray = np.linalg.solve(turned @ by_turn + np.eye(3), slope[..., None])[..., 0]
-        return step
+        return np.linalg.solve(turned @ by_turn + np.eye(3), slope[..., None])[..., 0]
 
     @staticmethod
     def _across(by_turn: FloatArray, slopes: FloatArray) -> FloatArray:
@@ -313,6 +307,65 @@ class Passage:
         return field, by_turn, seen(np.concatenate([*by_source, by_further], axis=-1))
 
 
+def passage_of(
+    kernel: Kernel,
+    fields_T: FloatArray,
+    array: Array,
+    poses: Poses,
+    known: Known,
+    time_s: FloatArray | None = None,
+) -> Passage:
+    """Return the readings as a problem of least squares.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        The field of a source.
+    fields_T : (N, K, 3) array
+        Calibrated readings of each pose, array frame, tesla.
+    array : Array
+        Positions and noise of the sensors; a noise that is not stated is taken as one tesla.
+    poses : Poses
+        Of the array.
+    known : Known
+        What is known of the field beside the sources', and of the velocity.
+    time_s : (N,) array, optional
+        Since the poses were reckoned by a velocity, seconds.
+
+    Raises
+    ------
+    InputError
+        When a shape is wrong, values are not finite, or the axes of the array are known to sit in different places.
+    Refused
+        When there are fewer values than unknowns of one source, or the array has no gradient to start from.
+    """
+    readings, stated = _check(fields_T, array, poses), array.vector_noise_T
+    noise = np.ones(array.sensor_count) if stated is None else stated
+    times = np.zeros(len(readings)) if time_s is None else time_s
+    passage = Passage(
+        kernel, readings, array, noise, poses.matrix, poses.position_m, times, poses.attitude_noise, known
+    )
+    lacking = OF_SOURCE - passage.degrees_of_freedom
+    if lacking > 0:
+        values = readings.size
+        raise Refused(f"{values} values do not determine {values + lacking} unknowns: use more sensors or poses")
+    if not array.has_gradient:
+        raise Refused("the array's geometry determines no gradient, so that the fit has nowhere to start")
+    return passage
+
+
+def _check(fields_T: FloatArray, array: Array, poses: Poses) -> FloatArray:
+    if array.axis_offsets_m is not None:
+        raise InputError("the axes of a sensor must be in one place to fit a track: locate from field and gradient")
+    fields = np.asarray(fields_T, dtype=float)
+    shape = (len(poses.attitude), array.sensor_count, 3)
+    if fields.shape != shape:
+        raise InputError(f"the fields must have the shape {shape} of poses and sensors, not {fields.shape}")
+    if not np.isfinite(fields).all():
+        raise InputError("a field is not finite: leave out that sample")
+    return fields
+
+
 def _crossing(vectors: FloatArray) -> FloatArray:
     """Return the matrices [v]× (…, 3, 3) of vectors (…, 3): [v]× w = v × w."""
     matrices = np.zeros((*vectors.shape, 3))
@@ -327,8 +380,7 @@ def _added(turns: FloatArray) -> FloatArray:
     angle = norm(turns, axis=1)[:, None, None]
     cross = _crossing(turns)
     cubic = (1 - np.sinc(angle / np.pi)) / np.where(angle > 0, angle, 1.0) ** 2
-    added: FloatArray = np.eye(3) - np.sinc(angle / (2 * np.pi)) ** 2 / 2 * cross + cubic * cross @ cross
-    return added
+    return np.asarray(np.eye(3) - np.sinc(angle / (2 * np.pi)) ** 2 / 2 * cross + cubic * cross @ cross)
 
 
 def solve(passage: Passage, start: FloatArray, smallest_step: float = SETTLED, least_fall: float = 0.0) -> Solution:

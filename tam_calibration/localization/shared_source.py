@@ -18,13 +18,11 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import Solution, solve_damped
-from tam_calibration.localization.euler import DIPOLE_INDEX
-from tam_calibration.localization.finite_baseline import elements_of, whitening_of
+from tam_calibration.localization.euler import DIPOLE_INDEX, elements_of, whitening_of
 from tam_calibration.localization.line_fit import Lines
-from tam_calibration.localization.sample_by_sample import Regional, matrices_of
 from tam_calibration.localization.solutions import EulerSolutions
 from tam_calibration.localization.source_problem import Problem
-from tam_calibration.localization.turned_samples import less_turned
+from tam_calibration.localization.turned_samples import Regional, less_turned, matrices_of
 from tam_calibration.model.array import Array
 from tam_calibration.model.units import FloatArray
 from tam_calibration.sources.dipole import dipole_field
@@ -177,8 +175,7 @@ class _Run:
             return predicted, slopes[..., : places.shape[1]]
 
         def is_small(places: FloatArray, step: FloatArray) -> np.ndarray:
-            small: np.ndarray = norm(step, axis=1) <= _SMALLEST_PLACE * norm(places, axis=1)
-            return small
+            return np.asarray(norm(step, axis=1) <= _SMALLEST_PLACE * norm(places, axis=1))
 
         data = self.data - self.by_field @ field
         return solve_damped(predict, data, self.near, is_small, _MOST_STEPS).unknowns
@@ -200,13 +197,11 @@ class _Run:
     def position_m(self, places: FloatArray, unknowns: FloatArray, matrix: FloatArray) -> FloatArray:
         """Return places (N, L) along the axes of the world (N, 3), of lines those of their nearest points."""
         if places.shape[1] == 3:
-            position: FloatArray = (matrix @ places[..., None])[..., 0]
-            return position
+            return np.asarray((matrix @ places[..., None])[..., 0])
         axes = np.column_stack([self.across, np.cross(*self.across.T)])
         along = axes @ np.append(unknowns[:2], 1.0)
         world = places @ self.across.T
-        nearest: FloatArray = world - np.outer(world @ along, along) / (along @ along)
-        return nearest
+        return np.asarray(world - np.outer(world @ along, along) / (along @ along))
 
 
 def _run_of(
@@ -247,8 +242,7 @@ def _run_of(
 def _own_field(own: EulerSolutions, back: FloatArray) -> FloatArray:
     """Return the fields (N, 3) of dipoles at the array's centre, array frame; NaN of lines."""
     field = dipole_field(-own.position_m, own.moment_Am2)[0]
-    turned: FloatArray = (back @ field[..., None])[..., 0]
-    return turned
+    return (back @ field[..., None])[..., 0]
 
 
 def _root(covariance: FloatArray | None) -> FloatArray:
@@ -256,5 +250,4 @@ def _root(covariance: FloatArray | None) -> FloatArray:
     if covariance is None:
         return np.zeros((3, 0))
     values, vectors = np.linalg.eigh(covariance)
-    root: FloatArray = vectors * np.sqrt(np.maximum(values, 0.0))
-    return root
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))

@@ -127,5 +127,4 @@ def solve(problem: Problem, data: FloatArray, start: FloatArray) -> Solution:
 def _is_small(unknowns: FloatArray, step: FloatArray) -> np.ndarray:
     """Return whether steps (M, 6 + Q) hardly change positions and moments."""
     size = norm(unknowns[:, :6].reshape(-1, 2, 3), axis=2)
-    is_small: np.ndarray = (norm(step[:, :6].reshape(-1, 2, 3), axis=2) <= _SMALLEST_STEP * size).all(axis=1)
-    return is_small
+    return np.asarray((norm(step[:, :6].reshape(-1, 2, 3), axis=2) <= _SMALLEST_STEP * size).all(axis=1))

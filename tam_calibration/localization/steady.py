@@ -6,24 +6,17 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.localization.direct_fit import passage_of
-from tam_calibration.localization.euler import DIPOLE_INDEX
-from tam_calibration.localization.finite_baseline import require_index
+from tam_calibration.localization.euler import DIPOLE_INDEX, require_index
 from tam_calibration.localization.line_fit import DIPOLES_INDEX
 from tam_calibration.localization.one_source import locate_run
-from tam_calibration.localization.passage import GRADIENT, OF_SOURCE, UNIFORM, VELOCITY, Known, Passage
-from tam_calibration.localization.sample_by_sample import (
-    SOURCES,
-    Regional,
-    locate_samples,
-    regional_of,
-    turned,
-)
+from tam_calibration.localization.passage import GRADIENT, OF_SOURCE, UNIFORM, VELOCITY, Known, Passage, passage_of
 from tam_calibration.localization.solutions import EulerSolutions, Status
 from tam_calibration.localization.survey import TRACK_FRAME, WORLD_FRAME, Overall, Survey, Track, standard_errors
 from tam_calibration.localization.track_fit import TrackFit, fit_track
+from tam_calibration.localization.turned_samples import SOURCES, Regional, locate_samples, regional_of, turned
 from tam_calibration.model.array import UNIT_TENSORS, Array
 from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.limits import SPEED
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
 from tam_calibration.sources.dipole import Dipole, dipole_field
@@ -31,6 +24,9 @@ from tam_calibration.sources.poses import Poses
 
 DEFAULT_VELOCITY_ERROR = 0.1
 """Standard error of a velocity that none is stated of, as a part of the speed: dead reckoning in a current."""
+
+_NO_ERROR_M_PER_S = 1e-9
+"""Largest error of a velocity that counts as none, m/s: it makes 4 µm in an hour."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,14 +50,12 @@ class TrackedSources:
     @property
     def unknowns(self) -> FloatArray:
         """(P,) what was found."""
-        found: FloatArray = self.fit.solution.unknowns[0]
-        return found
+        return np.asarray(self.fit.solution.unknowns[0])
 
     @property
     def covariance(self) -> FloatArray:
         """(P, P) of it, widened by what the residuals are more than noise."""
-        covariance: FloatArray = self.fit.solution.covariance[0] * self.fit.misfit.variance_factor
-        return covariance
+        return np.asarray(self.fit.solution.covariance[0] * self.fit.misfit.variance_factor)
 
     @property
     def sources(self) -> list[tuple[Dipole, FloatArray]]:
@@ -149,7 +143,7 @@ def track_dipole(
         standard_error[UNIFORM] = 0.0
         if regional.covariance_T2 is not None:
             standard_error[UNIFORM] = standard_errors(regional.covariance_T2)
-    standard_error[VELOCITY] = velocity_error_m_per_s
+    standard_error[VELOCITY] = velocity_error_m_per_s if velocity_error_m_per_s > _NO_ERROR_M_PER_S else 0.0
     passage = passage_of(dipole_field, fields_T, array, poses, Known(expected, standard_error), time_s)
     fit = fit_track(passage)
     if array.vector_noise_T is None:
@@ -235,8 +229,10 @@ def locate_steady(
             f"along a track a dipole is located: its structural index is 3, not {index:g}; leave out the velocity, and "
             "each sample is located by itself"
         )
+    SPEED.require("the velocity", velocity_m_per_s)
     speed = float(norm(velocity_m_per_s))
     error = DEFAULT_VELOCITY_ERROR * speed if velocity_error_m_per_s is None else velocity_error_m_per_s
+    SPEED.require("the error of the velocity", error)
     return _along_track(recording, calibration, regional, attitude_noise, velocity_m_per_s, error)
 
 

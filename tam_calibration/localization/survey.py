@@ -8,7 +8,7 @@ import numpy as np
 from tam_calibration.localization.solutions import EulerSolutions, Status
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.units import FloatArray
-from tam_calibration.sources.spectrum import Spectrum
+from tam_calibration.sources.demodulation import Spectrum
 
 ARRAY_FRAME = "array frame: x forward, y left, z up, from the array's centre"
 WORLD_FRAME = "axes of the attitude's world, from the array's centre"
@@ -168,5 +168,4 @@ class Survey:
 
 def standard_errors(covariance: FloatArray) -> FloatArray:
     """Return the square roots (…, D) of the diagonals of covariances (…, D, D)."""
-    errors: FloatArray = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
-    return errors
+    return np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))

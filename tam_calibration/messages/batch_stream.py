@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.core.interpolation import BEFORE, interpolated
 from tam_calibration.messages.point_cloud import columns_of, is_channel
-from tam_calibration.messages.stream import HeldStream, IntensityStream, InterpolatedStream, Stream
+from tam_calibration.messages.stream import HeldStream, IntensityStream, InterpolatedStream, OnceStream, Stream
 from tam_calibration.messages.timeline import STEP_NS
 from tam_calibration.model.mounting import Turn
 from tam_calibration.model.units import FloatArray, IntArray
@@ -44,6 +44,11 @@ class StreamMessages:
     def earlier(self, delay_ns: int) -> "StreamMessages":
         """Return the messages with stamps that are set back by a delay."""
         return self if self.stamps_ns is None else replace(self, stamps_ns=self.stamps_ns - delay_ns)
+
+    def take(self, index: BoolArray) -> "StreamMessages":
+        """Return the messages that a mask (n,) selects."""
+        stamps_ns = None if self.stamps_ns is None else self.stamps_ns[index]
+        return StreamMessages(self.order[index], stamps_ns, self.values[index])
 
     def turned(self, turn: Turn) -> "StreamMessages":
         """Return the messages with values that are turned."""
@@ -265,10 +270,7 @@ class Queue:
         if not self.is_unstamped:
             stream.timeline.rise(self.stamps_ns[self.is_new])
         stream.awaited = stream.awaited or count > 0
-        keys = self.keys[first:]
-        is_last = np.append(keys[1:] != keys[:-1], True)[: len(keys)]
-        values = map(tuple, self.values[first:][is_last].tolist())
-        stream.buffer = deque(zip(keys[is_last].tolist(), values, strict=True))
+        stream.buffer = deque(zip(self.keys[first:].tolist(), map(tuple, self.values[first:].tolist()), strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -317,6 +319,31 @@ class Match:
         latest = np.searchsorted(self.queue.order_of_keys, order, "right") - 1
         return self.queue.match_held(keys, np.minimum(np.where(self.found, self.index, -1), latest))
 
+    def once(self, keys: IntArray, is_sample: BoolArray) -> "Match":
+        """Return the match of messages without stamps that join one sample each, as an `OnceStream` lets them.
+
+        Parameters
+        ----------
+        keys : (n,) array of int
+            Stamps of the samples, nanoseconds.
+        is_sample : (n,) array of bool
+            Which of them become samples.
+        """
+        if not isinstance(self.queue.stream, OnceStream):
+            return self
+        newest = np.maximum.accumulate(np.where(self.found, self.index, -1)[is_sample])
+        before = np.concatenate([[-1], newest[:-1]])[: len(newest)]
+        oldest = np.searchsorted(self.queue.keys, keys[is_sample] - self.queue.stream.window_ns)
+        count = np.maximum(newest + 1 - np.maximum(oldest, before + 1), 0)
+        # One message waits on after a sample to which two came, until one comes to which none does.
+        is_fresh = oldest <= before
+        decisive = np.maximum.accumulate(np.where((count != 1) | ~is_fresh, np.arange(len(count)), 0))
+        waits_on = (count >= 2)[decisive]
+        count += np.concatenate([[False], waits_on[:-1]])[: len(count)] & is_fresh
+        index, found = np.zeros_like(self.index), np.zeros_like(self.found)
+        index[is_sample], found[is_sample] = np.maximum(newest - (count >= 2), 0), count >= 1
+        return replace(self, index=index, found=found)
+
     def values(self, is_sample: BoolArray) -> FloatArray:
         """Return the values that join the samples; NaN where there are none."""
         found = self.found[is_sample]
@@ -343,11 +370,13 @@ class Match:
         """
         if not len(keys):
             return 0, 0
-        if self.queue.is_held:
-            return max(int(np.searchsorted(self.queue.keys, keys[-1], "right")) - 1, 0), 0
-        joined = self.index[self.found & is_sample]
-        too_old = int(np.searchsorted(self.queue.keys, keys[-1] - self.queue.windows_ns(shortest_ns)[-1]))
-        return max(too_old, int(joined[-1]) + 1 if len(joined) else 0), len(joined)
+        stream, joined = self.queue.stream, self.index[self.found & is_sample]
+        if isinstance(stream, HeldStream):
+            too_old = int(np.searchsorted(self.queue.keys, keys[-1], "right")) - stream.kept
+            joined = joined if isinstance(stream, OnceStream) else joined[:0]
+        else:
+            too_old = int(np.searchsorted(self.queue.keys, keys[-1] - self.queue.windows_ns(shortest_ns)[-1]))
+        return max(too_old, 0, int(joined[-1]) + 1 if len(joined) else 0), len(joined)
 
 
 @dataclass(frozen=True, eq=False)
@@ -362,21 +391,27 @@ class Between:
         The values at the m samples that were asked for; NaN where they tell none.
     arrival : (m,) array of int
         When the message after each of these came.
+    after : (t,) array of int
+        Place of that message, where they tell a value.
+    weight : (t, 5) array
+        Of the messages that make it.
     """
 
     found: BoolArray
     values: FloatArray
     arrival: IntArray
+    after: IntArray
+    weight: FloatArray
 
     @classmethod
     def of(cls, queue: Queue, keys: IntArray, asked: BoolArray) -> "Between":
         """Return what the messages of a queue tell of some of the samples."""
         stamps, order, values = queue.with_past()
-        told, after = interpolated(stamps, values, keys[asked])
+        told, after, weight = interpolated(stamps, values, keys[asked])
         found = asked.copy()
         found[asked] = after < len(stamps)
         arrival = np.append(order, EARLIER)[after]
-        return cls(found, told, arrival)
+        return cls(found, told, arrival, after[after < len(stamps)], weight)
 
 
 def width_of(stream: Stream) -> int:

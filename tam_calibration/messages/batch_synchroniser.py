@@ -102,6 +102,7 @@ class BatchSynchroniser(Synchroniser):
             self._newest, self._horizon, self._hold_horizon, self._epoch_start = before
             return None
         matches = self._without_what_came_later(keys, pace, partners, matches, arrivals)
+        matches = [match.once(keys, is_sample) for match in matches]
         values = [pace.values[: len(keys)][is_sample], *(match.values(is_sample) for match in matches)]
         self._account(keys, is_sample, shortest, pace, matches)
         if len(keys):
@@ -216,6 +217,7 @@ class BatchSynchroniser(Synchroniser):
             match.queue.keep(*match.used(keys, is_sample, shortest))
             if match.between is not None and isinstance(match.queue.stream, InterpolatedStream):
                 match.queue.stream.interpolated += int((match.between.found & is_sample).sum())
+                match.queue.stream.correlation().add(match.between.after, match.between.weight)
         pace.keep(len(keys), int(is_sample.sum()))
         for match in matches:
             if len(match.queue.stamps_ns) and not self._sensors[0].buffer:

@@ -221,9 +221,22 @@ def read_stamp_and_doubles(message: bytes, count: int) -> tuple[int, tuple[float
         values = struct.unpack_from(f"{order}{count}d", message, begin)
     except (KeyError, struct.error):
         raise InputError(_DAMAGED) from None
-    if seconds < 0 or nanoseconds >= 1_000_000_000:
-        raise InputError(f"the stamp is no time: {seconds} s and {nanoseconds} ns; its driver must set header.stamp")
-    return seconds * 1_000_000_000 + nanoseconds, values
+    return stamp_of(seconds, nanoseconds), values
+
+
+def stamp_of(first: int, nanoseconds: int | None = None) -> int:
+    """Return the stamp, nanoseconds, of seconds and nanoseconds, or of microseconds alone.
+
+    Raises
+    ------
+    InputError
+        When it is no time.
+    """
+    if nanoseconds is None:
+        return first * 1000
+    if first < 0 or nanoseconds >= 1_000_000_000:
+        raise InputError(f"the stamp is no time: {first} s and {nanoseconds} ns; its driver must set header.stamp")
+    return first * 1_000_000_000 + nanoseconds
 
 
 def read_frame_id(message: bytes) -> str:

@@ -7,11 +7,16 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from tam_calibration.core.interpolation import BEFORE, is_even, weights
+import numpy as np
+
+from tam_calibration.core.interpolation import BEFORE, Correlation, is_even, weights
 from tam_calibration.messages.timeline import Timeline
 
 Message = tuple[int, Sequence[float]]
 """Key and values."""
+
+_COUNTED_AT_ONCE = 1024
+"""Interpolated values whose weights wait to be summed up together, which takes a hundredth of the time."""
 
 
 def sensor_stream(sensor: int) -> str:
@@ -168,7 +173,10 @@ class InterpolatedStream(JoinedStream):
     def __init__(self, name: str, window_ns: int, awaited: bool) -> None:
         super().__init__(name, window_ns, awaited)
         self.past: deque[Message] = deque(maxlen=BEFORE)
-        self.interpolated = 0
+        self.interpolated = self._passed = 0
+        self._correlation = Correlation()
+        self._told: list[tuple[int, tuple[float, ...]]] = []
+        self._weights: tuple[float, ...] = ()
 
     def between(self, key: int) -> Message | None:
         """Return what the messages before and after a stamp tell of it, where no message joins as it is."""
@@ -179,7 +187,7 @@ class InterpolatedStream(JoinedStream):
         # Where sensor 1 lags, what the others said after the stamp may have passed already.
         if stamps[-2] > 0 or stamps[-1] <= 0 or not is_even(*stamps):
             return None
-        oldest, first, second, third, after = weights(*stamps)
+        oldest, first, second, third, after = self._weights = weights(*stamps)
         columns = zip(*(values for _, values in messages), strict=True)
         return key, tuple(oldest * a + first * b + second * c + third * d + after * e for a, b, c, d, e in columns)
 
@@ -189,13 +197,28 @@ class InterpolatedStream(JoinedStream):
             self._drop_oldest()
         else:
             self.interpolated += 1
+            self._told.append((self._passed, self._weights))
+            if len(self._told) == _COUNTED_AT_ONCE:
+                self.correlation()
+
+    def correlation(self) -> Correlation:
+        """Return that of the noise of the values that were interpolated so far."""
+        if self._told:
+            after, weight = zip(*self._told, strict=True)
+            self._correlation.add(np.array(after), np.array(weight))
+            self._told.clear()
+        return self._correlation
 
     def _drop_oldest(self) -> None:
         self.past.append(self.buffer.popleft())
+        self._passed += 1
 
 
 class HeldStream(Stream):
     """A stream whose newest value holds until the next, for a limited time."""
+
+    kept = 1
+    """Messages up to the stamp of a sample that may join it or later ones."""
 
     def find(self, key: int, is_overdue: bool) -> tuple[bool, Message | None]:
         """Return whether it is decided which message joins the sample at a stamp, and the newest one until then.
@@ -216,5 +239,20 @@ class HeldStream(Stream):
 
     def forget(self, before: int) -> None:
         """Drop what cannot join a sample at or after a stamp."""
-        while len(self.buffer) > 1 and self.buffer[1][0] <= before:
+        while len(self.buffer) > self.kept and self.buffer[self.kept][0] <= before:
             self.buffer.popleft()
+        while self.buffer and self.buffer[0][0] < before - self.window_ns:
+            self.buffer.popleft()
+
+
+class OnceStream(HeldStream):
+    """A stream without stamps whose messages join one sample each: the next, or of two that came at once the next two.
+
+    So none is lost of a stream at the rate of the samples, whatever the order in which it comes beside the sensors.
+    """
+
+    kept = 2
+
+    def take(self, message: Message) -> None:
+        """Let a message that was found join a sample."""
+        self.buffer.popleft()

@@ -23,6 +23,7 @@ from tam_calibration.messages.stream import (
     JoinedStream,
     Losses,
     Message,
+    OnceStream,
     Stream,
     sensor_stream,
 )
@@ -78,7 +79,7 @@ class Synchroniser:
     hold_patience_ns : int
         The same for held channels (temperature, current, attitude): 0 takes what has arrived, without delay.
     scalar_is_held : bool
-        Whether the scalar is held like them (messages without a stamp) instead of joined by its stamp.
+        Whether the scalar's messages have no stamp: each joins the next sample, instead of that of its stamp.
     expected : collection of str
         Channels that are waited for from the first sample; others once they have been seen.
     maximum_age_ns : mapping
@@ -119,7 +120,9 @@ class Synchroniser:
         channels: list[Stream] = [
             IntensityStream(name, tolerance_ns, name in expected)
             if name == "scalar" and not scalar_is_held
-            else HeldStream(name, maximum_age_ns.get(name, _MAXIMUM_AGE_NS["current"]), name in expected)
+            else (OnceStream if name == "scalar" else HeldStream)(
+                name, maximum_age_ns.get(name, _MAXIMUM_AGE_NS["current"]), name in expected
+            )
             for name in layout.channels
         ]
         self._partners = [*self._sensors[1:], *channels]
@@ -273,8 +276,9 @@ class Synchroniser:
     def _key(self, stream: Stream, stamp_ns: int | None) -> int | None:
         """Return the place of a message in the order of all messages, or None where it is thrown away."""
         if stamp_ns is None:
-            if stream.buffer and stream.buffer[-1][0] == self._newest:
-                stream.buffer.pop()
+            kept = stream.kept if isinstance(stream, HeldStream) else 1
+            if len(stream.buffer) >= kept and stream.buffer[-kept][0] == self._newest:
+                del stream.buffer[-kept]
             return self._newest
         key = stream.epoch * _EPOCH + stamp_ns
         if key > stream.newest:

@@ -100,7 +100,7 @@ class Timeline(Generic[Content]):
         message = stamp_ns, content
         if self._goes_on(stamp_ns):
             self.give_up()
-        elif self.doubtful and -self._disorder_ns < stamp_ns - self.doubtful[0][0] <= self.reach_ns:
+        elif self.doubtful and -self._disorder_ns < stamp_ns - self.doubtful[0][0] <= self._reach_of_doubtful_ns:
             self.doubtful.append(message)
             if stamp_ns > self.doubtful[0][0]:
                 return self.believe()
@@ -116,6 +116,12 @@ class Timeline(Generic[Content]):
 
     def _goes_on(self, stamp_ns: int) -> bool:
         return -self._disorder_ns < stamp_ns - self.newest_ns <= self.reach_ns
+
+    @property
+    def _reach_of_doubtful_ns(self) -> int:
+        """How far ahead of the message that jumped the next may be: a stream that became slower jumps on as far."""
+        jump_ns = self.doubtful[0][0] - self.newest_ns
+        return max(self.reach_ns, 2 * jump_ns if jump_ns <= _LONGEST_PERIOD_NS else 0)
 
     def believe(self) -> list[tuple[int, Content]]:
         """Return the doubtful messages, which are believed now."""

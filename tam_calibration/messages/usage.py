@@ -2,21 +2,24 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, get_args
 
 import numpy as np
 
 from tam_calibration.core.interpolation import LARGEST_ERROR
+from tam_calibration.messages.missing import MOST_MISSING
 from tam_calibration.messages.stream import InterpolatedStream, Losses, Stream
-from tam_calibration.model.exceptions import Refused
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.interpolated_noise import LAGS, InterpolatedNoise
 from tam_calibration.model.recording import SampleSource
 from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
 
 _WARNED_BELOW = 0.9
 """Part of sensor 1's samples that are used, from which standard errors are within 5 % of those of all."""
 
-_REFUSED_BELOW = 0.5
+_REFUSED_BELOW = 1 - MOST_MISSING
 """The same below which more is lost than used: what joins then may do so by chance, as that of clocks that differ."""
 
 _LOST_FROM = 0.5
@@ -54,6 +57,10 @@ class Usage:
         The channels most of whose messages cannot be used, each with why.
     scalar_is_lost : bool
         Whether the scalar is one of them.
+    missing : tuple of str
+        Readings that are missing although a message or row came, a clause for each sensor and reason.
+    correlation : tuple of tuple of float
+        Of the noise of each sensor that interpolation makes, of values that lie 1 to ``LAGS`` apart.
     """
 
     used: int
@@ -64,6 +71,8 @@ class Usage:
     unfinished: str = ""
     lost: tuple[str, ...] = ()
     scalar_is_lost: bool = False
+    missing: tuple[str, ...] = ()
+    correlation: tuple[tuple[float, ...], ...] = field(default=(), compare=False)
 
     @classmethod
     def of(
@@ -91,24 +100,38 @@ class Usage:
             reasons.append((stream.losses.missing, _why_missing(stream, first, newest, patience_ns)))
         told = sorted((reason for reason in reasons if reason[0]), key=lambda reason: -reason[0])
         waiting = len(first.buffer) + len(first.timeline.doubtful)
+        interpolated = [stream for stream in others if isinstance(stream, InterpolatedStream)]
         return cls(
             used,
             first.losses.received - waiting + first.losses.missing,
             tuple(text for _, text in told),
             tuple(stream.losses.received - stream.losses.unusable for stream in (first, *others)),
-            (0, *(stream.interpolated for stream in others if isinstance(stream, InterpolatedStream))),
+            (0, *(stream.interpolated for stream in interpolated)),
             lost=tuple(why for stream in channels if (why := why_lost(stream)) is not None),
             scalar_is_lost=any(stream.name == "scalar" and why_lost(stream) is not None for stream in channels),
+            correlation=(
+                (0.0,) * LAGS,
+                *(tuple(stream.correlation().values.tolist()) for stream in interpolated),
+            ),
         )
 
     @classmethod
     def from_json(cls, text: str) -> "Usage":
-        """Return the usage that `to_json` wrote."""
-        content = json.loads(text)
-        given: dict[str, Any] = {
-            name: tuple(value) if isinstance(value, list) else value for name, value in content.items()
-        }
-        return cls(**given)
+        """Return the usage that `to_json` wrote; keys that only another version knows are left out.
+
+        Raises
+        ------
+        InputError
+            When the text is not of such a usage.
+        """
+        given: dict[str, Any] = {}
+        with suppress(ValueError, TypeError):
+            content = json.loads(text)
+            for each in fields(cls):
+                if each.name in content:
+                    given[each.name] = _of_type(each.type, content[each.name])
+            return cls(**given)
+        raise InputError("the collector is of another version than the calibrator: start both from one installation")
 
     def to_json(self) -> str:
         """Return the usage as text for other processes."""
@@ -132,29 +155,51 @@ class Usage:
         if self.scalar_is_lost:
             raise Refused(f"{'; '.join(self.lost)}: mend that, or leave the topic out to do without")
         few = (f"only {self}",) if self.used < _WARNED_BELOW * self.received else ()
-        return (*few, *((self.unfinished,) if self.unfinished else ()), *self.lost)
+        return (*few, *((self.unfinished,) if self.unfinished else ()), *self.lost, *self.missing)
 
     def with_each_reading_once(self, samples: SampleSource) -> SampleSource:
         """Return samples for a fit, thinned where a sensor that is read less often would count more than once.
 
-        Samples with a scalar reading stay, without those beside them.
+        Samples with a scalar reading stay, without those beside them, one for each reading of the slowest sensor. All
+        tell what interpolation made of their noise.
 
         Parameters
         ----------
         samples : SampleSource
             As they were joined.
         """
-        rate = min(self.readings, default=0) / max(self.received, 1)
-        if not any(self.interpolated) or rate > _ALIKE:
+        if not any(self.interpolated):
             return samples
-        stride = round(1 / max(rate, 1 / samples.sample_count))
-        kept = np.arange(samples.sample_count) % stride == 0
-        scalars = [block.scalar_T for block in samples.blocks() if block.scalar_T is not None]
-        if scalars:
-            has_scalar = np.isfinite(np.concatenate(scalars))
-            beside = np.convolve(has_scalar, np.ones(2 * stride - 1), "same") > 0
-            kept = has_scalar | (kept & ~beside)
-        return samples.take(kept)
+        rates = np.array(self.readings) / max(self.received, 1)
+        if rates.min() > _ALIKE:
+            return samples.with_noise(self._noise(rates, 1.0))
+        count = samples.sample_count
+        stride = round(1 / max(float(rates.min()), 1 / count))
+        times, scalars = zip(*((block.time_s, block.scalar_T) for block in samples.blocks()), strict=True)
+        time_s = np.concatenate(times)
+        # The first of each stretch of time, so that those stay that hold readings as they came.
+        stretch = np.floor(((time_s - time_s[0]) / np.median(np.diff(time_s)) + 0.5) / stride)
+        kept = np.diff(stretch, prepend=-1) > 0
+        if scalars[0] is not None:
+            scalar = np.flatnonzero(np.isfinite(np.concatenate(scalars)))
+            with_scalar = np.zeros(count, dtype=bool)
+            with_scalar[scalar[np.unique(stretch[scalar], return_index=True)[1]]] = True
+            beside = np.convolve(with_scalar, np.ones(2 * stride - 1), "same") > 0
+            kept = with_scalar | (kept & ~beside)
+        return samples.take(kept).with_noise(self._noise(rates, count / kept.sum()))
+
+    def _noise(self, rates: FloatArray, apart: float) -> InterpolatedNoise:
+        """Return what interpolation made of the noise, from the readings (K,) in a sample and the distance of samples.
+
+        Of a slow sensor the samples that hold a reading as it came are those that are kept.
+        """
+        values_apart = np.maximum(np.rint(1 / np.maximum(rates, 1e-9)), 1)
+        as_read = 1 - np.minimum(np.array(self.interpolated) / max(self.used, 1), 1)
+        parts = 1 - np.minimum(as_read * values_apart, 1)
+        at, places = np.outer(apart / values_apart, np.arange(1, LAGS + 1)), np.arange(LAGS + 1)
+        told = self.correlation or ((0.0,) * LAGS,) * len(rates)
+        known = [np.interp(own, places, [1, *each], right=0) for own, each in zip(at, told, strict=True)]
+        return InterpolatedNoise(parts[:, None] * np.array(known), rates * apart)
 
     def interpolation_warnings(self, samples: SampleSource, noise_T: FloatArray) -> tuple[str, ...]:
         """Return a warning of each sensor whose interpolated values are wrong by more than its noise hides in a fit.
@@ -162,20 +207,21 @@ class Usage:
         Parameters
         ----------
         samples : SampleSource
-            As they were joined; a thousand of those of sensor 1 tell how fast the array turned.
+            With each reading once; a thousand of those of sensor 1 tell how fast the array turned.
         noise_T : (K,) array
             Of each axis of the sensors, tesla.
         """
-        if not any(self.interpolated):
+        noise = samples.interpolated_noise
+        if noise is None:
             return ()
         first, last = samples.time_span_s
         pace_s = (last - first) / max(samples.sample_count - 1, 1)
         rate, field_T = _turning(samples)
         warnings = []
-        for sensor, (readings, count) in enumerate(zip(self.readings, self.interpolated, strict=True)):
-            period_s = pace_s * self.received / max(readings, 1)
+        for sensor in np.flatnonzero(self.interpolated).tolist():
+            period_s = pace_s / float(noise.readings_per_sample[sensor])
             error_T = LARGEST_ERROR * float(np.sqrt(np.mean((rate * period_s) ** 8))) * field_T
-            if count and error_T * np.sqrt(samples.sample_count) > _HIDDEN * noise_T[sensor]:
+            if error_T * np.sqrt(samples.sample_count) > _HIDDEN * noise_T[sensor]:
                 fastest = to_degrees(float(rate.max()))
                 warnings.append(
                     f"sensor {sensor + 1} is read at {1 / period_s:.3g} Hz while the array turns at up to "
@@ -193,6 +239,23 @@ class Usage:
             When less than half were used.
         """
         return tuple(f"{warning[0].upper()}{warning[1:]}." for warning in self.warnings())
+
+
+def _of_type(kind: Any, value: Any) -> Any:
+    """Return the value of JSON as a field has it.
+
+    Raises
+    ------
+    TypeError
+        When it is of another type.
+    """
+    if parts := get_args(kind):
+        if not isinstance(value, list):
+            raise TypeError
+        return tuple(_of_type(parts[0], each) for each in value)
+    if type(value) is not kind:
+        raise TypeError
+    return value
 
 
 def _turning(samples: SampleSource) -> tuple[FloatArray, float]:

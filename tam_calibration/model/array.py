@@ -11,7 +11,7 @@ from tam_calibration.model.further_channels import require_further
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
 from tam_calibration.model.limits import ATTITUDE_NOISE, BASELINE, DELAY, LENGTH, MOUNTING_ERROR, NOISE
 from tam_calibration.model.mounting import NOT_TURNED, Mounting
-from tam_calibration.model.recording import require_sensor_count
+from tam_calibration.model.recording import SampleSource, require_sensor_count
 from tam_calibration.model.tolerances import Tolerances
 from tam_calibration.model.units import FloatArray
 
@@ -32,8 +32,11 @@ UNIT_TENSORS[(0, 3), 2, 2] = -1
 
 def tensors_of(outputs: FloatArray) -> FloatArray:
     """Return the symmetric, trace-free tensors (N, 3, 3) of outputs (N, 8) or (N, 9); the ninth is not read."""
-    tensors: FloatArray = np.einsum("ni,ijk->njk", np.asarray(outputs)[:, 3:8], UNIT_TENSORS)
-    return tensors
+    return np.asarray(np.einsum("ni,ijk->njk", np.asarray(outputs)[:, 3:8], UNIT_TENSORS))
+
+
+_ONE_FOR_ALL = ("vector_noise_T", "delay_s")
+"""Values that may be stated as one number for all sensors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +47,8 @@ class Array:
     ----------
     positions_m : (K, 3) array
         Sensor positions in the array frame (x forward, y left, z up; origin at the centre), metres.
-    vector_noise_T : (K,) array, optional
-        Standard deviation of the white noise of each axis of each sensor, tesla.
+    vector_noise_T : (K,) array or float, optional
+        Standard deviation of the white noise of each axis of each sensor, tesla; a float holds for all sensors.
         None means unknown: it is estimated from the recording.
     scalar_noise_T : float, optional
         Standard deviation of the scalar magnetometer's noise, tesla. None means unknown.
@@ -57,8 +60,9 @@ class Array:
         metres; None means all three at the position.
     field : FieldBounds
         What the intensity of the field can be in which the array is turned.
-    delay_s : (K,) array, optional
-        How much later than it was read a reading of each sensor is stamped, seconds; None means that stamps are true.
+    delay_s : (K,) array or float, optional
+        How much later than it was read a reading of each sensor is stamped, seconds; a float holds for all sensors.
+        None means that stamps are true.
     scalar_delay_s : float
         The same of the scalar magnetometer.
     mounting : Mounting
@@ -122,37 +126,30 @@ class Array:
         if not np.isfinite(positions).all():
             raise InputError("positions_m holds a value that is not finite")
         object.__setattr__(self, "positions_m", positions)
-        if self.vector_noise_T is not None:
-            noise = np.asarray(self.vector_noise_T, dtype=float)
-            if noise.shape != (len(positions),):
-                raise InputError(
-                    f"vector noise needs one value for each of {len(positions)} sensors, not the shape {noise.shape}"
-                )
-            if not (np.isfinite(noise).all() and (noise > 0).all()):
-                raise InputError("every vector noise must be a positive number")
-            object.__setattr__(self, "vector_noise_T", noise)
+        count = len(positions)
+        for name, shape, needed in (
+            ("vector_noise_T", (count,), f"vector noise needs one value for each of {count} sensors"),
+            ("delay_s", (count,), f"delay_s needs one finite number for each of {count} sensors"),
+            ("scalar_position_m", (3,), "the position of the scalar magnetometer must be three finite numbers x, y, z"),
+            (
+                "axis_offsets_m",
+                (count, 3, 3),
+                f"axis_offsets_m needs three rows of x, y, z for each of {count} sensors",
+            ),
+        ):
+            if (value := getattr(self, name)) is not None:
+                array = np.asarray(value, dtype=float)
+                if array.ndim == 0 and name in _ONE_FOR_ALL:
+                    array = np.full(shape, array)
+                if array.shape != shape:
+                    raise InputError(f"{needed}, not the shape {array.shape}")
+                if not np.isfinite(array).all():
+                    raise InputError(f"{needed}, and holds one that is not finite")
+                object.__setattr__(self, name, array)
+        if self.vector_noise_T is not None and not (self.vector_noise_T > 0).all():
+            raise InputError("every vector noise must be a positive number")
         if self.scalar_noise_T is not None and not (np.isfinite(self.scalar_noise_T) and self.scalar_noise_T >= 0):
             raise InputError("the scalar noise must be zero or a positive number")
-        if self.scalar_position_m is not None:
-            position = np.asarray(self.scalar_position_m, dtype=float)
-            if position.shape != (3,) or not np.isfinite(position).all():
-                raise InputError("the position of the scalar magnetometer must be three finite numbers x, y, z")
-            object.__setattr__(self, "scalar_position_m", position)
-        if self.axis_offsets_m is not None:
-            offsets = np.asarray(self.axis_offsets_m, dtype=float)
-            if offsets.shape != (len(positions), 3, 3) or not np.isfinite(offsets).all():
-                raise InputError(
-                    "the offsets of the axes must be finite, three rows of x, y, z for each of "
-                    f"{len(positions)} sensors; their shape is {offsets.shape}"
-                )
-            object.__setattr__(self, "axis_offsets_m", offsets)
-        if self.delay_s is not None:
-            delay = np.asarray(self.delay_s, dtype=float)
-            if delay.shape != (len(positions),) or not np.isfinite(delay).all():
-                raise InputError(
-                    f"delay_s needs one finite number for each of {len(positions)} sensors, not the shape {delay.shape}"
-                )
-            object.__setattr__(self, "delay_s", delay)
         if not np.isfinite(self.scalar_delay_s):
             raise InputError(f"scalar_delay_s must be a finite number of seconds, not {self.scalar_delay_s}")
         self.mounting.require_sensors(len(positions))
@@ -204,7 +201,7 @@ class Array:
         BASELINE.require("the baseline", baseline_m)
         half = baseline_m / 2
         positions = np.array([[half, 0, 0], [0, half, 0], [-half, 0, 0], [0, -half, 0]])
-        return cls(positions, None if vector_noise_T is None else np.full(4, vector_noise_T), scalar_noise_T)
+        return cls(positions, None if vector_noise_T is None else np.array(vector_noise_T), scalar_noise_T)
 
     @property
     def sensor_count(self) -> int:
@@ -223,8 +220,7 @@ class Array:
     def element_positions_m(self) -> FloatArray:
         """(K, 3, 3) positions of the elements of each sensor's axes x, y, z in the array frame, metres."""
         offsets = np.zeros((self.sensor_count, 3, 3)) if self.axis_offsets_m is None else self.axis_offsets_m
-        positions: FloatArray = self.positions_m[:, None] + offsets
-        return positions
+        return self.positions_m[:, None] + offsets
 
     @cached_property
     def has_gradient(self) -> bool:
@@ -295,6 +291,25 @@ class Array:
         if self.vector_noise_T is None:
             raise InputError("the array's vector noise is not stated: add vector_noise_nT to the array file")
         return self.with_noise(self.vector_noise_T, self.scalar_noise_T or 0.0)
+
+    def require_recording(self, recording: SampleSource) -> None:
+        """Check that a recording has as many sensors as the array.
+
+        Parameters
+        ----------
+        recording : SampleSource
+            Raw readings.
+
+        Raises
+        ------
+        InputError
+            When it has not.
+        """
+        if recording.sensor_count != self.sensor_count:
+            raise InputError(
+                f"the recording has {recording.sensor_count} sensors, the array {self.sensor_count}: "
+                "use the array file of this recording"
+            )
 
     def has_geometry_of(self, other: "Array") -> bool:
         """Whether the other array has its sensors at the same places, to a micrometre, and turned alike.

@@ -1,6 +1,5 @@
 """The values of a recording as a table of pandas or a dataset of xarray; neither is loaded before it is asked for."""
 
-import re
 from collections.abc import Mapping
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -59,39 +58,7 @@ def to_pandas(values: Mapping[str, FloatArray]) -> "pandas.DataFrame":
     if "attitude" in values:
         columns |= zip(ATTITUDE_COLUMNS, values["attitude"].T, strict=True)
     columns |= {name: channel for name, channel in values.items() if is_further(name)}
-    frame: pandas.DataFrame = table.DataFrame(columns, index=table.Index(values["time_s"], name="time_s"))
-    return frame
-
-
-def from_pandas(frame: "pandas.DataFrame") -> dict[str, FloatArray]:
-    """Return the values of a table as ``to_pandas`` makes it, in any order of its columns.
-
-    Raises
-    ------
-    InputError
-        When a column is missing, not known, there twice or not of numbers.
-    """
-    table = frame if "time_s" in frame.columns else frame.reset_index()
-    names = list(table.columns)
-    sensors = sum(bool(re.fullmatch(r"b[1-9]\d*x_T", str(name))) for name in names)
-    attitude = ATTITUDE_COLUMNS if set(ATTITUDE_COLUMNS) & set(names) else ()
-    needed = ["time_s", *reading_columns(max(sensors, 1)), *attitude]
-    if missing := [name for name in needed if name not in names]:
-        raise InputError(f"column {missing[0]!r} is missing: a recording of {sensors} sensors has {', '.join(needed)}")
-    allowed = [*needed, *_SINGLE_CHANNELS]
-    further = [name for name in names if is_further(str(name))]
-    if others := [name for name in names if name not in allowed and name not in further]:
-        raise InputError(f"column {others[0]!r} is not known: a recording has {', '.join(allowed)}")
-    if len(set(names)) < len(names):
-        raise InputError("a column is there twice")
-    try:
-        columns = {name: table[name].to_numpy(dtype=float, na_value=np.nan) for name in names}
-    except (TypeError, ValueError) as problem:
-        raise InputError(f"the table holds what is not a number: {problem}") from None
-    readings = np.column_stack([columns[name] for name in reading_columns(sensors)]).reshape(-1, sensors, 3)
-    values = {"time_s": columns["time_s"], "readings_T": readings}
-    values |= {name: columns[name] for name in (*_SINGLE_CHANNELS, *further) if name in columns}
-    return values | ({"attitude": np.column_stack([columns[name] for name in attitude])} if attitude else {})
+    return table.DataFrame(columns, index=table.Index(values["time_s"], name="time_s"))
 
 
 def to_xarray(values: Mapping[str, FloatArray]) -> "xarray.Dataset":

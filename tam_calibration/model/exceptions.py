@@ -1,7 +1,10 @@
-"""The two ways in which a user's request can end without a result, and how their sentences quote what was read."""
+"""The two ways in which a user's request can end without a result, and how sentences quote what was read."""
 
+import json
+from collections.abc import Sequence
 from reprlib import Repr
 from typing import Any
+from unicodedata import category
 
 
 class InputError(ValueError):
@@ -45,6 +48,34 @@ _REPR = Repr()
 _REPR.maxstring = _REPR.maxother = _REPR.maxlong = MOST_QUOTED
 
 
+TIMES = 3
+"""Times that a sentence names."""
+
+
+def first_at(times_s: Sequence[float]) -> str:
+    """Return the first of some times, seconds, in words."""
+    return f"first at {', '.join(f'{time_s:.2f}' for time_s in times_s[:TIMES])} s"
+
+
 def quoted(value: Any) -> str:
     """Return what was read as a sentence quotes it: on one line, its middle left out where it is long."""
     return _REPR.repr(value)
+
+
+_UNPRINTABLE = ("Cc", "Cf", "Cs", "Zl", "Zp")
+"""Categories of Unicode that end a line, command a terminal, turn the direction of text, or stand for bytes."""
+
+
+def printable(text: object, keep: str = "") -> str:
+    r"""Return text in which unprintable characters are escaped as in JSON, such as \u001b or \udcff.
+
+    Parameters
+    ----------
+    text : object
+        Text, or something shown as text, such as a path or an error.
+    keep : str
+        Unprintable characters that stay, such as a line break.
+    """
+    return "".join(
+        json.dumps(each)[1:-1] if category(each) in _UNPRINTABLE and each not in keep else each for each in str(text)
+    )

@@ -9,6 +9,7 @@ EXTRAS = {
     "report": ("jinja2", "matplotlib"),
     "fleet": ("distributed",),
     "compare": ("mujoco",),
+    "tables": ("pandas", "pyarrow"),
 }
 """What each extra of setup.py brings, by the names of the modules."""
 

@@ -87,8 +87,26 @@ lost to rounding; 1 mT is twenty times the field."""
 DELAY = Limits(0.0, 60.0, "s")
 """Of a stamp: topics are joined within such a time."""
 
+SPEED = Limits(0.0, 1e4, "m/s")
+"""Of a platform, and of the error of its velocity: satellites make 8 km/s."""
+
 ATTITUDE_NOISE = Limits(1e-6, 0.5, "rad")
 """Standard deviation of an attitude: star trackers are good to a second of arc, and beyond 30° it is none."""
 
 MOUNTING_ERROR = Limits(0.0, 0.5, "rad")
 """Of how a sensor of attitude is mounted: what is not known to 30° is not known."""
+
+_ROUNDING = 1e-6
+"""Part of a correlation that rounding of a covariance in a file may change: six digits are written at least."""
+
+
+def is_covariance(matrices: FloatArray) -> bool:
+    """Return whether matrices (…, D, D) are symmetric and positive definite, but for rows of zeros, to rounding."""
+    variance = np.diagonal(matrices, axis1=-2, axis2=-1)
+    unknown = variance <= 0
+    if ((unknown[..., None] | unknown[..., None, :]) & (matrices != 0)).any():
+        return False
+    deviation = np.sqrt(np.where(unknown, 1.0, variance))
+    correlation = matrices / deviation[..., None] / deviation[..., None, :]
+    skew = np.abs(correlation - np.swapaxes(correlation, -1, -2)).max(initial=0.0)
+    return bool(skew <= _ROUNDING and np.linalg.eigvalsh(correlation).min(initial=0.0) >= -_ROUNDING)

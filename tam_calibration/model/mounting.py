@@ -134,8 +134,7 @@ def quaternion_of(roll_pitch_yaw: FloatArray) -> FloatArray:
     """Return quaternions (…, 4) of roll, pitch and yaw (…, 3) about the fixed axes x, y, z, radians."""
     from scipy.spatial.transform import Rotation
 
-    quaternion: FloatArray = Rotation.from_euler("xyz", roll_pitch_yaw).as_quat()
-    return quaternion
+    return np.asarray(Rotation.from_euler("xyz", roll_pitch_yaw).as_quat())
 
 
 def _unit(quaternion: FloatArray, name: str) -> FloatArray:
@@ -151,8 +150,7 @@ def _unit(quaternion: FloatArray, name: str) -> FloatArray:
         raise InputError(
             f"{name} is no rotation: {quaternion.tolist()}; a quaternion is x, y, z, w of length 1, angles are finite"
         )
-    unit: FloatArray = quaternion / length
-    return unit
+    return quaternion / length
 
 
 # Both are written out, so that numbers and arrays give the same bits, and a single reading costs a microsecond.

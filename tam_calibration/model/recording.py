@@ -1,8 +1,8 @@
 """The data of one run, checked, and what the fits need of any source of samples."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, NamedTuple, Protocol, cast
+from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from tam_calibration.model import conversion
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.further_channels import require_further
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
+from tam_calibration.model.interpolated_noise import InterpolatedNoise
 from tam_calibration.model.limits import LARGEST, LEAST_SPREAD_T, SHORTEST_ATTITUDE
 from tam_calibration.model.units import FloatArray
 
@@ -76,6 +77,13 @@ class SampleSource(Protocol):
     def thinned(self, most: int) -> "Recording":
         """Return every n-th sample, so that there are at most so many."""
 
+    @property
+    def interpolated_noise(self) -> InterpolatedNoise | None:
+        """What interpolation made of their noise; None where all hold readings as they came."""
+
+    def with_noise(self, noise: InterpolatedNoise) -> "SampleSource":
+        """Return the same samples with what interpolation made of their noise."""
+
     def take(self, index: np.ndarray) -> "SampleSource":
         """Return the samples that a mask (N,) selects."""
 
@@ -100,9 +108,12 @@ class Recording:
     current_A : (N,) array, optional
         Current that may disturb the sensors, ampere; NaN where there is none.
     attitude : (N, 4) array, optional
-        Quaternion x, y, z, w that turns vectors of the array frame into the world's; NaN where there is none.
+        Quaternion x, y, z, w that turns vectors of the array frame into the world's; NaN where there is none. One NaN
+        makes the whole quaternion NaN.
     further : mapping of str to (N,) array
         Further currents and actuators by their names, see ``further_channels``; NaN where there is none.
+    interpolated_noise : InterpolatedNoise, optional
+        What interpolation made of the sensors' noise; None where all samples hold readings as they came.
 
     Raises
     ------
@@ -127,6 +138,7 @@ class Recording:
     current_A: FloatArray | None = None
     attitude: FloatArray | None = None
     further: Mapping[str, FloatArray] = field(default_factory=dict)
+    interpolated_noise: InterpolatedNoise | None = None
 
     def __post_init__(self) -> None:
         """Check shapes, finiteness and the order of time."""
@@ -134,6 +146,8 @@ class Recording:
             value = getattr(self, name)
             if value is not None:
                 array = np.asarray(value, dtype=float)
+                if name == "attitude" and array.ndim:
+                    array = np.where(np.isnan(array).any(axis=-1, keepdims=True), np.nan, array)
                 is_absent = name in CHANNELS and bool(np.isnan(array).all())
                 object.__setattr__(self, name, None if is_absent else array)
         further = {name: np.asarray(self.further[name], dtype=float) for name in require_further(self.further)}
@@ -165,8 +179,8 @@ class Recording:
                 bad_samples, first = np.flatnonzero(bad.reshape(len(bad), -1).any(axis=1)), value[tuple(index)]
                 first_s, last_s = self.time_s[bad_samples[[0, -1]]].tolist()
                 has_times = np.isfinite([first_s, last_s]).all()
-                span = f", between {first_s:.2f} and {last_s:.2f} s" if has_times else ""
-                kind, mend = f"{'' if is_channel else 'NaN or '}infinite values", "remove them"
+                span = f", between {first_s:.12g} and {last_s:.12g} s" if has_times else ""
+                kind, mend = f"{'' if is_channel else 'NaN or '}infinite values", "leave those samples out"
                 if np.isfinite(first):
                     kind, mend = f"values beyond {largest:g}", f"{first:g} is of another unit, or damage"
                 raise InputError(
@@ -192,8 +206,7 @@ class Recording:
         kind = "repeats" if step[first] == 0 else "goes backwards"
         raise InputError(
             f"time {kind} at sample {first + 2}: after {self.time_s[first]:.6f} s comes {self.time_s[first + 1]:.6f} s "
-            f"({int((step <= 0).sum())} such places); sort the samples by time and keep one of each, or take one "
-            "stretch of a simulator that was reset"
+            f"({int((step <= 0).sum())} such places): times must increase; take one run of a simulator that was reset"
         )
 
     @property
@@ -255,6 +268,21 @@ class Recording:
         """
         return self
 
+    def with_noise(self, noise: InterpolatedNoise) -> "Recording":
+        """Return the same samples with what interpolation made of their noise.
+
+        Parameters
+        ----------
+        noise : InterpolatedNoise
+            Of the K sensors.
+
+        Returns
+        -------
+        Recording
+            Of the same values.
+        """
+        return replace(self, interpolated_noise=noise)
+
     def take(self, index: slice | np.ndarray) -> "Recording":
         """Return the recording of some of the samples.
 
@@ -273,8 +301,8 @@ class Recording:
         InputError
             When no sample is selected, or the order of time is not kept.
         """
-        taken = {name: value[index] for name, value in self.values().items()}
-        return Recording.of_values(taken)
+        own = {name: value[index] for name in _FIELDS if (value := getattr(self, name)) is not None}
+        return replace(self, **own, further={name: value[index] for name, value in self.further.items()})
 
     def channel(self, name: str) -> FloatArray | None:
         """Return the values of a channel, or of a further one, by its name; None where it was not recorded.
@@ -305,7 +333,7 @@ class Recording:
         InputError
             As the class does, and when a name is not known.
         """
-        own = {name: value for name, value in values.items() if name in _FIELDS}
+        own: dict[str, Any] = {name: value for name, value in values.items() if name in _FIELDS}
         return cls(**own, further={name: value for name, value in values.items() if name not in _FIELDS})
 
     def values(self) -> dict[str, FloatArray]:
@@ -345,13 +373,16 @@ class Recording:
         return conversion.to_pandas(self.values())
 
     @classmethod
-    def from_pandas(cls, frame: "pandas.DataFrame") -> "Recording":
-        """Make a recording of a table as ``to_pandas`` returns it.
+    def from_pandas(cls, frame: "pandas.DataFrame", map: Any = None) -> "Recording":
+        """Make a recording of a table, as ``to_pandas`` returns it or with any columns and time.
 
         Parameters
         ----------
         frame : pandas.DataFrame
-            Its columns in any order; ``time_s`` is the index or a column. What is missing in a channel is NaN.
+            Its columns in any order; the time is the index or a column: numbers, datetimes or timedeltas. Rows that
+            lack a sensor are left out; what is missing in a channel is NaN.
+        map : ChannelMap, mapping, str or Path, optional
+            Which columns are what, as of ``read_recording``; by default the choice is made from their names.
 
         Returns
         -------
@@ -361,7 +392,7 @@ class Recording:
         Raises
         ------
         InputError
-            When a column is missing, not known or not of numbers, or the values make no recording.
+            When a column is missing or not of numbers, the choice is ambiguous, or the values make no recording.
 
         Examples
         --------
@@ -370,7 +401,11 @@ class Recording:
         >>> Recording.from_pandas(frame[frame.index < 100]).readings_T.shape
         (100, 4, 3)
         """
-        return cls.of_values(conversion.from_pandas(frame))
+        from importlib import import_module
+
+        # The readers of files know tables too; they stand above the model, which does not import them.
+        made: Recording = import_module("tam_calibration.recordings.recording_file").recording_of_frame(frame, map)
+        return made
 
     def to_xarray(self) -> "xarray.Dataset":
         """Return the samples as a dataset with labelled dimensions.
@@ -467,5 +502,5 @@ class Recording:
         field.require_readings(np.median(np.linalg.norm(self.readings_T, axis=2), axis=0))
 
 
-_FIELDS = tuple(each.name for each in fields(Recording) if each.name != "further")
+_FIELDS = tuple(each.name for each in fields(Recording) if each.name not in ("further", "interpolated_noise"))
 """Names of the values that have a field of their own."""

@@ -23,6 +23,14 @@ class ResidualSeries:
         The same for the centre vector, tesla.
     tensor_T_per_m : (N, 5) array
         Components xx, xy, xz, yy, yz, T/m; NaN where the geometry has no gradient.
+
+    Examples
+    --------
+    >>> from tam_calibration import calibrate, read_scenario, simulate
+    >>> made = simulate(read_scenario("wu_table_1"))
+    >>> series = calibrate(made.recording, made.scenario.array).residuals(made.recording)
+    >>> series.sensor_intensity_T.shape, series.center_intensity_T.shape, series.tensor_T_per_m.shape
+    ((360, 4), (360,), (360, 5))
     """
 
     sensor_intensity_T: FloatArray
@@ -68,14 +76,8 @@ def residual_series(errors: SensorErrors, array: Array, recording: Recording, in
     intensity_T : float
         Intensity of the field where the recording has no scalar channel, tesla.
     """
-    corrected = errors.restore(recording.readings_T)
-    scalar = np.full(len(corrected), intensity_T) if recording.scalar_T is None else recording.scalar_T
-    outputs = corrected.reshape(len(corrected), -1) @ array.operator.T
-    return ResidualSeries(
-        norm(corrected, axis=2) - scalar[:, None],
-        norm(outputs[:, :3], axis=1) - scalar,
-        outputs[:, TENSOR_OUTPUTS],
-    )
+    intensity, tensor = ResidualSums(errors, array, intensity_T).of_samples(recording)
+    return ResidualSeries(intensity[:-1].T, intensity[-1], tensor.T)
 
 
 class ResidualSums:
@@ -99,21 +101,25 @@ class ResidualSums:
         self._intensity, self._known = np.zeros(self._sensors + 1), 0
         self._tensor, self._all = np.zeros(len(TENSOR_OUTPUTS)), 0
 
-    def add(self, block: Block) -> None:
-        """Add the samples of a block."""
+    def of_samples(self, block: Block | Recording) -> tuple[FloatArray, FloatArray]:
+        """Return each sample's residuals: of intensities (K + 1, n), NaN without a reference, and the tensor (5, n)."""
         outputs = self._map @ block.readings_T.reshape(len(block.readings_T), -1).T
         outputs += self._offset
-        square = outputs * outputs
-        vectors = square[: 3 * self._sensors + 3].reshape(self._sensors + 1, 3, -1)
-        residuals = np.sqrt(vectors[:, 0] + vectors[:, 1] + vectors[:, 2])
+        vectors, tensor = np.split(outputs, [3 * self._sensors + 3])
+        residuals = np.sqrt((vectors**2).reshape(self._sensors + 1, 3, -1).sum(axis=1))
         residuals -= self._intensity_T if block.scalar_T is None else block.scalar_T
+        return residuals, tensor
+
+    def add(self, block: Block) -> None:
+        """Add the samples of a block."""
+        residuals, tensor = self.of_samples(block)
         known = np.isfinite(residuals[-1])
         if not known.all():
             residuals = residuals[:, known]
         self._intensity += np.einsum("kn,kn->k", residuals, residuals)
         self._known += residuals.shape[1]
-        self._tensor += square[3 * self._sensors + 3 :].sum(axis=1)
-        self._all += square.shape[1]
+        self._tensor += np.einsum("cn,cn->c", tensor, tensor)
+        self._all += tensor.shape[1]
 
     def result(self) -> Residuals:
         """Return the root mean squares of what was added."""
@@ -144,8 +150,7 @@ def measure_residuals(errors: SensorErrors, array: Array, source: SampleSource, 
 def _block_diagonal(matrices: FloatArray) -> FloatArray:
     """Return the (3K, 3K) matrix that applies (K, 3, 3) matrices to the vectors of each sensor."""
     count = len(matrices)
-    blocks: FloatArray = np.einsum("kl,kij->kilj", np.eye(count), matrices).reshape(3 * count, 3 * count)
-    return blocks
+    return np.asarray(np.einsum("kl,kij->kilj", np.eye(count), matrices).reshape(3 * count, 3 * count))
 
 
 def noise_floor(errors: SensorErrors, array: KnownNoiseArray, scalar_noise_T: float) -> Residuals:

@@ -173,22 +173,19 @@ class SensorErrors:
     @cached_property
     def _misaligned(self) -> FloatArray:
         alpha, beta, gamma = self.misalignment.T
-        rotation: FloatArray = _rotate(0, alpha) @ _rotate(1, beta) @ _rotate(2, gamma)
-        return rotation
+        return _rotate(0, alpha) @ _rotate(1, beta) @ _rotate(2, gamma)
 
     @cached_property
     def matrix(self) -> FloatArray:
         """(K, 3, 3) matrices D Λ from the field in the array frame to the readings without bias."""
-        matrix: FloatArray = self.measurement @ self.rotation
-        return matrix
+        return self.measurement @ self.rotation
 
     def distort(self, field_T: FloatArray) -> FloatArray:
         """Return the (N, K, 3) readings of the true fields (N, K, 3) at the sensors, or (N, 3) uniform."""
         if field_T.ndim == 2:
             field_T = field_T[:, None, :]
         everywhere = np.broadcast_to(field_T, (len(field_T), self.sensor_count, 3))
-        readings: FloatArray = np.einsum("kij,nkj->nki", self.matrix, everywhere) + self.bias_T
-        return readings
+        return np.asarray(np.einsum("kij,nkj->nki", self.matrix, everywhere) + self.bias_T)
 
     def restore(self, readings_T: FloatArray) -> FloatArray:
         """Return the (N, K, 3) fields in the array frame from raw readings (N, K, 3)."""
@@ -252,16 +249,14 @@ def orientation_from_axes(axes: Sequence[str]) -> FloatArray:
 
 def _are_orientations(rotations: FloatArray) -> NDArray[np.bool_]:
     nearest = ORIENTATIONS[None] == rotations.reshape(-1, 1, 3, 3)
-    are: NDArray[np.bool_] = nearest.all(axis=(2, 3)).any(axis=1)
-    return are
+    return np.asarray(nearest.all(axis=(2, 3)).any(axis=1))
 
 
 def _orientations_of(rotation: FloatArray) -> FloatArray:
     """Return the orientations (K, 3, 3) nearest to rotations where their β is steep, and none elsewhere."""
     overlap = np.einsum("kij,oij->ko", rotation, ORIENTATIONS)
     is_steep = np.abs(rotation[:, 0, 2]) > np.sin(_STEEPEST)
-    chosen: FloatArray = ORIENTATIONS[np.where(is_steep, overlap.argmax(axis=1), 0)]
-    return chosen
+    return ORIENTATIONS[np.where(is_steep, overlap.argmax(axis=1), 0)]
 
 
 def _rotate(axis: int, angle: FloatArray) -> FloatArray:

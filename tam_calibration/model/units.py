@@ -11,7 +11,7 @@ IntArray = NDArray[np.integer[Any]]
 Quantity = TypeVar("Quantity", float, FloatArray)
 
 NANOTESLA_PER_TESLA = 1e9
-TESLA_PER_FIELD_UNIT = {"nT": 1e-9, "uT": 1e-6, "G": 1e-4, "T": 1.0}
+TESLA_PER_FIELD_UNIT = {"nT": 1e-9, "uT": 1e-6, "mT": 1e-3, "mG": 1e-7, "G": 1e-4, "T": 1.0}
 
 
 def to_nanotesla(tesla: Quantity) -> Quantity:

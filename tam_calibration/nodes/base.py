@@ -12,6 +12,7 @@ from rclpy.parameter import Parameter
 
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.nodes.answering import AnsweringNode
+from tam_calibration.nodes.message_types import type_name
 from tam_calibration.nodes.node_parameters import Rule, array_name, declare, require_quality, unknown_parameters
 from tam_calibration.nodes.sole_name import take_name
 
@@ -50,8 +51,9 @@ class TamNode(AnsweringNode):
 
     def __init__(self, name: str, rules: Sequence[Rule]) -> None:
         super().__init__(name)
-        self._choices = {rule.name: rule.choices for rule in rules if rule.choices}
-        self.add_on_set_parameters_callback(self._check_choices)
+        self._takes: dict[str, Callable[[Any], object]]
+        self._takes = {rule.name: rule.require_choice for rule in rules if rule.choices}
+        self.add_on_set_parameters_callback(self._take_parameters)
         self._unknown_parameters = unknown_parameters(self, rules)
         for remark in self._unknown_parameters.values():
             self.get_logger().warning(remark)
@@ -59,6 +61,7 @@ class TamNode(AnsweringNode):
         declare(self, rules)
         take_name(self.get_fully_qualified_name(), self.context.get_domain_id())
         self._unusable, self._unusable_reported = Counter[str](), Counter[str]()
+        self._last_problem: dict[str, str] = {}
         self._diagnostics = self.create_publisher(DiagnosticArray, _DIAGNOSTICS, 10)
         self.create_steady_timer(1.0, self._publish_health)
 
@@ -94,8 +97,9 @@ class TamNode(AnsweringNode):
         if not self._unusable[topic]:
             self.get_logger().warning(f"{topic}: {problem}; more of them are counted in /diagnostics")
         self._unusable[topic] += 1
+        self._last_problem[topic] = problem
 
-    def on_change(self, takes: Mapping[str, Callable[[Any], None]]) -> None:
+    def on_change(self, takes: Mapping[str, Callable[[Any], object]]) -> None:
         """Have functions called with new values of parameters; what they raise refuses the value, with the reason.
 
         Parameters
@@ -103,28 +107,19 @@ class TamNode(AnsweringNode):
         takes : mapping of str to callable
             By the name of the parameter; each raises `InputError` where a value cannot be used.
         """
-
-        def take(parameters: list[Parameter]) -> SetParametersResult:
-            try:
-                for parameter in parameters:
-                    takes.get(parameter.name, _accept)(parameter.value)
-            except (InputError, OSError) as problem:
-                return SetParametersResult(successful=False, reason=" ".join(str(problem).split()))
-            return SetParametersResult(successful=True)
-
-        self.add_on_set_parameters_callback(take)
+        self._takes |= takes
 
     @abstractmethod
     def health(self) -> Health:
         """Return the node's health; called once a second."""
 
-    def _check_choices(self, parameters: list[Parameter]) -> SetParametersResult:
-        for parameter in parameters:
-            choices = self._choices.get(parameter.name)
-            if choices and parameter.value not in choices:
-                return SetParametersResult(
-                    successful=False, reason=f"{parameter.value} is not one of: {', '.join(choices)}"
-                )
+    def _take_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
+        try:
+            for parameter in parameters:
+                if take := self._takes.get(parameter.name):
+                    take(parameter.value)
+        except (InputError, OSError) as problem:
+            return SetParametersResult(successful=False, reason=" ".join(str(problem).split()))
         return SetParametersResult(successful=True)
 
     def _publish_health(self) -> None:
@@ -158,8 +153,7 @@ class TamNode(AnsweringNode):
         """Say which inputs are published as another type than is read: nothing arrives of these."""
         problems = []
         for subscription in self.all_subscriptions:
-            kind: Any = subscription.msg_type
-            expected, topic = f"{kind.__module__.partition('.')[0]}/msg/{kind.__name__}", subscription.topic_name
+            expected, topic = type_name(subscription.msg_type), subscription.topic_name
             types = {endpoint.topic_type for endpoint in self.get_publishers_info_by_topic(topic)}
             if others := sorted(types - {expected}):
                 told = f"{topic.lstrip('/')} is published as {' and '.join(others)}, not {expected}"
@@ -186,7 +180,9 @@ class TamNode(AnsweringNode):
         if not self._unusable:
             return health
         values = {f"unusable.{topic}": count for topic, count in self._unusable.items()}
-        remark = "".join(f"; {count} messages of {topic} cannot be used, see the log" for topic, count in new.items())
+        remark = "".join(
+            f"; {count} messages of {topic} cannot be used: {self._last_problem[topic]}" for topic, count in new.items()
+        )
         level = max(health.level, WARN) if new else health.level
         return Health(level, health.message + remark, {**health.values, **values})
 
@@ -195,7 +191,3 @@ class TamNode(AnsweringNode):
         outputs = {f"subscribers.{each.topic_name}": each.get_subscription_count() for each in self.publishers}
         inputs = {f"publishers.{each.topic_name}": each.get_publisher_count() for each in self.all_subscriptions}
         return {key: count for key, count in (outputs | inputs).items() if not key.endswith(_TOPICS_OF_ROS)}
-
-
-def _accept(value: Any) -> None:
-    """Stands for what takes the value of a parameter that needs nothing."""

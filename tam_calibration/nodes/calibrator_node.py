@@ -11,10 +11,6 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.files import calibration_to_yaml, read_calibration, write_calibration
-from tam_calibration.files.compared_recordings import remarks_on
-from tam_calibration.files.overwriting import require_separate
-from tam_calibration.files.results_json import write_gap
 from tam_calibration.files.text_files import check_writable
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
 from tam_calibration.gap import diagnose
@@ -23,7 +19,6 @@ from tam_calibration.integrity.fault import names_in, require_names
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.extras import require
-from tam_calibration.model.recording import SampleSource
 from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health, TamNode
 from tam_calibration.nodes.calibration_figures import describe, figures, introduce
 from tam_calibration.nodes.cloud import CloudReader, Rows, from_stamp, layout_of
@@ -33,7 +28,11 @@ from tam_calibration.nodes.listening import LATCHED, RELIABLE_STREAM
 from tam_calibration.nodes.live_update import UPDATED, LiveUpdate
 from tam_calibration.nodes.node_parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
 from tam_calibration.nodes.work import Work
+from tam_calibration.recordings.compared_recordings import remarks_on
 from tam_calibration.report.update_rows import update_sentences
+from tam_calibration.results import calibration_to_yaml, read_calibration, write_calibration
+from tam_calibration.results.overwriting import require_separate
+from tam_calibration.results.results_json import write_gap
 
 RULES = (
     ARRAY_FILE,
@@ -86,7 +85,7 @@ class Calibrator(TamNode):
         self._array = array_of(self)
         self._kept = KeptSamples(self, self._array)
         self._store = self._kept.store
-        self._problem, self._partial = "", 0
+        self._partial = 0
         self._calibration: Calibration | None = None
         self._gap: Gap | None = None
         self._publisher = self.create_publisher(String, "calibration", LATCHED)
@@ -94,7 +93,8 @@ class Calibrator(TamNode):
         self._loaded = self._stored()
         if calibration := self._live.go_on(self._loaded):
             self._publish(calibration)
-        self._reader = CloudReader(self._refuse_samples)
+        check = partial(layout_of, sensor_count=self._array.sensor_count)
+        self._reader = CloudReader(partial(self.refuse, "samples"), check)
         self.listen_in_turns([(PointCloud2, "samples", self._take)], _TURN_S, RELIABLE_STREAM)
         self._work = Work()
         self.serve("calibrate", partial(self._logged, self._calibrate), self._work)
@@ -118,19 +118,17 @@ class Calibrator(TamNode):
     def health(self) -> Health:
         """Return what is stored, how good the calibration is, and what the last diagnosis found."""
         stored = f"{len(self._store)} samples stored"
-        if self._problem:
-            level, message = ERROR, self._problem
+        if self._reader.problem:
+            level, message = ERROR, self._reader.problem
         elif self._calibration is not None:
             level, message = OK, f"{stored}; {describe(self._calibration)}"
         else:
             level, message = (OK, f"{stored}; no calibration yet") if len(self._store) else (STALE, "no samples yet")
-        if self._kept.problem:
-            level, message = max(level, WARN), f"{message}; {self._kept.problem}"
-        if told := self._live.sentence():
-            level, message = max(level, self._live.level), f"{message}; {told}"
         gap = self._gap
-        if gap is not None:
-            level, message = max(level, _level_of(gap)), f"{message}; {gap.statement}"
+        remarks = [(WARN, self._kept.problem), (self._live.level, self._live.sentence())]
+        for least, told in [*remarks, (_level_of(gap), gap.statement)] if gap else remarks:
+            if told:
+                level, message = max(level, least), f"{message}; {told}"
         values = {
             "samples": len(self._store),
             "saved": self._kept.saved,
@@ -153,13 +151,7 @@ class Calibrator(TamNode):
         return calibration
 
     def _take(self, messages: list[bytes]) -> None:
-        self._problem = ""
         for rows in self._reader.read(messages):
-            try:
-                layout_of(rows.columns, self._array.sensor_count)
-            except InputError as problem:
-                self._refuse_samples(str(problem))
-                continue
             if not len(rows.values):
                 self._store.start_over()
                 self._partial = 0
@@ -178,26 +170,21 @@ class Calibrator(TamNode):
             else:
                 self.refuse("samples", "a value is infinite, a reading is NaN, or an attitude is four zeros")
 
-    def _refuse_samples(self, problem: str) -> None:
-        self._problem = problem
-        self.refuse("samples", problem)
-
     def _logged(self, action: Callable[[], str]) -> str:
         self.get_logger().info(told := action())
         return told
 
     def _calibrate(self) -> str:
         usage = self._usage()
-        warnings = usage.warnings() if usage else ()
-        samples = self._store.recording()
-        fitted = usage.with_each_reading_once(samples) if usage else samples
+        warnings = usage.warnings()
+        fitted = usage.with_each_reading_once(self._store.recording())
         calibration = calibrate(
             fitted, self._array, self.value("method"), accept=names_in(self.value("accept")), prior=self._prior()
         )
-        if usage:
-            warnings += usage.interpolation_warnings(samples, calibration.array.vector_noise_T)
+        warnings += usage.interpolation_warnings(fitted, calibration.array.vector_noise_T)
         calibration = replace(calibration, warnings=(*warnings, *calibration.warnings))
-        self._hand_on(calibration)
+        self._live.begin(calibration)
+        self._publish(calibration)
         update = [] if calibration.update is None else update_sentences(calibration.update)
         told = "; ".join([*([] if warnings else [_in_words(usage)]), *update, *calibration.warnings, *self._autosave()])
         return f"{describe(calibration)}; {calibration.method} on {calibration.samples} samples; {told}"
@@ -218,7 +205,8 @@ class Calibrator(TamNode):
             require("report", "gap_report_file")
         self._require_separate()
         usage = self._usage()
-        seen, remarks = self._seen(usage)
+        remarks = usage.remarks()
+        seen = usage.with_each_reading_once(self._store.recording())
         gap = diagnose(seen, self._array, progress=self._go_on, accept=names_in(self.value("accept")))
         self._gap = replace(gap, remarks=(*remarks, *gap.remarks))
         written = self._write(self._gap)
@@ -227,23 +215,20 @@ class Calibrator(TamNode):
     def _compare(self) -> str:
         require_comparable(self)
         self._require_separate()
-        seen, remarks = self._seen(self._usage())
-        return compare_with_simulation(self, seen, remarks_on("recording", remarks), self._array, self._go_on)
+        usage = self._usage()
+        remarks = remarks_on("recording", usage.remarks())
+        seen = usage.with_each_reading_once(self._store.recording())
+        return compare_with_simulation(self, seen, remarks, self._array, self._go_on)
 
-    def _seen(self, usage: Usage | None) -> tuple[SampleSource, tuple[str, ...]]:
-        """Return the stored samples with each reading once, and what is to be said of how they were joined."""
-        remarks = usage.remarks() if usage else ()
-        samples = self._store.recording()
-        return (usage.with_each_reading_once(samples) if usage else samples), remarks
-
-    def _usage(self) -> Usage | None:
-        """Ask the collector how many of sensor 1's samples it used; None where none answers."""
-        if not self._collector.service_is_ready():
-            return None
+    def _usage(self) -> Usage:
+        """Ask the collector how many of sensor 1's samples it used; where none answers, of none."""
         answered = Event()
-        future = self._collector.call_async(Trigger.Request())
-        future.add_done_callback(lambda _: answered.set())
-        return Usage.from_json(future.result().message) if answered.wait(_ANSWER_S) else None
+        if self._collector.service_is_ready():
+            future = self._collector.call_async(Trigger.Request())
+            future.add_done_callback(lambda _: answered.set())
+            if answered.wait(_ANSWER_S):
+                return Usage.from_json(future.result().message)
+        return Usage(0, 0)
 
     def _go_on(self, stage: str, done: float) -> None:
         """Note how far a diagnosis or comparison is, and give it up when the node shall end."""
@@ -285,10 +270,6 @@ class Calibrator(TamNode):
         except (InputError, Refused, OSError) as problem:
             return [f"not saved: {problem}"]
 
-    def _hand_on(self, calibration: Calibration) -> None:
-        self._live.begin(calibration)
-        self._publish(calibration)
-
     def _publish(self, calibration: Calibration) -> None:
         self._calibration = calibration
         self._publisher.publish(String(data=calibration_to_yaml(calibration)))
@@ -305,8 +286,8 @@ def _check_accept(names: str) -> None:
     require_names(names_in(names))
 
 
-def _in_words(usage: Usage | None) -> str:
-    return str(usage) if usage else "no collector tells how many samples of sensor 1 were used"
+def _in_words(usage: Usage) -> str:
+    return str(usage) if usage.received else "no collector tells how many samples of sensor 1 were used"
 
 
 def _level_of(gap: Gap) -> bytes:

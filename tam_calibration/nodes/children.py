@@ -25,8 +25,6 @@ _ENDED = (-signal.SIGINT, signals.CODE_OF_SHELLS + signal.SIGINT, -signal.SIGKIL
 """Exit codes of a process that was told to end while it began, or ended already."""
 
 NODES = ("collector", "calibrator", "corrector", "localizer")
-_PROCESSES = ("stream", "calibrator", "localizer")
-"""The entry points that run them all; ``stream`` runs collector and corrector."""
 
 START = ("-m", "tam_calibration.nodes.start")
 
@@ -36,6 +34,7 @@ def node_commands(
     calibration: Path | None = None,
     method: str | None = None,
     params_file: Path | None = None,
+    map_file: Path | None = None,
 ) -> dict[str, list[str]]:
     """Return the command of each process that the nodes run in, with the parameters that a user set.
 
@@ -49,30 +48,24 @@ def node_commands(
         Method of the calibrator's fit.
     params_file : Path, optional
         ROS parameter file, read by every node.
+    map_file : Path, optional
+        Map of the topics that the collector reads.
 
     Returns
     -------
     dict of str to list of str
         Arguments of the Python interpreter, by the name of the process.
     """
-    everywhere = {"array_file": array}
     there = calibration if calibration and calibration.is_file() else None  # else the calibrator will write it
-    own: dict[str, dict[str, Path | str | None]] = {
-        "stream": {"corrector:calibration_file": there},
+    entry_points: dict[str, dict[str, Path | str | None]] = {
+        "stream": {"corrector:calibration_file": there, "collector:map_file": map_file},
         "calibrator": {"calibration_file": calibration, "method": method},
         "localizer": {"calibration_file": there},
     }
     shared = ["--params-file", str(params_file)] if params_file else []
     return {
-        name: [
-            "-m",
-            "tam_calibration.nodes.start",
-            name,
-            "--ros-args",
-            *shared,
-            *_settings(everywhere | own.get(name, {})),
-        ]
-        for name in _PROCESSES
+        name: [*START, name, "--ros-args", *shared, *_settings({"array_file": array} | own)]
+        for name, own in entry_points.items()
     }
 
 

@@ -212,24 +212,33 @@ class CloudReader:
     Parameters
     ----------
     refuse : callable
-        Called with what is wrong with a cloud that cannot be read; the others are not lost by it.
+        Called with what is wrong with a cloud that cannot be used; the others are not lost by it.
+    check : callable
+        Called with the columns of clouds; what raises `InputError` is not used.
+
+    Attributes
+    ----------
+    problem : str
+        What is wrong with the newest cloud; empty where nothing is.
     """
 
-    def __init__(self, refuse: Callable[[str], None]) -> None:
-        self._refuse = refuse
+    def __init__(self, refuse: Callable[[str], None], check: Callable[[tuple[str, ...]], object]) -> None:
+        self._refuse, self._check, self.problem = refuse, check, ""
         self._shape: _Shape | None = None
 
     def read(self, messages: Sequence[bytes]) -> Iterator[Rows]:
         """Yield the rows of clouds in their order."""
         for shape, alike in groupby(messages, self._known_shape):
             if shape:
+                self.problem = ""
                 yield shape.rows(list(alike))
             else:
                 for message in alike:
                     try:
                         yield self._parse(message)
                     except InputError as problem:
-                        self._refuse(str(problem))
+                        self.problem = str(problem)
+                        self._refuse(self.problem)
 
     def _known_shape(self, message: bytes) -> _Shape | None:
         return self._shape if self._shape and self._shape.is_that_of(message) else None
@@ -240,6 +249,8 @@ class CloudReader:
         except rclpy_implementation.RMWError:
             raise InputError("the point cloud is damaged, or not in the serialisation CDR") from None
         columns, values = read_cloud(cloud)
+        self._check(columns)
+        self.problem = ""
         if len(values) == 1 and message.startswith(_LITTLE_ENDIAN):
             self._shape = _Shape.of(message, columns)
         stamp = _STAMP.pack(cloud.header.stamp.sec, cloud.header.stamp.nanosec)

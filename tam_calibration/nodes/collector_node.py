@@ -4,17 +4,17 @@ import math
 import struct
 import time
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from sensor_msgs.msg import Imu, MagneticField, PointCloud2, Temperature
-from std_msgs.msg import Float64, Header
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
-from tam_calibration.files.recording_file import TOLERANCE_S
 from tam_calibration.fit.coverage import Coverage, LiveCoverage
-from tam_calibration.messages.cdr import read_float64, read_stamp_and_doubles
+from tam_calibration.messages.missing import LiveMissing, are
 from tam_calibration.messages.point_cloud import SampleLayout
 from tam_calibration.messages.run import Run
 from tam_calibration.messages.silence import SILENCE_NS
@@ -22,22 +22,25 @@ from tam_calibration.messages.stamp_figures import StampFigures
 from tam_calibration.messages.stream import sensor_stream
 from tam_calibration.messages.synchroniser import Sample, Synchroniser
 from tam_calibration.messages.timeline import StampStep
-from tam_calibration.messages.topics import CHANNEL_TOPICS, sensor_topic
+from tam_calibration.messages.topics import CHANNEL_TOPICS
 from tam_calibration.messages.turning import turns_of
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.further_channels import topic_of
 from tam_calibration.model.limits import SHORTEST_ATTITUDE, largest_of
 from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health, TamNode
 from tam_calibration.nodes.cloud import cloud_writer, make_cloud, to_stamp
 from tam_calibration.nodes.frames import FrameCheck
+from tam_calibration.nodes.inputs import Input, map_of_topics, own_map
 from tam_calibration.nodes.listening import RELIABLE_STREAM, STREAM
 from tam_calibration.nodes.markers import Shown, coverage_markers
+from tam_calibration.nodes.message_types import message_class
 from tam_calibration.nodes.node_parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
 from tam_calibration.nodes.scheduling import REAL_TIME, precede
+from tam_calibration.recordings.channel_map import Pick
+from tam_calibration.recordings.reading import TOLERANCE_S
 
 _SCALAR_TOPIC = CHANNEL_TOPICS["scalar"]
-_SCALAR_TYPES = {"sensor_msgs/MagneticField": MagneticField, "std_msgs/Float64": Float64}
+_SCALAR_TYPES = ("sensor_msgs/MagneticField", "std_msgs/Float64")
 
 _TOLD_S = 30.0
 """Time for which a step of the stamps is a warning."""
@@ -48,7 +51,8 @@ _COVERAGE_PERIOD_S = 1.0
 RULES = (
     ARRAY_FILE,
     FRAME_ID,
-    Rule("scalar_type", "sensor_msgs/MagneticField", f"Message type of {_SCALAR_TOPIC}.", choices=tuple(_SCALAR_TYPES)),
+    Rule("scalar_type", "sensor_msgs/MagneticField", f"Message type of {_SCALAR_TOPIC}.", choices=_SCALAR_TYPES),
+    Rule("map_file", "", "Map YAML: topics of sensors and channels; empty for tam_1/magnetic_field and so on."),
     Rule(
         "tolerance_s",
         TOLERANCE_S,
@@ -68,6 +72,11 @@ RULES = (
 class Collector(TamNode):
     """Publishes `samples` of the sensors' topics; /diagnostics tells what is missing, lost or silent."""
 
+    _synchroniser: Synchroniser | None
+    _stamps: dict[str, StampFigures]
+    _lost: int
+    _steps: int
+
     def __init__(self) -> None:
         super().__init__("collector", RULES)
         self._array = array_of(self)
@@ -76,17 +85,19 @@ class Collector(TamNode):
         self._frames = FrameCheck(self._array.mounting, self.get_logger().warning)
         self._layout = SampleLayout.whole(sensor_count, self._array.further_channels)
         self._sensors = [sensor_stream(sensor + 1) for sensor in range(sensor_count)]
+        scalar_type, map_file = self.value("scalar_type"), self.value("map_file")
+        self._map = map_of_topics(map_file, self._layout) if map_file else own_map(self._layout, scalar_type)
+        self._is_received, self._scalar_is_held = self._map.time == "received", False
         self._frame_id: str = self.value("frame_id")
-        self._coverage = LiveCoverage()
-        self._synchroniser: Synchroniser | None = None
         self._heard_s: dict[str, float] = {}
-        self._stamps: dict[str, StampFigures] = defaultdict(StampFigures)
-        self._lost, self._run = 0, Run()
-        self._steps, self._step, self._stepped_s = 0, "none", -math.inf
+        self._start_over()
         self._samples = self.offer(PointCloud2, "samples", RELIABLE_STREAM)
         self._writer = cloud_writer(self._layout.columns, self._frame_id)
         self._row = struct.Struct(f"<{len(self._layout.columns)}d")
         self._markers = Shown(self, MarkerArray, "coverage_markers", self._frame_id)
+        self._waiting: dict[str, dict[str, Pick]] = defaultdict(dict)
+        for stream, pick in self._map.streams.items():
+            self._waiting[pick.topic][stream] = pick
         self.create_steady_timer(_COVERAGE_PERIOD_S, self._show_coverage)
         self._subscribe()
         self._scheduling = precede() if self.value("real_time") else "normal"
@@ -108,9 +119,10 @@ class Collector(TamNode):
         level, message = self._judge(self._synchroniser, silent) or (OK, coverage.advice)
         if time.monotonic() < self._stepped_s + _TOLD_S:
             level, message = max(level, WARN), f"{message}; {self._step}"
+        missing = {"missing_readings": "; ".join(self._missing.sentences())}
         lost = {"lost": self._lost, "steps": self._steps, "last_step": self._step}
         counted = _describe(coverage) | _count(self._synchroniser) | lost
-        return Health(level, message, counted | process | self._describe_stamps())
+        return Health(level, message, counted | missing | process | self._describe_stamps())
 
     def _describe_stamps(self) -> dict[str, object]:
         """Return rate, jitter, delay and offset of the streams that have stamps."""
@@ -146,19 +158,16 @@ class Collector(TamNode):
         if silent:
             since = ", ".join(f"{name} since {self._time_of_day(self._heard_s[name])}" for name in silent)
             problems.append(f"nothing from {since}: check sensor, cable and driver")
+        missing = self._missing.mostly()
+        problems += missing.values()
         unstamped = [name for name in self._sensors if name not in silent and self._stamps[name].are_zero]
         if unstamped:
             problems.append(_tell_unstamped(unstamped))
-        apart = set(synchroniser.silent) - set(silent) - set(unstamped)
-        if synchroniser.drops_everything and len(silent) < len(self._sensors):
-            problems.append(
-                f"no samples can be joined: {synchroniser.explain_losses()}; compare stamps and tolerance_s"
-            )
-        elif apart:
-            names = " and ".join(sorted(apart))
-            problems.append(
-                f"{names} cannot be joined: {synchroniser.explain_losses()}; compare stamps and tolerance_s"
-            )
+        apart = set(synchroniser.silent) - {*silent, *unstamped, *missing}
+        drops_all = synchroniser.drops_everything and len(silent) < len(self._sensors)
+        if drops_all or apart:
+            which = "no samples can" if drops_all else f"{' and '.join(sorted(apart))} cannot"
+            problems.append(f"{which} be joined: {synchroniser.explain_losses()}; compare stamps and tolerance_s")
         return problems
 
     @staticmethod
@@ -166,7 +175,7 @@ class Collector(TamNode):
         return time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(time.time() - time.monotonic() + monotonic_s))
 
     def _sensor_topics(self) -> str:
-        return ", ".join(map(sensor_topic, range(1, self._layout.sensor_count + 1)))
+        return ", ".join(dict.fromkeys(pick.topic for pick in self._map.sensors))
 
     def _silent(self) -> list[str]:
         limit = time.monotonic() - self.value("silence_s")
@@ -188,67 +197,64 @@ class Collector(TamNode):
         return super().mend_of_type(topic, published)
 
     def _subscribe(self) -> None:
-        scalar_type = _SCALAR_TYPES[self.value("scalar_type")]
-        take_scalar = self._take_norm if scalar_type is MagneticField else partial(self._take_number, "scalar")
-        sensors = [
-            (MagneticField, sensor_topic(sensor), name, partial(self._take_sensor, name))
-            for sensor, name in enumerate(self._sensors, start=1)
-        ]
-        channels = [
-            (scalar_type, CHANNEL_TOPICS["scalar"], "scalar", take_scalar),
-            (Imu, CHANNEL_TOPICS["attitude"], "attitude", self._take_attitude),
-            (Temperature, CHANNEL_TOPICS["temperature"], "temperature", self._take_temperature),
-            (Float64, CHANNEL_TOPICS["current"], "current", partial(self._take_number, "current")),
-            *((Float64, topic_of(name), name, partial(self._take_number, name)) for name in self._layout.further),
-        ]
-        topics = [
-            (kind, topic, partial(self._take, topic, stream, take)) for kind, topic, stream, take in sensors + channels
-        ]
-        self.listen_in_order(topics, STREAM)
+        """Subscribe to the topics whose type is known by now: as the map states it, or as they are published."""
+        for topic, picks in list(self._waiting.items()):
+            stated = {pick.type for pick in picks.values()} - {""}
+            types = stated or {each.topic_type for each in self.get_publishers_info_by_topic(topic)}
+            if not types:
+                continue
+            try:
+                self._listen_to(topic, min(types), picks)
+                del self._waiting[topic]
+            except InputError as problem:
+                if stated:
+                    raise
+                self.refuse(topic, str(problem))  # somebody else's mistake ends no node
 
-    def _take(self, topic: str, stream: str, take: Callable[[bytes], None], message: bytes) -> None:
-        try:
-            take(message)
-            self._frames.check(stream, message)
-        except InputError as problem:
-            self.refuse(topic, str(problem))
-            if self._synchroniser is not None:
-                self._synchroniser.refuse(stream)
+    def _listen_to(self, topic: str, msgtype: str, picks: Mapping[str, Pick]) -> None:
+        kind = message_class(msgtype)
+        if kind is None:
+            raise InputError(f"{topic} has messages of type {msgtype}, which is not installed here")
+        read = Input(topic, picks, kind)
+        if not read.is_stamped and not self._is_received and not picks.keys().isdisjoint(self._sensors):
+            self._is_received = True
+            self.get_logger().info(f"the messages of {topic} have no stamps: times are those of their arrival")
+        if "scalar" in picks:
+            self._scalar_is_held, self._synchroniser = not read.is_stamped, None
+        self.listen_in_order(kind, topic, partial(self._take, read), STREAM)
 
-    def _take_sensor(self, stream: str, message: bytes) -> None:
-        stamp_ns, vector = read_stamp_and_doubles(message, 3)
-        if not all(map(math.isfinite, vector)):
-            raise InputError("a reading is NaN or infinite")
-        self._push(stream, stamp_ns, vector)
-        self._heard_s[stream] = time.monotonic()
+    def _take(self, read: Input, message: bytes, arrived_ns: int) -> None:
+        for stream in read.picks:
+            try:
+                self._take_stream(read, stream, message, arrived_ns)
+            except InputError as problem:
+                self.refuse(read.topic, str(problem))
+                if self._synchroniser is not None:
+                    self._synchroniser.refuse(stream)
 
-    def _take_norm(self, message: bytes) -> None:
-        stamp_ns, (x, y, z) = read_stamp_and_doubles(message, 3)
-        self._push("scalar", stamp_ns, (math.sqrt(x * x + y * y + z * z),))
-
-    def _take_attitude(self, message: bytes) -> None:
-        stamp_ns, doubles = read_stamp_and_doubles(message, 5)
-        quaternion, first_of_covariance = doubles[:4], doubles[4]
-        is_known = any(abs(component) >= SHORTEST_ATTITUDE for component in quaternion)
-        if first_of_covariance != -1 and is_known:  # else the driver says that it has none
-            self._push("attitude", stamp_ns, quaternion)
-
-    def _take_temperature(self, message: bytes) -> None:
-        self._push("temperature", *read_stamp_and_doubles(message, 1))
-
-    def _take_number(self, stream: str, message: bytes) -> None:
-        self._push(stream, None, (read_float64(message),))
-
-    def _push(self, stream: str, stamp_ns: int | None, values: Sequence[float]) -> None:
+    def _take_stream(self, read: Input, stream: str, message: bytes, arrived_ns: int) -> None:
+        decode, to_si = read.decoder(stream, message)
+        stamp_ns, values = decode(message)
+        if self._synchroniser is None:
+            self._synchroniser = self._make_synchroniser()
+        if stream in self._heard_s:
+            self._heard_s[stream] = time.monotonic()
+        if self._is_received:
+            stamp_ns = arrived_ns
+        if stamp_ns is not None:
+            self._stamps[stream].add(stamp_ns, arrived_ns)
+        if code := self._missing.take(stream, values):
+            raise InputError(f"a reading {are(code, 1, stream)}")
+        values = values if to_si is None else to_si(values)
         largest = largest_of(stream)
         if any(abs(value) > largest for value in values):
             raise InputError(f"a value is infinite, or beyond {largest:g}")
-        if self._synchroniser is None:
-            self._synchroniser = self._make_synchroniser()
+        if read.has_header:
+            self._frames.check(stream, message)
+        if stream == "attitude" and not any(abs(component) >= SHORTEST_ATTITUDE for component in values):
+            return  # the driver says that it has none
         if stream in self._turns:
             values = self._turns[stream](*values)
-        if stamp_ns is not None:
-            self._stamps[stream].add(stamp_ns, time.time_ns())
         self._deliver(self._synchroniser.push(stream, stamp_ns, values))
         if self._synchroniser.steps:
             self._tell_steps(self._synchroniser.steps)
@@ -267,8 +273,8 @@ class Collector(TamNode):
         return Synchroniser(
             self._layout,
             tolerance_ns=round(self.value("tolerance_s") * 1e9),
-            scalar_is_held=self.value("scalar_type") == "std_msgs/Float64",
-            expected=("scalar",) if self.count_publishers(_SCALAR_TOPIC) else (),
+            scalar_is_held=self._scalar_is_held and not self._is_received,
+            expected=("scalar",) if self._map.scalar and self.count_publishers(self._map.scalar.topic) else (),
             delay_s=self._array.stamp_delay_s,
             silence_ns=round(self.value("silence_s") * 1e9),
         )
@@ -285,21 +291,25 @@ class Collector(TamNode):
                 self._samples.publish(self._writer.message(to_stamp(sample.stamp_ns), row))
 
     def _show_coverage(self) -> None:
+        self._subscribe()
         if self._markers.is_wanted():
             header = self._markers.header(self.get_clock().now().nanoseconds)
             self._markers.publish(coverage_markers(header, self._coverage.summary()))
 
     def _tell_usage(self) -> str:
         """Return how many of sensor 1's samples were used, and why not the others, as JSON."""
-        return (self._synchroniser.usage if self._synchroniser else Usage(0, 0)).to_json()
+        usage = self._synchroniser.usage if self._synchroniser else Usage(0, 0)
+        return replace(usage, missing=self._missing.sentences()).to_json()
+
+    def _start_over(self) -> None:
+        self._synchroniser = None
+        self._coverage, self._run, self._missing = LiveCoverage(), Run(), LiveMissing()
+        self._stamps = defaultdict(StampFigures)
+        self._lost, self._steps, self._step, self._stepped_s = 0, 0, "none", -math.inf
 
     def _reset(self) -> str:
         """Forget coverage and losses; an empty cloud tells the calibrator to start over as well."""
-        self._coverage.reset()
-        self._run.start_over()
-        self._synchroniser, self._lost = None, 0
-        self._steps, self._step, self._stepped_s = 0, "none", -math.inf
-        self._stamps.clear()
+        self._start_over()
         header = Header(stamp=self.get_clock().now().to_msg(), frame_id=self._frame_id)
         self._samples.publish(make_cloud(header, self._layout.columns))
         return "coverage, losses and stored samples are forgotten: start turning the array"

@@ -6,17 +6,16 @@ from pathlib import Path
 
 from tam_calibration.comparison import compare
 from tam_calibration.comparison.result import Comparison
-from tam_calibration.files import provenance
-from tam_calibration.files.compared_recordings import read_array_of, read_compared
-from tam_calibration.files.comparison_json import Sources, write_comparison
-from tam_calibration.files.mend_yaml import write_mend
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.extras import require
 from tam_calibration.model.recording import SampleSource
 from tam_calibration.nodes.base import TamNode
 from tam_calibration.nodes.node_parameters import Rule
+from tam_calibration.recordings import provenance
+from tam_calibration.recordings.compared_recordings import read_array_of, read_compared
 from tam_calibration.report.comparison_rows import first_difference, headline
+from tam_calibration.results.comparison_json import Sources, write_comparison, write_mend
 
 COMPARED = (
     Rule("simulation", "", "Recording of a simulator, bag or CSV, with which ~/compare compares.", read_only=False),

@@ -3,21 +3,19 @@
 import math
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
 from importlib import import_module
-from pathlib import Path
 
 import numpy as np
 from sensor_msgs.msg import MagneticField, PointCloud2
-from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout, String
+from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout
 from visualization_msgs.msg import Marker
 
-from tam_calibration.correction.agreement import ScalarAgreement
+from tam_calibration.correction.acceptance import ScalarAgreement
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.correction.partial import missing_codes, sensors_of
-from tam_calibration.correction.streaming import Correction
-from tam_calibration.files import calibration_from_yaml, read_calibration
+from tam_calibration.correction.streaming import CorrectedBatch, Correction
 from tam_calibration.messages.point_cloud import (
     FIELD_GRADIENT_COLUMNS,
     GRADIENT_DIMENSIONS,
@@ -25,32 +23,23 @@ from tam_calibration.messages.point_cloud import (
     SampleLayout,
     center_covariance,
 )
-from tam_calibration.messages.run import Run
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, IntArray
-from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health, TamNode
-from tam_calibration.nodes.calibration_figures import figures, introduce
+from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health
+from tam_calibration.nodes.calibrated import CALIBRATED, SILENCE_S, CalibratedNode
+from tam_calibration.nodes.calibration_figures import figures
 from tam_calibration.nodes.cloud import CloudReader, MessageWriter, Rows, cloud_writer, from_stamp, layout_of
-from tam_calibration.nodes.listening import LATCHED, RELIABLE_STREAM
+from tam_calibration.nodes.listening import RELIABLE_STREAM
 from tam_calibration.nodes.markers import Shown, field_marker
-from tam_calibration.nodes.node_parameters import ARRAY_FILE, CALIBRATION_FILE, FRAME_ID, array_of
 from tam_calibration.nodes.scheduling import REAL_TIME, precede
 
-RULES = (
-    ARRAY_FILE,
-    FRAME_ID,
-    REAL_TIME,
-    CALIBRATION_FILE,
-)
+RULES = (*CALIBRATED, REAL_TIME)
 
 _WINDOW_BATCHES = 500
 """Batches, most of a single sample, whose |B| is compared with the scalar."""
 
-_SILENCE_S = 2.0
-"""Without samples, from which the status says so: two periods of the status, so that one late sample is no silence."""
 
-
-class Corrector(TamNode):
+class Corrector(CalibratedNode):
     """Publishes `center`, `gradient` and `field_gradient` of every sample, each only where somebody listens.
 
     The calibration's effects are taken off as far as the channels of a sample tell them; what stays in is said in
@@ -59,24 +48,18 @@ class Corrector(TamNode):
 
     def __init__(self) -> None:
         super().__init__("corrector", RULES)
-        self._array = array_of(self)
-        self._calibration: Calibration | None = None
         self._correction: Correction | None = None
         self._missing, self._partial_count = 0, 0
-        self._run = Run()
         self._left_in: tuple[str, ...] = ()
-        self._problem_of_calibration = self._problem_of_samples = ""
         self._received = self._corrected = 0
-        self._heard_s, self._newest_s = -np.inf, np.nan
+        self._newest_s = np.nan
         self._lengths: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=_WINDOW_BATCHES)
-        self._reader = CloudReader(partial(self.refuse, "samples"))
+        self._layout_of = partial(layout_of, sensor_count=self._array.sensor_count)
+        self._reader = CloudReader(partial(self.refuse, "samples"), self._layout_of)
         self._offer_outputs(self.value("frame_id"))
-        self._load(self.value("calibration_file"))
-        self.on_change({"calibration_file": self._load})
-        self.create_subscription(String, "calibration", self._take_calibration, LATCHED)
+        told = self.take_calibrations()
         self.listen_to_all(PointCloud2, "samples", self._take_samples, RELIABLE_STREAM)
         self._scheduling = precede() if self.value("real_time") else "normal"
-        told = introduce(self._calibration, self.value("calibration_file"), self.now_s)
         self.say_start(told, "waits for samples" if self._calibration else "waits for calibration and samples")
 
     def health(self) -> Health:
@@ -106,13 +89,13 @@ class Corrector(TamNode):
         return agreement
 
     def _judge(self, agreement: ScalarAgreement) -> tuple[bytes, str]:
-        if self._problem_of_samples:
-            return ERROR, self._problem_of_samples
+        if self._reader.problem:
+            return ERROR, self._reader.problem
         if self._calibration is None:
             return WARN, self._problem_of_calibration or "no calibration yet: call calibrator/calibrate or give a file"
         if self._problem_of_calibration:
             return WARN, f"a new calibration was not taken, the old one stays: {self._problem_of_calibration}"
-        if time.monotonic() - self._heard_s > _SILENCE_S:
+        if time.monotonic() - self._heard_s > SILENCE_S:
             return STALE, "no samples arrive: see the collector"
         if self._missing:
             return self._judge_partial()
@@ -139,21 +122,8 @@ class Corrector(TamNode):
             return ()
         return self._correction.partial.without(self._missing).not_determined
 
-    def _load(self, path: str) -> None:
-        if path:
-            self._switch(read_calibration(Path(path)))
-
-    def _take_calibration(self, message: String) -> None:
-        """Take a calibration that can be used; the next sample is the first that it corrects."""
-        try:
-            self._switch(calibration_from_yaml(message.data, self.resolve_topic_name("calibration")))
-        except InputError as problem:
-            self._problem_of_calibration = str(problem)
-            self.get_logger().warning(self._problem_of_calibration)
-
-    def _switch(self, calibration: Calibration) -> None:
-        if not calibration.is_of(self._array):
-            raise InputError("the calibration is of another array: choose the array_file that it was made with")
+    def switch(self, calibration: Calibration) -> None:
+        """Correct the next sample with a calibration; effects with a memory keep it."""
         correction = Correction(calibration)
         if correction.takes_off:
             import_module("scipy.linalg")  # else it would be loaded while the first samples wait
@@ -161,7 +131,6 @@ class Corrector(TamNode):
             correction.go_on(self._correction)
         self._correction = correction
         self._left_in, self._missing = (), 0
-        self._calibration, self._problem_of_calibration = calibration, ""
         self._lengths.clear()
 
     def _offer_outputs(self, frame_id: str) -> None:
@@ -178,16 +147,10 @@ class Corrector(TamNode):
 
     def _take_samples(self, messages: list[bytes]) -> None:
         for rows in self._reader.read(messages):
-            try:
-                layout = layout_of(rows.columns, self._array.sensor_count)
-            except InputError as problem:
-                self._problem_of_samples = str(problem)
-                self.refuse("samples", str(problem))
-                continue
-            self._problem_of_samples, self._heard_s = "", time.monotonic()
+            self._heard_s = time.monotonic()
             self._received += len(rows.values)
             if self._calibration is not None and self._correction is not None and len(rows.values):
-                self._correct(self._calibration, self._correction, layout, rows)
+                self._correct(self._calibration, self._correction, self._layout_of(rows.columns), rows)
 
     def _correct(self, calibration: Calibration, correction: Correction, layout: SampleLayout, rows: Rows) -> None:
         last = 1 + 3 * layout.sensor_count
@@ -202,15 +165,13 @@ class Corrector(TamNode):
             self._partial_count += int(np.count_nonzero(codes))
         self._missing = 0 if codes is None else int(codes[-1])
         if correction.takes_off:
-            scalar = scalar.copy()
-            values = self._in_run_time(rows, last)
-            if codes is not None:
-                readings = correction.partial.filled(readings, codes)
-                values[:, 1:last] = readings.reshape(len(values), -1)
-            usable = np.flatnonzero(np.isfinite(readings).all(axis=(1, 2)))
-            for run in np.split(usable, np.flatnonzero(np.diff(values[usable, 0]) <= 0) + 1):
-                own = None if codes is None else codes[run]
-                self._take_off_effects(correction, layout, values, run, own, outputs, errors, scalar)
+            outputs[:], scalar = np.nan, scalar.copy()
+            for run, batch in self._without_effects(correction, layout, self._in_run_time(rows, last), codes):
+                self._left_in, outputs[run] = batch.left_in, batch.outputs
+                if batch.scalar_T is not None:
+                    scalar[run] = batch.scalar_T
+                for index, own in zip(run, batch.standard_errors, strict=True):
+                    errors[index] = own
         if layout.scalar:
             self._lengths.append((outputs[:, :3], scalar))
         self._newest_s = float(rows.values[-1, 0])
@@ -232,33 +193,23 @@ class Corrector(TamNode):
                 row[0] = time_ns / 1_000_000_000
         return values
 
-    def _take_off_effects(
-        self,
-        correction: Correction,
-        layout: SampleLayout,
-        rows: FloatArray,
-        run: IntArray,
-        codes: IntArray | None,
-        outputs: FloatArray,
-        errors: list[FloatArray],
-        scalar: FloatArray,
-    ) -> None:
-        """Put in outputs, standard errors and scalar of some samples, whose time rises; NaN where they are none."""
-        if not len(run):
-            return
-        values = rows[run]
-        try:
-            batch = correction.correct(layout.recording(np.where(np.isfinite(values), values, np.nan)), codes)
-        except InputError as problem:
-            self.refuse("samples", str(problem))
-            outputs[run] = np.nan
-            return
-        self._left_in = batch.left_in
-        outputs[run] = batch.outputs
-        if batch.scalar_T is not None:
-            scalar[run] = batch.scalar_T
-        for index, own in zip(run, batch.standard_errors, strict=True):
-            errors[index] = own
+    def _without_effects(
+        self, correction: Correction, layout: SampleLayout, rows: FloatArray, codes: IntArray | None
+    ) -> Iterator[tuple[IntArray, CorrectedBatch]]:
+        """Yield the results of samples whose time rises, without effects, and which of the rows they are."""
+        readings = rows[:, 1 : 1 + 3 * layout.sensor_count]
+        if codes is not None:
+            filled = correction.partial.filled(readings.reshape(len(rows), -1, 3), codes)
+            readings[:] = filled.reshape(readings.shape)
+        usable = np.flatnonzero(np.isfinite(readings).all(axis=1))
+        for run in np.split(usable, np.flatnonzero(np.diff(rows[usable, 0]) <= 0) + 1):
+            own, values = None if codes is None else codes[run], rows[run]
+            try:
+                if len(run):
+                    known = layout.recording(np.where(np.isfinite(values), values, np.nan))
+                    yield run, correction.correct(known, own)
+            except InputError as problem:
+                self.refuse("samples", str(problem))
 
     def _publish(
         self, stamps: list[bytes], outputs: FloatArray, errors: list[FloatArray], centers: Mapping[int, bytes]

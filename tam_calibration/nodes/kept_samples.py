@@ -4,9 +4,6 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
-from tam_calibration.files.array_yaml import array_to_mapping
-from tam_calibration.files.overwriting import require_outside_bags
-from tam_calibration.files.sample_file import SampleFile
 from tam_calibration.files.text_files import to_json
 from tam_calibration.messages.point_cloud import SampleLayout
 from tam_calibration.messages.sample_store import SampleStore
@@ -14,6 +11,9 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.nodes.base import TamNode
 from tam_calibration.nodes.node_parameters import Rule
+from tam_calibration.recordings.array_yaml import array_to_mapping
+from tam_calibration.results.overwriting import require_outside_bags
+from tam_calibration.results.sample_file import SampleFile
 
 SAVE_S = 1.0
 """Time from one saving to the next, seconds: no more is lost when the process is killed."""

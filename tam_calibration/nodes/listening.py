@@ -37,6 +37,7 @@ class ListeningNode(Node):
 
     def __init__(self, name: str, context: Context | None = None) -> None:
         self._unwatched: list[Subscription] = []
+        self._in_order: list[tuple[Subscription, Callable[[bytes, int], None]]] = []
         super().__init__(name, context=context, automatically_declare_parameters_from_overrides=True)
 
     @property
@@ -110,32 +111,38 @@ class ListeningNode(Node):
 
         subscription = self.listen(message_type, topic, take_waiting, quality)
 
-    def listen_in_order(self, topics: Sequence[tuple[Any, str, Callable[[bytes], None]]], quality: QoSProfile) -> None:
-        """Have functions called with every serialised message of several topics, in the order in which they arrived.
+    def listen_in_order(
+        self, message_type: Any, topic: str, take: Callable[[bytes, int], None], quality: QoSProfile
+    ) -> None:
+        """Have a function called with every serialised message of a topic, and when it arrived, nanoseconds.
 
-        A node that falls behind takes what waits on all of them at once, at a third of the cost, and catches up. The
-        message that wakes it comes first, for the executor of events does not say when it arrived.
+        The messages of all topics that are read so come in the order in which they arrived. A node that falls behind
+        takes what waits on all of them at once, at a third of the cost, and catches up. The message that wakes it comes
+        first, for the executor of events does not say when it arrived.
 
         Parameters
         ----------
-        topics : sequence of type, str and callable
-            Type and name of each topic, and what is called with each of its messages.
+        message_type : type
+            Class of the messages.
+        topic : str
+            Name, relative or absolute.
+        take : callable
+            Called with each message.
         quality : QoSProfile
-            Its depth bounds how many wait on each topic.
+            Used where no parameter says otherwise; its depth bounds how many wait.
         """
-        read: list[tuple[Subscription, Callable[[bytes], None]]] = []
+        take_waiting = partial(self._take_in_order, len(self._in_order))
+        self._in_order.append((self.listen(message_type, topic, take_waiting, quality), take))
 
-        def take_waiting(turn: int, first: bytes) -> None:
-            subscription, take = read[turn]
-            take(first)
-            now_ns = time.time_ns()
-            if later := list(_arrived(subscription, take, now_ns)):
-                others = (_arrived(*other, now_ns) for other in read if other[0] is not subscription)
-                for _, take_one, message in sorted(chain(later, *others), key=itemgetter(0)):
-                    take_one(message)
-
-        for turn, (message_type, topic, take) in enumerate(topics):
-            read.append((self.listen(message_type, topic, partial(take_waiting, turn), quality), take))
+    def _take_in_order(self, turn: int, first: bytes) -> None:
+        subscription, take = self._in_order[turn]
+        now_ns = time.time_ns()
+        later = list(_arrived(subscription, take, now_ns))
+        take(first, later[0][0] - 1 if later else now_ns)
+        if later:
+            others = (_arrived(*other, now_ns) for other in self._in_order if other[0] is not subscription)
+            for arrived_ns, take_one, message in sorted(chain(later, *others), key=itemgetter(0)):
+                take_one(message, arrived_ns)
 
     def listen_in_turns(
         self,
@@ -179,7 +186,7 @@ class ListeningNode(Node):
         self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
-def leave(message: bytes) -> None:
+def leave(message: bytes, arrived_ns: int = 0) -> None:
     """Stands for the callback of a subscription that no executor waits on."""
 
 
@@ -189,8 +196,8 @@ def waiting(subscription: Subscription) -> Iterator[bytes]:
 
 
 def _arrived(
-    subscription: Subscription, take: Callable[[bytes], None], until_ns: float
-) -> Iterator[tuple[int, Callable[[bytes], None], bytes]]:
+    subscription: Subscription, take: Callable[[bytes, int], None], until_ns: float
+) -> Iterator[tuple[int, Callable[[bytes, int], None], bytes]]:
     """Take what waits in a subscription up to a time: when it arrived (ns), what is to be called, the message.
 
     What arrives meanwhile is left, but for one message: another subscription may have been read before it came.

@@ -8,10 +8,7 @@ from threading import Lock
 import numpy as np
 
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.correction.unaffected import Unaffected
-from tam_calibration.files import calibration_from_yaml, calibration_to_yaml
-from tam_calibration.files.live_state import read_live_state, write_live_state
-from tam_calibration.files.overwriting import name_aside
+from tam_calibration.correction.partial import Unaffected
 from tam_calibration.fit.prior import has_date, prior_of
 from tam_calibration.live.live import ON_CHANGE, Live, LiveState
 from tam_calibration.messages.point_cloud import SampleLayout
@@ -20,6 +17,9 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray
 from tam_calibration.nodes.base import OK, WARN, TamNode
 from tam_calibration.nodes.node_parameters import Rule
+from tam_calibration.results import calibration_from_yaml, calibration_to_yaml
+from tam_calibration.results.live_state import read_live_state, write_live_state
+from tam_calibration.results.overwriting import name_aside
 
 UPDATED = (
     Rule("update", False, "Whether the calibration is kept up to date with the samples as they arrive."),
@@ -63,7 +63,6 @@ class LiveUpdate:
         self._text = ""
         self._live: Live | None = None
         self._unaffected: Unaffected | None = None
-        self._state: LiveState | None = None
         self._saved: LiveState | None = None
         self._told = 0
         self.problem = ""
@@ -191,14 +190,7 @@ class LiveUpdate:
             if stored not in ("", text):
                 raise InputError(f"{self._path} was learned beside another calibration than calibration_file")
         except InputError as problem:
-            try:
-                aside = self._path.rename(name_aside(self._path))
-            except OSError as refused:
-                self._path, self.problem = (
-                    None,
-                    f"what is learned is not kept: {problem}, and cannot be moved: {refused}",
-                )
-                return None
+            aside = self._path.rename(name_aside(self._path))
             self._node.get_logger().warning(f"{problem}: it is now {aside}, and the update begins anew")
             return None
         self._text = text

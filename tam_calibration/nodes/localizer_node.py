@@ -2,43 +2,37 @@
 
 import time
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from importlib import import_module
 from itertools import groupby
-from pathlib import Path
 
 import numpy as np
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
 from sensor_msgs.msg import PointCloud2
-from std_msgs.msg import Header, String
+from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.correction.partial import PartialCorrection
-from tam_calibration.files import calibration_from_yaml, read_calibration
 from tam_calibration.localization.euler import DIPOLE_INDEX
-from tam_calibration.localization.pose import pose_rows
-from tam_calibration.localization.sample_by_sample import Regional, locate_samples, regional_of, turned
-from tam_calibration.localization.solutions import EulerSolutions, Status
+from tam_calibration.localization.solutions import EulerSolutions, Status, pose_rows
+from tam_calibration.localization.turned_samples import Regional, locate_samples, regional_of, turned
 from tam_calibration.messages.point_cloud import FIELD_GRADIENT_COLUMNS, SOURCE_COLUMNS
-from tam_calibration.messages.run import Run
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import LOCAL_VARIANCE_T2, field_at
 from tam_calibration.model.units import FloatArray
 from tam_calibration.nodes.attitude_join import AttitudeJoin, Joined
-from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health, TamNode
-from tam_calibration.nodes.calibration_figures import introduce
+from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health
+from tam_calibration.nodes.calibrated import CALIBRATED, SILENCE_S, CalibratedNode
 from tam_calibration.nodes.cloud import CloudReader, MessageWriter, cloud_writer, from_stamp, layout_of, to_stamp
-from tam_calibration.nodes.listening import LATCHED, RELIABLE_STREAM
+from tam_calibration.nodes.listening import RELIABLE_STREAM
 from tam_calibration.nodes.markers import Shown, source_markers
-from tam_calibration.nodes.node_parameters import ARRAY_FILE, CALIBRATION_FILE, FRAME_ID, Rule, array_of
+from tam_calibration.nodes.node_parameters import Rule
 
 _FITTED, _NONE = "fitted", "none"
 RULES = (
-    ARRAY_FILE,
-    FRAME_ID,
-    CALIBRATION_FILE,
+    *CALIBRATED,
     Rule(
         "index", DIPOLE_INDEX, "Structural index: 3 dipole, 2 line of dipoles, 1 line of current.", bounds=(0.1, 10.0)
     ),
@@ -79,11 +73,10 @@ def source_rows(solutions: EulerSolutions) -> FloatArray:
     return np.concatenate(parts, axis=1)
 
 
-_SILENCE_S = 2.0
 _ROUNDING = 1e-9
 
 
-class Localizer(TamNode):
+class Localizer(CalibratedNode):
     """Publishes `source` of every sample that can be located, and `source_estimate` of every sample.
 
     The attitude is that of `samples`, which the collector has joined: no other clock or tolerance comes in.
@@ -91,21 +84,14 @@ class Localizer(TamNode):
 
     def __init__(self) -> None:
         super().__init__("localizer", RULES)
-        self._stated_array = self._array = array_of(self)
-        self._calibration: Calibration | None = None
         self._partial: PartialCorrection | None = None
         import_module("scipy.spatial.transform")  # else it would be loaded while the first samples wait
         self._given: str = self.value("regional")
-        known = (
-            ()
-            if self._given in (_FITTED, _NONE)
-            else (Regional(field_at(self._given), self._attitude_noise, LOCAL_VARIANCE_T2),)
-        )
-        self._regional: Regional | None = next(iter(known), None)
+        self._regional: Regional | None = None
+        if self._given not in (_FITTED, _NONE):
+            self._regional = Regional(field_at(self._given), self._attitude_noise, LOCAL_VARIANCE_T2)
         self._join, self._first = AttitudeJoin(), list[Joined]()
-        self._problem_of_calibration = self._problem_of_samples = ""
         self._received, self._statuses = 0, Counter[Status]()
-        self._run, self._heard_s = Run(), -np.inf
         frame_id: str = self.value("fixed_frame") or self.value("frame_id")
         self._source = self.offer(PointStamped, "source", RELIABLE_STREAM)
         self._source_writer = MessageWriter.of(PointStamped(header=Header(frame_id=frame_id)), 3)
@@ -114,10 +100,11 @@ class Localizer(TamNode):
         self._markers = Shown(self, MarkerArray, "source_markers", frame_id)
         self._estimate = self.offer(PointCloud2, "source_estimate", RELIABLE_STREAM)
         self._estimate_writer = cloud_writer(SOURCE_COLUMNS, frame_id)
-        self._load(self.value("calibration_file"))
-        self.on_change({"calibration_file": self._load})
-        self.create_subscription(String, "calibration", self._take_calibration, LATCHED)
-        self._readers = {topic: CloudReader(partial(self.refuse, topic)) for topic in ("field_gradient", "samples")}
+        told = self.take_calibrations()
+        self._layout_of = partial(layout_of, sensor_count=self._array.sensor_count)
+        checks: dict[str, Callable[[tuple[str, ...]], object]]
+        checks = {"field_gradient": _require_outputs, "samples": self._layout_of}
+        self._readers = {topic: CloudReader(partial(self.refuse, topic), check) for topic, check in checks.items()}
         # Attitudes first, so that no outputs wait for one that is there.
         topics = [(PointCloud2, "samples", self._take_samples)] if self._needs_attitude else []
         topics.append((PointCloud2, "field_gradient", self._take_outputs))
@@ -126,7 +113,6 @@ class Localizer(TamNode):
         else:
             for message_type, topic, take in topics:
                 self.listen_to_all(message_type, topic, take, RELIABLE_STREAM)
-        told = introduce(self._calibration, self.value("calibration_file"), self.now_s)
         self.say_start(told, f"waits for {' and '.join(topic for _, topic, _ in topics)}")
 
     @property
@@ -150,11 +136,12 @@ class Localizer(TamNode):
         return Health(level, message, values)
 
     def _judge(self) -> tuple[bytes, str]:
-        if self._problem_of_samples:
-            return ERROR, self._problem_of_samples
+        for reader in self._readers.values():
+            if reader.problem:
+                return ERROR, reader.problem
         if self._problem_of_calibration:
             return WARN, f"a new calibration was not taken: {self._problem_of_calibration}"
-        if time.monotonic() - self._heard_s > _SILENCE_S:
+        if time.monotonic() - self._heard_s > SILENCE_S:
             return STALE, "no field and gradient arrive: see the corrector"
         if not self._is_heard:
             return OK, "nobody listens to the source: it is not located"
@@ -166,21 +153,8 @@ class Localizer(TamNode):
         worst, count = refused.most_common(1)[0]
         return OK if located else WARN, f"{counted}; of {count}: {worst.reason}"
 
-    def _load(self, path: str) -> None:
-        if path:
-            self._switch(read_calibration(Path(path)))
-
-    def _take_calibration(self, message: String) -> None:
-        try:
-            self._switch(calibration_from_yaml(message.data, self.resolve_topic_name("calibration")))
-        except InputError as problem:
-            self._problem_of_calibration = str(problem)
-
-    def _switch(self, calibration: Calibration) -> None:
+    def switch(self, calibration: Calibration) -> None:
         """Take the array and the covariance of a calibration; what was fitted to older outputs is fitted again."""
-        if not calibration.is_of(self._stated_array):
-            raise InputError("the calibration is of another array: choose the array_file that it was made with")
-        self._array, self._calibration, self._problem_of_calibration = calibration.array, calibration, ""
         self._partial = PartialCorrection(calibration)
         self._run.start_over()
         self._forget_regional()
@@ -193,12 +167,7 @@ class Localizer(TamNode):
     def _take_samples(self, messages: list[bytes]) -> None:
         joined: list[Joined] = []
         for rows in self._readers["samples"].read(messages):
-            try:
-                has_attitude = layout_of(rows.columns, self._array.sensor_count).attitude
-            except InputError as problem:
-                self._problem_of_samples = str(problem)
-                self.refuse("samples", str(problem))
-                continue
+            has_attitude = self._layout_of(rows.columns).attitude
             attitudes = rows.values[:, -4:] if has_attitude else np.full((len(rows.values), 4), np.nan)
             for stamp_ns, attitude in zip(map(from_stamp, rows.stamps), attitudes, strict=True):
                 joined += self._join.push_attitude(stamp_ns, attitude)
@@ -207,10 +176,7 @@ class Localizer(TamNode):
     def _take_outputs(self, messages: list[bytes]) -> None:
         joined: list[Joined] = []
         for rows in self._readers["field_gradient"].read(messages):
-            if rows.columns != FIELD_GRADIENT_COLUMNS:
-                self._problem_of_samples = f"field_gradient must have the columns {', '.join(FIELD_GRADIENT_COLUMNS)}"
-                continue
-            self._problem_of_samples, self._heard_s = "", time.monotonic()
+            self._heard_s = time.monotonic()
             self._received += len(rows.values)
             for stamp_ns, row in zip(map(from_stamp, rows.stamps), rows.values, strict=True):
                 joined += (
@@ -263,14 +229,14 @@ class Localizer(TamNode):
         try:
             solutions = locate_samples(
                 outputs[:, :9],
-                self._array,
+                self._calibration.array if self._calibration else self._array,
                 self._covariance(outputs[0, 9:]),
                 index=self.value("index"),
                 regional=self._regional,
                 attitude=attitude,
             )
         except InputError as problem:
-            self._problem_of_samples = str(problem)
+            self._readers["field_gradient"].problem = str(problem)
             return EulerSolutions.refused(len(joined), Status.NOT_FINITE)
         if not self.value("fixed_frame"):
             return solutions
@@ -290,8 +256,7 @@ class Localizer(TamNode):
             partial := self._partial.covariance_with(standard_errors)
         ) is not None:
             return partial
-        covariance: FloatArray = own + np.diag(np.where(added > _ROUNDING * variance, added, 0.0))
-        return covariance
+        return np.asarray(own + np.diag(np.where(added > _ROUNDING * variance, added, 0.0)))
 
     def _tell(self, joined: Sequence[Joined], solutions: EulerSolutions) -> None:
         self._statuses.update(map(Status, solutions.status.tolist()))
@@ -311,3 +276,8 @@ class Localizer(TamNode):
         if self._estimate.get_subscription_count():
             for stamp, row in zip(stamps, source_rows(solutions), strict=True):
                 self._estimate.publish(self._estimate_writer.message(stamp, row.tobytes()))
+
+
+def _require_outputs(columns: tuple[str, ...]) -> None:
+    if columns != FIELD_GRADIENT_COLUMNS:
+        raise InputError(f"field_gradient must have the columns {', '.join(FIELD_GRADIENT_COLUMNS)}")

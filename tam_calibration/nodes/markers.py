@@ -11,8 +11,7 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from tam_calibration.fit.coverage import Coverage
-from tam_calibration.localization.pose import ellipsoid
-from tam_calibration.localization.solutions import EulerSolutions
+from tam_calibration.localization.solutions import EulerSolutions, ellipsoid
 from tam_calibration.model.units import FloatArray
 from tam_calibration.nodes.base import TamNode
 
@@ -63,8 +62,7 @@ class Shown:
 
     def get_subscription_count(self) -> int:
         """Return how many listen."""
-        count: int = self._publisher.get_subscription_count()
-        return count
+        return self._publisher.get_subscription_count()
 
     def is_wanted(self) -> bool:
         """Whether a message is wanted now; if so, the next one only after `PERIOD_S`."""

@@ -1,7 +1,9 @@
 """What the nodes say in /diagnostics, as bars in the terminal or as plain lines."""
 
+import math
 import re
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.executors import SingleThreadedExecutor
@@ -11,6 +13,9 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from tam_calibration.model.exceptions import Refused
+from tam_calibration.nodes.children import NODES, Children
+
 _LEVELS = {
     DiagnosticStatus.OK: ("OK", "green"),
     DiagnosticStatus.WARN: ("WARN", "yellow"),
@@ -19,33 +24,62 @@ _LEVELS = {
 }
 
 _BAR_WIDTH = 40
-TURN_S = 0.1
+_TURN_S = 0.1
 
 
 class Monitor(Node):
-    """Keeps the newest status of each of the nodes that it watches.
+    """Keeps the newest status of each of the nodes, and fails at once when one of them ends.
 
     Parameters
     ----------
-    names : sequence of str
-        Names of the nodes, in the order in which they are shown.
+    children : Children
+        Their processes.
+    on_turn : callable
+        Called with the monitor some times a second while it waits.
     """
 
-    def __init__(self, names: Sequence[str]) -> None:
+    def __init__(self, children: Children, on_turn: "Callable[[Monitor], None]") -> None:
         super().__init__("monitor")
-        self.statuses: dict[str, DiagnosticStatus] = dict.fromkeys(names)
+        self._children, self._on_turn = children, on_turn
+        self._statuses: dict[str, DiagnosticStatus | None] = dict.fromkeys(NODES)
         self._printed: dict[str, str] = {}
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._take, 10)
 
-    def turn(self) -> None:
-        """Take what has arrived, or wait a moment for something."""
-        self._executor.spin_once(timeout_sec=TURN_S)
+    def wait_until(self, condition: Callable[[], object], what: str = "", timeout_s: float = math.inf) -> None:
+        """Wait until a condition holds.
+
+        Parameters
+        ----------
+        condition : callable
+            Called without arguments; what it returns is taken as true or false.
+        what : str
+            Name of what is waited for, for the message of `Refused`.
+        timeout_s : float
+            Longest time to wait, seconds.
+
+        Raises
+        ------
+        InputError
+            When a node has ended because of a parameter or file.
+        Refused
+            When it does not hold in time, or a node ends.
+        """
+        limit, shown = time.monotonic() + timeout_s, 0.0
+        while not condition():
+            self._children.check()
+            if time.monotonic() > limit:
+                said = " | ".join(filter(None, map(_line, self._statuses.values())))
+                raise Refused(f"{what} did not happen within {timeout_s:g} s; the nodes say: {said}")
+            self._executor.spin_once(timeout_sec=_TURN_S)
+            if time.monotonic() > shown + _TURN_S:
+                shown = time.monotonic()
+                self._on_turn(self)
 
     def figures(self, name: str) -> dict[str, str]:
         """Return the figures of a node's status; none before the first."""
-        return _figures_of(self.statuses[name])
+        return _figures_of(self._statuses[name])
 
     def count(self, name: str, figure: str) -> int | None:
         """Return a figure of a node's status that counts; None where it has none yet.
@@ -63,21 +97,21 @@ class Monitor(Node):
     def news(self) -> list[str]:
         """Return a line for each node whose status says something else than before, figures aside."""
         lines = []
-        for name, status in self.statuses.items():
-            line = _line(name, status)
-            if status and self._printed.get(name) != (said := re.sub(r"[\d.]+", "#", line)):
+        for name, status in self._statuses.items():
+            line = _line(status)
+            if line and self._printed.get(name) != (said := re.sub(r"[\d.]+", "#", line)):
                 self._printed[name] = said
                 lines.append(line)
         return lines
 
     def render(self) -> RenderableType:
         """Return bars of coverage and losses, and a row for each node."""
-        return render_statuses(self.statuses)
+        return render_statuses(self._statuses)
 
     def _take(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            if status.name in self.statuses:
-                self.statuses[status.name] = status
+            if status.name in self._statuses:
+                self._statuses[status.name] = status
 
 
 def render_statuses(statuses: Mapping[str, DiagnosticStatus | None]) -> RenderableType:
@@ -114,5 +148,5 @@ def _bars(figures: Mapping[str, str]) -> list[RenderableType]:
     return [grid]
 
 
-def _line(name: str, status: DiagnosticStatus | None) -> str:
-    return f"{name} {_LEVELS[status.level][0]}: {status.message}" if status else ""
+def _line(status: DiagnosticStatus | None) -> str:
+    return f"{status.name} {_LEVELS[status.level][0]}: {status.message}" if status else ""

@@ -8,13 +8,13 @@ from pathlib import Path
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 
-from tam_calibration.files import read_array
 from tam_calibration.files.configuration import configuration_folder
 from tam_calibration.messages.point_cloud import FRAME_ID as DEFAULT_FRAME_ID
 from tam_calibration.messages.transforms import STATIC_TRANSFORMS
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.nodes.static_transforms import StaticTransforms
+from tam_calibration.recordings import read_array
 
 
 @dataclass(frozen=True)
@@ -33,21 +33,27 @@ class Rule:
         descriptor = ParameterDescriptor(description=self.description, read_only=self.read_only)
         if self.choices:
             descriptor.additional_constraints = f"one of: {', '.join(self.choices)}"
-        if self.bounds and isinstance(self.default, int):
-            descriptor.integer_range = [
-                IntegerRange(from_value=int(self.bounds[0]), to_value=int(self.bounds[1]), step=1)
-            ]
-        elif self.bounds:
-            descriptor.floating_point_range = [
-                FloatingPointRange(from_value=float(self.bounds[0]), to_value=float(self.bounds[1]))
-            ]
+        if self.bounds:
+            least, most = map(type(self.default), self.bounds)
+            if isinstance(self.default, int):
+                descriptor.integer_range = [IntegerRange(from_value=least, to_value=most, step=1)]
+            else:
+                descriptor.floating_point_range = [FloatingPointRange(from_value=least, to_value=most)]
         return descriptor
+
+    def require_choice(self, value: object) -> None:
+        """Check that a value is one of the choices.
+
+        Raises
+        ------
+        InputError
+            When it is none.
+        """
+        if value not in self.choices:
+            raise InputError(f"{value} is not one of: {', '.join(self.choices)}")
 
 
 ARRAY_FILE = Rule("array_file", "", "Path of the array YAML; empty for the cross with a baseline of 0.5 m.")
-CALIBRATION_FILE = Rule(
-    "calibration_file", "", "Calibration YAML; a newer one comes over `calibration`, or by this.", read_only=False
-)
 FRAME_ID = Rule("frame_id", DEFAULT_FRAME_ID, "Frame of all that is published: the array frame.")
 
 

@@ -6,7 +6,7 @@
 import sys
 from importlib import import_module
 
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.exceptions import InputError, printable
 from tam_calibration.model.processors import use_one_thread
 from tam_calibration.model.signals import Ending
 
@@ -54,7 +54,7 @@ def _run(*names: str) -> int:
         nodes = [getattr(import_module(f"tam_calibration.nodes.{name.lower()}_node"), name) for name in names]
         import_module("tam_calibration.nodes.spinning").spin_nodes(ending, nodes)
     except (InputError, OSError) as problem:
-        print(f"tam: {problem}", file=sys.stderr)
+        print(f"tam: {printable(problem)}", file=sys.stderr)
         return 2
     return 0
 

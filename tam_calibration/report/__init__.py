@@ -1,1 +1,1 @@
-"""HTML reports for people, and the figures that they share; the rows of their tables need no plots."""
+"""HTML reports for people, and the figures that they share; their paragraphs and tables need no plots."""

@@ -1,14 +1,47 @@
-"""The parameters and effects of a calibration as rows of text, for the page and for the terminal."""
+"""A calibration as tables and sentences, for the page and for the terminal."""
 
-from tam_calibration.correction.calibration import Calibration
+import numpy as np
+
+from tam_calibration.correction.calibration import Calibration, KnownSource
 from tam_calibration.effects.library import units_of
-from tam_calibration.model.array import OUTPUT_NAMES
+from tam_calibration.model.array import OUTPUT_NAMES, TENSOR_OUTPUTS
+from tam_calibration.model.residuals import Residuals
 from tam_calibration.model.sensor_errors import PARAMETER_NAMES, orientation_to_axes
 from tam_calibration.model.units import to_degrees, to_nanotesla
-from tam_calibration.report.formatting import number, with_error
+from tam_calibration.report.blocks import Block, Table, Text
+from tam_calibration.report.formatting import join, number, ratio, with_error
 
 _KINDS = (("", 1.0, 6), (" (°)", to_degrees(1.0), 5), (" (nT)", to_nanotesla(1.0), 2), (" (°)", to_degrees(1.0), 5))
 """Unit, factor from SI and decimals of scale factor, non-orthogonality, bias and misalignment."""
+
+_MODEL = (
+    "Value ± standard error. The model is yᵢ = Dᵢ Λᵢ bᵢ + oᵢ: D holds scale factors and non-orthogonality, "
+    "Λ the misalignment, o the bias."
+)
+_EFFECTS = (
+    "Effects, fitted together with the errors of the sensors, whose standard errors hold what is not known of them."
+)
+_SIZES = "Root mean square, over the recording, of what the effects add to each output, and what is taken off it."
+
+
+def parameter_blocks(calibration: Calibration) -> list[Block]:
+    """Return the errors of the sensors and the effects, with standard errors."""
+    sensors = [f"sensor {sensor + 1}" for sensor in range(calibration.errors.sensor_count)]
+    blocks: list[Block] = [Table(["parameter", *sensors], parameter_rows(calibration), _MODEL)]
+    if calibration.effects:
+        from tam_calibration.report.gap_rows import number_rows  # takes as long to load as a calibration
+
+        numbers = [
+            [fitted.effect, *row]
+            for fitted in calibration.effects
+            for row in number_rows(fitted, units_of(fitted, calibration.errors, calibration.array))
+        ]
+        blocks.append(Table(["effect", "parameter", "value ± standard error", "unit"], numbers, _EFFECTS))
+    if rows := _effect_size_rows(calibration):
+        units = ("nT" if name.startswith("b") else "nT/m" for name in OUTPUT_NAMES)
+        header = ["effect", *(f"{name} ({unit})" for name, unit in zip(OUTPUT_NAMES, units, strict=True))]
+        blocks.append(Table(header, rows, _SIZES))
+    return blocks
 
 
 def parameter_rows(calibration: Calibration) -> list[list[str]]:
@@ -25,23 +58,7 @@ def parameter_rows(calibration: Calibration) -> list[list[str]]:
     return rows
 
 
-NUMBERS_HEADER = ("effect", "parameter", "value ± standard error", "unit")
-
-
-def effect_number_rows(calibration: Calibration) -> list[list[str]]:
-    """Return the numbers of all effects in the order of ``NUMBERS_HEADER``."""
-    if not calibration.effects:
-        return []  # without the diagnosis, which takes as long to load as a calibration
-    from tam_calibration.report.gap_rows import number_rows
-
-    return [
-        [fitted.effect, *row]
-        for fitted in calibration.effects
-        for row in number_rows(fitted, units_of(fitted, calibration.errors, calibration.array))
-    ]
-
-
-def effect_size_rows(calibration: Calibration) -> list[list[str]]:
+def _effect_size_rows(calibration: Calibration) -> list[list[str]]:
     """Return what is taken off each output, root mean square: the effect, nine outputs in nT and nT/m."""
     return [
         [fitted.effect, *(number(to_nanotesla(float(value))) for value in size.rms)]
@@ -50,6 +67,116 @@ def effect_size_rows(calibration: Calibration) -> list[list[str]]:
     ]
 
 
-def effect_size_header() -> list[str]:
-    """Return the names of the columns of ``effect_size_rows``."""
-    return ["effect", *(f"{name} ({'nT' if name.startswith('b') else 'nT/m'})" for name in OUTPUT_NAMES)]
+def _residual_figures(residuals: Residuals) -> dict[str, float]:
+    """Return residuals in nT and nT/m by name: of each sensor, of the centre of several sensors, of the tensor."""
+    sensors = residuals.sensor_intensity_T
+    figures = {f"|B|, sensor {sensor} (nT)": value for sensor, value in enumerate(sensors, start=1)}
+    if len(sensors) > 1:
+        figures["|B|, centre (nT)"] = residuals.center_intensity_T
+    if np.isfinite(residuals.tensor_rmse_T_per_m):
+        names = (f"{OUTPUT_NAMES[index]} (nT/m)" for index in TENSOR_OUTPUTS)
+        figures |= dict(zip(names, residuals.tensor_T_per_m, strict=True))
+        figures["tensor, root of the sum of squares (nT/m)"] = residuals.tensor_rmse_T_per_m
+    return {name: to_nanotesla(float(value)) for name, value in figures.items()}
+
+
+_CHANNELS = {
+    "differential": "between the sensors",
+    "common_mode": "against the reference intensity",
+    "slow_differential": "between the sensors in sums over many samples",
+    "slow_common_mode": "against the reference intensity in sums over many samples",
+}
+
+
+def quality_blocks(calibration: Calibration) -> list[Block]:
+    """Return the residuals in and out of sample against the noise floor."""
+    return [_residuals(calibration), Text(_chi_square(calibration)), Text(_noise(calibration))]
+
+
+def _residuals(calibration: Calibration) -> Table:
+    after = {"in sample": calibration.in_sample}
+    caption = "Root mean square residuals. No samples were held out."
+    if calibration.held_out is not None:
+        after["held out"] = calibration.held_out
+        caption = "Root mean square residuals. Held out: samples that the fit did not see."
+    states = {"before": calibration.before, **after, "noise floor": calibration.floor}
+    columns = {name: _residual_figures(state) for name, state in states.items()}
+    rows = []
+    for quantity, floor in columns["noise floor"].items():
+        ratios = [ratio(columns[name][quantity] / floor) for name in after]
+        rows.append([quantity, *(number(column[quantity]) for column in columns.values()), *ratios])
+    return Table(["residual", *columns, *(f"{name} / floor" for name in after)], rows, caption)
+
+
+def _chi_square(calibration: Calibration) -> str:
+    if not calibration.reduced_chi_square:
+        return "There is no redundancy, hence no reduced χ²."
+    values = [f"{number(value)} {_CHANNELS.get(name, name)}" for name, value in calibration.reduced_chi_square.items()]
+    return f"Reduced χ²: {join(values)}; it is 1 where noise alone is left."
+
+
+def _noise(calibration: Calibration) -> str:
+    array = calibration.array
+    noises = [number(to_nanotesla(float(value))) for value in array.vector_noise_T]
+    vector = f"{noises[0]} nT for every sensor" if len(set(noises)) == 1 else f"{join(noises)} nT, sensor by sensor"
+    scalar = ""
+    if calibration.has_scalar_reference:
+        scalar = f"; of the scalar magnetometer: {number(to_nanotesla(array.scalar_noise_T))} nT"
+    origin = "estimated from this recording where it was not" if calibration.noise_is_estimated else "as"
+    return f"Noise per axis: {vector}{scalar}; {origin} stated for the array."
+
+
+_INTRODUCTION = (
+    "A uniform field sees neither the length of the baselines, nor a turn of all sensors together, nor where the "
+    "elements of the axes sit. The field of a known source did; array and matrices hold what it showed."
+)
+_COMMON = "Value ± standard error, of the noise of the source's amplitudes; the source itself counts as exact."
+_PLACES = "Place of the element of each axis beside its sensor (mm), array frame ± standard error."
+_DOUBTFUL = 2.0
+"""Reduced χ² above which source and array do not fit each other."""
+
+
+def known_source_blocks(calibration: Calibration) -> list[Block]:
+    """Return what a known source showed of the array; empty where none was recorded."""
+    found = calibration.known_source
+    if found is None:
+        return []
+    return [Text(_INTRODUCTION), _common(found), *_verdict(found), _places(calibration, found)]
+
+
+def _common(found: KnownSource) -> Table:
+    turns = zip("xyz", to_degrees(found.rotation), to_degrees(found.rotation_standard_errors), strict=True)
+    rows = [
+        ["true baselines over stated", with_error(found.baseline_scale, found.baseline_scale_standard_error, 4)],
+        *([f"turn of the frame about {axis} (°)", with_error(float(v), float(e), 4)] for axis, v, e in turns),
+        ["reduced χ²", number(found.reduced_chi_square)],
+    ]
+    return Table(["quantity", "value"], rows, _COMMON)
+
+
+def _verdict(found: KnownSource) -> list[Text]:
+    if found.reduced_chi_square <= _DOUBTFUL:
+        return []
+    return [
+        Text(
+            f"Reduced χ² is {number(found.reduced_chi_square)} where 1 is expected: the source is not quite where or "
+            "what it was stated to be, or the array has an error of another kind; the standard errors are too small.",
+            "doubt",
+        )
+    ]
+
+
+def _places(calibration: Calibration, found: KnownSource) -> Table:
+    offsets = calibration.array.axis_offsets_m
+    assert offsets is not None
+    errors = found.axis_offsets_standard_errors_m
+    rows = [
+        [f"{sensor + 1} {'xyz'[axis]}", *_millimetres(offsets[sensor, axis], errors[sensor, axis])]
+        for sensor, axis in np.ndindex(*offsets.shape[:2])
+    ]
+    return Table(["sensor, axis", "x", "y", "z"], rows, _PLACES)
+
+
+def _millimetres(values: np.ndarray, errors: np.ndarray) -> list[str]:
+    pairs = zip(1e3 * values, 1e3 * errors, strict=True)
+    return [with_error(float(value), float(error), 2) for value, error in pairs]

@@ -1,54 +1,170 @@
 """The report on a comparison: what the simulation has otherwise than the recording, drawn, and the mend to copy."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from tam_calibration.comparison.result import Comparison, Side
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
+
+from tam_calibration.comparison.result import AxisNoise, Comparison, NoiseDifference, Side
 from tam_calibration.correction.calibration import Provenance
-from tam_calibration.files.comparison_json import Sources, mend_in_texts
 from tam_calibration.files.yaml_document import dump_mapping
-from tam_calibration.report.comparison_plots import (
-    plot_all_noise,
-    plot_histograms,
-    plot_noise,
-    plot_source_errors,
-    plot_sphere,
-    plot_steps,
-    row_to_draw,
-)
-from tam_calibration.report.comparison_rows import (
-    CLOSING_HEADER,
-    DIFFERENCES_HEADER,
-    FIGURES_HEADER,
-    NOISE_HEADER,
-    OTHER_HEADER,
-    SOURCE_HEADER,
-    axis_name,
-    closing_rows,
-    difference_rows,
-    figure_rows,
-    headline,
-    mistake_words,
-    most_other,
-    next_words,
-    noise_rows,
-    noise_words,
-    parameter_tables,
-    source_rows,
-)
-from tam_calibration.report.formatting import count, number, sentence
-from tam_calibration.report.gap_rows import closed_words
-from tam_calibration.report.gap_view import GapView
-from tam_calibration.report.page import Block, Code, Points, Section, Table, Text, embed, sections_of, write_page
+from tam_calibration.fit.coverage import cell_directions
+from tam_calibration.model.units import FloatArray, to_nanotesla
+from tam_calibration.report import comparison_rows
+from tam_calibration.report.blocks import Block, Code, Points, Section, Table, Text
+from tam_calibration.report.comparison_rows import axis_name
+from tam_calibration.report.formatting import count, number
+from tam_calibration.report.gap_cause_plots import SHADES, GapView, cell_means, draw_means
+from tam_calibration.report.gap_residual_plots import Distribution, plot_distributions
+from tam_calibration.report.page import embed, sections_of, write_page
+from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR, MISSING_COLOR, PAGE_WIDTH_INCH, QUIET_COLOR, STYLE
+from tam_calibration.results.comparison_json import Sources, mend_in_texts
+
+SIMULATION_COLOR, RECORDING_COLOR = AFTER_COLOR, BEFORE_COLOR
+"""Of the two columns, on all figures."""
+
+_COLORS = {"simulation": SIMULATION_COLOR, "recording": RECORDING_COLOR}
+
+
+@matplotlib.rc_context(STYLE)
+def plot_noise(noise: NoiseDifference) -> Figure:
+    """Draw the spectra of an axis's noise over each other, with their 95 % intervals."""
+    figure = Figure(figsize=(PAGE_WIDTH_INCH, 3.0), layout="constrained")
+    axes = figure.subplots()
+    _draw_noise(axes, noise, _range([noise]))
+    axes.set(xlabel="frequency (Hz)", ylabel=f"noise of {axis_name(noise.recording)} (nT/√Hz)")
+    axes.legend(frameon=False, fontsize=8)
+    return figure
+
+
+@matplotlib.rc_context(STYLE)
+def plot_all_noise(noise: Sequence[NoiseDifference]) -> Figure:
+    """Draw the spectra of all axes small, those of sensors on one scale; what differs has a shaded ground."""
+    columns = 3
+    rows = -(-len(noise) // columns)
+    figure = Figure(figsize=(PAGE_WIDTH_INCH, 0.6 + 1.1 * rows), layout="constrained")
+    panels = figure.subplots(rows, columns, sharex=True, squeeze=False)
+    common = _range([each for each in noise if each.recording.sensor])
+    for axes, each in zip(panels.ravel(), noise, strict=False):
+        _draw_noise(axes, each, common if each.recording.sensor else _range([each]))
+        axes.set_title(f"{axis_name(each.recording)}{': differs' if each.differs else ''}", loc="left", fontsize=8)
+        if each.differs:
+            axes.set_facecolor(f"{MISSING_COLOR}22")
+    for axes in panels[:, 1:].ravel():
+        axes.tick_params(labelleft=False)
+    for axes in panels.ravel()[len(noise) :]:
+        axes.remove()
+    figure.supxlabel("frequency (Hz)")
+    figure.supylabel("noise (nT/√Hz)")
+    return figure
+
+
+_LEAST_SHOWN = 10**0.6
+"""Least ratio of an end of the axis to its middle: more than a decade, so that there is a tick with a number."""
+
+
+def _range(noise: Sequence[NoiseDifference]) -> tuple[float, float]:
+    """Return the ends of a logarithmic axis, nT/√Hz, that shows the spectra of all but of what has no noise."""
+    sides = [side for each in noise for side in (each.simulation, each.recording)]
+    bounds = [
+        _amplitude(side, density)
+        for side in sides
+        for density in (side.density_low_T2_per_hz, side.density_high_T2_per_hz)
+    ]
+    drawn = np.concatenate([each[each > 0] for each in bounds])
+    low, high = (float(drawn.min()), float(drawn.max())) if len(drawn) else (1.0, 1.0)
+    middle = np.sqrt(low * high)
+    return min(low, middle / _LEAST_SHOWN), max(high, middle * _LEAST_SHOWN)
+
+
+def _amplitude(noise: AxisNoise, density: FloatArray) -> FloatArray:
+    """Return the root of a density of an axis's noise, nT/√Hz, but for the constant part."""
+    return to_nanotesla(np.sqrt(density[noise.frequency_hz > 0]))
+
+
+def _draw_noise(axes: Axes, noise: NoiseDifference, ends: tuple[float, float]) -> None:
+    for name, side in (("simulation", noise.simulation), ("recording", noise.recording)):
+        frequency = side.frequency_hz[side.frequency_hz > 0]
+        low, high = (_amplitude(side, each) for each in (side.density_low_T2_per_hz, side.density_high_T2_per_hz))
+        axes.fill_between(frequency, low, high, color=_COLORS[name], alpha=0.25, linewidth=0)
+        axes.plot(frequency, _amplitude(side, side.density_T2_per_hz), color=_COLORS[name], linewidth=1.1, label=name)
+    axes.set(xscale="log", yscale="log", ylim=ends)
+    axes.minorticks_off()
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+
+
+def row_to_draw(simulation: Side, recording: Side) -> int:
+    """Return the row whose residuals differ most in size: 3 i + a for axis a of sensor i, both from 0; 3K the scalar.
+
+    Parameters
+    ----------
+    simulation, recording : Side
+        Of arrays with equally many sensors.
+    """
+    sizes = [GapView(side.gap).states[0].ratio * side.gap.residue.floor_T for side in (simulation, recording)]
+    is_known = np.isfinite(sizes).all(axis=0) & (np.min(sizes, axis=0) > 0)
+    ratio = np.divide(sizes[1], sizes[0], out=np.ones(len(sizes[0])), where=is_known)
+    return int(np.argmax(np.abs(np.log(ratio))))
+
+
+@matplotlib.rc_context(STYLE)
+def plot_sphere(simulation: Side, recording: Side, row: int, name: str) -> Figure:
+    """Draw mean residuals of one row over the directions of the field: the simulation's as dots on the recording's.
+
+    Parameters
+    ----------
+    simulation, recording : Side
+        With the residuals that a calibration leaves.
+    row : int
+        As ``row_to_draw`` returns it.
+    name : str
+        Of the row.
+    """
+    dots, ground = (
+        cell_means(to_nanotesla(side.gap.residue.before[:, row]), side.gap.residue.direction)
+        for side in (simulation, recording)
+    )
+    reach = float(np.nanmax(np.abs([dots, ground]), initial=0.0)) or 1.0
+    figure = Figure(figsize=(PAGE_WIDTH_INCH, 3.8), layout="constrained")
+    axes = figure.add_subplot(projection="hammer")
+    mesh = draw_means(axes, ground, reach)
+    x, y, z = cell_directions()[np.isfinite(dots)].T
+    dots = dots[np.isfinite(dots)]
+    places = -np.arctan2(y, x), np.arcsin(z)
+    drawn = axes.scatter(*places, 45, dots, cmap=SHADES, edgecolors=QUIET_COLOR, linewidths=0.5)
+    drawn.set_clim(-reach, reach)
+    label = f"mean residual of {name} (nT): ground recording, dots simulation"
+    figure.colorbar(mesh, ax=axes, location="bottom", shrink=0.5, aspect=40, label=label)
+    return figure
+
+
+def plot_histograms(simulation: Side, recording: Side, row: int, name: str) -> Figure:
+    """Draw the distributions of one row's residuals over each other, in noise floors of the recording.
+
+    Parameters
+    ----------
+    simulation, recording : Side
+        With the residuals that a calibration leaves.
+    row : int
+        As ``row_to_draw`` returns it.
+    name : str
+        Of the row.
+    """
+    floor = float(recording.gap.residue.floor_T[row])
+    sides = {"simulation": simulation, "recording": recording}
+    drawn = [Distribution(side, _COLORS[side], each.gap.residue.before[:, row] / floor) for side, each in sides.items()]
+    return plot_distributions(drawn, f"residual of {name}, in noise floors of the recording")
 
 
 def verdict_section(comparison: Comparison) -> Section:
     """Return the verdict, the simulator's gross mistakes, and what to do."""
-    emphasis = "good" if comparison.verdict == "same" else "doubt"
-    blocks: list[Block] = [Text(remark, "doubt") for remark in comparison.remarks]
-    blocks.append(Text(headline(comparison), emphasis))
-    blocks += [Text(mistake_words(mistake), "doubt") for mistake in comparison.mistakes]
-    blocks.append(Text(next_words(comparison)))
+    next_words = Text(comparison_rows.next_words(comparison))
+    blocks = [*comparison_rows.verdict_blocks(comparison), next_words]
     if comparison.simulation is not None and comparison.recording is not None:
         header = ("", "simulation", "recording")
         blocks.append(Table(header, _side_rows(comparison.simulation, comparison.recording)))
@@ -70,21 +186,19 @@ def differences_section(comparison: Comparison) -> Section | None:
     """Return the effects that one side lacks or has otherwise, with parameters; None where nothing was compared."""
     if comparison.recording is None:
         return None
-    rows = difference_rows(comparison)
-    if not rows:
-        return Section("What differs", [Text("No effect is in one of the two and not, or otherwise, in the other.")])
-    tables = [Table(OTHER_HEADER, rows, caption) for caption, rows in parameter_tables(comparison)]
-    return Section("What differs", [Table(DIFFERENCES_HEADER, rows, numeric=False), *tables])
+    nothing = [Text("No effect is in one of the two and not, or otherwise, in the other.")]
+    return Section("What differs", comparison_rows.difference_blocks(comparison) or nothing)
 
 
 def noise_section(comparison: Comparison) -> Section | None:
     """Return the noise of both, the axis that differs most first; None where nothing was compared."""
     if not comparison.noise:
         return None
-    worst = most_other(comparison.noise)
-    name = axis_name(worst.recording)
+    worst = comparison_rows.most_other(comparison.noise)
+    name = comparison_rows.axis_name(worst.recording)
+    words, table = comparison_rows.noise_blocks(comparison)
     blocks: list[Block] = [
-        Text(noise_words(comparison)),
+        words,
         embed(plot_noise(worst), f"Noise of {name}", f"Noise of {name} by frequency, with 95 % intervals"),
         Points(
             [
@@ -94,7 +208,7 @@ def noise_section(comparison: Comparison) -> Section | None:
             ]
         ),
         embed(plot_all_noise(comparison.noise), "Noise of all axes", "All axes; what differs is shaded"),
-        Table(NOISE_HEADER, noise_rows(comparison), "Standard deviation ± standard error", numeric=False),
+        table,
     ]
     return Section("Noise", blocks)
 
@@ -127,36 +241,19 @@ def residuals_section(comparison: Comparison) -> Section | None:
 
 def closing_section(comparison: Comparison) -> Section | None:
     """Return how far the mend closes the gap, and what stays open; None where there is no gap."""
-    closing = comparison.closing
-    if closing is None or comparison.verdict == "same":
-        return None
-    blocks: list[Block] = [
-        Text("Each term was added to a twin of the simulation's run, or taken from it, and judged out of sample."),
-        Table(CLOSING_HEADER, closing_rows(closing)),
-    ]
-    if words := closed_words(closing):
-        blocks.append(Text(sentence(words)))
-    if closing.steps:
-        title = "The gap after each further term of the mend"
-        blocks.append(embed(plot_steps(closing), title, title))
-    if rows := source_rows(closing):
-        title = "The same source put into each, located by tam locate, with 95 % intervals"
-        blocks += [embed(plot_source_errors(closing), title, title), Table(SOURCE_HEADER, rows)]
-    if closing.left:
-        blocks.append(Text(f"What stays open: {sentence(closing.left)}", "doubt"))
-    return Section("How far the mend closes the gap", blocks)
+    blocks = comparison_rows.closing_blocks(comparison)
+    return Section("How far the mend closes the gap", blocks) if blocks else None
 
 
 def figures_section(comparison: Comparison) -> Section | None:
     """Return every figure of the simulation beside that of the recording; None where there are none."""
     if not comparison.figures:
         return None
-    tables = [Table(FIGURES_HEADER, rows, sentence(group)[:-1]) for group, rows in figure_rows(comparison)]
     about = Text(
         "Scale factors, non-orthogonality, biases and misalignment are what a calibration removes: that they differ is "
         "stated, and is no difference of the simulation."
     )
-    return Section("Side by side", [about, *tables])
+    return Section("Side by side", [about, *comparison_rows.figure_tables(comparison)])
 
 
 _COMMAND = "tam simulate --from-comparison mend.yaml --recording SIMULATION -o mended.csv"

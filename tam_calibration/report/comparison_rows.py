@@ -3,56 +3,87 @@
 import math
 from collections.abc import Iterator, Sequence
 
-from tam_calibration.comparison.result import (
-    UNKNOWN,
-    AxisNoise,
-    Closing,
-    Comparison,
-    EffectDifference,
-    Figure,
-    Mistake,
-    NoiseDifference,
-    OtherParameters,
-    SourceError,
-)
+from tam_calibration.comparison import result
 from tam_calibration.model.units import for_people, to_nanotesla
+from tam_calibration.report.blocks import Block, Table, Text
 from tam_calibration.report.formatting import join, number, sentence, with_error
-from tam_calibration.report.gap_rows import number_rows, percent, place
+from tam_calibration.report.gap_rows import closed_words, number_rows, percent, place
 
 VERDICTS = {"same": "The same", "differs": "Different", "not_identifiable": "Cannot be told"}
 
-DIFFERENCES_HEADER = ("effect", "simulation", "recording", "where", "probability", "size (noise floors)")
+_DIFFERENCES_HEADER = ("effect", "simulation", "recording", "where", "probability", "size (noise floors)")
 
-OTHER_HEADER = ("parameter", "simulation", "recording", "unit")
-
-NOISE_HEADER = ("noise of", "simulation (nT)", "recording (nT)", "colour: simulation", "colour: recording", "")
-
-CLOSING_HEADER = ("gap to the recording, out of sample", "before", "after the mend")
-
-SOURCE_HEADER = ("error of a source that is put in", "median (m)", "95 % interval (m)")
-
-FIGURES_HEADER = ("figure", "simulation", "recording", "unit", "standard errors apart", "")
+_NOISE_HEADER = ("noise of", "simulation (nT)", "recording (nT)", "colour: simulation", "colour: recording", "")
 
 _ABSENT = "–"
 
 
-def headline(comparison: Comparison) -> str:
+def headline(comparison: result.Comparison) -> str:
     """Return the verdict by name in front of its sentence, once."""
     name = VERDICTS[comparison.verdict]
     return comparison.statement if comparison.statement.startswith(name) else f"{name}: {comparison.statement}"
 
 
-def mistake_words(mistake: Mistake) -> str:
+def mistake_words(mistake: result.Mistake) -> str:
     """Return a gross mistake of the simulator, where it is, and what mends it."""
     return f"{sentence(mistake.what)} Where: {mistake.where}. Mend: {sentence(mistake.mend)}"
 
 
-def first_difference(comparison: Comparison) -> str:
+def verdict_blocks(comparison: result.Comparison) -> list[Block]:
+    """Return the simulator's gross mistakes, remarks on the two recordings, and the verdict."""
+    emphasis = "good" if comparison.verdict == "same" else "doubt"
+    return [
+        *(Text(mistake_words(mistake), "doubt") for mistake in comparison.mistakes),
+        *(Text(remark, "doubt") for remark in comparison.remarks),
+        Text(headline(comparison), emphasis),
+    ]
+
+
+def difference_blocks(comparison: result.Comparison) -> list[Block]:
+    """Return the effects that one side lacks or has otherwise, with parameters; empty where there are none."""
+    rows = difference_rows(comparison)
+    return [Table(_DIFFERENCES_HEADER, rows, numeric=False), *parameter_tables(comparison)] if rows else []
+
+
+def noise_blocks(comparison: result.Comparison) -> list[Block]:
+    """Return in how many axes the noise differs, and that of each axis; empty where nothing was compared."""
+    if not comparison.noise:
+        return []
+    others, axes = sum(each.differs for each in comparison.noise), len(comparison.noise)
+    words = f"The noise of {others} of {axes} axes differs." if others else f"The noise of all {axes} axes is the same."
+    caption = "Standard deviation ± standard error"
+    return [Text(words), Table(_NOISE_HEADER, noise_rows(comparison), caption, numeric=False)]
+
+
+def closing_blocks(comparison: result.Comparison) -> list[Block]:
+    """Return how far the mend closes the gap, and what stays open; empty where there is no gap."""
+    closing = comparison.closing
+    if closing is None or comparison.verdict == "same":
+        return []
+    header = ("gap to the recording, out of sample", "before", "after the mend")
+    blocks: list[Block] = [
+        Text("Each term was added to a twin of the simulation's run, or taken from it, and judged out of sample."),
+        Table(header, closing_rows(closing)),
+    ]
+    if words := closed_words(closing):
+        blocks.append(Text(sentence(words)))
+    if closing.steps:
+        steps = [[step.added.replace("_", " "), number(step.left)] for step in closing.steps]
+        blocks.append(Table(("each further term of the mend", "gap after it (noise floors)"), steps))
+    if rows := _source_rows(closing):
+        header = ("error of a source that is put in", "median (m)", "95 % interval (m)")
+        blocks.append(Table(header, rows, "The same source put into each, located by tam locate"))
+    if closing.left:
+        blocks.append(Text(f"What stays open: {sentence(closing.left)}", "doubt"))
+    return blocks
+
+
+def first_difference(comparison: result.Comparison) -> str:
     """Return the first difference in one sentence: a mistake, an effect, its parameters, or noise; empty for none."""
     return next(_difference_sentences(comparison), "")
 
 
-def _difference_sentences(comparison: Comparison) -> Iterator[str]:
+def _difference_sentences(comparison: result.Comparison) -> Iterator[str]:
     """Yield a sentence on each difference, the gravest kind first and the largest of a kind first."""
     count = _sensor_count(comparison)
     yield from (mistake_words(mistake) for mistake in comparison.mistakes)
@@ -69,7 +100,7 @@ def _difference_sentences(comparison: Comparison) -> Iterator[str]:
             yield f"The noise of {axis_name(noise.recording)} is {levels[0]} in the simulation, {levels[1]} recorded."
 
 
-def next_words(comparison: Comparison) -> str:
+def next_words(comparison: result.Comparison) -> str:
     """Return what to do next, in one sentence or two."""
     if comparison.mistakes:
         return "Mend that in the simulator, record the simulation again, and compare again: nothing else was compared."
@@ -95,16 +126,16 @@ def next_words(comparison: Comparison) -> str:
 
 def effect_name(name: str) -> str:
     """Return the name of an effect for people."""
-    return "an unknown effect" if name == UNKNOWN else name.replace("_", " ")
+    return "an unknown effect" if name == result.UNKNOWN else name.replace("_", " ")
 
 
-def axis_name(noise: AxisNoise) -> str:
+def axis_name(noise: result.AxisNoise) -> str:
     """Return "sensor 2 x" or "the scalar"."""
     return f"sensor {noise.sensor} {noise.axis}" if noise.sensor else "the scalar"
 
 
-def difference_rows(comparison: Comparison) -> list[list[str]]:
-    """Return what one side has and the other lacks, then what both have otherwise, as ``DIFFERENCES_HEADER``."""
+def difference_rows(comparison: result.Comparison) -> list[list[str]]:
+    """Return what one side has and the other lacks, then what both have otherwise, as ``_DIFFERENCES_HEADER``."""
     count = _sensor_count(comparison)
     return [
         *(_difference_row(each, _lacking(each), "has it", count) for each in comparison.missing),
@@ -113,11 +144,11 @@ def difference_rows(comparison: Comparison) -> list[list[str]]:
     ]
 
 
-def _lacking(difference: EffectDifference) -> str:
+def _lacking(difference: result.EffectDifference) -> str:
     return "lacks it" if difference.is_shown_by_other_run else "could not show it"
 
 
-def _difference_row(difference: EffectDifference, simulation: str, recording: str, count: int) -> list[str]:
+def _difference_row(difference: result.EffectDifference, simulation: str, recording: str, count: int) -> list[str]:
     return [
         effect_name(difference.effect),
         simulation,
@@ -128,25 +159,25 @@ def _difference_row(difference: EffectDifference, simulation: str, recording: st
     ]
 
 
-def parameter_tables(comparison: Comparison) -> list[tuple[str, list[list[str]]]]:
-    """Return, of each difference with parameters, a caption and its rows as ``OTHER_HEADER``."""
-    count = _sensor_count(comparison)
+def parameter_tables(comparison: result.Comparison) -> list[Table]:
+    """Return a table of the parameters of each difference that has some."""
+    count, header = _sensor_count(comparison), ("parameter", "simulation", "recording", "unit")
     tables = [(each, _of_one_side(each, is_recording=True)) for each in comparison.missing]
     tables += [(each, _of_one_side(each, is_recording=False)) for each in comparison.surplus]
     tables += [(each.recording, _of_both(each)) for each in comparison.other_parameters]
     return [
-        (f"{effect_name(each.effect)} of {place(each.sensors, each.axes, count)}", rows)
+        Table(header, rows, sentence(f"{effect_name(each.effect)} of {place(each.sensors, each.axes, count)}")[:-1])
         for each, rows in tables
         if rows
     ]
 
 
-def _of_one_side(difference: EffectDifference, is_recording: bool) -> list[list[str]]:
+def _of_one_side(difference: result.EffectDifference, is_recording: bool) -> list[list[str]]:
     rows = _parameter_rows(difference)
     return [[name, *((_ABSENT, value) if is_recording else (value, _ABSENT)), unit] for name, value, unit in rows]
 
 
-def _of_both(other: OtherParameters) -> list[list[str]]:
+def _of_both(other: result.OtherParameters) -> list[list[str]]:
     simulation, recording = (
         {(name, unit): value for name, value, unit in _parameter_rows(side)}
         for side in (other.simulation, other.recording)
@@ -157,12 +188,12 @@ def _of_both(other: OtherParameters) -> list[list[str]]:
     ]
 
 
-def _parameter_rows(difference: EffectDifference) -> list[list[str]]:
+def _parameter_rows(difference: result.EffectDifference) -> list[list[str]]:
     return [] if difference.fitted is None else number_rows(difference.fitted, difference.units)
 
 
-def noise_rows(comparison: Comparison) -> list[list[str]]:
-    """Return level and colour of each axis's noise on both sides, as ``NOISE_HEADER``."""
+def noise_rows(comparison: result.Comparison) -> list[list[str]]:
+    """Return level and colour of each axis's noise on both sides, as ``_NOISE_HEADER``."""
     return [
         [
             axis_name(each.recording),
@@ -178,7 +209,7 @@ def noise_rows(comparison: Comparison) -> list[list[str]]:
     ]
 
 
-def _colour(noise: AxisNoise) -> str:
+def _colour(noise: result.AxisNoise) -> str:
     """Return the colour, with the knee or the band."""
     if noise.colour == "1/f" and math.isfinite(noise.knee_hz):
         return f"1/f below {number(noise.knee_hz, 2)} Hz"
@@ -187,14 +218,7 @@ def _colour(noise: AxisNoise) -> str:
     return noise.colour
 
 
-def noise_words(comparison: Comparison) -> str:
-    """Return in how many axes the noise differs."""
-    others = sum(each.differs for each in comparison.noise)
-    axes = len(comparison.noise)
-    return f"The noise of {others} of {axes} axes differs." if others else f"The noise of all {axes} axes is the same."
-
-
-def most_other(noise: Sequence[NoiseDifference]) -> NoiseDifference:
+def most_other(noise: Sequence[result.NoiseDifference]) -> result.NoiseDifference:
     """Return the axis whose noise differs most: of those that differ that with the largest ratio of levels."""
     return max(noise, key=lambda each: (each.differs, _ratio(each.simulation.level_T, each.recording.level_T)))
 
@@ -204,8 +228,8 @@ def _ratio(*levels: float) -> float:
     return max(levels) / min(levels) if min(levels) > 0 else math.inf
 
 
-def closing_rows(closing: Closing) -> list[list[str]]:
-    """Return the gap before and after the mend in noise floors, nT, nT/m and metres, as ``CLOSING_HEADER``."""
+def closing_rows(closing: result.Closing) -> list[list[str]]:
+    """Return the gap before and after the mend in noise floors, nT, nT/m and metres."""
     sizes = [
         ("in noise floors", closing.before, closing.after),
         ("at one axis of a sensor (nT)", to_nanotesla(closing.before_T), to_nanotesla(closing.after_T)),
@@ -215,33 +239,30 @@ def closing_rows(closing: Closing) -> list[list[str]]:
     return [[name, number(before), number(after)] for name, before, after in sizes if math.isfinite(before)]
 
 
-def source_rows(closing: Closing) -> list[list[str]]:
+def _source_rows(closing: result.Closing) -> list[list[str]]:
     """Return how far from a source ``tam locate`` ends in the recording, simulation and mended twin."""
-    return [
-        [name, number(error.median_m), f"{number(error.interval_m[0])} to {number(error.interval_m[1])}"]
-        for name, error in source_errors(closing)
-    ]
-
-
-def source_errors(closing: Closing) -> list[tuple[str, SourceError]]:
-    """Return the errors of the source that are known, by the name of what they are in."""
     errors = {
         "simulation": closing.simulation_source,
         "mended simulation": closing.mended_source,
         "recording": closing.recording_source,
     }
-    return [(name, error) for name, error in errors.items() if error is not None]
+    return [
+        [name, number(error.median_m), f"{number(error.interval_m[0])} to {number(error.interval_m[1])}"]
+        for name, error in errors.items()
+        if error is not None
+    ]
 
 
-def figure_rows(comparison: Comparison) -> list[tuple[str, list[list[str]]]]:
-    """Return each group of figures with its rows as ``FIGURES_HEADER``, in units of files."""
+def figure_tables(comparison: result.Comparison) -> list[Table]:
+    """Return a table of each group of figures, in units of files."""
     groups: dict[str, list[list[str]]] = {}
     for figure in comparison.figures:
         groups.setdefault(figure.group, []).append(_figure_row(figure))
-    return list(groups.items())
+    header = ("figure", "simulation", "recording", "unit", "standard errors apart", "")
+    return [Table(header, rows, sentence(group)[:-1]) for group, rows in groups.items()]
 
 
-def _figure_row(figure: Figure) -> list[str]:
+def _figure_row(figure: result.Figure) -> list[str]:
     factor, unit = for_people(figure.unit)
     sides = (figure.simulation, figure.simulation_error), (figure.recording, figure.recording_error)
     return [
@@ -258,6 +279,6 @@ def _valued(value: float, error: float) -> str:
     return with_error(value, error, 4) if error > 0 and math.isfinite(value) else number(value, 4)
 
 
-def _sensor_count(comparison: Comparison) -> int:
+def _sensor_count(comparison: result.Comparison) -> int:
     """Return the number of sensors K; 0 where nothing was compared."""
     return 0 if comparison.recording is None else comparison.recording.array.sensor_count

@@ -1,9 +1,13 @@
 """The causes of a gap drawn: their probabilities and shares, and residuals over what they may depend on."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
@@ -11,9 +15,71 @@ from tam_calibration.fit.coverage import CELLS, cell_of
 from tam_calibration.gap.result import Gap
 from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
 from tam_calibration.report.gap_rows import percent
-from tam_calibration.report.gap_view import GapView
 from tam_calibration.report.recording_plots import cells_on_map, draw_borders
 from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR, FLOOR_COLOR, PAGE_WIDTH_INCH, QUIET_COLOR, STYLE
+
+_SHOWN_ROWS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Residuals (N, 3K + 1) of one kind, tesla: its name, its colour, and their root mean squares over the floor."""
+
+    name: str
+    color: str
+    rows_T: FloatArray
+    ratio: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class GapView:
+    """A gap as its figures show it."""
+
+    gap: Gap
+
+    @property
+    def sensor_count(self) -> int:
+        """Number of sensors K."""
+        return len(self.gap.residue.floor_T) // 3
+
+    @cached_property
+    def states(self) -> tuple[State, ...]:
+        """The recording, the recording without its causes where there are any, and the twin."""
+        residue = self.gap.residue
+        kinds = [("recording", BEFORE_COLOR, residue.before)]
+        if self.gap.causes:
+            kinds.append(("without its causes", AFTER_COLOR, residue.after))
+        kinds.append(("simulated twin", QUIET_COLOR, residue.twin))
+        return tuple(State(name, color, rows, self._ratio(rows)) for name, color, rows in kinds)
+
+    def _ratio(self, rows_T: FloatArray) -> FloatArray:
+        """Return the root mean squares of rows over the floor, NaN for a row without information."""
+        known = np.isfinite(rows_T) & (rows_T != 0)
+        squares = np.sum(np.where(known, rows_T, 0.0) ** 2, axis=0) / np.maximum(known.sum(axis=0), 1)
+        floor = self.gap.residue.floor_T
+        is_known = known.any(axis=0) & np.isfinite(floor) & (floor > 0)
+        return np.asarray(np.divide(np.sqrt(squares), floor, out=np.full(len(floor), np.nan), where=is_known))
+
+    @cached_property
+    def rows(self) -> tuple[int, ...]:
+        """The rows to draw: those with the largest residual in the place of the gap, and in that of each cause."""
+        gap = self.gap
+        places = [(gap.where.sensors, gap.where.axes), *((cause.sensors, cause.axes) for cause in gap.causes)]
+        return tuple(dict.fromkeys(self._largest(*place) for place in places))[:_SHOWN_ROWS]
+
+    def _largest(self, sensors: Sequence[int | str], axes: Sequence[str]) -> int:
+        """Return the row with the largest residual in a place; of all rows where there is no place."""
+        ratio = np.nan_to_num(self.states[0].ratio)
+        is_place = np.zeros(len(ratio), dtype=bool)
+        columns = ["xyz".index(axis) for axis in axes] or [0, 1, 2]
+        for sensor in sensors:
+            is_place[[-1] if sensor == "scalar" else [3 * (int(sensor) - 1) + axis for axis in columns]] = True
+        return int(np.argmax(np.where(is_place | ~is_place.any(), ratio, -1.0)))
+
+    def row_name(self, row: int) -> str:
+        """Return "sensor 2 x" or "scalar"."""
+        return "scalar" if row == 3 * self.sensor_count else f"sensor {row // 3 + 1} {'xyz'[row % 3]}"
+
 
 _SHOWN = 8
 """Causes that are drawn, the most probable ones: the others share a few per mille."""
@@ -40,29 +106,6 @@ def plot_evidence(gap: Gap) -> Figure:
     return figure
 
 
-@matplotlib.rc_context(STYLE)
-def plot_shares(gap: Gap) -> Figure:
-    """Draw the energy of the gap from all of it to what remains, one step for each cause."""
-    closed = gap.size.closed if np.isfinite(gap.size.closed) else 0.0
-    steps = [(cause.fitted.effect.replace("_", " "), closed * cause.share) for cause in gap.causes]
-    figure = Figure(figsize=(PAGE_WIDTH_INCH, 2.8), layout="constrained")
-    axes = figure.subplots()
-    axes.bar(0, 1.0, color=BEFORE_COLOR, width=0.6)
-    top = 1.0
-    for place, (_, step) in enumerate(steps, start=1):
-        axes.bar(place, -step, bottom=top, color=AFTER_COLOR, width=0.6)
-        axes.plot([place - 0.7, place + 0.3], [top, top], color=QUIET_COLOR, linewidth=0.6)
-        axes.text(place, top - step / 2, f"−{percent(step)}", ha="center", va="center", fontsize=8, color="white")
-        top -= step
-    axes.bar(len(steps) + 1, max(top, 0.0), color=BEFORE_COLOR, width=0.6)
-    axes.text(len(steps) + 1, max(top, 0.0) + 0.02, percent(max(top, 0.0)), ha="center", va="bottom", fontsize=8)
-    axes.set_xticks(range(len(steps) + 2), ["the whole gap", *(name for name, _ in steps), "left"])
-    axes.set_yticks([0, 0.5, 1], ["0", "50 %", "100 %"])
-    axes.set_ylabel("energy above the noise")
-    axes.tick_params(axis="x", length=0)
-    return figure
-
-
 _BINS = 12
 """Bins of equally many samples: enough to show a curve, few enough that each mean is certain."""
 
@@ -84,7 +127,7 @@ def plot_dependence(view: GapView, row: int) -> Figure:
     ]
     for label, channel in (("temperature (°C)", residue.temperature_C), ("current (A)", residue.current_A)):
         if channel is not None:
-            panels.append((label, channel, _mean, "mean"))
+            panels.append((label, channel, np.mean, "mean"))
     figure = Figure(figsize=(PAGE_WIDTH_INCH, 2.8), layout="constrained")
     for axes, (label, channel, measure, what) in zip(
         figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True
@@ -122,10 +165,6 @@ def binned(
     return middle, np.array([measure(values[part]) for part in parts])
 
 
-def _mean(values: FloatArray) -> float:
-    return float(np.mean(values))
-
-
 def _root_mean_square(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
@@ -147,19 +186,35 @@ def plot_sphere(view: GapView, row: int) -> Figure:
     """
     means = [cell_means(to_nanotesla(each.rows_T[:, row]), view.gap.residue.direction) for each in view.states]
     reach = float(np.nanmax(np.abs(means), initial=0.0)) or 1.0
-    longitude, latitude, map_cell = cells_on_map()
     figure = Figure(figsize=(PAGE_WIDTH_INCH, 2.2), layout="constrained")
     plots = figure.subplots(1, len(means), subplot_kw={"projection": "hammer"}, squeeze=False)[0]
     for axes, each, mean in zip(plots, view.states, means, strict=True):
-        shades = np.ma.masked_invalid(mean[map_cell])
-        mesh = axes.pcolormesh(
-            longitude, latitude, shades, cmap=SHADES, vmin=-reach, vmax=reach, shading="nearest", rasterized=True
-        )
-        draw_borders(axes)
+        mesh = draw_means(axes, mean, reach)
         axes.set_title(each.name, color=each.color)
     label = f"mean residual of {view.row_name(row)} (nT)"
     figure.colorbar(mesh, ax=list(plots), location="bottom", shrink=0.5, aspect=40, label=label)
     return figure
+
+
+def draw_means(axes: Axes, means: FloatArray, reach: float) -> QuadMesh:
+    """Draw the mean of each cell on a map of the sphere, in shades from −reach to reach.
+
+    Parameters
+    ----------
+    axes : Axes
+        Of the projection "hammer".
+    means : (CELLS,) array
+        NaN where there is none.
+    reach : float
+        Of the scale, in the unit of the means.
+    """
+    longitude, latitude, cell = cells_on_map()
+    shades = np.ma.masked_invalid(means[cell])
+    mesh = axes.pcolormesh(
+        longitude, latitude, shades, cmap=SHADES, vmin=-reach, vmax=reach, shading="nearest", rasterized=True
+    )
+    draw_borders(axes)
+    return mesh
 
 
 def cell_means(values: FloatArray, direction: FloatArray) -> FloatArray:
@@ -176,5 +231,4 @@ def cell_means(values: FloatArray, direction: FloatArray) -> FloatArray:
     cell = cell_of(direction[known])
     counts = np.bincount(cell, minlength=CELLS)
     sums = np.bincount(cell, values[known], minlength=CELLS)
-    mean: FloatArray = np.divide(sums, counts, out=np.full(CELLS, np.nan), where=counts > 0)
-    return mean
+    return np.asarray(np.divide(sums, counts, out=np.full(CELLS, np.nan), where=counts > 0))

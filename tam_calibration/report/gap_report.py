@@ -3,37 +3,15 @@
 from collections.abc import Callable
 from pathlib import Path
 
-import matplotlib
-import numpy as np
-from matplotlib.figure import Figure
-
 from tam_calibration.correction.calibration import Provenance
-from tam_calibration.effects.library import effect_named
-from tam_calibration.gap.checks import LAGS, Check, Checks, row_name
+from tam_calibration.gap.checks import Check, Checks, row_name
 from tam_calibration.gap.result import Gap
+from tam_calibration.report import gap_rows
+from tam_calibration.report.blocks import Block, Points, Section, Table, Text
 from tam_calibration.report.formatting import count, fixed, number, sentence
-from tam_calibration.report.gap_cause_plots import plot_dependence, plot_evidence, plot_shares, plot_sphere
+from tam_calibration.report.gap_cause_plots import GapView, plot_dependence, plot_evidence, plot_sphere
 from tam_calibration.report.gap_residual_plots import plot_histogram, plot_map, plot_spectrum, plot_time
-from tam_calibration.report.gap_rows import (
-    CAUSES_HEADER,
-    CONSIDERED_HEADER,
-    NOISE_HEADER,
-    SIZE_HEADER,
-    cause_row,
-    cause_words,
-    closed_words,
-    considered_row,
-    noise_rows,
-    parameter_rows,
-    place,
-    set_words,
-    size_rows,
-    unseen_words,
-    where_words,
-)
-from tam_calibration.report.gap_view import GapView
-from tam_calibration.report.page import Block, Points, Section, Table, Text, figure_blocks, sections_of, write_page
-from tam_calibration.report.style import AFTER_COLOR, MISSING_COLOR, PAGE_WIDTH_INCH, STYLE
+from tam_calibration.report.page import figure_blocks, sections_of, write_page
 
 _HEADER = {
     "chi_square": "χ²/n",
@@ -49,15 +27,7 @@ def checks_section(view: GapView) -> Section | None:
     checks = view.gap.checks
     if checks is None:
         return None
-    row = view.rows[0]
-    figure = figure_blocks(
-        plot_autocorrelation(checks, row),
-        "Alike from sample to sample",
-        f"how alike residuals of {row_name(row, len(checks.line_hz))} are that lie so many samples apart; the band is "
-        "that of noise at the first.",
-        "all bars would end within the band.",
-    )
-    return Section("Against the simulated twin", [*_summary(checks), *figure])
+    return Section("Against the simulated twin", _summary(checks))
 
 
 def _summary(checks: Checks) -> list[Block]:
@@ -90,27 +60,6 @@ def _range(check: Check, row: int) -> str:
     return f"{fixed(check.low[row], 2)} to {number(check.high[row])}"
 
 
-@matplotlib.rc_context(STYLE)
-def plot_autocorrelation(checks: Checks, row: int) -> Figure:
-    """Draw the autocorrelation of one row, and the band of noise.
-
-    Parameters
-    ----------
-    checks : Checks
-        Statistics of the residual with the causes, and their ranges in noise.
-    row : int
-        3 i + a for axis a of sensor i, both from 0; 3K for the scalar.
-    """
-    figure = Figure(figsize=(PAGE_WIDTH_INCH, 2.8), layout="constrained")
-    axes = figure.subplots()
-    check = checks.lag_1_correlation
-    axes.axhspan(check.low[row], check.high[row], color=MISSING_COLOR, alpha=0.3, linewidth=0)
-    axes.bar(np.arange(1, LAGS + 1), checks.autocorrelation[row], width=0.5, color=AFTER_COLOR)
-    axes.axhline(0, color="black", linewidth=0.6)
-    axes.set(xlabel="samples apart", ylabel="correlation", ylim=(-1.05, 1.05))
-    return figure
-
-
 _TERMS = (
     "The simulated twin is a recording made by the computer: the same attitudes and field, the sensor errors that were "
     "fitted, the noise of the recording, and nothing else. Whatever the recording shows and its twin does not is the "
@@ -126,20 +75,7 @@ _TERMS = (
 
 def verdict_section(view: GapView) -> Section:
     """Return whether there is a gap, and how large it is."""
-    gap = view.gap
-    emphasis = "good" if gap.verdict in ("no_gap", "explained") else "doubt"
-    blocks: list[Block] = [*(Text(remark, "doubt") for remark in gap.remarks), Text(gap.headline, emphasis)]
-    if gap.verdict != "not_identifiable":
-        blocks.append(Table(SIZE_HEADER, size_rows(gap.size)))
-    if gap.floor is not None:
-        blocks.append(Table(NOISE_HEADER, noise_rows(gap.floor)))
-    if gap.causes:
-        blocks.append(Text(sentence(closed_words(gap.size))))
-    if gap.remainder:
-        blocks.append(Text(f"What no cause explains: {gap.remainder}", "doubt"))
-    blocks += [Text(words) for words in (*set_words(gap), *unseen_words(gap))]
-    blocks += [Text("Words of this page:"), Points(_TERMS)]
-    return Section("Verdict", blocks)
+    return Section("Verdict", [*gap_rows.verdict_blocks(view.gap), Text("Words of this page:"), Points(_TERMS)])
 
 
 def where_section(view: GapView) -> Section | None:
@@ -148,7 +84,7 @@ def where_section(view: GapView) -> Section | None:
         return None
     row = view.rows[0]
     name = view.row_name(row)
-    words = where_words(view.gap.where, view.sensor_count)
+    words = gap_rows.where_words(view.gap.where, view.sensor_count)
     found = f"The gap lies in: {words}." if view.gap.where.sensors else "No place stands out."
     band = "" if view.gap.where.frequency_hz is None else "; the band that holds the gap is shaded"
     blocks: list[Block] = [
@@ -186,28 +122,16 @@ def causes_section(view: GapView) -> Section | None:
     gap = view.gap
     if gap.verdict == "not_identifiable":
         return None
-    blocks: list[Block] = [
-        *figure_blocks(
-            plot_evidence(gap),
-            "What can be the cause",
-            "the probability of each cause, of no gap at all, and of a cause that is not in the library; what the data "
-            "support is blue.",
-            "“no gap” would have the longest bar.",
-        )
-    ]
+    blocks = figure_blocks(
+        plot_evidence(gap),
+        "What can be the cause",
+        "the probability of each cause, of no gap at all, and of a cause that is not in the library; what the data "
+        "support is blue.",
+        "“no gap” would have the longest bar.",
+    )
     if not gap.causes:
         return Section("Causes", [Text("No effect of the library is supported by these data."), *blocks])
-    blocks.append(Table(CAUSES_HEADER, [cause_row(cause, view.sensor_count) for cause in gap.causes], numeric=False))
-    for cause in gap.causes:
-        effect = effect_named(cause.fitted.effect)
-        blocks.append(Text(f"{cause.fitted.effect}: {effect.title}. {effect.physics}"))
-        where = place(cause.sensors, cause.axes, view.sensor_count)
-        if rows := parameter_rows(cause):
-            header = ["parameter", "value ± standard error", "unit"]
-            blocks.append(Table(header, rows, f"{cause.fitted.effect}: {where}", numeric=False))
-        if words := cause_words(cause):
-            blocks.append(Points(words))
-    return Section("Causes, ranked", blocks)
+    return Section("Causes, ranked", [*blocks, *gap_rows.cause_blocks(gap, view.sensor_count)])
 
 
 def shrinkage_section(view: GapView) -> Section | None:
@@ -216,13 +140,6 @@ def shrinkage_section(view: GapView) -> Section | None:
     if gap.verdict == "not_identifiable":
         return None
     blocks: list[Block] = []
-    if gap.causes:
-        blocks += figure_blocks(
-            plot_shares(gap),
-            "What each cause takes away",
-            "the energy of the gap above the noise, out of sample, and each cause's part of it, whatever their order.",
-            "there would be nothing to take away. Causes that are not the true ones leave a tall bar on the right.",
-        )
     shaded = "" if gap.where.time_s is None else "; the span that holds the gap is shaded"
     for row in view.rows:
         blocks += figure_blocks(
@@ -245,11 +162,8 @@ def considered_section(view: GapView) -> Section | None:
     others = [each for each in view.gap.considered if each.status != "supported"]
     if not others:
         return None
-    blocks: list[Block] = [
-        Text("These were tried, or could not be, and are no cause as far as these data tell."),
-        Table(CONSIDERED_HEADER, [considered_row(each) for each in others], numeric=False),
-    ]
-    return Section("What explained nothing", blocks)
+    words = Text("These were tried, or could not be, and are no cause as far as these data tell.")
+    return Section("What explained nothing", [words, gap_rows.hypotheses(others)])
 
 
 def next_recording_section(view: GapView) -> Section | None:

@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
 from tam_calibration.model.units import FloatArray, to_nanotesla
-from tam_calibration.report.formatting import number, ratio
-from tam_calibration.report.gap_view import GapView, State
-from tam_calibration.report.recording_plots import draw_series, time_axis
+from tam_calibration.report.formatting import ratio
+from tam_calibration.report.gap_cause_plots import GapView, State
+from tam_calibration.report.recording_plots import Panel, draw_over_time
 from tam_calibration.report.style import BEFORE_COLOR, FLOOR_COLOR, MISSING_COLOR, PAGE_WIDTH_INCH, STYLE
 
 _SHADES = LinearSegmentedColormap.from_list("gap", ["#f4f6f8", BEFORE_COLOR, "#5a2f06"])
@@ -63,21 +63,13 @@ def plot_time(view: GapView, row: int) -> Figure:
     """
     residue, where = view.gap.residue, view.gap.where
     figure = Figure(figsize=(PAGE_WIDTH_INCH, 4.2), layout="constrained")
-    panels = figure.subplots(len(view.states), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
-    elapsed = residue.time_s - residue.time_s[0]
-    unit, seconds = time_axis(float(elapsed[-1]))
     floor = to_nanotesla(float(residue.floor_T[row]))
-    for axes, state in zip(panels, view.states, strict=True):
-        draw_series(axes, elapsed / seconds, to_nanotesla(state.rows_T[:, row]), state.color)
-        axes.hlines([-floor, floor], 0, elapsed[-1] / seconds, FLOOR_COLOR, "dashed", linewidth=0.8)
-        if where.time_s is not None:
-            span = (np.array(where.time_s) - residue.time_s[0]) / seconds
+    panels = [Panel(state.name, to_nanotesla(state.rows_T[:, row]), floor, state.color) for state in view.states]
+    seconds = draw_over_time(figure, residue.time_s, panels, "nT")
+    if where.time_s is not None:
+        span = (np.array(where.time_s) - residue.time_s[0]) / seconds
+        for axes in figure.axes:
             axes.axvspan(*span, color=MISSING_COLOR, alpha=0.2, linewidth=0)
-        axes.set_title(state.name, loc="left", color=state.color)
-        axes.set_title(f"RMS {number(float(state.ratio[row]))} × floor", loc="right", fontsize=8)
-        axes.margins(x=0.01)
-    panels[-1].set_xlabel(f"time from the first sample ({unit})")
-    figure.supylabel(f"residual of {view.row_name(row)} (nT)")
     return figure
 
 

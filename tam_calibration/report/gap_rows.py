@@ -1,20 +1,66 @@
-"""A gap as rows of text and sentences, for the page and for the terminal."""
+"""A gap as paragraphs, tables and sentences, for the page and for the terminal."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from tam_calibration.effects.effect import Sized
-from tam_calibration.files.results_json import numbers_of
+from tam_calibration.effects.library import effect_named
 from tam_calibration.gap.floor import Floor
 from tam_calibration.gap.result import Cause, Considered, Gap, Size, Where
 from tam_calibration.gap.surrogates import SurrogateTest
 from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.units import for_people, to_nanotesla
-from tam_calibration.report.formatting import count, fixed, join, number, with_error
+from tam_calibration.report.blocks import Block, Points, Table, Text
+from tam_calibration.report.formatting import count, fixed, join, number, sentence, with_error
+from tam_calibration.results.results_json import numbers_of
 
 if TYPE_CHECKING:
     from tam_calibration.comparison.result import Closing
+
+
+def verdict_blocks(gap: Gap) -> list[Block]:
+    """Return whether there is a gap, how large it is, and which part of it is explained."""
+    emphasis = "good" if gap.verdict in ("no_gap", "explained") else "doubt"
+    blocks: list[Block] = [*(Text(remark, "doubt") for remark in gap.remarks), Text(gap.headline, emphasis)]
+    if gap.verdict != "not_identifiable":
+        blocks.append(_size_table(gap.size))
+    if gap.floor is not None:
+        blocks.append(_noise_table(gap.floor))
+    if gap.causes:
+        blocks.append(Text(sentence(closed_words(gap.size))))
+    if gap.remainder:
+        blocks.append(Text(f"What no cause explains: {gap.remainder}", "doubt"))
+    return blocks + [Text(words) for words in (*set_words(gap), *unseen_words(gap))]
+
+
+def cause_blocks(gap: Gap, sensor_count: int) -> list[Block]:
+    """Return the causes, ranked, with their parameters, the first block a table of all.
+
+    Parameters
+    ----------
+    gap : Gap
+        With a cause at least.
+    sensor_count : int
+        Number of sensors of the array.
+    """
+    rows = [_cause_row(cause, sensor_count) for cause in gap.causes]
+    blocks: list[Block] = [Table(_CAUSES_HEADER, rows, numeric=False)]
+    for cause in gap.causes:
+        effect = effect_named(cause.fitted.effect)
+        blocks.append(Text(f"{cause.fitted.effect}: {effect.title}. {effect.physics}"))
+        if rows := number_rows(cause.fitted, cause.units):
+            where = place(cause.sensors, cause.axes, sensor_count)
+            header = ("parameter", "value ± standard error", "unit")
+            blocks.append(Table(header, rows, f"{cause.fitted.effect}: {where}", numeric=False))
+        if words := cause_words(cause):
+            blocks.append(Points(words))
+    return blocks
+
+
+def hypotheses(considered: Iterable[Considered]) -> Points:
+    """Return what became of each effect that was tried, or could not be."""
+    return Points([f"{each.effect}: {each.status.replace('_', ' ')}, {each.why}" for each in considered])
 
 
 def cause_words(cause: Cause) -> list[str]:
@@ -63,16 +109,10 @@ def unseen_words(gap: Gap) -> list[str]:
     return [words]
 
 
-SIZE_HEADER = ("size of the gap, out of sample", "before", "after its causes are added", "noise floor")
-
-NOISE_HEADER = ("noise of", "x (nT)", "y (nT)", "z (nT)", "stated (nT)", "alike from sample to sample")
-
-CAUSES_HEADER = ("cause", "where", "probability", "share", "explains out of sample", "ΔBIC", "cannot be told from")
-
-CONSIDERED_HEADER = ("effect", "status", "why", "ΔBIC")
+_CAUSES_HEADER = ("cause", "where", "probability", "share", "explains out of sample", "ΔBIC", "cannot be told from")
 
 
-def size_rows(size: Size) -> list[list[str]]:
+def _size_table(size: Size) -> Table:
     """Return the size before and after, in noise floors, nT and nT/m."""
     rows = [
         ["in noise floors", number(size.before), number(size.after), "1"],
@@ -84,10 +124,10 @@ def size_rows(size: Size) -> list[list[str]]:
     if math.isfinite(size.before_T_per_m):
         gradients = (number(to_nanotesla(value)) for value in (size.before_T_per_m, size.after_T_per_m))
         rows.append(["gradient tensor (nT/m)", *gradients, ""])
-    return rows
+    return Table(("size of the gap, out of sample", "before", "after its causes are added", "noise floor"), rows)
 
 
-def noise_rows(floor: Floor) -> list[list[str]]:
+def _noise_table(floor: Floor) -> Table:
     """Return the noise of each sensor's axes from differences, as stated, and its lag-1 correlation."""
     level, stated = to_nanotesla(floor.level_T), to_nanotesla(floor.stated_T)
     rows = [
@@ -101,7 +141,7 @@ def noise_rows(floor: Floor) -> list[list[str]]:
     ]
     if math.isfinite(level[-1]):
         rows.append(["scalar", _known(level[-1]), "", "", _known(stated[-1]), _known(floor.colour[-1])])
-    return rows
+    return Table(("noise of", "x (nT)", "y (nT)", "z (nT)", "stated (nT)", "alike from sample to sample"), rows)
 
 
 def _known(value: float) -> str:
@@ -158,8 +198,8 @@ def place(sensors: Sequence[int | str], axes: Sequence[str], sensor_count: int) 
     return join(names) + some_axes
 
 
-def cause_row(cause: Cause, sensor_count: int) -> list[str]:
-    """Return the evidence for a cause in the order of ``CAUSES_HEADER``.
+def _cause_row(cause: Cause, sensor_count: int) -> list[str]:
+    """Return the evidence for a cause in the order of ``_CAUSES_HEADER``.
 
     Parameters
     ----------
@@ -179,11 +219,6 @@ def cause_row(cause: Cause, sensor_count: int) -> list[str]:
     ]
 
 
-def parameter_rows(cause: Cause) -> list[list[str]]:
-    """Return name, value ± standard error and unit of each parameter."""
-    return number_rows(cause.fitted, cause.units)
-
-
 def number_rows(fitted: FittedEffect, units: Mapping[str, str]) -> list[list[str]]:
     """Return name, value ± standard error and unit of each number of an effect.
 
@@ -199,12 +234,6 @@ def number_rows(fitted: FittedEffect, units: Mapping[str, str]) -> list[list[str
         [name, _with_error(parameter["value"], parameter["standard_error"]), parameter["unit"]]
         for name, parameter in numbers_of(fitted, units).items()
     ]
-
-
-def considered_row(considered: Considered) -> list[str]:
-    """Return the status of a hypothesis in the order of ``CONSIDERED_HEADER``."""
-    evidence = "" if considered.delta_bic is None else fixed(considered.delta_bic, 0)
-    return [considered.effect, considered.status.replace("_", " "), considered.why, evidence]
 
 
 def percent(part: float) -> str:

@@ -9,96 +9,19 @@ Jinja2 writes it because it escapes every text by itself, so that no file name c
 import base64
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import ClassVar, TypeVar
+from typing import TypeVar
 
 import matplotlib
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
-from tam_calibration.files import write_whole
+from tam_calibration.files.text_files import write_whole
+from tam_calibration.report.blocks import Block, Image, Points, Section
 
 About = TypeVar("About")
 _RASTER_DPI = 200
-
-
-@dataclass(frozen=True)
-class Text:
-    """A paragraph; ``emphasis`` names how it is set: "", "good" or "doubt" for a verdict."""
-
-    text: str
-    emphasis: str = ""
-    kind: ClassVar[str] = "text"
-
-
-@dataclass(frozen=True)
-class Points:
-    """A list of points."""
-
-    points: Sequence[str]
-    kind: ClassVar[str] = "points"
-
-
-@dataclass(frozen=True)
-class Formula:
-    """Lines of a formula, set apart and as they are."""
-
-    lines: Sequence[str]
-    kind: ClassVar[str] = "formula"
-
-
-@dataclass(frozen=True)
-class Code:
-    """Text to copy into a file or a terminal: one click selects all of it."""
-
-    text: str
-    caption: str
-    kind: ClassVar[str] = "code"
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table, with a header where it is not empty; the first cell of each row is its head.
-
-    ``numeric`` aligns the other cells right.
-    """
-
-    header: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    caption: str = ""
-    numeric: bool = True
-    kind: ClassVar[str] = "table"
-
-
-@dataclass(frozen=True)
-class Image:
-    """A picture as a data URI, with the words that stand for it and those under it."""
-
-    source: str
-    alternative: str
-    caption: str
-    kind: ClassVar[str] = "image"
-
-
-@dataclass(frozen=True)
-class Gallery:
-    """Pictures side by side where the page is wide enough."""
-
-    images: Sequence[Image]
-    kind: ClassVar[str] = "gallery"
-
-
-Block = Text | Points | Formula | Code | Table | Image | Gallery
-
-
-@dataclass(frozen=True)
-class Section:
-    """A titled part of a page."""
-
-    title: str
-    blocks: Sequence[Block]
 
 
 def sections_of(makers: Sequence[Callable[[About], Section | None]], about: About) -> list[Section]:
@@ -153,13 +76,9 @@ def render(title: str, subtitle: str, sections: Sequence[Section]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["keep_units"] = _keep_units
+    # Numbers and their units stay together at the ends of lines.
+    environment.filters["keep_units"] = lambda text: re.sub(r"(\d) (nT|×|%)", "\\1\N{NO-BREAK SPACE}\\2", text)
     return environment.get_template("page.html").render(title=title, subtitle=subtitle, sections=sections)
-
-
-def _keep_units(text: str) -> str:
-    """Hold numbers and their units together at the ends of lines."""
-    return re.sub(r"(\d) (nT|×|%)", "\\1\N{NO-BREAK SPACE}\\2", text)
 
 
 def figure_blocks(figure: Figure, title: str, seen: str, otherwise: str) -> Sequence[Block]:

@@ -7,7 +7,7 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap, ListedColormap, LogNorm, to_rgb
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 
@@ -38,6 +38,12 @@ def plot_coverage(coverage: Coverage) -> Figure:
     Left of the array (+y) is left of the map; cells without a sample stand out.
     """
     figure = Figure(figsize=(1.3 * WIDTH_INCH, 3.8), layout="constrained")
+    draw_coverage(figure, coverage)
+    return figure
+
+
+def draw_coverage(figure: FigureBase, coverage: Coverage) -> None:
+    """Draw what ``plot_coverage`` does into a figure, or a part of one."""
     axes = figure.add_subplot(projection="hammer")
     longitude, latitude, cell = cells_on_map()
     samples = coverage.counts[cell]
@@ -51,7 +57,6 @@ def plot_coverage(coverage: Coverage) -> Figure:
     figure.colorbar(mesh, ax=axes, location="bottom", shrink=0.5, aspect=30, label="samples in a cell", format="%d")
     key = [Patch(color=MISSING_COLOR, label="no sample")]
     axes.legend(handles=key, loc="upper right", bbox_to_anchor=(1.02, 1.05), frameon=False)
-    return figure
 
 
 def cells_on_map() -> tuple[FloatArray, FloatArray, np.ndarray]:
@@ -96,6 +101,7 @@ class Panel:
     name: str
     values: FloatArray
     floor: float
+    color: str = AFTER_COLOR
 
     @property
     def known(self) -> FloatArray:
@@ -117,7 +123,7 @@ def thinning_note(sample_count: int) -> str:
 
 
 @matplotlib.rc_context(STYLE)
-def plot_over_time(time_s: FloatArray, panels: Sequence[Panel], unit: str, color: str) -> Figure:
+def plot_over_time(time_s: FloatArray, panels: Sequence[Panel], unit: str) -> Figure:
     """Draw residuals over time, one row a panel on common axes, with dashed lines at ± the noise floor.
 
     Parameters
@@ -128,22 +134,31 @@ def plot_over_time(time_s: FloatArray, panels: Sequence[Panel], unit: str, color
         Residuals with their noise floors.
     unit : str
         Unit of all residuals.
-    color : str
-        Of the residuals, as matplotlib names it.
     """
-    figure = Figure(figsize=(WIDTH_INCH, 0.75 + 0.95 * len(panels)), layout="constrained")
+    figure = Figure(figsize=(WIDTH_INCH, height_inch(panels)), layout="constrained")
+    draw_over_time(figure, time_s, panels, unit)
+    return figure
+
+
+def height_inch(panels: Sequence[Panel]) -> float:
+    """Return the height of ``plot_over_time`` with these panels, inches."""
+    return 0.75 + 0.95 * len(panels)
+
+
+def draw_over_time(figure: FigureBase, time_s: FloatArray, panels: Sequence[Panel], unit: str) -> float:
+    """Draw what ``plot_over_time`` does into a figure, or a part of one; return the seconds of a unit of its time."""
     rows = figure.subplots(len(panels), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
     elapsed = time_s - time_s[0]
     time_unit, seconds = time_axis(float(elapsed[-1]))
     for axes, panel in zip(rows, panels, strict=True):
-        draw_series(axes, elapsed / seconds, panel.values, color)
+        draw_series(axes, elapsed / seconds, panel.values, panel.color)
         axes.hlines([-panel.floor, panel.floor], 0, elapsed[-1] / seconds, FLOOR_COLOR, "dashed", linewidth=0.8)
-        axes.set_title(panel.name, loc="left")
+        axes.set_title(panel.name, loc="left", color=panel.color)
         axes.set_title(f"RMS {number(panel.root_mean_square)} {unit}", loc="right")
         axes.margins(x=0.01)
     rows[-1].set_xlabel(f"time from the first sample ({time_unit})")
     figure.supylabel(f"residual ({unit})")
-    return figure
+    return seconds
 
 
 @matplotlib.rc_context(STYLE)
@@ -225,7 +240,7 @@ COMPONENT_NAMES = tuple(OUTPUT_NAMES[output][1:] for output in TENSOR_OUTPUTS)
 """Names of the independent tensor components: xx, xy, xz, yy, yz."""
 
 
-def intensity_panels(series: ResidualSeries, floor: Residuals) -> list[Panel]:
+def intensity_panels(series: ResidualSeries, floor: Residuals, color: str = AFTER_COLOR) -> list[Panel]:
     """Return a panel of |B| − reference, nT, for each sensor and, of more than one, for their centre.
 
     Parameters
@@ -234,18 +249,21 @@ def intensity_panels(series: ResidualSeries, floor: Residuals) -> list[Panel]:
         Residuals of N samples of K sensors.
     floor : Residuals
         Their root mean squares from noise alone.
+    color : str, optional
+        As matplotlib names it.
     """
     sensors = zip(series.sensor_intensity_T.T, floor.sensor_intensity_T, strict=True)
     panels = [
-        Panel(f"sensor {i + 1}", to_nanotesla(values), to_nanotesla(float(noise)))
+        Panel(f"sensor {i + 1}", to_nanotesla(values), to_nanotesla(float(noise)), color)
         for i, (values, noise) in enumerate(sensors)
     ]
     if len(panels) > 1:
-        panels.append(Panel("centre", to_nanotesla(series.center_intensity_T), to_nanotesla(floor.center_intensity_T)))
+        center = to_nanotesla(series.center_intensity_T), to_nanotesla(floor.center_intensity_T)
+        panels.append(Panel("centre", *center, color))
     return panels
 
 
-def tensor_panels(series: ResidualSeries, floor: Residuals) -> list[Panel]:
+def tensor_panels(series: ResidualSeries, floor: Residuals, color: str = AFTER_COLOR) -> list[Panel]:
     """Return a panel for each independent component of the gradient tensor, nT/m.
 
     Parameters
@@ -254,6 +272,8 @@ def tensor_panels(series: ResidualSeries, floor: Residuals) -> list[Panel]:
         Residuals of N samples.
     floor : Residuals
         Their root mean squares from noise alone.
+    color : str, optional
+        As matplotlib names it.
     """
     components = zip(COMPONENT_NAMES, series.tensor_T_per_m.T, floor.tensor_T_per_m, strict=True)
-    return [Panel(name, to_nanotesla(values), to_nanotesla(float(noise))) for name, values, noise in components]
+    return [Panel(name, to_nanotesla(values), to_nanotesla(float(noise)), color) for name, values, noise in components]

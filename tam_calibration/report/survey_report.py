@@ -1,33 +1,158 @@
-"""The page on where a source is."""
+"""The page on where a source is: maps in plan and profile with error ellipses, and the spectrum of an alternation."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
-from tam_calibration.localization.survey import Survey
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse
+
+from tam_calibration.localization.survey import ARRAY_FRAME, Survey
+from tam_calibration.model.units import FloatArray, to_degrees
+from tam_calibration.report.blocks import Points, Section
 from tam_calibration.report.formatting import count, fixed
-from tam_calibration.report.page import Block, Points, Section, Table, embed, sections_of, write_page
-from tam_calibration.report.survey_plots import plot_source_spectrum, plot_survey_map
-from tam_calibration.report.survey_rows import HEADER, MOST_ROWS, overall_rows, sample_rows, statements
+from tam_calibration.report.page import embed, sections_of, write_page
+from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR, FLOOR_COLOR, PAGE_WIDTH_INCH, QUIET_COLOR, STYLE
+from tam_calibration.report.survey_rows import sample_blocks, source_blocks, statements
+from tam_calibration.sources.demodulation import Spectrum
+
+_PANEL_INCH = 2.5
+"""Height of one row of views."""
+
+_VIEWS = (((0, 1), "plan"), ((0, 2), "profile"), ((1, 2), "profile"))
+_NAMES = {True: ("x, forward", "y, left", "z, up"), False: ("x", "y", "z")}
+_NINETY_FIVE = np.sqrt(5.991)
+"""Half axis, in standard deviations, of an ellipse that holds 95 %: χ² with two degrees of freedom."""
+_MOST_ELLIPSES = 40
+"""More cover one another."""
+
+_REACH = 8.0
+"""Half width of the magnified views in half axes of the ellipse of all samples."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Window:
+    """What is shown: a square about a point, in metres from the frame's origin or in millimetres from the point."""
+
+    middle_m: FloatArray
+    half_m: float
+    is_magnified: bool = False
+
+    @property
+    def unit(self) -> str:
+        """Of the axes."""
+        return "mm from the source" if self.is_magnified else "m"
+
+    def shown(self, points_m: FloatArray) -> FloatArray:
+        """Return points (…, 3) as they are drawn."""
+        return 1e3 * (points_m - self.middle_m) if self.is_magnified else points_m
+
+    def scaled(self, lengths_m: FloatArray) -> FloatArray:
+        """Return lengths as they are drawn."""
+        return 1e3 * lengths_m if self.is_magnified else lengths_m
+
+
+@matplotlib.rc_context(STYLE)
+def plot_survey_map(survey: Survey) -> Figure:
+    """Draw sources and array from above and from two sides, with ellipses that hold 95 %; magnified below."""
+    windows = _windows(survey)
+    figure = Figure(figsize=(PAGE_WIDTH_INCH, 0.6 + _PANEL_INCH * len(windows)), layout="constrained")
+    names = _NAMES[survey.frame == ARRAY_FRAME]
+    panels = figure.subplots(len(windows), len(_VIEWS), squeeze=False)
+    for row, window in zip(panels, windows, strict=True):
+        for axes, (view, title) in zip(row, _VIEWS, strict=True):
+            across, up = (names[axis] for axis in view)
+            _draw_view(axes, survey, list(view), window)
+            axes.set_title(f"{title}, {across[0]} and {up[0]}", loc="left")
+            axes.set(xlabel=f"{across} ({window.unit})", ylabel=f"{up} ({window.unit})", aspect="equal")
+    handles = panels[0, 0].get_legend_handles_labels()
+    figure.legend(*handles, loc="outside lower center", ncols=len(handles[0]), frameon=False, fontsize=8)
+    return figure
+
+
+@matplotlib.rc_context(STYLE)
+def plot_source_spectrum(spectrum: Spectrum, frequency_hz: float) -> Figure:
+    """Draw the power of all readings over that of their noise; the frequency that was demodulated is marked.
+
+    Parameters
+    ----------
+    spectrum : Spectrum
+        Frequencies, hertz, power over that of noise, and the threshold that chance reaches.
+    frequency_hz : float
+        Frequency of the source, hertz.
+    """
+    figure = Figure(figsize=(PAGE_WIDTH_INCH, 2.6), layout="constrained")
+    axes = figure.subplots()
+    axes.plot(spectrum.frequency_hz, spectrum.power, color=AFTER_COLOR, linewidth=0.7, rasterized=True)
+    axes.axhline(spectrum.threshold, color=FLOOR_COLOR, linestyle="--", linewidth=0.8, label="what chance reaches")
+    axes.axvline(frequency_hz, color=BEFORE_COLOR, alpha=0.4, linewidth=4, zorder=0, label="the source")
+    axes.set(yscale="log", xlabel="frequency (Hz)", ylabel="power over that of noise")
+    axes.set_ylim(bottom=0.1)
+    axes.legend(frameon=False, fontsize=8)
+    return figure
+
+
+def _draw_view(axes: Axes, survey: Survey, pair: list[int], window: _Window) -> None:
+    solutions, center = survey.solutions, window.shown(survey.center_m)
+    axes.plot(
+        *center[:, pair].T, color=FLOOR_COLOR, linewidth=1.0, marker="" if len(center) > 1 and np.ptp(center) else "+"
+    )
+    axes.plot([], [], color=FLOOR_COLOR, marker="+", label="the array")
+    located = np.flatnonzero(solutions.is_located)
+    points = window.shown(solutions.position_m)
+    axes.plot(*points[located][:, pair].T, ".", color=QUIET_COLOR, markersize=3, label="source of one sample")
+    for index in located[:: max(1, len(located) // _MOST_ELLIPSES)]:
+        spread = solutions.position_covariance_m2[index][np.ix_(pair, pair)]
+        axes.add_patch(_ellipse(points[index, pair], spread, window, QUIET_COLOR, 0.4))
+    if (overall := survey.overall) is not None:
+        place = window.shown(overall.position_m)[pair]
+        axes.plot(*place, "x", color=BEFORE_COLOR, label="source of all together")
+        spread = overall.position_covariance_m2[np.ix_(pair, pair)]
+        axes.add_patch(_ellipse(place, spread, window, BEFORE_COLOR, 1.4))
+    middle, half = window.shown(window.middle_m)[pair], float(window.scaled(np.array(window.half_m)))
+    axes.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half))
+
+
+def _windows(survey: Survey) -> list[_Window]:
+    """Return the array with the source, and the ellipses magnified where there is one source of all samples.
+
+    Without one the view leaves out the worst fifth of the sources.
+    """
+    overall, located = survey.overall, survey.solutions.position_m[survey.solutions.is_located]
+    if overall is None:
+        points = np.concatenate([survey.center_m, np.percentile(located, (10, 90), axis=0)])
+        low, high = points.min(axis=0), points.max(axis=0)
+        return [_Window((low + high) / 2, 0.6 * float((high - low).max()))]
+    distances = np.linalg.norm(survey.center_m - overall.position_m, axis=1)
+    nearest = survey.center_m[distances.argmin()]
+    axis = _NINETY_FIVE * float(np.sqrt(np.linalg.eigvalsh(overall.position_covariance_m2)[-1]))
+    return [
+        _Window((nearest + overall.position_m) / 2, 0.8 * float(distances.min())),
+        _Window(overall.position_m, _REACH * axis, is_magnified=True),
+    ]
+
+
+def _ellipse(center: FloatArray, covariance: FloatArray, window: _Window, color: str, width: float) -> Ellipse:
+    values, vectors = np.linalg.eigh(covariance)
+    axis = vectors[:, 1]
+    angle = to_degrees(float(np.arctan2(axis[1], axis[0])))
+    size = window.scaled(2 * _NINETY_FIVE * np.sqrt(np.maximum(values, 0)))
+    return Ellipse((center[0], center[1]), size[1], size[0], angle=angle, fill=False, edgecolor=color, linewidth=width)
+
 
 _MAP = "The source in plan and in profile, with ellipses that hold 95 %; the array, or its track, for scale. "
 _MAGNIFIED = "Below, magnified, the source of all samples together among those of single samples."
 _SPECTRUM = "Power of all readings over that of their noise, background taken off; dashed what chance reaches."
-_SAMPLES = f"Position ± standard error of samples by themselves; of more than {MOST_ROWS} some from first to last."
 
 
 def where_section(survey: Survey) -> Section:
     """Return the map of the source, and where it is in numbers and words."""
-    blocks: list[Block] = []
-    if survey.overall is not None:
-        for number, one in enumerate((survey.overall, *survey.further), 1):
-            which = f"Source {number}" if survey.further else "The source"
-            words = f"{which} of all samples together ± standard errors."
-            blocks.append(Table(["", "x", "y", "z", "size"], overall_rows(one), words))
-    elif len(survey.time_s) == 1:
-        blocks.append(Table(HEADER, sample_rows(survey), "The source ± standard errors."))
     caption = _MAP if survey.overall is None else _MAP + _MAGNIFIED
     picture = embed(plot_survey_map(survey), "Map of the source in plan and profile", caption)
-    return Section("Where the source is", [*blocks, picture, Points(statements(survey))])
+    return Section("Where the source is", [*source_blocks(survey), picture, Points(statements(survey))])
 
 
 def spectrum_section(survey: Survey) -> Section | None:
@@ -41,8 +166,8 @@ def spectrum_section(survey: Survey) -> Section | None:
 
 def samples_section(survey: Survey) -> Section | None:
     """Return where single samples see the source."""
-    rows = sample_rows(survey)
-    return Section("Samples", [Table(HEADER, rows, _SAMPLES)]) if rows else None
+    blocks = sample_blocks(survey)
+    return Section("Samples", blocks) if blocks else None
 
 
 SECTIONS: tuple[Callable[[Survey], Section | None], ...] = (where_section, spectrum_section, samples_section)

@@ -2,14 +2,33 @@
 
 import numpy as np
 
-from tam_calibration.localization.solutions import Status
 from tam_calibration.localization.survey import Overall, Survey, Track, standard_errors
 from tam_calibration.model.units import FloatArray, to_nanotesla
+from tam_calibration.report.blocks import Block, Table
 from tam_calibration.report.formatting import count, number, with_error
 
-HEADER = ("time (s)", "x (m)", "y (m)", "z (m)", "distance (m)", "moment (A m²)")
 MOST_ROWS = 20
 """Samples that are shown; of more, some from the first to the last."""
+
+
+_SAMPLES = f"Position ± standard error of samples by themselves; of more than {MOST_ROWS} some from first to last."
+
+
+def source_blocks(survey: Survey) -> list[Block]:
+    """Return where the source of all samples is, one table for each source; empty where there is none."""
+    sources = () if survey.overall is None else (survey.overall, *survey.further)
+    names = ["The source"] if len(sources) == 1 else [f"Source {number}" for number in range(1, len(sources) + 1)]
+    return [
+        Table(("", "x", "y", "z", "size"), overall_rows(one), f"{name} of all samples together ± standard errors.")
+        for name, one in zip(names, sources, strict=True)
+    ]
+
+
+def sample_blocks(survey: Survey) -> list[Block]:
+    """Return where single samples see the source; empty where none does."""
+    header = ("time (s)", "x (m)", "y (m)", "z (m)", "distance (m)", "moment (A m²)")
+    rows = sample_rows(survey)
+    return [Table(header, rows, _SAMPLES)] if rows else []
 
 
 def sample_rows(survey: Survey) -> list[list[str]]:
@@ -46,9 +65,9 @@ def statements(survey: Survey) -> list[str]:
     if survey.line is not None:
         error = survey.line.standard_error_hz
         stated = "as stated" if np.isnan(error) else "found"
-        words.append(
-            f"Frequency: {_frequency(survey.line.frequency_hz, error)} Hz, {stated}; amplitudes are peak values."
-        )
+        hertz = survey.line.frequency_hz
+        told = number(hertz, 6) if np.isnan(error) else with_error(hertz, error, 4)
+        words.append(f"Frequency: {told} Hz, {stated}; amplitudes are peak values.")
     if survey.regional_T is not None:
         field = ", ".join(number(float(value), 6) for value in to_nanotesla(survey.regional_T))
         words.append(f"Regional field taken off, in the world: {field} nT.")
@@ -60,7 +79,7 @@ def statements(survey: Survey) -> list[str]:
     words += [survey.note] * bool(survey.note)
     located, total = int(survey.solutions.is_located.sum()), len(survey.time_s)
     words.append(f"{count(located)} of {count(total)} located.")
-    words += [_refusal(status, times) for status, times in survey.refusals.most_common()]
+    words += [f"{count(times)} refused: {status.reason}." for status, times in survey.refusals.most_common()]
     return words
 
 
@@ -82,14 +101,6 @@ def _of_track(track: Track) -> list[str]:
             f"The residuals are larger than the stated noise, or slow: standard errors are widened by {factor:.2f}."
         )
     return words
-
-
-def _refusal(status: Status, times: int) -> str:
-    return f"{count(times)} refused: {status.reason}."
-
-
-def _frequency(frequency_hz: float, error: float) -> str:
-    return number(frequency_hz, 6) if np.isnan(error) else with_error(frequency_hz, error, 4)
 
 
 def _values(values: FloatArray, errors: FloatArray) -> list[str]:

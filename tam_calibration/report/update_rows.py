@@ -8,6 +8,7 @@ from tam_calibration.correction.update import Moved, Update, in_words
 from tam_calibration.model.change_rates import DAY_S
 from tam_calibration.model.sensor_errors import PARAMETER_NAMES
 from tam_calibration.model.units import to_degrees, to_nanotesla
+from tam_calibration.report.blocks import Block, Table, Text
 from tam_calibration.report.formatting import join, number, with_error
 
 _UNITS = {
@@ -38,12 +39,22 @@ def update_sentences(update: Update) -> list[str]:
     ]
 
 
-def share_rows(update: Update) -> list[list[str]]:
-    """Return a row for each parameter: its name, then the share of the data in what is known of it, by sensor."""
-    return [
+_SHARES = (
+    "Share of the recording in what is known of each parameter; the rest is that of the prior: one less the ratio of "
+    "the variances after and before."
+)
+
+
+def update_blocks(update: Update) -> list[Block]:
+    """Return where the prior came from, what moved since, and what the data tell of each parameter."""
+    first, *others = update_sentences(update)
+    rows = [
         [name, *("–" if np.isnan(share) else f"{100 * share:.0f} %" for share in update.data_share[:, index].tolist())]
         for index, name in enumerate(PARAMETER_NAMES)
     ]
+    sensors = [f"sensor {sensor + 1}" for sensor in range(len(update.data_share))]
+    told = [Text(words, "doubt" if update.moved else "good") for words in others]
+    return [Text(first), *told, Table(["parameter", *sensors], rows, _SHARES)]
 
 
 def age_in_words(elapsed_s: float | None) -> str:

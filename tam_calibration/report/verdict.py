@@ -75,15 +75,14 @@ def _headline(calibration: Calibration) -> str:
     has_gradient = calibration.array.has_gradient
     name, unit = ("Tensor error", "nT/m") if has_gradient else ("|B| error", "nT")
     residuals = (calibration.before, best_evidence(calibration), calibration.floor)
-    before, after, floor = (to_nanotesla(_overall(each, has_gradient)) for each in residuals)
+    before, after, floor = (
+        to_nanotesla(each.tensor_rmse_T_per_m if has_gradient else float(np.sqrt(np.mean(each.sensor_intensity_T**2))))
+        for each in residuals
+    )
     verb = "falls" if after < before else "rises"
     origin = ", which was estimated from the same recording" if calibration.noise_is_estimated else ""
     change = f"{name} {verb} from {number(before)} to {number(after)} {unit}"
     return f"{change}, {ratio(after / floor)} × the noise floor{origin}"
-
-
-def _overall(residuals: Residuals, has_gradient: bool) -> float:
-    return residuals.tensor_rmse_T_per_m if has_gradient else float(np.sqrt(np.mean(residuals.sensor_intensity_T**2)))
 
 
 def _conclusion(calibration: Calibration, doubts: tuple[Doubt, ...]) -> str:

@@ -50,8 +50,7 @@ class RandomAttitudes:
             Draws the attitudes.
         """
         quaternion = generator.standard_normal((len(time_s), 4))
-        unit: FloatArray = quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
-        return unit
+        return np.asarray(quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True))
 
 
 @dataclass(frozen=True)
@@ -146,8 +145,7 @@ class Tumble:
         from scipy.spatial.transform import Rotation
 
         rates = self.turn_rate / _GOLDEN_RATIO ** np.arange(3)
-        quaternions: FloatArray = Rotation.from_euler("XYZ", np.outer(time_s, rates)).as_quat()
-        return quaternions
+        return np.asarray(Rotation.from_euler("XYZ", np.outer(time_s, rates)).as_quat())
 
 
 @dataclass(frozen=True)
@@ -198,5 +196,4 @@ def _from_angles(angles: FloatArray) -> FloatArray:
     """Return the quaternions of Rz Ry Rx of angles (N, 3) about x, y, z, radians."""
     from scipy.spatial.transform import Rotation
 
-    quaternions: FloatArray = Rotation.from_euler("xyz", angles).as_quat()
-    return quaternions
+    return np.asarray(Rotation.from_euler("xyz", angles).as_quat())

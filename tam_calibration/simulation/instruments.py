@@ -143,5 +143,4 @@ class AttitudeChannel:
         from scipy.spatial.transform import Rotation
 
         error = Rotation.from_rotvec(generator.normal(0, self.noise, (len(attitude), 3)))
-        reported: FloatArray = (Rotation.from_quat(attitude) * error).as_quat()
-        return reported
+        return np.asarray((Rotation.from_quat(attitude) * error).as_quat())

@@ -1,4 +1,7 @@
-"""From a scenario to the recording that its array would have made, effects included, and the truth behind it."""
+"""From a scenario to the recording that its array would have made, effects included, and the truth behind it.
+
+The twin of a calibrated array is what it would have read on the run of a recording if the calibration were all.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,10 +19,123 @@ from tam_calibration.model.further_channels import is_further
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
-from tam_calibration.simulation.scenario import Scenario
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
+
+from collections.abc import Mapping
+from dataclasses import field, replace
+
+from numpy.typing import NDArray
+
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.effects.excess_variance import LARGEST_NOISE
+from tam_calibration.effects.removal import agreed_field, filled, removable
+from tam_calibration.model.array import Array
+from tam_calibration.model.further_channels import require_further
+from tam_calibration.simulation.attitude import Motion
+from tam_calibration.simulation.instruments import AttitudeChannel, Current, ScalarReference, Temperature
+from tam_calibration.simulation.sources import Drift
+from tam_calibration.sources.dipole import Dipole
+
+MOST_READINGS = 8_000_000
+"""Of a simulated run, all sensors together: they take some 1.5 GiB."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scenario:
+    """A run to simulate.
+
+    Parameters
+    ----------
+    array : Array
+        Geometry and noise; a noise that is None is not simulated.
+    errors : SensorErrors
+        Of the array's sensors.
+    site_field_T : (3,) array
+        Uniform field east, north, up, tesla.
+    motion : Motion
+        What turns the array.
+    sample_count : int
+        Number of samples N.
+    rate_hz : float
+        Samples per second.
+    seed : int
+        Of all random numbers.
+    drift : Drift, optional
+        Of the uniform field.
+    dipole : Dipole, optional
+        A magnetic object near the array.
+    scalar : ScalarReference, optional
+        The scalar magnetometer, where the array has it; None when there is none.
+    temperature, current, attitude : optional
+        Channels that are recorded beside the sensors.
+    site_gradient_T_per_m : (3, 3) array, optional
+        Gradient of the site's field, symmetric and trace-free, east, north, up, T/m.
+    effects : tuple of FittedEffect
+        Physical effects beyond the sensors' errors.
+    further : mapping of str to Current
+        Further currents and actuators by name, see ``further_channels``.
+
+    Raises
+    ------
+    InputError
+        When counts differ or a value is out of range.
+
+    Examples
+    --------
+    Another seed draws other noise for the same run:
+
+    >>> from dataclasses import replace
+    >>> from tam_calibration import read_scenario, simulate
+    >>> scenario = replace(read_scenario("wu_table_1"), seed=7)
+    >>> simulate(scenario).recording.sample_count
+    360
+    """
+
+    array: Array
+    errors: SensorErrors
+    site_field_T: FloatArray
+    motion: Motion
+    sample_count: int
+    rate_hz: float
+    seed: int = 0
+    drift: Drift | None = None
+    dipole: Dipole | None = None
+    scalar: ScalarReference | None = None
+    temperature: Temperature | None = None
+    current: Current | None = None
+    attitude: AttitudeChannel | None = None
+    site_gradient_T_per_m: FloatArray | None = None
+    effects: tuple[FittedEffect, ...] = ()
+    further: Mapping[str, Current] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check counts, names and values."""
+        require_further(self.further)
+        sensors, errors = self.array.sensor_count, self.errors.sensor_count
+        if sensors != errors:
+            raise InputError(f"the scenario has errors of {errors} sensors and an array of {sensors}: make them match")
+        if self.sample_count < 1:
+            raise InputError(f"a scenario needs at least one sample, not {self.sample_count}")
+        if self.sample_count * sensors > MOST_READINGS:
+            raise InputError(
+                f"a scenario has at most {MOST_READINGS // sensors} samples of {sensors} sensors, not "
+                f"{self.sample_count}: simulate parts, each with a seed of its own"
+            )
+        if not (np.isfinite(self.rate_hz) and self.rate_hz > 0):
+            raise InputError(f"the rate must be a positive number of samples per second, not {self.rate_hz}")
+        gradient = self.site_gradient_T_per_m
+        if gradient is not None:
+            tolerance = 1e-9 * float(np.abs(gradient).max())
+            if np.abs(gradient - gradient.T).max() > tolerance or abs(np.trace(gradient)) > tolerance:
+                raise InputError("the gradient of the site's field must be symmetric, and its diagonal add up to zero")
+
+    @property
+    def time_s(self) -> FloatArray:
+        """(N,) times of the samples from 0, seconds."""
+        return np.arange(self.sample_count) / self.rate_hz
+
 
 _CHANNELS = {"temperature_C": "temperature", "current_A": "current"}
 
@@ -194,8 +310,7 @@ def _uniform_field(scenario: Scenario, rotation: "Rotation") -> FloatArray:
     world = np.tile(scenario.site_field_T, (scenario.sample_count, 1))
     if scenario.drift is not None:
         world = world + scenario.drift.variation_T(scenario.time_s, scenario.site_field_T)
-    field: FloatArray = rotation.inv().apply(world)
-    return field
+    return np.asarray(rotation.inv().apply(world))
 
 
 def _dipole_field(scenario: Scenario, rotation: "Rotation", positions_m: FloatArray) -> FloatArray:
@@ -204,8 +319,7 @@ def _dipole_field(scenario: Scenario, rotation: "Rotation", positions_m: FloatAr
         return np.zeros((1, 1, 3))
     matrix = rotation.as_matrix()
     world = scenario.dipole.field_T(np.einsum("nij,pj->npi", matrix, positions_m))
-    field: FloatArray = np.einsum("nji,npj->npi", matrix, world)
-    return field
+    return np.asarray(np.einsum("nji,npj->npi", matrix, world))
 
 
 def _gradient(scenario: Scenario, rotation: "Rotation") -> FloatArray:
@@ -262,3 +376,61 @@ def _scalar(scenario: Scenario, intensity_T: FloatArray) -> FloatArray | None:
         return None
     noise = scenario.array.scalar_noise_T or 0.0
     return scenario.scalar.readings(scenario.time_s, intensity_T, noise, _generator(scenario, "scalar"))
+
+
+def twin(calibration: Calibration, recording: Recording, seed: int) -> Recording:
+    """Return a recording with the field, attitude, temperature and current of another, and noise of its own.
+
+    The field is what the sensors of the recording agree on, without axes that round, end or jump; whatever else they
+    differ in, the twin does not show.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        Errors, noise and effects of the array.
+    recording : Recording
+        The run.
+    seed : int
+        Of all random numbers.
+
+    Raises
+    ------
+    InputError
+        When the recording is of another number of sensors, or lacks a channel that an effect needs.
+    """
+    array, errors, effects = calibration.array, calibration.errors, calibration.effects
+    field = agreed_field(calibration.without_effects(recording).readings_T, errors, array, _is_trusted(calibration))
+    run = filled(recording)
+    covariates = Covariates.of(run, field, errors, array)
+    vector_noise, scalar_noise, *of_effects = np.random.default_rng(seed).spawn(2 + len(effects))
+    rows = np.column_stack([errors.distort(field).reshape(len(field), -1), covariates.intensity_T])
+    rows = add_effects(rows, covariates, effects, of_effects, "field")
+    vector_T, scalar_T = _noise(calibration)
+    rows[:, :-1] += vector_noise.normal(0, np.repeat(vector_T, 3), (len(field), covariates.scalar_row))
+    rows[:, -1] += scalar_noise.normal(0, scalar_T, len(field))
+    rows = add_effects(rows, covariates, effects, of_effects, "reading")
+    scalar = None if recording.scalar_T is None else np.where(np.isfinite(recording.scalar_T), rows[:, -1], np.nan)
+    return replace(recording, readings_T=rows[:, :-1].reshape(recording.readings_T.shape), scalar_T=scalar)
+
+
+def _is_trusted(calibration: Calibration) -> NDArray[np.bool_]:
+    """Return which axes (3K,) hold no effect that cannot be taken off; all where the others tell no field."""
+    matrix = calibration.errors.matrix.reshape(-1, 3)
+    is_trusted = np.ones(len(matrix), dtype=bool)
+    staying = [fitted for fitted in calibration.effects if not removable([fitted])]
+    for part in (part for fitted in staying for part in fitted.contributions if part.sensor >= 0):
+        first = 3 * part.sensor
+        is_trusted[slice(first, first + 3) if part.axis is None else first + part.axis] = False
+    return is_trusted if np.linalg.matrix_rank(matrix[is_trusted]) == 3 else np.ones_like(is_trusted)
+
+
+def _noise(calibration: Calibration) -> tuple[FloatArray, float]:
+    """Return the noise of the sensors (K,) and of the scalar: that stated, as much larger or smaller as was found.
+
+    Where effects are not taken off the residuals, these are no measure of the noise.
+    """
+    array, left = calibration.array, calibration.reduced_chi_square
+    if removable(calibration.effects) != calibration.effects:
+        left = {}
+    vector, scalar = (min(np.sqrt(left.get(name, 1.0)), LARGEST_NOISE) for name in ("differential", "common_mode"))
+    return vector * array.vector_noise_T, float(scalar * array.scalar_noise_T)

@@ -1,4 +1,7 @@
-"""The field of an alternating source out of what the sensors read beside it: least squares over a slow background."""
+"""The field of an alternating source out of what the sensors read beside it: least squares over a slow background.
+
+Where the frequency is not known it is found.
+"""
 
 from dataclasses import dataclass
 
@@ -8,6 +11,135 @@ from numpy.linalg import inv, norm
 from tam_calibration.model.array import tensors_of
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.units import FloatArray
+
+_PADDING = 4
+_CHANCE = 1e-3
+"""Probability that noise alone makes a peak that is taken for a source."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """The power of all channels over frequency, and the line that stands out of it.
+
+    Parameters
+    ----------
+    frequency_hz : (F,) array
+        From the lowest to the highest that was searched, hertz.
+    power : (F,) array
+        Mean over the channels of the power over that of each channel's noise: 1 where there is noise alone.
+    threshold : float
+        Power above which a peak is no chance.
+    peak_hz : float
+        Frequency of the source.
+    peak_standard_error_hz : float
+        Its standard error.
+    """
+
+    frequency_hz: FloatArray
+    power: FloatArray
+    threshold: float
+    peak_hz: float
+    peak_standard_error_hz: float
+
+
+def find_frequency(
+    time_s: FloatArray, channels: FloatArray, background: FloatArray, lowest_hz: float, highest_hz: float
+) -> Spectrum:
+    """Return the spectrum of channels, and the frequency of the strongest line in it.
+
+    Parameters
+    ----------
+    time_s : (N,) array
+        Times, seconds; a periodogram of evenly spaced samples finds the line, and the times themselves its frequency.
+    channels : (N, D) array
+        Such as the readings of all axes.
+    background : (N, Q) array
+        Orthonormal columns that are taken off: see ``background_of``.
+    lowest_hz, highest_hz : float
+        Where to search.
+
+    Raises
+    ------
+    InputError
+        When there is nothing to search between the two, or the record is too short or too sparse.
+    Refused
+        When no line stands out of the noise.
+    """
+    from scipy.optimize import minimize_scalar
+    from scipy.stats import gamma
+
+    time, values = np.asarray(time_s, dtype=float), np.asarray(channels, dtype=float)
+    frequency, power = _periodogram(time, without(background, values), lowest_hz, highest_hz)
+    threshold = float(gamma.isf(_CHANCE / len(frequency), values.shape[1]) / values.shape[1])
+    best = int(power.argmax())
+    if power[best] < threshold:
+        raise Refused(
+            f"no line stands out of the noise between {lowest_hz:g} and {highest_hz:g} Hz: the strongest, at "
+            f"{frequency[best]:.4g} Hz, has {power[best]:.3g} times its power, and chance reaches {threshold:.3g}"
+        )
+    rest = without(background, values)
+    rest = rest / _line(float(frequency[best]), time, rest, background)[1]
+    resolution = 1 / np.ptp(time)
+    found = minimize_scalar(
+        lambda value: _residual_energy(value, time, rest, background),
+        bounds=(frequency[best] - 0.7 * resolution, frequency[best] + 0.7 * resolution),
+        method="bounded",
+        options={"xatol": 1e-9 * frequency[best]},
+    )
+    return Spectrum(
+        frequency, power, threshold, float(found.x), _standard_error(float(found.x), time, rest, background)
+    )
+
+
+def _periodogram(
+    time: FloatArray, rest: FloatArray, lowest_hz: float, highest_hz: float
+) -> tuple[FloatArray, FloatArray]:
+    count = len(time)
+    even = np.linspace(time[0], time[-1], count)
+    values = np.stack([np.interp(even, time, channel) for channel in rest.T], axis=1)
+    frequency = np.fft.rfftfreq(_PADDING * count, even[1] - even[0])
+    searched = (frequency >= lowest_hz) & (frequency <= min(highest_hz, 0.5 / (even[1] - even[0])))
+    if np.ptp(time) * lowest_hz < 1 or searched.sum() < _PADDING:
+        raise InputError(
+            f"between {lowest_hz:g} and {highest_hz:g} Hz a record of {np.ptp(time):g} s at "
+            f"{(count - 1) / np.ptp(time):g} samples per second holds no frequency: change the bounds or the record"
+        )
+    power = np.abs(np.fft.rfft(values * np.hanning(count)[:, None], _PADDING * count, axis=0)[searched]) ** 2
+    # The median of an exponential distribution is ln 2 times its mean.
+    noise = np.median(power, axis=0) / np.log(2)
+    alive = noise > 0
+    if not alive.any():
+        raise Refused("the channels hold nothing but the background: there is no source to be found")
+    return frequency[searched], (power[:, alive] / noise[alive]).mean(axis=1)
+
+
+def _carrier(frequency_hz: float, time: FloatArray, background: FloatArray) -> FloatArray:
+    angle = 2 * np.pi * frequency_hz * (time - time[[0, -1]].mean())
+    return without(background, np.stack([np.sin(angle), np.cos(angle)], axis=1))
+
+
+def _residual_energy(frequency_hz: float, time: FloatArray, rest: FloatArray, background: FloatArray) -> float:
+    """Return the squares that a sinusoid leaves of all channels, each over its noise, less those before."""
+    orthonormal, _ = np.linalg.qr(_carrier(frequency_hz, time, background))
+    return -float(np.sum((orthonormal.T @ rest) ** 2))
+
+
+def _line(
+    frequency_hz: float, time: FloatArray, rest: FloatArray, background: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the amplitudes (2, D) of sine and cosine, and the noise (D,) that they leave."""
+    carrier = _carrier(frequency_hz, time, background)
+    amplitudes = np.linalg.lstsq(carrier, rest, rcond=None)[0]
+    noise = np.sqrt(np.mean((rest - carrier @ amplitudes) ** 2, axis=0))
+    return amplitudes, np.maximum(noise, 1e-12 * norm(rest, axis=0))
+
+
+def _standard_error(frequency_hz: float, time: FloatArray, rest: FloatArray, background: FloatArray) -> float:
+    """Return the Cramér–Rao bound of the frequency: the information of 2πf is T² N Σ (A/σ)²/24 over all channels."""
+    amplitudes, noise = _line(frequency_hz, time, rest, background)
+    information = np.ptp(time) ** 2 * len(time) * np.sum((amplitudes / noise) ** 2) / 24
+    return float(1 / (2 * np.pi * np.sqrt(information)))
+
 
 _DEGREE = 3
 _SMALLEST_SHARE = 1e-9
@@ -52,8 +184,7 @@ def background_of(
     if columns.shape[1] >= len(time):
         raise InputError(f"{len(time)} samples are too few for a background of {columns.shape[1]} columns")
     left, size, _ = np.linalg.svd(columns, full_matrices=False)
-    spanning: FloatArray = left[:, size > _SMALLEST_SHARE * size[0]]
-    return spanning
+    return left[:, size > _SMALLEST_SHARE * size[0]]
 
 
 def without(background: FloatArray, channels: FloatArray) -> FloatArray:
@@ -66,8 +197,7 @@ def without(background: FloatArray, channels: FloatArray) -> FloatArray:
     channels : (N, D) array
         Samples of D channels, in any unit.
     """
-    rest: FloatArray = channels - background @ (background.T @ channels)
-    return rest
+    return channels - background @ (background.T @ channels)
 
 
 def turning_of(attitude: FloatArray, channel_count: int) -> FloatArray:
@@ -101,8 +231,7 @@ def turning_of(attitude: FloatArray, channel_count: int) -> FloatArray:
 def _rotations(attitude: FloatArray) -> FloatArray:
     from scipy.spatial.transform import Rotation
 
-    matrix: FloatArray = Rotation.from_quat(attitude).as_matrix()
-    return matrix
+    return np.asarray(Rotation.from_quat(attitude).as_matrix())
 
 
 _SMALLEST_PHASE_STEP = 1e-12
@@ -145,8 +274,7 @@ class Demodulated:
     @property
     def standard_errors(self) -> FloatArray:
         """(D,) standard errors of the amplitudes."""
-        errors: FloatArray = np.sqrt(np.diag(self.covariance))
-        return errors
+        return np.sqrt(np.diag(self.covariance))
 
 
 def demodulate(
@@ -246,8 +374,7 @@ def _solve_together(
 def _inverse(information: FloatArray, carrier: FloatArray) -> FloatArray:
     if np.linalg.eigvalsh(information)[0] < _SMALLEST_REST * len(carrier) / 2:
         raise Refused("the background can make the signal itself: give it fewer columns, or take a longer record")
-    inverse: FloatArray = inv(information)
-    return inverse
+    return inv(information)
 
 
 def _in_phase(frequency_hz: float, amplitudes: FloatArray, covariance: FloatArray, noise: FloatArray) -> Demodulated:

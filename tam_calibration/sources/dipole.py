@@ -1,4 +1,10 @@
-"""The sources' common part, and the magnetic dipole: its field, gradient, and derivative by the moment."""
+"""The magnetic dipole and the circular loop of current: field, gradient, and derivative by the moment.
+
+Of the loop: with the ring integrals J_n = ∫ cosⁿφ/D^(3/2) dφ and L_n = ∫ cosⁿφ/D^(5/2) dφ over 0 to π, D = a² + ρ² + z²
+- 2aρ cosφ, the law of Biot and Savart gives B_ρ = c a z J₁ and B_z = c a (a J₀ - ρ J₁), c = μ₀I/2π. They are complete
+elliptic integrals of the parameter m = 4aρ/((a+ρ)² + z²), written so that nothing is divided by ρ or m: the axis and
+the far field lose no digits.
+"""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -6,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.linalg import norm
 
+from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray
 
 VACUUM_PERMEABILITY = 1.25663706127e-6
@@ -32,12 +39,33 @@ class Source(ABC):
         """Return field, gradient and the field's derivative by the moment at offsets (…, 3) from the source, SI."""
 
     def field_T(self, points_m: FloatArray) -> FloatArray:
-        """Return the field (…, 3) at points (…, 3), tesla."""
-        return self.from_offset(points_m - self.position_m)[0]
+        """Return the field (…, 3) at points (…, 3), tesla.
+
+        Raises
+        ------
+        InputError
+            When it is not finite, as at the place of the source.
+        """
+        return self._finite(points_m)[0]
 
     def gradient_T_per_m(self, points_m: FloatArray) -> FloatArray:
-        """Return the symmetric, trace-free gradient tensor (…, 3, 3) at points (…, 3), T/m."""
-        return self.from_offset(points_m - self.position_m)[1]
+        """Return the symmetric, trace-free gradient tensor (…, 3, 3) at points (…, 3), T/m.
+
+        Raises
+        ------
+        InputError
+            When it is not finite, as at the place of the source.
+        """
+        return self._finite(points_m)[1]
+
+    def _finite(self, points_m: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        with np.errstate(all="ignore"):
+            found = self.from_offset(points_m - self.position_m)
+        if not all(np.isfinite(each).all() for each in found):
+            raise InputError(
+                "the field of the source is not finite: it lies at a sensor or the array's centre, or has no size"
+            )
+        return found
 
 
 _STRENGTH = VACUUM_PERMEABILITY / (4 * np.pi)
@@ -126,3 +154,120 @@ def moment_of_field(offset_m: FloatArray, field_T: FloatArray) -> tuple[FloatArr
         - 3 * distance**2 * field @ unit
     ) / _STRENGTH
     return (by_field @ field)[..., 0], by_offset, by_field
+
+
+@dataclass(frozen=True, eq=False)
+class Loop(Source):
+    """A circular loop of current at rest; its moment is along its axis, current times turns times area.
+
+    Parameters
+    ----------
+    position_m, moment_Am2 : (3,) array
+        As of every ``Source``, metres and A m².
+    radius_m : float
+        Of the circle, metres.
+    """
+
+    radius_m: float
+
+    @property
+    def current_A(self) -> float:
+        """Current times turns, ampere."""
+        return float(norm(self.moment_Am2) / area_of(self.radius_m))
+
+    def from_offset(self, offset_m: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return what ``loop_field`` does for its moment and radius."""
+        return loop_field(offset_m, self.moment_Am2, self.radius_m)
+
+
+def area_of(radius_m: float) -> float:
+    """Return the area of a circle, m²."""
+    return float(np.pi * radius_m**2)
+
+
+def loop_field(
+    offset_m: FloatArray, moment_Am2: FloatArray, radius_m: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return field, gradient and the derivative of the field by the moment.
+
+    Parameters
+    ----------
+    offset_m : (…, 3) array
+        From the centre of the loop to the point, metres; not on the wire.
+    moment_Am2 : (…, 3) array
+        Magnetic moment, A m², not zero.
+    radius_m : float
+        Of the circle, metres.
+
+    Returns
+    -------
+    field, gradient, by_moment : (…, 3), (…, 3, 3), (…, 3, 3) array
+        As of ``dipole_field``: T, T/m, T/(A m²).
+    """
+    moment = np.asarray(moment_Am2)
+    strength = norm(moment, axis=-1)[..., None, None]
+    axis = moment / strength[..., 0]
+    z = np.sum(offset_m * axis, axis=-1)[..., None, None]
+    across = offset_m - z[..., 0] * axis
+    rho = norm(across, axis=-1)[..., None, None]
+    outwards = np.divide(across, rho[..., 0], out=np.zeros_like(across), where=rho[..., 0] > 0)
+    ring = _Ring.of(rho, z, radius_m)
+    unit = VACUUM_PERMEABILITY * strength / (2 * np.pi**2 * radius_m)
+    along = (unit * (radius_m * ring.J0 - rho * ring.J1))[..., 0]
+    field = (unit * z * ring.J1)[..., 0] * outwards + along * axis
+    gradient = unit * _gradient(
+        ring, rho, z, radius_m, outwards[..., None], np.broadcast_to(axis, across.shape)[..., None]
+    )
+    # A turn ω of the loop turns its field and moves the point in its frame: dB = ω × B - G (ω × offset).
+    turned = (gradient @ _cross(offset_m) - _cross(field)) @ _cross(moment) / strength**2
+    return field, gradient, field[..., :, None] * axis[..., None, :] / strength + turned
+
+
+@dataclass(frozen=True, eq=False)
+class _Ring:
+    """The ring integrals, and the difference L₀ - L₂ of two of them."""
+
+    J0: FloatArray
+    J1: FloatArray
+    L1: FloatArray
+    L2: FloatArray
+    difference: FloatArray
+
+    @classmethod
+    def of(cls, rho: FloatArray, z: FloatArray, radius: float) -> "_Ring":
+        from scipy.special import ellipe, ellipkm1, hyp2f1
+
+        far, near = (radius + rho) ** 2 + z**2, (radius - rho) ** 2 + z**2
+        m, rest = 4 * radius * rho / far, near / far
+        k, e = ellipkm1(rest), ellipe(m)
+        # (K - E)/m - C, with C the complete integral of sin² cos² over (1 - m sin²)^(3/2)
+        part = np.pi * (hyp2f1(0.5, 1.5, 2, m) / 4 - hyp2f1(1.5, 1.5, 3, m) / 16)
+        J0 = 2 * e / (np.sqrt(far) * near)
+        J1 = 2 * m * part / (np.sqrt(far) * near)
+        difference = 8 * part / (3 * far**1.5 * near)
+        L2 = 2 / (3 * far**2.5 * rest) * (2 * (2 - m) * e / rest - k) - difference
+        L1 = (J1 + 2 * radius * rho * L2) / (radius**2 + rho**2 + z**2)
+        return cls(J0, J1, L1, L2, difference)
+
+
+def _gradient(
+    ring: _Ring, rho: FloatArray, z: FloatArray, radius: float, outwards: FloatArray, axis: FloatArray
+) -> FloatArray:
+    """Return the gradient from its components ∂B_ρ/∂ρ, B_ρ/ρ and ∂B_ρ/∂z; trace and curl give the others."""
+    along_rho = 3 * z * (radius * ring.L2 - rho * ring.L1)
+    around = 3 * radius * z * ring.difference
+    along_z = ring.J1 - 3 * z**2 * ring.L1
+    outwards_row, axis_row = np.swapaxes(outwards, -1, -2), np.swapaxes(axis, -1, -2)
+    outside = outwards @ outwards_row
+    return (
+        (along_rho - around) * outside
+        + around * np.eye(3)
+        - (along_rho + 2 * around) * axis @ axis_row
+        + along_z * (outwards @ axis_row + axis @ outwards_row)
+    )
+
+
+def _cross(vector: FloatArray) -> FloatArray:
+    """Return the matrices (…, 3, 3) of the cross product with vectors (…, 3) from the left."""
+    matrix: FloatArray = np.cross(np.asarray(vector)[..., None, :], np.eye(3), axis=-1)
+    return np.swapaxes(matrix, -1, -2)

@@ -53,19 +53,4 @@ class Poses:
         """(N, 3, 3) rotations from the array frame to the world."""
         from scipy.spatial.transform import Rotation
 
-        matrix: FloatArray = Rotation.from_quat(self.attitude).as_matrix()
-        return matrix
-
-    def into_world(self, vectors: FloatArray) -> FloatArray:
-        """Return vectors (N, K, 3) of the array frame in the world."""
-        turned: FloatArray = np.einsum("nij,nkj->nki", self.matrix, vectors)
-        return turned
-
-    def place_in_world(self, points_m: FloatArray) -> FloatArray:
-        """Return the places (N, 3) in the world of points (N, 3), one in the array frame of each pose, metres."""
-        places: FloatArray = self.position_m + np.einsum("nij,nj->ni", self.matrix, points_m)
-        return places
-
-
-ONE_POSE = Poses(np.array([[0.0, 0.0, 0.0, 1.0]]), np.zeros((1, 3)))
-"""The array frame is the world."""
+        return np.asarray(Rotation.from_quat(self.attitude).as_matrix())

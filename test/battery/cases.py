@@ -22,7 +22,7 @@ from battery import (
     spoiled_yaml,
 )
 from battery.damaged_bytes import any_damage
-from battery.recipes import BAGS, OTHERWISE, RECIPES, Recipe
+from battery.recipes import BAGS, FOREIGN, OTHERWISE, RECIPES, Recipe
 from battery.trial import May, Trial, files_of, pick
 
 Spoil = Callable[[Recipe, Path, Generator], Trial]
@@ -79,6 +79,7 @@ FAMILIES = {
     "bytes": Family(
         spoil_bytes,
         _each(30, *_CALIBRATE[1:])
+        | _each(25, *(f"inspect {each}" for each in FOREIGN), *(f"calibrate {each}" for each in FOREIGN[:-1]))
         | _each(25, *_CORRECT[1:])
         | _each(12, "correct run_sqlite3 new", "correct run.mcap new.mcap", "recover", "calibrate with delays")
         | _each(6, "simulate", "diagnose a bag", "locate", "play", "play sqlite3", "blind score")
@@ -95,7 +96,7 @@ FAMILIES = {
         spoiled_yaml.spoil,
         _each(60, "simulate", _CALIBRATE[0], _CORRECT[0])
         | _each(20, "plan", "locate", "simulate a twin", "correct run_sqlite3 new.csv", "calibrate run_mcap")
-        | _each(20, "calibrate with a source")
+        | _each(20, "calibrate with a source", "export")
         | _each(6, "diagnose", "blind inject", "batch", "nodes", "nodes with parameters"),
     ),
     "arguments": Family(

@@ -1,18 +1,20 @@
 """What became of a trial: nothing bad, or one of the bad classes."""
 
 import re
+import sqlite3
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from enum import Enum
 from hashlib import sha256
 from pathlib import Path
+from urllib.parse import quote
 
 import numpy as np
 
 from battery.run import MEMORY_BYTES
 from battery.surroundings import Ended
 from battery.trial import May, Trial
-from tam_calibration.files.bag_digests import DIGESTS
 
 
 class Bad(Enum):
@@ -44,7 +46,11 @@ _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f\x9b]")
 _NOTICE = re.compile(
     r"damage|recover|unfinished|truncat|checksum|CRC|cut off|not whole|do not agree|does not agree|rebuilt|lost", re.I
 )
-_WARNING = re.compile(r"^Warning: |^warnings:\n?- |\"warnings\": \[\s*\"", re.MULTILINE)
+_WARNING = re.compile(
+    r"^Warning: |^warnings:\n?- |\"warnings\": \[\s*\"|\d+ of \d+ readings of|without a time|repeats? the time before",
+    re.M,
+)
+_TAKEN = re.compile(r"[^:]+: taken as |units by the size of the field: ")
 _LONGEST_SENTENCE = 2100
 _OF_THE_FILE = re.compile(r"sha256|_bytes|bytes:|software|written|\bname:|\"name\"|source")
 """Lines of a result that tell of the input's bytes, not of what it says."""
@@ -116,19 +122,24 @@ def _files(path: Path) -> list[Path]:
 def _text(path: Path) -> str:
     """Return the text of an output; of a bag that its messages can be read, and what they are."""
     if path.suffix in (".mcap", ".db3"):
-        from rosbags.rosbag2.storage_mcap import McapReader
+        rows = _rows_of_mcap(path) if path.suffix == ".mcap" else _rows_of_sqlite(path)
+        return "\n".join(f"{time} {int(sha256(data).hexdigest()[:12], 16)}" for time, data in rows)
+    return "" if path.suffix == ".html" else path.read_text(errors="replace")
 
-        from tam_calibration.files.bag_sqlite3 import READER  # that of rosbags takes not every name
 
-        reader = (McapReader if path.suffix == ".mcap" else READER)(path)
-        reader.open()
-        messages = [
-            f"{time} {int(sha256(data).hexdigest()[:12], 16)}" for _, time, data in reader.messages(reader.connections)
-        ]
-        reader.close()
-        return "\n".join(messages)
-    is_of_bytes = path.suffix == ".html" or path.name == DIGESTS  # digests are of names too
-    return "" if is_of_bytes else path.read_text(errors="replace")
+def _rows_of_mcap(path: Path) -> list[tuple[int, bytes]]:
+    from rosbags.rosbag2.storage_mcap import McapReader
+
+    reader = McapReader(path)
+    reader.open()
+    rows = [(time, data) for _, time, data in reader.messages(reader.connections)]
+    reader.close()
+    return rows
+
+
+def _rows_of_sqlite(path: Path) -> list[tuple[int, bytes]]:
+    with closing(sqlite3.connect(f"file:{quote(str(path))}?immutable=1", uri=True)) as database:
+        return database.execute("SELECT timestamp, data FROM messages ORDER BY timestamp, id").fetchall()
 
 
 def judge(
@@ -263,7 +274,9 @@ def _noise(trial: Trial, ended: Ended) -> str:
         return f"{said[:200]!r}" if len(said.split("\n")) > 3 else ""
     if is_answer(ended) or trial.around.stderr or trial.around.stdout:
         return ""
-    return _no_sentence(said) or (
+    # What was taken of a recording is told first, where it has names of its own.
+    told = "".join(line for line in said.splitlines(keepends=True) if not _TAKEN.match(line))
+    return _no_sentence(told) or (
         ended.stdout and not trial.recipe.tells_after_writing and f"stdout: {ended.stdout[:99]!r}"
     )
 

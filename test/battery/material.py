@@ -9,14 +9,18 @@ from pathlib import Path
 import numpy as np
 import yaml
 import zstandard
+from foreign.bags import BAGS
+from foreign.logs import LOGS
+from foreign.texts import TEXTS
 from scipy.spatial.transform import Rotation
 
+from battery.recipes import FOREIGN
 from tam_calibration.cli.main import main
-from tam_calibration.files import read_array, read_calibration, read_recording, write_recording
 from tam_calibration.files.configuration import configuration_folder
 from tam_calibration.model.recording import Recording
-from tam_calibration.sources.dipole import Dipole
-from tam_calibration.sources.loop import Loop, area_of
+from tam_calibration.recordings import read_array, read_recording
+from tam_calibration.results import read_calibration, write_recording
+from tam_calibration.sources.dipole import Dipole, Loop, area_of
 
 _SAMPLES = 400
 
@@ -58,6 +62,9 @@ def make(folder: Path) -> None:
     _pack(folder / "run_sqlite3", folder / "run_zstd")
     _write_pass(folder)
     _write_coil(folder)
+    for foreign in (each for each in (*BAGS, *LOGS, *TEXTS) if each.file in FOREIGN):
+        foreign.make(folder / foreign.file, foreign.truth)
+        (folder / f"{foreign.file}.yaml").write_text(foreign.array)
     shutil.copy(configuration_folder() / "tam.yaml", folder / "parameters.yaml")
     missions = folder / "missions" / "auv"
     missions.mkdir(parents=True)
@@ -132,7 +139,7 @@ def _make_blind(folder: Path) -> None:
     from tam_calibration.validation.blind.case_plan import plan_cases
     from tam_calibration.validation.blind.folder import COMMITMENTS, KEYS, case_name, seal, write_case, write_json
 
-    case, name = make_case(plan_cases(("single",), 1, 5, "open")[0], 5, 1), case_name(1)
+    case, name = make_case(plan_cases(("single",), 1, 5)[0], 5, 1), case_name(1)
     (folder / "cases").mkdir()
     write_case(folder / "cases" / name, case)
     key, commitment = seal(case.key)

@@ -49,11 +49,19 @@ def copied(rows: Readings, rng: Generator) -> str:
 
 
 def frozen(rows: Readings, rng: Generator) -> str:
-    """Let a sensor stand still, or read zero, for a while."""
+    """Let a sensor stand still for a while."""
     columns = _sensor(rng)
-    begin, count = int(rng.integers(0, 250)), int(rng.integers(100, 150))
-    rows[begin : begin + count, columns] = pick(rng, (0.0, rows[begin, columns]))
+    begin, count = _while(rng)
+    rows[begin : begin + count, columns] = rows[begin, columns]
     return f"columns {columns} stand still for {count} samples from {begin}"
+
+
+def zero(rows: Readings, rng: Generator) -> str:
+    """Let a sensor read zero for a while: these readings are missing, which is told."""
+    columns = _sensor(rng)
+    begin, count = _while(rng)
+    rows[begin : begin + count, columns] = 0.0
+    return f"columns {columns} are zero for {count} samples from {begin}"
 
 
 def stuck_bits(rows: Readings, rng: Generator) -> str:
@@ -99,6 +107,11 @@ def odd_times(rows: Readings, rng: Generator) -> str:
     return f"times {way}"
 
 
+def _while(rng: Generator) -> tuple[int, int]:
+    """Return the first sample and the number of samples of a third of the run."""
+    return int(rng.integers(0, 250)), int(rng.integers(100, 150))
+
+
 def _columns(sensor: int) -> list[int]:
     return [1 + 3 * int(sensor) + axis for axis in range(3)]
 
@@ -117,6 +130,7 @@ _FAULTS: tuple[tuple[Callable[[Readings, Generator], str], May], ...] = (
     (coarse, May.WARN),
     (copied, May.REFUSE),
     (frozen, May.REFUSE),
+    (zero, May.WARN),
     (stuck_bits, May.REFUSE),
     (mirrored, May.WARN),
     (exchanged, May.WARN),

@@ -78,6 +78,27 @@ OTHERWISE = (
 )
 """Other ways to calibrate than the usual one."""
 
+FOREIGN = ("flight.ulg", "00000042.BIN", "ros1.bag", "european.csv", "laboratory.parquet")
+"""Recordings of strangers, one for each reader (`foreign`)."""
+
+
+def _inspect(recording: str, *words: str) -> Recipe:
+    line = ("inspect", recording, *words, "--json", "new.json", "--write-map", "new.yaml")
+    return Recipe(f"inspect {recording}", line, (recording,), ("new.json", "new.yaml"))
+
+
+def _calibrate_foreign(recording: str) -> Recipe:
+    line = ("calibrate", recording, "--array", f"{recording}.yaml", "-o", "new.yaml")
+    return Recipe(f"calibrate {recording}", line, (recording,), ("new.yaml",))
+
+
+_FOREIGN = (
+    _inspect("run.csv"),
+    _inspect("run_sqlite3"),
+    *(_inspect(each, "--array", f"{each}.yaml") for each in FOREIGN),
+    *(_calibrate_foreign(each) for each in FOREIGN[:-1]),
+)
+
 _INJECT = ("blind", "inject", "run.csv", *_ARRAY, "--effect", "bias_jump", "-o", "new.csv")
 
 _RECIPES = (
@@ -114,6 +135,7 @@ _RECIPES = (
         ("new.yaml",),
     ),
     *OTHERWISE,
+    *_FOREIGN,
     Recipe(
         "locate at once",
         ("locate", "pass.csv", *_CALIBRATION, "--attitude-noise-deg", "0.01"),
@@ -192,6 +214,12 @@ _RECIPES = (
         (),
         ("reproduce_chi2017.csv",),
         tells_after_writing=True,
+    ),
+    Recipe(
+        "export",
+        ("export", "calibration.yaml", "--to", "ardupilot", "-o", "new.param"),
+        ("calibration.yaml",),
+        ("new.param",),
     ),
     Recipe("recover", ("recover", "cut.mcap", "-o", "new.mcap"), ("cut.mcap",), ("new.mcap",)),
 )

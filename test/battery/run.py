@@ -33,9 +33,17 @@ _FRESH = "import os, sys; from tam_calibration.__main__ import run; os.write(int
 _TOLD_BYTES = 1 << 20
 _PR_SET_CHILD_SUBREAPER = 36
 _MODULES = (
-    *(f"cli.{name}" for name in ("calibrate", "diagnose", "plan", "correct", "locate", "simulate", "blind")),
-    *("files.bag", "files.bag_mcap", "files.bag_sqlite3", "files.bag_corrected", "gap.calibration_with_effects"),
-    *("simulation.twin", "report.calibration_report", "report.gap_report", "report.survey_report"),
+    *(f"cli.{name}" for name in ("calibrate", "diagnose", "plan", "correct", "locate", "simulate", "blind", "inspect")),
+    *(
+        "recordings.bag_source",
+        "recordings.ulog_source",
+        "recordings.dataflash_source",
+        "recordings.bag_mcap",
+        "recordings.bag_sqlite3",
+        "results.bag_corrected",
+        "gap.calibration_with_effects",
+    ),
+    *("simulation.observe", "report.calibration_report", "report.gap_report", "report.survey_report"),
 )
 
 

@@ -12,7 +12,9 @@ from battery.trial import May, Trial, pick
 
 Rows = list[list[str]]
 
-_NO_NUMBERS = ("nan", "inf", "-inf", "1e999", "1e300", "-1e300", "", " ", "abc", "--1", "1..2", "0x1F", "None", "=1+1")
+_MISSING = ("nan", "inf", "-inf", "1e999", "1e300", "-1e300", "", " ", "None")
+"""What stands for a reading that is missing: samples go on without it, which is told."""
+_NO_NUMBERS = (*_MISSING, "abc", "--1", "1..2", "0x1F", "=1+1")
 _STRANGE_NUMBERS = ("1e-320", "1_000", "١٢٣", "+7", "007", "1E+2", " 3 ", "9" * 400, "0." + "3" * 5000)
 
 
@@ -21,7 +23,8 @@ def no_number(rows: Rows, rng: Generator) -> tuple[str, May]:
     row, column = _cell(rows, rng)
     token = pick(rng, _NO_NUMBERS) if rng.random() < 0.7 else _text(rng)
     rows[row][column] = token
-    return f"{token!r} in row {row} column {rows[0][column]}", May.REFUSE
+    may = May.WARN if token in _MISSING and column else May.REFUSE
+    return f"{token!r} in row {row} column {rows[0][column]}", may
 
 
 def strange_number(rows: Rows, rng: Generator) -> tuple[str, May]:
@@ -38,7 +41,7 @@ def other_header(rows: Rows, rng: Generator) -> tuple[str, May]:
     number = int(10 ** rng.uniform(1, 25))
     choices = (rows[0][(column + 1) % 13], "", name[:-3], f"{name}T", f"b{number}x_nT", f"b-{number}x_nT", name * 999)
     rows[0][column] = pick(rng, choices)
-    return f"column {name} is called {rows[0][column][:40]!r}", May.REFUSE
+    return f"column {name} is called {rows[0][column][:40]!r}", May.REFUSE if column else May.DO_ANYTHING
 
 
 def lost_column(rows: Rows, rng: Generator) -> tuple[str, May]:
@@ -47,7 +50,7 @@ def lost_column(rows: Rows, rng: Generator) -> tuple[str, May]:
     name = rows[0][column]
     for row in rows:
         del row[column]
-    return f"without column {name}", May.REFUSE
+    return f"without column {name}", May.REFUSE if column else May.WARN
 
 
 def ragged(rows: Rows, rng: Generator) -> tuple[str, May]:
@@ -65,9 +68,9 @@ def disorder(rows: Rows, rng: Generator) -> tuple[str, May]:
     row = int(rng.integers(1, len(rows) - 1))
     if rng.random() < 0.5:
         rows.insert(row, list(rows[row]))
-    else:
-        other = int(rng.integers(row + 1, len(rows)))
-        rows[row], rows[other] = rows[other], rows[row]
+        return f"row {row} is there twice", May.WARN
+    other = int(rng.integers(row + 1, len(rows)))
+    rows[row], rows[other] = rows[other], rows[row]
     return f"time in disorder at row {row}", May.REFUSE
 
 
@@ -112,7 +115,7 @@ _SPOILERS: tuple[Callable[[Rows, Generator], tuple[str, May]], ...] = (
 def _encoded(text: str, rng: Generator) -> tuple[bytes, str, May]:
     """Return the text as another program would write it."""
     ways = {
-        "utf-16": (text.encode("utf-16"), May.REFUSE),
+        "utf-16": (text.encode("utf-16"), May.DO_THE_SAME),
         "a mark of UTF-8": (b"\xef\xbb\xbf" + text.encode(), May.DO_THE_SAME),
         "lines of Windows": (text.replace("\n", "\r\n").encode(), May.DO_THE_SAME),
         "lines of an old Mac": (text.replace("\n", "\r").encode(), May.DO_THE_SAME),

@@ -16,8 +16,8 @@ from nodes.hostile import hostile_messages
 from ros_bench import NO_ROS, node_command
 
 from battery.trial import pick
-from tam_calibration.files import calibration_to_yaml
 from tam_calibration.fit import calibrate
+from tam_calibration.results import calibration_to_yaml
 
 sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason=NO_ROS)
 std_msgs = pytest.importorskip("std_msgs.msg", reason=NO_ROS)

@@ -10,12 +10,13 @@ import pytest
 from click.testing import CliRunner
 
 from tam_calibration.cli.main import SUBCOMMANDS, main
-from tam_calibration.files import write_array, write_calibration, write_recording
-from tam_calibration.files.bag_writing import TYPESTORE, serialise, write_bag
 from tam_calibration.fit import calibrate
 from tam_calibration.messages.topics import MAGNETIC_FIELD, sensor_topic
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
+from tam_calibration.recordings import write_array
+from tam_calibration.recordings.bag_writing import TYPESTORE, serialise, write_bag
+from tam_calibration.results import write_calibration, write_recording
 
 
 @pytest.fixture
@@ -99,7 +100,9 @@ def test_a_bag_without_index(folder):
     """A folder without metadata, in which no file of a bag is left."""
     (folder / "run" / "metadata.yaml").unlink()
     (folder / "run" / "run.db3").unlink()
-    refuse_recording(folder, "run", "holds no metadata.yaml, nor a file that ends in .db3 or .mcap: is it a bag?")
+    refuse_recording(
+        folder, "run", "holds no metadata.yaml, nor a file that ends in .db3 or .mcap or .bag: is it a bag?"
+    )
 
 
 def write_topics(path, topics):
@@ -118,10 +121,12 @@ def test_missing_topics_and_wrong_types(folder):
     """The topic is named, and what there is is listed."""
     sensors = [(f"/{sensor_topic(k)}", MAGNETIC_FIELD, [3e-5, 0, 4e-5]) for k in (1, 2, 3, 4)]
     write_topics(folder / "three", sensors[:2] + sensors[3:])
-    refuse_recording(folder, "three", "topic /tam_3/magnetic_field is missing; the bag holds /tam_1/magnetic_field, ")
+    refuse_recording(
+        folder, "three", "topic /tam_3/magnetic_field is missing; the recording holds /tam_1/magnetic_field, "
+    )
     write_topics(folder / "wrong", [*sensors[:3], ("/tam_4/magnetic_field", "std_msgs/msg/Float64", [1.0])])
     refuse_recording(
-        folder, "wrong", "/tam_4/magnetic_field has the type std_msgs/msg/Float64, not sensor_msgs/msg/Magn"
+        folder, "wrong", "/tam_4/magnetic_field has the type std_msgs/msg/Float64, and the map does not say"
     )
 
 
@@ -141,17 +146,19 @@ def test_a_malformed_line(folder):
 
 
 def test_not_a_number(folder):
-    """NaN in a reading."""
+    """A reading that is NaN is left out, and named with its sensor and time."""
     edit(
         folder / "run.csv", lambda lines: lines.__setitem__(41, ",".join([*lines[41].split(",")[:-2], "nan", "50000"]))
     )
-    refuse_recording(folder, "run.csv", "1 of 600 samples hold NaN", "sample 41")
+    done = CliRunner().invoke(main, calibrate_arguments("run.csv"))
+    assert done.exit_code == 0 and "1 of 600 readings of sensor 4 is NaN or blank, first at" in done.output
 
 
 def test_times_that_repeat_or_go_back(folder):
     """Duplicated stamps and unsorted time."""
     edit(folder / "run.csv", lambda lines: lines.insert(41, lines[41]))
-    refuse_recording(folder, "run.csv", "time repeats at sample 42")
+    done = CliRunner().invoke(main, calibrate_arguments("run.csv"))
+    assert done.exit_code == 0 and "1 rows repeat the time before them and were left out" in done.stderr
     edit(folder / "run.csv", lambda lines: lines.insert(101, lines.pop(41)))
     refuse_recording(folder, "run.csv", "time goes backwards at sample 101")
 
@@ -294,9 +301,9 @@ def test_words_of_many_lines_are_told_on_one(folder, words):
     assert len(result.stderr.splitlines()) == 4 and r"a\nb" in result.stderr.splitlines()[-1]
 
 
-def test_only_bags_are_played(folder):
-    """A CSV file, and nothing at all."""
-    refuse(folder, ["play", "run.csv"], "run.csv is no bag: only bags can be played")
+def test_only_recordings_are_played(folder):
+    """A text that holds none, and nothing at all."""
+    refuse(folder, ["play", "array.yaml"], "array.yaml")
     refuse(folder, ["play", "nothing"], "there is no file or bag nothing")
 
 

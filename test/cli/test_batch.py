@@ -11,14 +11,16 @@ from importlib import import_module
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from inspected import fields, numbers, write_bag
 from matplotlib.figure import Figure
 
 from tam_calibration.cli.main import main
-from tam_calibration.files import write_array, write_calibration, write_recording
 from tam_calibration.fit import calibrate
-from tam_calibration.fleet.task import process
-from tam_calibration.fleet.task_result import read_result
+from tam_calibration.fleet.task import process, read_result
+from tam_calibration.recordings import write_array
+from tam_calibration.results import write_calibration, write_recording
 
+HOSTILE = "dive\x1b[31m\u202e.csv"
 KILLS = 10
 PATIENCE_S = 300
 MOMENT_S = 0.01
@@ -52,7 +54,7 @@ def asked(monkeypatch, gap):
             process(task)
             yield task, ""
 
-    monkeypatch.setattr(import_module("tam_calibration.fleet.execution"), "run_here", run_here)
+    monkeypatch.setattr(import_module("tam_calibration.fleet.processes"), "run_here", run_here)
     task = import_module("tam_calibration.fleet.task")
     monkeypatch.setattr(task, "diagnose", lambda recording, array: asked["answer"])
     summary = import_module("tam_calibration.fleet.summary")
@@ -91,6 +93,22 @@ def test_every_core_works_by_default(folder, asked):
     """As many processes as this one may use cores."""
     run("missions/auv_1/*.csv")
     assert asked["jobs"] == len(os.sched_getaffinity(0))
+
+
+def test_recordings_of_strange_names_are_read_by_a_map(folder, asked, recording):
+    """What one map names is read of each; without it sensors of two kinds are ambiguous."""
+    stamps_ns = np.round(recording.time_s * 1e9).astype(np.int64)
+    topics = {
+        f"/{name}_{n}": (fields(recording.readings_T[:, n], stamps_ns), stamps_ns)
+        for name in ("fine", "coarse")
+        for n in range(4)
+    }
+    scalar = numbers(recording.scalar_T * 1e9), stamps_ns
+    write_bag(folder / "strange", {**topics, "/overhauser": scalar})
+    picks = ", ".join(f"{{topic: /fine_{n}}}" for n in range(4))
+    (folder / "map.yaml").write_text(f"sensors: [{picks}]\nscalar: {{topic: /overhauser, field: data, unit: nT}}\n")
+    assert "several sets of sensors may be meant" in " ".join(run("strange", code=1).stdout.split())
+    assert "strange: failed" not in run("strange", "--map", "map.yaml").stdout
 
 
 def refuse(folder, arguments, *words, code=2):
@@ -205,3 +223,15 @@ def test_killed_at_ten_random_moments_it_gives_the_same(folder):
     finish(folder)
     assert before.items() <= done(folder).items()
     assert content(folder) == expected
+
+
+def test_names_of_recordings_send_no_command_to_the_terminal(folder, asked):
+    """Neither in the tables, nor in what is open, nor in the summaries for spreadsheets and programs."""
+    platform = folder / "missions" / "auv\x1b[2J"
+    platform.mkdir()
+    (platform / HOSTILE).write_text("time_s\n")
+    result = run(str(platform / HOSTILE), code=1)
+    summaries = [(folder / "out" / name).read_text() for name in ("summary.csv", "summary.json")]
+    for text in (result.output, *summaries):
+        assert "\x1b" not in text and "\u202e" not in text
+    assert "auv\\u001b[2J/dive\\u001b[31m\\u202e.csv: failed" in " ".join(result.output.split())

@@ -7,14 +7,17 @@ from shutil import copytree
 
 import numpy as np
 import pytest
+from click import BadParameter
 from click.testing import CliRunner
 
 from tam_calibration.cli.main import main
-from tam_calibration.files import write_array, write_calibration, write_recording
+from tam_calibration.cli.terminal import Number
 from tam_calibration.fit import calibrate
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import MOST_SENSORS, Recording
-from tam_calibration.simulation.scenario import MOST_READINGS
+from tam_calibration.recordings import write_array
+from tam_calibration.results import write_calibration, write_recording
+from tam_calibration.simulation.observe import MOST_READINGS
 
 SCENARIO = """
 array: {{baseline_m: 0.5, vector_noise_nT: 1, scalar_noise_nT: 0.1}}
@@ -148,7 +151,7 @@ def test_an_array_has_a_largest_number_of_sensors(folder, number):
     """A column that names the last of a billion sensors makes no billion columns."""
     Path("many.csv").write_text(f"time_s,b{number}x_nT\n0,1\n")
     sentence = refused("diagnose", "many.csv", "--array", "array.yaml")
-    told = "at most 64" if len(number) < 10 else "is not known"
+    told = "at most 64" if len(number) < 10 else "no vector of a magnetic field is recognised"
     assert MOST_SENSORS == 64 and told in sentence
     Path("many.yaml").write_text(f"positions_m: {[[float(sensor), 0.0, 1.0] for sensor in range(65)]}")
     assert "there are 65 sensors, and an array has at most 64" in refused("diagnose", "run.csv", "--array", "many.yaml")
@@ -199,8 +202,21 @@ def test_a_rate_of_bursts_is_a_part(folder):
         (["blind", "make", "o", "--seed", "1", "--cases", "1000000000"], 9999),
         (["blind", "make", "o", "--seed", "1", "--jobs", "1000000000"], 256),
         (["reproduce", "wu2025", "--runs", "1000000000"], 10_000),
+        (["play", "run", "--rate", "1e4"], 1000.0),
+        (["plan", "--array", "array.yaml", "--turntable", "30", "--poses", "9" * 400], 200),
+        (["play", "run", "--rate", "inf"], 1000.0),
     ],
 )
 def test_numbers_on_the_command_line_have_a_largest(folder, arguments, most):
     """It is told with the range."""
-    assert f"<={most}" in refused(*arguments)
+    told = refused(*arguments)
+    assert f"<={most}" in told and len(told) < 300
+
+
+@pytest.mark.parametrize("number", ["nan", "inf", "-inf", "1e999"])
+@pytest.mark.parametrize(("least", "most"), [(0, 60), (0.001, None), (None, None)])
+def test_a_number_of_the_command_line_is_finite(number, least, most):
+    """Also where its range has no end."""
+    with pytest.raises(BadParameter, match=r"is not a finite number|is not in the range"):
+        Number(least, most).convert(number, None, None)
+    assert Number(least, most).convert("0.5", None, None) == 0.5

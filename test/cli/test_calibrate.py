@@ -11,9 +11,10 @@ from click.testing import CliRunner
 from numpy.testing import assert_allclose
 
 from tam_calibration.cli.main import main
-from tam_calibration.files import read_calibration, write_array, write_recording
-from tam_calibration.files.scenario import read_scenario
 from tam_calibration.fit import calibrate
+from tam_calibration.recordings import write_array
+from tam_calibration.results import read_calibration, write_recording
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.instruments import AttitudeChannel
 
@@ -53,7 +54,7 @@ def test_it_loads_what_it_needs(folder, name):
     """Without attitude neither SciPy nor the diagnosis, which take as long as the rest; nor what writes bags."""
     code = f"""import atexit, sys
 from tam_calibration.cli.main import main
-dear = {{"scipy", "tam_calibration.gap", "tam_calibration.files.bag_writing"}}
+dear = {{"scipy", "tam_calibration.gap", "tam_calibration.recordings.bag_writing"}}
 atexit.register(lambda: print("loaded:", *(dear & set(sys.modules)), file=sys.stderr))
 main(["calibrate", {name!r}, "--array", "array.yaml", "-o", "c.yaml"])"""
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
@@ -115,7 +116,10 @@ def test_a_gradient_of_the_site_is_fitted_with_the_flag(folder, undrawn):
     write_recording("site.csv", simulate(scenario).recording)
     write_array("wu.yaml", scenario.array)
     arguments = ("site.csv", "--array", "wu.yaml", "-o", "c.yaml", "--report", "page.html", "--ambient-gradient")
-    assert "Gradient of the field in the world of the attitude (nT/m): gxx 1" in run(*arguments).stdout
+    assert "The recorded attitude is not used: --attitude-noise-deg" in run("site.csv", "--array", "wu.yaml").stdout
+    told = run(*arguments).stdout
+    assert "Gradient of the field in the world of the attitude (nT/m): gxx 1" in told
+    assert "The recorded attitude is not used" not in told
     calibration = read_calibration("c.yaml")
     assert_allclose(calibration.ambient_gradient.tensor_T_per_m, gradient, atol=1e-9)
     assert calibration.in_sample.tensor_rmse_T_per_m < 1.1 * calibration.floor.tensor_rmse_T_per_m
@@ -127,8 +131,8 @@ def test_a_gradient_of_the_site_is_fitted_with_the_flag(folder, undrawn):
 
 def write_apart(path, delays_s=(0.0, 0.0, 0.0, 0.0), periods_ms=(10, 10, 10, 10)):
     """Write a bag whose sensors are read some milliseconds after each other and stamped late, and its array file."""
-    from tam_calibration.files.bag_writing import TYPESTORE, serialise, write_bag
     from tam_calibration.messages.topics import MAGNETIC_FIELD, sensor_topic
+    from tam_calibration.recordings.bag_writing import TYPESTORE, serialise, write_bag
 
     made = simulate(replace(read_scenario("tumble_100_hz"), sample_count=20_000, rate_hz=1000.0))
     with write_bag(path, "sqlite3") as writer:
@@ -183,7 +187,7 @@ def test_delays_are_estimated_told_and_kept(folder):
 def test_a_large_file_is_streamed_to_the_same_result(folder, monkeypatch, method, undrawn):
     """What does not fit into memory is calibrated from disk, with the same file as the result, and the report shows."""
     run("run.csv", "--array", "array.yaml", "-o", "a.yaml", "--method", method)
-    monkeypatch.setattr("tam_calibration.files.recording_file._LARGE_BYTES", 1)
+    monkeypatch.setattr("tam_calibration.recordings.recording_file._LARGE_BYTES", 1)
     run("run.csv", "--array", "array.yaml", "-o", "b.yaml", "--method", method, "--report", "page.html")
     assert (folder / "b.yaml").read_text() == (folder / "a.yaml").read_text()
     assert (folder / "page.html").exists()

@@ -7,7 +7,8 @@ import pytest
 from click.testing import CliRunner
 
 from tam_calibration.cli.main import main
-from tam_calibration.files import write_array, write_recording
+from tam_calibration.recordings import write_array
+from tam_calibration.results import write_recording
 
 
 @pytest.fixture

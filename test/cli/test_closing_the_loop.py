@@ -8,9 +8,10 @@ import pytest
 from click.testing import CliRunner
 
 from tam_calibration.cli.main import main
-from tam_calibration.files import read_calibration, read_recording, write_array, write_calibration, write_recording
-from tam_calibration.files.scenario import read_scenario
 from tam_calibration.fit import calibrate
+from tam_calibration.recordings import read_recording, write_array
+from tam_calibration.results import read_calibration, write_calibration, write_recording
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 
 

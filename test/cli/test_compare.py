@@ -8,8 +8,9 @@ import pytest
 from click.testing import CliRunner
 
 from tam_calibration.cli.main import main
-from tam_calibration.files import read_recording, write_array, write_recording
-from tam_calibration.files.mend_yaml import read_mend
+from tam_calibration.recordings import read_recording, write_array
+from tam_calibration.results import write_recording
+from tam_calibration.results.comparison_json import read_mend
 
 
 @pytest.fixture

@@ -6,12 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from inspected import message, write_bag
 from numpy.testing import assert_allclose
 
 from tam_calibration.cli.main import main
-from tam_calibration.files import read_calibration, read_recording, write_array, write_calibration, write_recording
-from tam_calibration.files.bag import open_bag
 from tam_calibration.fit import calibrate
+from tam_calibration.recordings import read_recording, write_array
+from tam_calibration.recordings.bag_reader import open_bag, raw_messages
+from tam_calibration.results import read_calibration, write_calibration, write_recording
 
 
 @pytest.fixture
@@ -36,9 +38,8 @@ def read_cloud(path):
     """Return the numbers of the field_gradient messages of a bag."""
     with open_bag(path) as reader:
         connection = next(each for each in reader.connections if each.topic == "/field_gradient")
-        return np.array(
-            [np.frombuffer(message, "<f8", 18, len(message) - 145) for _, _, message in reader.messages([connection])]
-        )
+        messages = [message for *_, message in raw_messages(reader, [connection])]
+        return np.array([np.frombuffer(message, "<f8", 18, len(message) - 145) for message in messages])
 
 
 @pytest.mark.parametrize("source", ["run.csv", "run"])
@@ -73,6 +74,67 @@ def test_a_summary_is_told(folder, recording):
     assert summary["standard_errors"]["gxy_nT_per_m"] == pytest.approx(2, rel=0.1)
 
 
+@pytest.fixture
+def turned_slowly(recording, true_errors):
+    """Return the recording of an array that turns by 3° from sample to sample."""
+    angle = np.linspace(0, 30, 600)
+    direction = np.stack([np.cos(angle), np.sin(angle) * np.cos(angle / 9), np.sin(angle) * np.sin(angle / 9)], axis=1)
+    noise_T = 1e-9 * np.random.default_rng(6).normal(size=(600, 4, 3))
+    readings_T = true_errors.distort(50e-6 * direction) + noise_T
+    return replace(recording, readings_T=readings_T, scalar_T=np.full(600, 50e-6))
+
+
+@pytest.mark.parametrize("is_bag", [False, True])
+def test_missing_readings_are_named(folder, turned_slowly, is_bag):
+    """Sensor, reason and time, for people and programs; rows are corrected without it, messages are interpolated."""
+    recording = turned_slowly
+    readings = recording.readings_T.copy()
+    readings[150, 1] = -409.6e-6
+    readings[[300, 301], 2] = 0
+    write_recording("odd" if is_bag else "odd.csv", replace(recording, readings_T=readings))
+    told = run("odd" if is_bag else "odd.csv", "--calibration", "c.yaml", "-o", "out.csv").stdout
+    expected = (
+        "1 of 600 readings of sensor 2 is far outside the range of the others, first at 1.50 s",
+        "2 of 600 readings of sensor 3 are zero on all axes, first at 3.00, 3.01 s",
+    )
+    assert ("1 of them without sensor 2, 2 of them without sensor 3" in told) != is_bag
+    assert all(each in told for each in expected) and told.count("\n") == 1
+    again = run("odd" if is_bag else "odd.csv", "--calibration", "c.yaml", "-o", "again.csv", "--json").stdout
+    assert sorted(json.loads(again)["missing"]) == sorted(expected)
+    whole = read_calibration("c.yaml").correct(recording).outputs
+    table = np.loadtxt("out.csv", delimiter=",", skiprows=1)[:, 1:] / 1e9
+    assert_allclose(np.delete(table, [150, 300, 301], 0), np.delete(whole, [150, 300, 301], 0), atol=1e-18)
+    if not is_bag:
+        assert_allclose(table[[150, 300, 301], :3], whole[[150, 300, 301], :3], atol=5e-9)
+
+
+def test_a_sensor_that_fails_is_left_out_without_a_scalar(folder, recording):
+    """From the middle on, and told; before it all sensors count."""
+    readings_T = recording.readings_T.copy()
+    readings_T[300:, 2] *= -1
+    write_recording("odd.csv", replace(recording, readings_T=readings_T, scalar_T=None))
+    told = run("odd.csv", "--calibration", "c.yaml", "-o", "out.csv").stdout
+    assert "300 of them without sensor 3" in told
+    assert "300 of 600 readings of sensor 3 contradict the others and are left out, first at" in told
+    table = np.loadtxt("out.csv", delimiter=",", skiprows=1)[:, 1:] / 1e9
+    whole = read_calibration("c.yaml").correct(recording).outputs
+    assert_allclose(table[:300], whole[:300], atol=1e-18)
+    assert_allclose(table[300:, :3], whole[300:, :3], atol=5e-9)
+
+
+def test_a_bag_whose_choice_needs_the_array_is_corrected_into_a_bag(folder, recording):
+    """Twelve numbers without names are the four sensors of the calibration's array; their topic is kept."""
+    stamps = (recording.time_s * 1e9).round().astype(int)
+    kind = "std_msgs/msg/Float64MultiArray"
+    layout = message("std_msgs/msg/MultiArrayLayout", [], 0)
+    rows = [message(kind, layout, row) for row in recording.readings_T.reshape(-1, 12)]
+    write_bag(folder / "odd", {"/adc": (rows, stamps)})
+    run("odd", "--calibration", "c.yaml", "-o", "out")
+    assert_allclose(
+        read_cloud(folder / "out")[:, :9], read_calibration("c.yaml").correct(recording).outputs, atol=1e-15
+    )
+
+
 def test_the_array_is_compared(folder):
     """With the right array file the result is the same."""
     run("run.csv", "--calibration", "c.yaml", "--array", "array.yaml", "-o", "out.csv")
@@ -82,8 +144,8 @@ def test_pieces_give_the_whole(folder, monkeypatch):
     """A bag that is corrected in many pieces holds bit by bit the results of the whole, and the same summary."""
     run("run", "--calibration", "c.yaml", "-o", "whole")
     whole = run("run", "--calibration", "c.yaml", "-o", "whole.csv", "--json").stdout
-    monkeypatch.setattr("tam_calibration.files.bag.BATCH", 100)
-    monkeypatch.setattr("tam_calibration.files.bag_sqlite3.ROWS", 64)
+    monkeypatch.setattr("tam_calibration.recordings.bag_source.BATCH", 100)
+    monkeypatch.setattr("tam_calibration.recordings.bag_sqlite3.ROWS", 64)
     run("run", "--calibration", "c.yaml", "-o", "pieces")
     pieces = run("run", "--calibration", "c.yaml", "-o", "pieces.csv", "--json").stdout
     assert read_cloud(folder / "pieces").tolist() == read_cloud(folder / "whole").tolist()
@@ -93,15 +155,15 @@ def test_pieces_give_the_whole(folder, monkeypatch):
 
 def test_readings_in_another_unit_are_refused_after_some_that_are_none(folder, recording, monkeypatch):
     """A few pieces of nonsense are corrected like the rest; when most are not in tesla, nothing is written."""
-    monkeypatch.setattr("tam_calibration.files.bag.BATCH", 500)
-    monkeypatch.setattr("tam_calibration.files.bag_sqlite3.ROWS", 500)
+    monkeypatch.setattr("tam_calibration.recordings.bag_source.BATCH", 500)
+    monkeypatch.setattr("tam_calibration.recordings.bag_sqlite3.ROWS", 500)
     for name, bad in (("few", slice(100, 200)), ("most", slice(100, 600))):
         readings = recording.readings_T.copy()
         readings[bad] *= 1e9
         write_recording(name, replace(recording, readings_T=readings))
     run("few", "--calibration", "c.yaml", "-o", "few_out")
     result = CliRunner().invoke(main, ["correct", "most", "--calibration", "c.yaml", "-o", "most_out"])
-    assert result.exit_code == 2 and "nT given as T" in result.stderr
+    assert result.exit_code == 2 and "do these have another unit?" in result.stderr
     assert not (folder / "most_out").exists()
 
 

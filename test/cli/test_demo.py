@@ -8,15 +8,15 @@ from click.testing import CliRunner
 
 from tam_calibration.cli import demo
 from tam_calibration.cli.main import main
-from tam_calibration.files.scenario import read_scenario
 from tam_calibration.model.exceptions import Refused
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 
 
 def test_demo_reaches_the_noise_floor(ros_domain, tmp_path, monkeypatch):
     """A shorter run over DDS ends with exit code 0, a page and a calibration."""
     scenario = replace(read_scenario("tumble_100_hz"), sample_count=1200)
-    monkeypatch.setattr("tam_calibration.files.scenario.read_scenario", lambda name: scenario)
+    monkeypatch.setattr("tam_calibration.results.scenario.read_scenario", lambda name: scenario)
     monkeypatch.setattr("tam_calibration.cli.demo.PLAY_RATE", 4.0)
     monkeypatch.setattr("tam_calibration.cli.demo.CHECK_SAMPLES", 500)
     output = tmp_path / "output"

@@ -9,11 +9,11 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.cli.main import main
-from tam_calibration.files import read_calibration, write_calibration, write_recording
 from tam_calibration.fit import calibrate
 from tam_calibration.localization.one_source import locate_run
-from tam_calibration.localization.sample_by_sample import regional_of
+from tam_calibration.localization.turned_samples import regional_of
 from tam_calibration.model.recording import Recording
+from tam_calibration.results import read_calibration, write_calibration, write_recording
 from tam_calibration.sources.dipole import Dipole
 
 PASSED = [30.0, 2.5, -2.3]
@@ -165,6 +165,9 @@ def test_table_and_page(folder, tmp_path):
         (("bare.csv",), "has no attitude"),
         (("pass.csv", "--velocity", "1.5"), "--velocity must be X,Y,Z"),
         (("pass.csv", "--velocity", "nan,0,0"), "--velocity must be X,Y,Z"),
+        (("pass.csv", "--velocity", "1e308,0,0"), "the velocity is 1e+308 m/s, and lies within 0 to 10000 m/s"),
+        (("pass.csv", "--velocity", "0,1e300,1e300"), "the velocity is 1e+300 m/s, and lies within 0 to 10000 m/s"),
+        (("pass.csv", "--velocity", "1,0,0", "--velocity-error", "1e9"), "the error of the velocity is 1e+09 m/s"),
         (("pass.csv", "--velocity", "1,0,0", "--index", "2"), "its structural index is 3"),
         (("pass.csv", "--velocity", "1,0,0", "--velocity-error", "-1"), "--velocity-error is that of --velocity"),
         (("pass.csv", "--velocity", "1,0,0", "--velocity-error", "nan"), "--velocity-error is that of --velocity"),
@@ -180,6 +183,8 @@ def test_table_and_page(folder, tmp_path):
         (("coil.csv", "--frequency", "0"), "must be a positive number"),
         (("coil.csv", "--frequency", "nan"), "must be a positive number"),
         (("coil.csv", "--frequency", "-10"), "must be a positive number"),
+        (("coil.csv", "--frequency", "1e308"), "must be a positive number of hertz, at most 1e+06, not 1e+308"),
+        (("coil.csv", "--frequency", "inf"), "must be a positive number of hertz, at most 1e+06, not inf"),
         (("one.csv", "--frequency", "0.01"), "a record of one period at least"),
         (("few.csv", "--find-frequency"), "samples"),
         (("single.csv", "--frequency", "10"), "samples"),
@@ -195,6 +200,14 @@ def test_bad_input_is_one_sentence(folder, arguments, sentence, passing):
     assert result.stdout == "" and len(result.stderr.splitlines()) == 1
     assert result.stderr.startswith("tam: ") and sentence in result.stderr
     assert not (folder / "bad.html").exists()
+
+
+@pytest.mark.parametrize("error", ["1e-300", "1e-12", "0"])
+def test_a_tiny_error_of_the_velocity_is_none(folder, error):
+    """Its square would be no number: the track is that of an exact velocity."""
+    assert result_of(folder, "pass.csv", "--velocity", "1.5,0,0", "--velocity-error", error) == result_of(
+        folder, "pass.csv", "--velocity", "1.5,0,0", "--velocity-error", "0"
+    )
 
 
 def test_nothing_to_be_found_is_exit_1(folder, passing):

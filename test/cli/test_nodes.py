@@ -9,8 +9,8 @@ from click.testing import CliRunner
 from ros_bench import processes_of
 
 from tam_calibration.cli.main import main
-from tam_calibration.files import write_calibration
 from tam_calibration.fit import calibrate
+from tam_calibration.results import write_calibration
 
 pytest.importorskip("rclpy", reason="rclpy is not installed: pip install 'tam_calibration[ros]'")
 
@@ -60,6 +60,14 @@ def test_every_node_starts_with_the_calibration(bench, recording, cross, tmp_pat
         return [name for name in ("calibrator", "corrector", "localizer") if f"[{name}{said}" in logs]
 
     bench.spin_until(lambda: len(loaded()) == 3, "all have loaded it")
+    assert ended(bench, children, signal.SIGINT) == 0
+
+
+def test_the_collector_takes_the_map(bench, tmp_path):
+    """It waits for the topics that the map names."""
+    (tmp_path / "map.yaml").write_text("sensors: [{topic: /a}, {topic: /b}, {topic: /c}, {topic: /d}]\n")
+    children = bench.start({"tam": [*COMMAND, "--map", str(tmp_path / "map.yaml")]})
+    bench.spin_until(lambda: "no message yet on /a, /b, /c, /d: " in children.log("tam"), "it waits for these topics")
     assert ended(bench, children, signal.SIGINT) == 0
 
 

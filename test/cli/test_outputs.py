@@ -11,9 +11,10 @@ import pytest
 from click.testing import CliRunner
 
 from tam_calibration.cli.main import main
-from tam_calibration.files import write_array, write_calibration, write_recording
 from tam_calibration.fit import calibrate
 from tam_calibration.model.signals import ENDING
+from tam_calibration.recordings import write_array
+from tam_calibration.results import write_calibration, write_recording
 
 SCENARIO = """
 array: {baseline_m: 0.5, vector_noise_nT: 1.0}
@@ -92,6 +93,8 @@ TWIN = "simulate --from-calibration c.yaml --recording"
         "blind make bag/cases --seed 1",
         "demo --output-dir bag",
         "reproduce li2018a --output-dir bag",
+        "export c.yaml --to px4 -o c.yaml",
+        "export c.yaml --to json -o bag/new.json",
         "recover bag -o bag/new",
         "recover bag -o other.mcap",
     ],
@@ -135,7 +138,7 @@ def test_a_dead_scheduler_leaves_nothing(stored, tmp_path, monkeypatch):
     """Neither a lock nor the folders that were made for the results."""
     pytest.importorskip("distributed")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("tam_calibration.fleet.execution.CONNECT_S", 0.5)
+    monkeypatch.setattr("tam_calibration.fleet.processes.CONNECT_S", 0.5)
     words = ["batch", str(stored / "s.csv"), "--array", str(stored / "a.yaml"), "--scheduler", "tcp://127.0.0.1:1"]
     result = CliRunner().invoke(main, [*words, "--out", "new/out"])
     assert result.exit_code == 2 and "no scheduler answers" in result.stderr

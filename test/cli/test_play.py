@@ -11,7 +11,8 @@ from click.testing import CliRunner
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.cli.main import main
-from tam_calibration.files import read_recording, write_recording
+from tam_calibration.recordings import read_recording
+from tam_calibration.results import write_recording
 
 sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
 
@@ -28,12 +29,12 @@ def bag(recording, tmp_path_factory):
 
 def rows_in(bag, topic):
     """Return the rows of the one-row clouds on a topic of a bag."""
-    from tam_calibration.files.bag import open_bag
-    from tam_calibration.files.bag_writing import TYPESTORE
+    from tam_calibration.recordings.bag_reader import open_bag, raw_messages
+    from tam_calibration.recordings.bag_writing import TYPESTORE
 
     with open_bag(bag) as reader:
         connections = [connection for connection in reader.connections if connection.topic == topic]
-        clouds = [TYPESTORE.deserialize_cdr(data, each.msgtype) for each, _, data in reader.messages(connections)]
+        clouds = [TYPESTORE.deserialize_cdr(data, each.msgtype) for each, _, data in raw_messages(reader, connections)]
     return np.array([np.frombuffer(cloud.data, "<f8") for cloud in clouds])
 
 
@@ -141,3 +142,39 @@ def test_a_name_that_is_no_utf8_is_no_matter_of_ros(ros_domain, bag, tmp_path, m
     monkeypatch.setattr(sys, "argv", ["tam", "play", str(odd)])
     result = CliRunner().invoke(main, ["play", str(odd), "--rate", "1000"])
     assert result.exit_code == 0, result.output
+
+
+STRANGE_MAP = """
+sensors: [{topic: /mag1}, {topic: /mag2}, {topic: /mag3}, {topic: /mag4}]
+scalar: {topic: /overhauser, field: data, unit: nT}
+"""
+
+
+@pytest.mark.parametrize("way", ["map", "choice", "text"])
+def test_any_recording_is_played_onto_the_topics_of_the_collector(bench, recording, tmp_path, way):
+    """A bag of strange names by a map and by choice, and a text: the samples are those off line."""
+    from inspected import fields, numbers, write_bag
+
+    from test.nodes.test_streaming import rows_of
+
+    part, options = recording.take(slice(100)), []
+    stamps_ns = np.round(part.time_s * 1e9).astype(np.int64)
+    path = tmp_path / ("run.csv" if way == "text" else "strange")
+    if way == "text":
+        write_recording(path, part)
+    else:
+        topics = {f"/mag{n + 1}": (fields(part.readings_T[:, n], stamps_ns), stamps_ns) for n in range(4)}
+        write_bag(path, {"/overhauser": (numbers(part.scalar_T * 1e9), stamps_ns), **topics})
+    if way == "map":
+        (tmp_path / "map.yaml").write_text(STRANGE_MAP)
+        options = ["--map", str(tmp_path / "map.yaml")]
+    bench.start_nodes(collector={})
+    samples = bench.listen(sensor_msgs.PointCloud2, "samples")
+    bench.connect(collector={"samples": 1})
+    assert ("taken" in play(bench, str(path), "--rate", "2", *options)) == (way != "text")
+    bench.spin_until(lambda: len(samples) == 100, "the samples")
+    rows = rows_of(samples)
+    assert_allclose(rows[:, 0], part.time_s, rtol=1e-15)
+    assert_allclose(rows[:, 1:13], part.readings_T.reshape(100, 12), rtol=1e-12)
+    assert np.isfinite(rows[:, 13]).mean() > 0.9
+    assert set(np.round(rows[:, 13][np.isfinite(rows[:, 13])], 17)) <= set(np.round(part.scalar_T, 17))

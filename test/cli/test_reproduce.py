@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from tam_calibration.cli.main import main
-from tam_calibration.validation.papers import li2018a, wu2025, wu2025_coil_sweeps
+from tam_calibration.validation.papers import li2018a, wu2025
 
 
 @pytest.fixture
@@ -79,22 +79,6 @@ def test_another_status_than_on_record_exits_1(run, monkeypatch):
     assert Path("reproduce_li2018a.csv").exists()
 
 
-def test_experiment_with_the_coil_alone(run, monkeypatch):
-    """Its numbers, what each unmodelled error needs, and a page with the plot; of another paper there is none."""
-    monkeypatch.setattr(wu2025_coil_sweeps, "_DIRECTIONS", 3)
-    monkeypatch.setattr(wu2025_coil_sweeps, "_DRAWS", 3)
-    result = run("wu2025", "--experiment", "coil", "--report", "page.html")
-    assert result.exit_code == 0, result.stderr
-    assert result.stdout.splitlines()[-1] == "wu2025: 24 numbers, 4 reproduced, 20 not reproduced, 0 paper in error"
-    assert "reached by baseline length: " in result.stdout
-    first, rows = read("reproduce_wu2025_coil.csv")
-    assert first == "# tam reproduce wu2025 --experiment coil" and len(rows) == 24
-    assert len(read("reproduce_wu2025_coil_sweeps.csv")[1]) == 66
-    assert "What the coil of Wu 2025 needs" in Path("page.html").read_text(encoding="utf-8")
-    other = run("li2018a", "--experiment", "coil")
-    assert other.exit_code == 2 and "is one of wu2025" in other.stderr
-
-
 def test_a_folder_that_is_not_there_exits_2(run):
     """One sentence, before anything is simulated."""
     result = run("wu2025", "--output-dir", "nowhere")
@@ -109,7 +93,6 @@ def test_a_page_on_demand(run):
     assert "written: page.html" in result.stdout
     page = Path("page.html").read_text(encoding="utf-8")
     assert "Every number that is compared has the status that is on record for it." in page
-    assert "<figcaption>Fig. 4: intensities of the sensors, simulated anew<" in page
 
 
 def test_all_papers_with_the_curves_of_figures(run, monkeypatch, wu2025_sweeps):

@@ -9,9 +9,10 @@ from click.testing import CliRunner
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.cli.main import main
-from tam_calibration.files import read_array, read_calibration, read_recording
 from tam_calibration.files.configuration import configuration_folder
-from tam_calibration.files.scenario import read_scenario
+from tam_calibration.recordings import read_array, read_recording
+from tam_calibration.results import read_calibration
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 
 

@@ -12,10 +12,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 from tam_calibration.cli.main import main
 from tam_calibration.comparison.additions import mended
 from tam_calibration.comparison.result import NoiseTerm
-from tam_calibration.files import read_array, read_recording, write_recording
-from tam_calibration.files.mend_yaml import mend_to_mapping, write_mend
 from tam_calibration.files.text_files import to_json
 from tam_calibration.model.mounting import Mounting
+from tam_calibration.recordings import read_array, read_recording
+from tam_calibration.results import write_recording
+from tam_calibration.results.comparison_json import mend_to_mapping, write_mend
 
 
 @pytest.fixture(scope="module")

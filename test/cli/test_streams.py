@@ -1,14 +1,19 @@
 """Standard streams that are closed, full or of another encoding, and names that are no text."""
 
+import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from tam_calibration.cli.main import main
-from tam_calibration.cli.streams import tell
-from tam_calibration.files import read_calibration, write_array, write_recording
+from tam_calibration.cli.streams import say, tell
+from tam_calibration.cli.terminal import print_blocks, say_written, stdout
+from tam_calibration.recordings import write_array
+from tam_calibration.report.blocks import Table
+from tam_calibration.results import read_calibration, write_recording
 
 _PLAN = ["plan", "--array", "array.yaml", "--turntable", "90"]
 _CALIBRATE = ["calibrate", "run.csv", "--array", "array.yaml", "-o", "new.yaml"]
@@ -109,8 +114,9 @@ def test_memory_that_does_not_suffice_is_a_sentence(monkeypatch, capsys):
         ("there is no file a\nb", "tam: there is no file a\\nb\n"),
         (
             "\x1b[2J\u202e\udcff is none: 54\u2009955 nT, Größe",
-            "tam: \\x1b[2J\\u202e\\udcff is none: 54\u2009955 nT, Größe\n",
+            "tam: \\u001b[2J\\u202e\\udcff is none: 54\u2009955 nT, Größe\n",
         ),
+        (f"not {10**300}, nor {1e308:.2f}", f"tam: not 1{'0' * 11}…{'0' * 12}, nor 100000000000…430223118336.00\n"),
         ("x" * 1000 + "y" * 5000 + "z" * 1000, f"tam: {'x' * 1000} … {'z' * 1000}\n"),
     ],
 )
@@ -118,3 +124,25 @@ def test_a_sentence_is_one_line_whatever_is_named_in_it(capsys, sentence, told):
     """Line breaks and commands to terminals are written by their numbers, the middle of thousands of letters not."""
     tell(sentence)
     assert capsys.readouterr().err == told
+
+
+HOSTILE = ["\x1b[31mred.csv", "\x1b]0;title\x07", "a\rb", "\x9b2J", "\u202egnp.exe", "\udcff", "\x7f", "\u2028"]
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_name_sends_no_command_to_the_terminal(capsys, name):
+    """Whether it stands in a line, in a table or in its title; JSON stays JSON with the same name."""
+    say(f"{name}\nnext line")
+    say_written([Path(name), None])
+    stdout().print(f"{name} is read", soft_wrap=True)
+    print_blocks([Table(("name", "count"), [[name, "1"]], name)])
+    told = capsys.readouterr().out
+    assert "".join(told.split("\n")).isprintable() and len(told.split("\n")) > 8
+    say(json.dumps({"name": name}, ensure_ascii=False))
+    assert json.loads(capsys.readouterr().out) == {"name": name}
+
+
+def test_all_that_commands_print_goes_through_it():
+    """Nothing is printed as it came."""
+    sources = {path.name: path.read_text() for path in Path(main.callback.__code__.co_filename).parent.glob("*.py")}
+    assert [name for name, source in sources.items() if "click.echo(" in source] == ["streams.py"]

@@ -9,20 +9,23 @@ from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
 from tam_calibration.cli import diagnose as diagnose_command
 from tam_calibration.cli.main import main
-from tam_calibration.files import read_calibration, recording_file, write_array, write_recording
-from tam_calibration.files.bag_writing import TYPESTORE
+from tam_calibration.messages.usage import Usage
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.recordings import recording_file, write_array
+from tam_calibration.recordings.bag_writing import TYPESTORE
+from tam_calibration.results import read_calibration, write_recording
 
 TOPIC = "/tam_3/magnetic_field"
 
 
 @pytest.fixture
 def thinned(tmp_path, monkeypatch, recording, cross):
-    """Give a working folder; return a function that writes a bag in which sensor 3 lacks a part of its messages."""
+    """Give a working folder; return a function that writes a bag in which sensor 3 lacks some of its messages."""
     monkeypatch.chdir(tmp_path)
     write_recording("whole", recording)
     write_array("array.yaml", cross)
 
-    def write(lost):
+    def write(lost, every=0):
         with Reader("whole") as reader, Writer("run", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
             connections = {
                 each.topic: writer.add_connection(each.topic, each.msgtype, typestore=TYPESTORE)
@@ -31,7 +34,8 @@ def thinned(tmp_path, monkeypatch, recording, cross):
             count = 0
             for connection, recorded_ns, data in reader.messages():
                 count += connection.topic == TOPIC
-                if connection.topic != TOPIC or not 100 < count <= 100 + 600 * lost:
+                is_lost = count % every == 0 if every else 100 < count <= 100 + 600 * lost
+                if connection.topic != TOPIC or not is_lost:
                     writer.write(connections[connection.topic], recorded_ns, data)
 
     return write
@@ -86,3 +90,37 @@ def test_below_half_is_refused(thinned, name):
         "only 240 of 600 samples of sensor 1 used: 360 found none of tam_3, of which 240 messages came" in result.stderr
     )
     assert "Traceback" not in result.stderr and not Path("out.json").exists()
+
+
+@pytest.fixture
+def half(thinned, monkeypatch):
+    """Write a bag in which sensor 3 has half of the rate; fits shall refuse it where they count its readings."""
+    thinned(0.5, every=2)
+    assert run("calibrate", "-o", "calibration.yaml").exit_code == 0
+    assert read_calibration("calibration.yaml").samples == pytest.approx(300, abs=5)
+
+    def refuse(usage, samples):
+        raise InputError(f"{samples.sample_count} samples with each reading once")
+
+    monkeypatch.setattr(Usage, "with_each_reading_once", refuse)
+
+
+@pytest.mark.parametrize("is_large", [False, True])
+def test_a_slower_sensor_counts_once_in_every_fit(half, monkeypatch, is_large):
+    """Whichever command fits or judges noise; what is corrected has all samples."""
+    monkeypatch.setattr(recording_file, "_LARGE_BYTES", 0 if is_large else 1 << 30)
+    array, known = ["--array", "array.yaml"], ["--calibration", "calibration.yaml"]
+    for command in (
+        ["calibrate", "run", *array],
+        ["calibrate", "run", *array, "--estimate-delays"],
+        ["diagnose", "run", *array],
+        ["diagnose", "run", *array, *known],
+        ["locate", "run", *known],
+        ["plan", "run", *array],
+        ["compare", "run", "run", *array],
+    ):
+        result = CliRunner().invoke(main, command)
+        assert result.exit_code == 2 and "samples with each reading once" in result.stderr, (command, result.stderr)
+    result = CliRunner().invoke(main, ["correct", "run", *known, "-o", "corrected.csv"])
+    assert result.exit_code == 0, result.stderr
+    assert len(Path("corrected.csv").read_text().splitlines()) > 590

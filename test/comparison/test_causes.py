@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tam_calibration.comparison.causes import are_alike, likely_causes, size_of, unknown_part
-from tam_calibration.comparison.differences import differences_between
+from tam_calibration.comparison.differences import are_alike, differences_between, likely_causes, size_of, unknown_part
 from tam_calibration.comparison.result import UNKNOWN, EffectDifference
 from tam_calibration.comparison.side import side_of
 

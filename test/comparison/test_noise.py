@@ -11,7 +11,9 @@ from tam_calibration.comparison import noise as noise_module
 from tam_calibration.comparison.colour import MARGIN
 from tam_calibration.comparison.noise import differs, noise_of
 from tam_calibration.comparison.spectrum import spectra_of
+from tam_calibration.core.interpolation import Correlation, interpolated
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.interpolated_noise import LAGS, InterpolatedNoise
 
 STEP_S = 0.02
 
@@ -137,6 +139,32 @@ def test_excluded_samples_outliers_and_holes_do_not_matter():
     axes = noise_of(times, 1e-9 * residual, against_the_mean(4))
     assert {axis.colour for axis in axes} == {"white"}
     assert [axis.level_T for axis in axes] == pytest.approx([1e-9] * 12, rel=0.06)
+
+
+@pytest.fixture(scope="module")
+def interpolated_rows():
+    """Return rows (N, 6) of two sensors, those of the second between its readings, and what that makes of its noise."""
+    generator, count = np.random.default_rng(10), 20_000
+    read, asked = 10 * np.arange(count), 10 * np.arange(count) - 2
+    rows = generator.normal(size=(count, 6))
+    rows[:, 3] += 0.3 * shaped("band", count, generator)
+    values, after, weight = interpolated(read, rows[:, 3:], asked)
+    correlation = Correlation()
+    correlation.add(after[after < count], weight)
+    rows[:, 3:] = values
+    return rows[5:], InterpolatedNoise(np.array([np.zeros(LAGS), correlation.values]), np.ones(2))
+
+
+def test_interpolated_noise_has_the_colour_of_the_sensor(interpolated_rows):
+    """Between the readings white noise has a colour of its own, which is not the sensor's; a band of it still is."""
+    rows, made = interpolated_rows
+    times = STEP_S * np.arange(len(rows))
+    as_it_is = noise_of(times, 1e-9 * rows, np.eye(6))
+    assert [axis.colour == "white" for axis in as_it_is] == [True] * 3 + [False] * 3
+    told = noise_of(times, 1e-9 * rows, np.eye(6), made)
+    assert [axis.colour for axis in told] == ["white"] * 3 + ["band"] + ["white"] * 2
+    assert told[3].band_hz == pytest.approx((4.5, 5.5), abs=0.3)
+    assert [axis.level_T for axis in told] == pytest.approx([1e-9] * 3 + [1.044e-9] + [1e-9] * 2, rel=0.02)
 
 
 def test_rounding_is_white_noise():

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from tam_calibration.core.elimination import Elimination
+from tam_calibration.core.normal_equations import Elimination
 from tam_calibration.model.sensor_errors import SensorErrors
 
 

@@ -106,11 +106,12 @@ def test_values_between_are_told_where_enough_readings_are_around():
     course = np.array([[1.0, -2.0], [0.03, 0.01], [2e-4, -5e-4], [1e-6, 3e-6]])
     values = np.vander(times, 4, increasing=True) @ course
     asked = np.array([-5, 0, 25, 31, 47, 50, 189, 190, 195])
-    told, after = interpolated(times, values, asked)
+    told, after, weight = interpolated(times, values, asked)
     assert after.tolist() == [20, 20, 20, 4, 5, 6, 19, 20, 20]
     inside = after < 20
     assert_allclose(told[inside], np.vander(asked[inside], 4, increasing=True) @ course, rtol=1e-9)
     assert np.isnan(told[~inside]).all()
+    assert_allclose(weight.sum(axis=1), np.ones(4))
 
 
 def test_a_sensor_that_is_stamped_late_moves_to_the_samples_it_was_read_at():

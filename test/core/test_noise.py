@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from tam_calibration.core.noise import complete_noise, noise_energy
-from tam_calibration.files.scenario import read_scenario
 from tam_calibration.fit import calibrate
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 
 UNKNOWN = Array(np.zeros((1, 3)))

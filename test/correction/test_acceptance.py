@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from tam_calibration.correction.acceptance import LIMITS, beyond_limits, within_limits
-from tam_calibration.files import read_calibration, write_calibration
 from tam_calibration.fit import calibrate
 from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.results import read_calibration, write_calibration
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +32,16 @@ def with_residual(calibration, share):
     return replace(calibration, in_sample=replace(calibration.in_sample, sensor_intensity_T=left))
 
 
+def with_errors_of_first(calibration, distance):
+    """Return a calibration whose sensor 4 has the errors of sensor 1, but for some standard errors of its bias z."""
+    vectors = calibration.errors.to_vector()
+    vectors[3] = vectors[0]
+    vectors[3, 8] += distance * np.hypot(*calibration.standard_errors[[0, 3], 8])
+    return replace(calibration, errors=SensorErrors.from_vector(vectors, calibration.errors.orientation))
+
+
 CASES = {
+    "one_sensor": [(with_errors_of_first, None, 10.0, 1.0, "sensors 1 and 4 have the same errors, all twelve within")],
     "scale_factor": [
         (changed, "scale_factor", 0.51, 0.49, "scale factor of sensor 2 y is 0.49, not between 0.5 and 2"),
         (changed, "scale_factor", 1.99, 2.01, "scale factor of sensor 2 y is 2.01"),
@@ -60,6 +70,22 @@ def test_limits_are_where_they_are_said_to_be(calibration, name, case):
 def test_every_limit_has_a_case():
     """None is left out above."""
     assert set(CASES) == set(LIMITS)
+
+
+def test_a_simulator_may_give_all_sensors_the_same_errors(calibration):
+    """Then no channel is told to be another's."""
+    vectors = np.repeat(calibration.errors.to_vector()[:1], 4, axis=0)
+    alike = replace(calibration, errors=SensorErrors.from_vector(vectors, calibration.errors.orientation))
+    assert beyond_limits(alike) == {}
+
+
+def test_a_channel_that_reads_another_sensor_is_refused(recording, cross):
+    """With a noise of its own; two sound sensors are not."""
+    readings_T = recording.readings_T.copy()
+    noise_T = 1e-9 * np.random.default_rng(8).normal(size=readings_T[:, 2].shape)
+    readings_T[:, 1] = readings_T[:, 2] + noise_T
+    with pytest.raises(Refused, match=r"sensors 2 and 3 have the same errors.*accept one_sensor"):
+        calibrate(replace(recording, readings_T=readings_T), cross)
 
 
 def test_a_file_is_read_within_the_limits_that_were_accepted(calibration, tmp_path):

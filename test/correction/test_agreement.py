@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tam_calibration.correction.agreement import ScalarAgreement
+from tam_calibration.correction.acceptance import ScalarAgreement
 from tam_calibration.fit import calibrate
 
 SCALAR_T = np.full(10, 50e-6)

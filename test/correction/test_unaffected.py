@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.correction.calibration import EffectSize
-from tam_calibration.correction.unaffected import Unaffected
+from tam_calibration.correction.partial import Unaffected
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect

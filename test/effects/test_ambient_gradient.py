@@ -14,11 +14,11 @@ from tam_calibration.effects.ambient_gradient import (
     turned,
     without_gradient,
 )
-from tam_calibration.files.scenario import read_scenario
 from tam_calibration.model.array import TENSOR_COLUMNS, TENSOR_ROWS, UNIT_TENSORS, Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import ALL, Contribution, FittedEffect
 from tam_calibration.model.recording import Recording
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.instruments import AttitudeChannel
 

@@ -6,10 +6,10 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.effects.crosstalk import Crosstalk
-from tam_calibration.files.effects_schema import EffectFile, effect_to_mapping
 from tam_calibration.files.schema import check
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
+from tam_calibration.results.effects_schema import EffectFile, effect_to_mapping
 
 EFFECT = Crosstalk()
 LATE = {"late_y_s": 0.05}

@@ -12,9 +12,9 @@ import pytest
 
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import installed_effects
-from tam_calibration.gap import next_recording, separation
-from tam_calibration.gap.evidence import Evidence
+from tam_calibration.gap import next_recording
 from tam_calibration.gap.hypothesis import Hypothesis
+from tam_calibration.gap.size import Evidence
 from tam_calibration.gap.support import _is_nested
 
 ROOT = Path(__file__).parents[2]
@@ -76,15 +76,15 @@ def evidence(effect, delta_bic=100.0):
 def test_separation_puts_the_holding_effect_first(monkeypatch, special, whole, is_special_first):
     """And asks for evidence that there is more than the special case, never that there is not."""
     asked = []
-    monkeypatch.setattr(separation, "_fitted", lambda base, form: form)
-    monkeypatch.setattr(separation, "candidates", lambda covariates, needed: ["offer"])
-    monkeypatch.setattr(separation, "expected_evidence", lambda *given: asked.append(given) or 50.0)
-    monkeypatch.setattr(separation, "Candidate", lambda *given: SimpleNamespace(minutes=1.0))
-    monkeypatch.setattr(separation, "max", lambda offers, key: (50.0, SimpleNamespace(minutes=1.0)), raising=False)
-    monkeypatch.setattr(separation, "long_enough", lambda gained, minutes: minutes)
+    monkeypatch.setattr(next_recording, "_fitted", lambda base, form: form)
+    monkeypatch.setattr(next_recording, "candidates", lambda covariates, needed: ["offer"])
+    monkeypatch.setattr(next_recording, "expected_evidence", lambda *given: asked.append(given) or 50.0)
+    monkeypatch.setattr(next_recording, "Candidate", lambda *given: SimpleNamespace(minutes=1.0))
+    monkeypatch.setattr(next_recording, "max", lambda offers, key: (50.0, SimpleNamespace(minutes=1.0)), raising=False)
+    monkeypatch.setattr(next_recording, "long_enough", lambda gained, minutes: minutes)
     pair = (special, whole) if is_special_first else (whole, special)
-    ambiguity = separation.Ambiguity(*map(evidence, pair), SimpleNamespace(base=lambda: None))
-    found = separation.separate(SimpleNamespace(covariates=None, minutes=1.0), ambiguity)
+    ambiguity = next_recording.Ambiguity(*map(evidence, pair), SimpleNamespace(base=lambda: None))
+    found = next_recording.separate(SimpleNamespace(covariates=None, minutes=1.0), ambiguity)
     assert (found.first.effect, found.second.effect) == (whole, special)
     assert asked[0][-1]
 

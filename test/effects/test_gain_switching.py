@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from tam_calibration.effects.covariates import Memory
 from tam_calibration.effects.gain_switching import GainSwitching
-from tam_calibration.effects.recursions import Memory
-from tam_calibration.files.effects_schema import EffectFile, effect_to_mapping
 from tam_calibration.files.schema import check
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
+from tam_calibration.results.effects_schema import EffectFile, effect_to_mapping
 
 EFFECT = GainSwitching()
 WINDOWS = {"on_1_s": 5.02, "off_1_s": 8.02, "on_2_s": 21.52, "off_2_s": 25.02, "on_3_s": 50.02}

@@ -69,7 +69,7 @@ import json, sys
 from dataclasses import replace
 import numpy as np
 from tam_calibration.effects.library import installed_effects
-from tam_calibration.files.scenario import read_scenario
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.gap import diagnose
 from tam_calibration.simulation import simulate
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from tam_calibration.effects.displaced import AgainstOthers
 from tam_calibration.effects.interpolated_samples import InterpolatedSamples
-from tam_calibration.effects.other_sensors import AgainstOthers
 from tam_calibration.effects.stale_samples import StaleSamples
 
 

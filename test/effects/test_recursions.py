@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.recursions import Memory, lagged, lagged_smooth
+from tam_calibration.effects.covariates import Memory, lagged, lagged_smooth
 
 
 def irregular(seed, count=300):
@@ -24,6 +24,14 @@ def test_a_ramp_lags_by_the_time_constant(time_constant):
     late = lagged(time, time, time_constant)
     settled = 1 - np.exp(-(time - time[0]) / time_constant)
     assert_allclose(late, time - time_constant * settled, rtol=1e-9)
+
+
+@pytest.mark.parametrize("time_constant", [-1.0, 0.0, 1e-320, 1e-200, 1e-9])
+def test_a_time_constant_of_nothing_is_no_lag(time_constant):
+    """Also where its inverse is no number."""
+    time, drive = irregular(1)
+    for late in (lagged(drive, time, time_constant), lagged_smooth(drive, drive, time, time_constant)):
+        assert_allclose(late, drive, rtol=0, atol=0)
 
 
 @pytest.mark.parametrize("time_constant", [0.001, 0.1, 1.0])

@@ -188,6 +188,16 @@ def test_only_what_goes_with_the_array_is_of_the_sensors():
     assert of_sensors([scalar_alone]) == ()
 
 
+@pytest.mark.parametrize("part", range(4))
+@pytest.mark.parametrize("known", [[0], [3, 5], []])
+def test_attitudes_that_are_unknown_in_part_are_filled_as_others_are(part, known):
+    """From the nearest that is known in whole; where none is, there is no attitude."""
+    attitude = np.random.default_rng(2).normal(size=(RECORDING.sample_count, 4))
+    attitude[~np.isin(np.arange(len(attitude)), known), part] = np.nan
+    result = filled(replace(RECORDING, attitude=attitude)).attitude
+    assert result is None if not known else np.isin(result[:, 0], attitude[known, 0]).all()
+
+
 def test_holes_of_channels_are_filled_from_their_neighbours():
     """A temperature between two others lies between them; an attitude is that of the nearest sample."""
     temperature = np.full(COUNT, np.nan)

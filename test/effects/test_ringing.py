@@ -6,9 +6,9 @@ from numpy.testing import assert_allclose
 from scipy.signal import lsim
 
 from tam_calibration.effects.ringing import Ringing
-from tam_calibration.files.effects_schema import EffectFile, effect_to_mapping
 from tam_calibration.files.schema import check
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
+from tam_calibration.results.effects_schema import EffectFile, effect_to_mapping
 
 EFFECT = Ringing()
 SHAPE = {"frequency_hz": 1.3, "damping": 0.2}

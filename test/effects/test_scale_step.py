@@ -6,9 +6,9 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.effects.scale_step import ScaleStep
-from tam_calibration.files.effects_schema import EffectFile, effect_to_mapping
 from tam_calibration.files.schema import check
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
+from tam_calibration.results.effects_schema import EffectFile, effect_to_mapping
 
 EFFECT = ScaleStep()
 STEP = {"time_s": 31.42}

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
-from tam_calibration.effects.recursions import Memory
+from tam_calibration.effects.covariates import Memory
 from tam_calibration.effects.temperature_drift import TemperatureDrift
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 

@@ -13,7 +13,8 @@ from mujoco_vehicle import main
 from numpy.testing import assert_allclose
 
 from tam_calibration.cli.main import main as tam
-from tam_calibration.files import read_array, read_calibration, read_recording
+from tam_calibration.recordings import read_array, read_recording
+from tam_calibration.results import read_calibration
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: .venv/bin/pip install -e '.[compare]'")
 

@@ -5,12 +5,13 @@ from typing import get_args
 import pytest
 import yaml
 
-from tam_calibration.files import calibration_from_yaml, calibration_to_yaml, quantities
+from tam_calibration.files import quantities
 from tam_calibration.files.configuration import configuration_folder
-from tam_calibration.files.scenario_schema import scenario_of
 from tam_calibration.files.yaml_document import dump_mapping
 from tam_calibration.fit import calibrate
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.results import calibration_from_yaml, calibration_to_yaml
+from tam_calibration.results.scenario import scenario_of
 
 BOUNDS = {
     "ScaleFactor": (1e-4, 1e4),

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from tam_calibration.files import write_whole
-from tam_calibration.files.text_files import degrees_to_write, nanotesla_to_write
+from tam_calibration.files.text_files import degrees_to_write, nanotesla_to_write, write_whole
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import from_degrees, from_nanotesla
 

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from stat import S_IMODE
 from tempfile import mkdtemp
 
 import pytest
@@ -75,6 +76,53 @@ def test_a_link_that_was_replaced_comes_back_as_a_link(tmp_path, monkeypatch):
         b.write_text("new")
         (tmp_path / "b").mkdir()
     assert os.readlink(tmp_path / "a") == "target" and (tmp_path / "target").read_text() == "old"
+
+
+@pytest.mark.parametrize("mode", [0o600, 0o640, 0o444, 0o755])
+def test_an_existing_file_keeps_its_mode(tmp_path, mode):
+    """A file that only its owner may read stays so; a new file has the mode of the process."""
+    (tmp_path / "a").write_text("old")
+    (tmp_path / "a").chmod(mode)
+    write_both(tmp_path)
+    (tmp_path / "new").touch()
+    modes = {name: S_IMODE((tmp_path / name).stat().st_mode) for name in ("a", "b", "new")}
+    assert modes == {"a": mode, "b": modes["new"], "new": modes["new"]}
+
+
+@pytest.mark.parametrize("mode", [0o700, 0o750])
+def test_an_existing_folder_keeps_its_mode(tmp_path, mode):
+    """Also when a newer folder takes its place."""
+    (tmp_path / "result").mkdir(mode=mode)
+    with unfinished(tmp_path / "result") as folder:
+        (folder / "result").mkdir()
+        replace_folder(folder / "result", tmp_path / "result")
+    assert S_IMODE((tmp_path / "result").stat().st_mode) == mode
+
+
+@pytest.mark.parametrize("target", ["target", "elsewhere/target", "other_link", "elsewhere/missing"])
+def test_a_link_stays_and_its_target_is_written(tmp_path, target):
+    """Also through two links, into another folder, and where the target is missing so far."""
+    (tmp_path / "elsewhere").mkdir()
+    for name in ("target", "elsewhere/target"):
+        (tmp_path / name).write_text("old")
+        (tmp_path / name).chmod(0o600)
+    (tmp_path / "other_link").symlink_to("elsewhere/target")
+    (tmp_path / "a").symlink_to(target)
+    write_both(tmp_path)
+    assert os.readlink(tmp_path / "a") == target
+    written = (tmp_path / target).resolve()
+    assert written.read_text() == "new"
+    assert written.name == "missing" or S_IMODE(written.stat().st_mode) == 0o600
+    assert not [name for name in content(tmp_path) if UNFINISHED in name]
+
+
+def test_a_link_that_leads_in_a_circle_is_refused(tmp_path):
+    """It leads to no file that could be written."""
+    (tmp_path / "a").symlink_to("b")
+    (tmp_path / "b").symlink_to("a")
+    with pytest.raises(InputError, match="a is not a regular file"):
+        write_both(tmp_path)
+    assert os.readlink(tmp_path / "a") == "b"
 
 
 def test_what_is_not_written_is_left_out(tmp_path):

@@ -3,7 +3,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.fit.alignment import into_frame_of_first, procrustes, rotation_by_regression
+from tam_calibration.fit.moments import into_frame_of_first, procrustes, rotation_by_regression
 from tam_calibration.model.exceptions import InputError
 
 

@@ -3,7 +3,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import least_squares
 
-from tam_calibration.fit.artificial_vector import regress
+from tam_calibration.fit.published import regress
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.validation.papers import li2018a

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import pytest
 
-from tam_calibration.fit.fast_rotation import count_determined, fast_rotation
+from tam_calibration.fit.published import count_determined, fast_rotation
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.validation.papers import li2018b
 

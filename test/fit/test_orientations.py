@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tam_calibration.files import read_calibration, write_calibration
-from tam_calibration.files.scenario import read_scenario
 from tam_calibration.fit import calibrate
 from tam_calibration.gap import diagnose
 from tam_calibration.model.sensor_errors import ORIENTATIONS, SensorErrors
 from tam_calibration.report.calibration_rows import parameter_rows
+from tam_calibration.results import read_calibration, write_calibration
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 
 

@@ -293,8 +293,8 @@ def test_impossible_limits(limits_deg):
         reach_of_vehicle(*from_degrees_of(*limits_deg), INCLINATION)
 
 
-@pytest.mark.parametrize("step_deg", [-10, 181, float("nan")])
+@pytest.mark.parametrize("step_deg", [-10, 181, float("nan"), float("inf"), 1e-6, 1e-300, -1e-9])
 def test_impossible_steps(step_deg):
-    """Steps of more than half a turn, or less than none, are bad input."""
+    """Steps of more than half a turn, less than none, or finer than any turntable are bad input."""
     with pytest.raises(InputError, match="steps of a turntable"):
         reach_of_turntable(from_degrees_of(step_deg, 30, 30), INCLINATION)

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tam_calibration.fit.simplified_linear import simplified_linear
+from tam_calibration.fit.published import simplified_linear
 from tam_calibration.model.sensor_errors import SensorErrors
 
 

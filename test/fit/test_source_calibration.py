@@ -7,18 +7,16 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.files.calibration_yaml import calibration_from_yaml, calibration_to_yaml
-from tam_calibration.files.scenario import read_scenario
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.source_calibration import SourceCalibration, calibrate_by_source
-from tam_calibration.fit.source_completion import amplitudes_of, complete
-from tam_calibration.localization.finite_baseline import locate_with_baselines
+from tam_calibration.fit.source_completion import SourceCalibration, amplitudes_of, calibrate_by_source, complete
+from tam_calibration.localization.euler import locate_with_baselines
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
+from tam_calibration.results.calibration_yaml import calibration_from_yaml, calibration_to_yaml
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
-from tam_calibration.sources.dipole import Dipole
-from tam_calibration.sources.loop import Loop
+from tam_calibration.sources.dipole import Dipole, Loop
 from tam_calibration.sources.poses import Poses
 
 ARRAY = Array.cross(0.21)

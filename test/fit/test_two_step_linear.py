@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from tam_calibration.fit.information import bound
 from tam_calibration.fit.lossless import lossless
-from tam_calibration.fit.two_step_linear import two_step_linear
+from tam_calibration.fit.published import two_step_linear
 from tam_calibration.simulation import simulate
 
 

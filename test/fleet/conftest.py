@@ -5,9 +5,11 @@ from importlib import import_module
 
 import pytest
 
-from tam_calibration.files import write_array, write_recording
 from tam_calibration.fleet.task import read_options
 from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.recordings import write_array
+from tam_calibration.recordings.reading import Reading
+from tam_calibration.results import write_recording
 
 DAY_S = 86_400.0
 
@@ -47,7 +49,7 @@ def folder(tmp_path, monkeypatch, mission, cross):
 @pytest.fixture
 def options(folder):
     """Return what is asked for every recording."""
-    return read_options(folder / "array.yaml", None, 1e-3)
+    return read_options(folder / "array.yaml", None, Reading(tolerance_s=1e-3))
 
 
 @pytest.fixture

@@ -8,10 +8,10 @@ from dataclasses import replace
 import pytest
 from matplotlib.figure import Figure
 
-from tam_calibration.files import write_recording
 from tam_calibration.fleet.batch import find_recordings, run_batch
 from tam_calibration.fleet.task import Task, process
 from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.results import write_recording
 
 
 @pytest.fixture(autouse=True)
@@ -230,6 +230,14 @@ def test_results_are_no_recordings(folder):
     (folder / "missions/out/recordings/corrected.csv").write_text("time_s\n")
     found = find_recordings(["missions/**/*.csv"], folder / "missions/out")
     assert [path.name for path in found] == ["kept.csv"]
+
+
+def test_a_pattern_finds_the_names_that_end_as_it_does(folder):
+    """Whatever the format; the pattern of all files finds no texts and logs, which may be anything."""
+    log = folder / "missions/auv_1/log.txt"
+    log.write_text("1 2 3")
+    assert find_recordings(["missions/**/*.txt"], folder / "out") == [log.resolve()]
+    assert log.resolve() not in find_recordings(["missions/**"], folder / "out")
 
 
 def test_a_name_is_taken_as_it_is(folder):

@@ -10,9 +10,8 @@ from dataclasses import replace
 
 import pytest
 
-from tam_calibration.fleet.execution import run_here, run_on_cluster
-from tam_calibration.fleet.task import Task, process
-from tam_calibration.fleet.task_result import read_result
+from tam_calibration.fleet.processes import run_here, run_on_cluster
+from tam_calibration.fleet.task import Task, process, read_result
 from tam_calibration.model.exceptions import InputError
 
 NO_DASK = "Dask is not installed: pip install 'tam_calibration[fleet]'"
@@ -110,7 +109,7 @@ def test_a_scheduler_without_workers_is_refused(scheduler):
 def test_a_scheduler_that_does_not_answer_is_named(monkeypatch, address):
     """One sentence, after a bounded time."""
     pytest.importorskip("distributed", reason=NO_DASK)
-    monkeypatch.setattr("tam_calibration.fleet.execution.CONNECT_S", 0.5)
+    monkeypatch.setattr("tam_calibration.fleet.processes.CONNECT_S", 0.5)
     with pytest.raises(InputError, match=f"no scheduler answers at {address}"):
         list(run_on_cluster([], address))
 

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from tam_calibration.fleet.missions import SECONDS_PER_DAY, fit_drift
+from tam_calibration.fleet.missions import GROUPS, SECONDS_PER_DAY, all_missions, fit_drift
+from tam_calibration.fleet.task import Result
 
 
 @given(st.integers(4, 30), st.integers(0, 2**32 - 1))
@@ -47,11 +48,11 @@ def test_what_was_not_determined_does_not_count():
     assert fit_drift(time_s, values, np.zeros(4)) is None
 
 
-@pytest.mark.parametrize("time_s", [[5.0], [5.0, 5.0]])
+@pytest.mark.parametrize("time_s", [[5.0], [5.0, 5.0], [1.7e9, 1.7e9, 1.7e9], [5.0, 65.0], [60.0, 30.0, 45.0, 31.0]])
 def test_missions_at_one_time_tell_no_drift(time_s):
-    """The mean is told, the slope is not."""
-    found = fit_drift(np.array(time_s), np.full(len(time_s), 3.0), np.full(len(time_s), 2.0))
-    assert found.mean == 3 and found.mean_standard_error == pytest.approx(2 / math.sqrt(len(time_s)))
+    """The mean is told, the slope is not, as the missions lie no further apart than the longest of them lasts."""
+    found = fit_drift(np.array(time_s), np.full(len(time_s), 3.0), np.full(len(time_s), 2.0), 60.0)
+    assert found.mean == pytest.approx(3) and found.mean_standard_error == pytest.approx(2 / math.sqrt(len(time_s)))
     assert math.isnan(found.per_day) and math.isnan(found.significance)
 
 
@@ -60,3 +61,29 @@ def test_two_missions_tell_a_drift_without_scatter():
     found = fit_drift(np.array([0, 2 * SECONDS_PER_DAY]), np.array([1.0, 5.0]), np.array([3.0, 4.0]))
     assert (found.per_day, found.per_day_standard_error) == pytest.approx((2.0, 2.5))
     assert math.isnan(found.scatter)
+
+
+def result(first_s, last_s):
+    """Return the result of a mission whose parameters differ from those of others."""
+    sensor = {key: [1 + first_s % 7] * 3 for group in GROUPS for key in (group.key, group.standard_error_key)}
+    return Result("dive", "auv", "dive", "done", {}, "", time_span_s=(first_s, last_s), sensors=[sensor])
+
+
+@pytest.mark.parametrize(
+    ("spans_s", "why"),
+    [
+        ([(0, 100), (0, 120), (0, 80)], "no drift: the missions have one time"),
+        ([(3.2, 60), (7.9, 90)], "no drift: the missions have one time"),
+        ([(1.7e9, 1.7e9 + 60)] * 3, "no drift: the missions have one time"),
+        ([(-5, 60), (400, 500), (9000, 9100)], "no drift: the times of the missions do not count from 1970"),
+        ([(0, 60), (1.7e9, 1.7e9 + 60)], "no drift: the times of the missions do not count from 1970"),
+        ([(1.7e9, 1.7e9 + 60), (1.7e9 + 100, 1.7e9 + 190)], ""),
+        ([(0, 100)], ""),
+    ],
+)
+def test_times_that_cannot_be_compared_tell_no_drift(spans_s, why):
+    """As those of recorders that count from their start; the reason is a sentence."""
+    [missions] = all_missions([result(*span) for span in spans_s])
+    assert missions.no_drift == why
+    told = [math.isfinite(found.drift.per_day) for found in missions.drifts()]
+    assert told and all(told) == any(told) == (not why and len(spans_s) > 1)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tam_calibration.fleet.missions import GROUPS, Missions
 from tam_calibration.fleet.summary import SUMMARIES, plot_missions, write_summaries
-from tam_calibration.fleet.task_result import Result
+from tam_calibration.fleet.task import Result
 from tam_calibration.report.page import embed
 
 
@@ -20,7 +20,7 @@ def missions(count):
     values = {group: rng.normal(size=(count, 4, 3)) for group in GROUPS}
     errors = {group: np.ones((count, 4, 3)) for group in GROUPS}
     errors[GROUPS[3]][:, 0] = 0
-    return Missions("auv", 1.7e9 + 86400.0 * np.arange(count), values, errors)
+    return Missions("auv", 1.7e9 + 86400.0 * np.arange(count), 3600.0, values, errors)
 
 
 def test_each_sensor_has_a_panel_with_three_parameters():

@@ -7,11 +7,12 @@ import pytest
 from click.testing import CliRunner
 
 from tam_calibration.cli.main import main
-from tam_calibration.files import read_calibration, read_recording, write_array, write_calibration, write_recording
 from tam_calibration.fit import calibrate
-from tam_calibration.fleet.task import Task, process, read_options
-from tam_calibration.fleet.task_result import read_result
+from tam_calibration.fleet.task import Task, process, read_options, read_result
 from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.recordings import read_recording, write_array
+from tam_calibration.recordings.reading import Reading
+from tam_calibration.results import read_calibration, write_calibration, write_recording
 
 
 def do(folder, name, options):
@@ -53,7 +54,11 @@ def test_a_given_calibration_corrects(folder, asked, recording, cross):
     """Data are corrected with it; the recording's own is written beside, for the drift."""
     given = calibrate(replace(recording, readings_T=1.001 * recording.readings_T), cross)
     write_calibration(folder / "given.yaml", given)
-    task, result = do(folder, "auv_1/dive_1.mcap", read_options(folder / "array.yaml", folder / "given.yaml", 1e-3))
+    task, result = do(
+        folder,
+        "auv_1/dive_1.mcap",
+        read_options(folder / "array.yaml", folder / "given.yaml", Reading(tolerance_s=1e-3)),
+    )
     arguments = ["correct", str(task.path), "--calibration", "given.yaml", "-o", "corrected.mcap"]
     assert CliRunner().invoke(main, arguments).exit_code == 0
     assert (task.folder / "corrected.mcap").read_bytes() == (folder / "corrected.mcap").read_bytes()
@@ -80,7 +85,11 @@ def test_a_given_calibration_corrects_what_cannot_be_calibrated(folder, asked, r
     write_calibration(folder / "given.yaml", calibrate(recording, cross))
     path = folder / "missions/auv_1/dive_0.csv"
     write_recording(path, replace(recording, readings_T=recording.readings_T[:1] + 0 * recording.readings_T))
-    _, result = do(folder, "auv_1/dive_0.csv", read_options(folder / "array.yaml", folder / "given.yaml", 1e-3))
+    _, result = do(
+        folder,
+        "auv_1/dive_0.csv",
+        read_options(folder / "array.yaml", folder / "given.yaml", Reading(tolerance_s=1e-3)),
+    )
     assert (result.status, set(result.problems), result.corrected) == ("refused", {"calibrate"}, "corrected.csv")
 
 
@@ -106,11 +115,11 @@ def test_a_fault_of_the_software_is_kept_with_its_kind(folder, options, asked):
 def test_other_options_and_other_content_are_done_again(folder, options, asked, cross, mission):
     """What was done counts for the same recording, array, calibration and tolerance."""
     task, _ = do(folder, "auv_1/dive_0.csv", options)
-    others = [read_options(folder / "array.yaml", None, 2e-3)]
+    others = [read_options(folder / "array.yaml", None, Reading(tolerance_s=2e-3))]
     write_calibration(folder / "given.yaml", calibrate(mission(0), cross))
-    others.append(read_options(folder / "array.yaml", folder / "given.yaml", 1e-3))
+    others.append(read_options(folder / "array.yaml", folder / "given.yaml", Reading(tolerance_s=1e-3)))
     write_array(folder / "array.yaml", replace(cross, vector_noise_T=2 * cross.vector_noise_T))
-    others.append(read_options(folder / "array.yaml", None, 1e-3))
+    others.append(read_options(folder / "array.yaml", None, Reading(tolerance_s=1e-3)))
     for other in others:
         assert not replace(task, options=other).is_done()
     assert task.is_done()
@@ -124,7 +133,7 @@ def test_notes_in_the_array_file_change_nothing(folder, options):
     """Only what counts for the numbers does."""
     with (folder / "array.yaml").open("a") as file:
         file.write("notes: tightened the frame\n")
-    assert read_options(folder / "array.yaml", None, 1e-3).digest == options.digest
+    assert read_options(folder / "array.yaml", None, Reading(tolerance_s=1e-3)).digest == options.digest
 
 
 def test_a_calibration_of_another_array_is_refused(folder, recording, cross):
@@ -132,7 +141,7 @@ def test_a_calibration_of_another_array_is_refused(folder, recording, cross):
     write_calibration(folder / "given.yaml", calibrate(recording, cross))
     write_array(folder / "array.yaml", replace(cross, positions_m=2 * cross.positions_m))
     with pytest.raises(InputError, match="of another array"):
-        read_options(folder / "array.yaml", folder / "given.yaml", 1e-3)
+        read_options(folder / "array.yaml", folder / "given.yaml", Reading(tolerance_s=1e-3))
 
 
 def test_recordings_of_one_name_have_folders_of_their_own(tmp_path, options):

@@ -4,8 +4,8 @@ import os
 
 import pytest
 
-from tam_calibration.files import provenance
-from tam_calibration.fleet.task_result import RESULT, Result, Seal, read_result, state_of, write_result
+from tam_calibration.fleet.task import RESULT, Result, Seal, read_result, state_of, write_result
+from tam_calibration.recordings import provenance
 
 FULL = Result(
     "dive",

@@ -7,12 +7,12 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.signal import lfilter
 
-from tam_calibration.files.scenario import read_scenario
 from tam_calibration.fit import calibrate
 from tam_calibration.gap.calibration_with_effects import IN_WORLD, calibrate_with_effects
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.instruments import Temperature
 

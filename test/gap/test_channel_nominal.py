@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.gap.channel_nominal import without_channels, without_channels_in_world
 from tam_calibration.gap.model import Model
+from tam_calibration.gap.nominal import without_channels, without_channels_in_world
 
 SLOPES_T = 12e-6 * np.random.default_rng(5).normal(size=(2, 12))
 """What the rows of four sensors do with an ampere, and with a kelvin."""

@@ -5,6 +5,8 @@ import pytest
 from scipy import stats
 
 from tam_calibration.gap.checks import LAGS, _kurtosis, checks_of
+from tam_calibration.model.interpolated_noise import LAGS as SHARED
+from tam_calibration.model.interpolated_noise import InterpolatedNoise
 
 SAMPLES = 400
 FLOOR_T = np.array([1e-9, 2e-9, 1e-9, 3e-10])
@@ -116,6 +118,19 @@ def test_the_autocorrelation_is_that_of_an_autoregressive_process():
     checks = checks_of(np.arange(20_000.0), directions(generator, 20_000), rows, np.ones(2))
     assert checks.autocorrelation.shape == (2, 20) and LAGS == 20
     assert np.allclose(checks.autocorrelation[0], 0.8 ** np.arange(1, 21), atol=0.05)
+
+
+def test_what_interpolation_makes_is_in_the_range():
+    """Noise that is alike from sample to sample by 0.4 departs, unless interpolation makes as much."""
+    noise = np.random.default_rng(4).normal(size=(SAMPLES + 1, 1))
+    rows = (0.89 * noise[1:] + 0.46 * noise[:-1]) * [1, 1, 1, 1]
+    correlation = np.zeros((1, SHARED))
+    correlation[0, 0] = 0.41
+    direction = directions(np.random.default_rng(5), SAMPLES)
+    for interpolated in (None, InterpolatedNoise(correlation, np.ones(1))):
+        checks = checks_of(0.1 * np.arange(SAMPLES), direction, rows, np.ones(4), interpolated)
+        assert checks.lag_1_correlation.departs.all() == (interpolated is None)
+        assert checks.lag_1_correlation.low[0] < 0 < checks.lag_1_correlation.high[0]
 
 
 def test_the_range_of_the_lag_1_correlation_is_told_about_its_mean():

@@ -17,7 +17,7 @@ from tam_calibration.gap.conclude import (
     smallest_gap,
     verdict_on,
 )
-from tam_calibration.gap.evidence import Evidence
+from tam_calibration.gap.size import Evidence
 from tam_calibration.gap.support import Step
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 

@@ -7,10 +7,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.core.interpolation import without_delays
-from tam_calibration.files.scenario import read_scenario
 from tam_calibration.gap import delays
 from tam_calibration.gap.delays import estimate_delays
 from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 
 

@@ -9,7 +9,9 @@ import pytest
 
 from tam_calibration.effects.effect import Finding, FoundEffect
 from tam_calibration.effects.library import effect_named, installed_effects
-from tam_calibration.gap.evidence import (
+from tam_calibration.gap.hypothesis import Hypothesis, best_form
+from tam_calibration.gap.regression import twice_log_likelihood_ratio
+from tam_calibration.gap.size import (
     Evidence,
     cached_by_form,
     evidence_of,
@@ -19,8 +21,6 @@ from tam_calibration.gap.evidence import (
     unusable,
     usable,
 )
-from tam_calibration.gap.hypothesis import Hypothesis, best_form
-from tam_calibration.gap.regression import twice_log_likelihood_ratio
 from tam_calibration.model.fitted_effect import FittedEffect
 
 
@@ -129,7 +129,7 @@ def test_rivals_are_the_functions_without_physics(base):
 @pytest.mark.parametrize(("part", "is_refined"), [(0.96, False), (0.98, True)])
 def test_nearly_all_of_the_strongest_evidence_is_promising(base, monkeypatch, part, is_refined):
     """A shape that has them may overtake it."""
-    monkeypatch.setattr("tam_calibration.gap.evidence.refined", lambda base, form: form)
+    monkeypatch.setattr("tam_calibration.gap.size.refined", lambda base, form: form)
     strong = evidence_of(base, best_form(base, effect_named("temperature_drift")))
     other = replace(strong, delta_bic=part * strong.delta_bic)
     assert (sharpened(base, [strong, other])[1] is not other) == is_refined
@@ -138,7 +138,7 @@ def test_nearly_all_of_the_strongest_evidence_is_promising(base, monkeypatch, pa
 @pytest.mark.parametrize(("special", "is_refined"), [("platform_field", True), ("ringing", False)])
 def test_a_special_case_of_the_strongest_is_refined(base, monkeypatch, special, is_refined):
     """Else it is compared with the whole at a time constant that is not its own; what is none stays as it is."""
-    monkeypatch.setattr("tam_calibration.gap.evidence.refined", lambda base, form: form)
+    monkeypatch.setattr("tam_calibration.gap.size.refined", lambda base, form: form)
     strong = evidence_of(base, best_form(base, effect_named("eddy_current")))
     strong = replace(strong, delta_bic=1000.0)
     form = replace(strong.form, effect=effect_named(special))

@@ -7,18 +7,17 @@ import numpy as np
 import pytest
 
 from tam_calibration.effects.effect import Finding
-from tam_calibration.files.scenario import read_scenario
 from tam_calibration.gap.candidates import Setting, signal_of
 from tam_calibration.gap.conclude import conclude
-from tam_calibration.gap.evidence import Evidence
-from tam_calibration.gap.next_recording import _also, next_recording
+from tam_calibration.gap.next_recording import _also, ambiguity_of, next_recording, separate
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.search import search
-from tam_calibration.gap.separation import ambiguity_of, separate
+from tam_calibration.gap.size import Evidence
 from tam_calibration.gap.support import LEAST_EVIDENCE
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 from tam_calibration.model.recording import Recording
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.attitude import RandomAttitudes
 from tam_calibration.simulation.instruments import Temperature

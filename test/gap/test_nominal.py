@@ -8,9 +8,14 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.gap import diagnose
-from tam_calibration.gap.channel_nominal import without_channels
 from tam_calibration.gap.model import Model
-from tam_calibration.gap.nominal import canonical_correlations, outlying_samples, significant_correlation, steady_parts
+from tam_calibration.gap.nominal import (
+    canonical_correlations,
+    outlying_samples,
+    significant_correlation,
+    steady_parts,
+    without_channels,
+)
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.recording import Recording

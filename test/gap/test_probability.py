@@ -11,9 +11,9 @@ from numpy.testing import assert_allclose
 
 from tam_calibration.effects.nonlinearity import Nonlinearity
 from tam_calibration.effects.temperature_drift import TemperatureDrift
-from tam_calibration.gap.evidence import Evidence
+from tam_calibration.gap.conclude import energies_of, features_of, probabilities, right, set_of, shares_of
 from tam_calibration.gap.hypothesis import given_form
-from tam_calibration.gap.probability import energies_of, features_of, probabilities, right, set_of, shares_of
+from tam_calibration.gap.size import Evidence
 from tam_calibration.gap.support import Step
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 

@@ -8,12 +8,12 @@ import pytest
 from numpy.linalg import norm
 
 from tam_calibration.effects.bias_jump import BiasJump, gross_bias_jump
-from tam_calibration.files import read_array, read_recording
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.coloured import sandwich
-from tam_calibration.gap.evidence import examine
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.regression import Base
+from tam_calibration.gap.size import examine
+from tam_calibration.recordings import read_array, read_recording
 
 RECORDINGS = Path(__file__).parents[3] / "shared" / "data" / "recordings"
 

@@ -8,9 +8,8 @@ from numpy.testing import assert_allclose
 
 from tam_calibration.effects.nonlinearity import Nonlinearity
 from tam_calibration.effects.temperature_drift import TemperatureDrift
-from tam_calibration.gap.regression import Base, Projected, pseudo_inverse, twice_log_likelihood_ratio
+from tam_calibration.gap.regression import Base, Projected, columns_of, pseudo_inverse, twice_log_likelihood_ratio
 from tam_calibration.gap.regressors import Regressors
-from tam_calibration.gap.selection import columns_of
 
 SHAPE = {"time_constant_s": 2.0, "reference_C": 20.0}
 

@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tam_calibration.gap.evidence import rivals
 from tam_calibration.gap.remainder import _largest_row, describe, growth_with_rate, period_of, residue_of
 from tam_calibration.gap.result import Where
 from tam_calibration.gap.search import Search
-from tam_calibration.gap.size import measure
+from tam_calibration.gap.size import measure, rivals
 
 
 def described(made, verdict="unexplained"):

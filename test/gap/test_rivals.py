@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 from tam_calibration.core.harmonics import harmonics
 from tam_calibration.effects.grades import NOTABLE
 from tam_calibration.effects.library import effect_named
-from tam_calibration.gap.evidence import evidence_of, rivals
 from tam_calibration.gap.hypothesis import best_form, given_form, places_of
 from tam_calibration.gap.rivals import (
     SHARPEST,
@@ -20,6 +19,7 @@ from tam_calibration.gap.rivals import (
     FunctionOfTime,
     surrogate_test_of_change,
 )
+from tam_calibration.gap.size import evidence_of, rivals
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 
 

@@ -104,7 +104,7 @@ def test_a_search_is_clean_where_its_causes_leave_nothing(monkeypatch, energy, l
     base = SimpleNamespace(energy=500 * energy, channels=SimpleNamespace(count=500), rank=12)
     monkeypatch.setattr(CauseSearch, "_beside", lambda self, steps: (SimpleNamespace(findings=()), base))
     monkeypatch.setattr("tam_calibration.gap.search.rivals", lambda base: ())
-    monkeypatch.setattr("tam_calibration.gap.search.open_part", lambda first, last, unknown: left)
+    monkeypatch.setattr("tam_calibration.gap.support.open_part", lambda first, last, unknown: left)
     started = object.__new__(CauseSearch)
     started.first_base = SimpleNamespace(rank=10)
     found = started.found(None)
@@ -134,7 +134,7 @@ def test_the_energy_that_a_further_cause_must_explain(monkeypatch, visible, ener
     monkeypatch.setattr(CauseSearch, "_visible", lambda self: visible)
     monkeypatch.setattr(CauseSearch, "_beside", lambda self, steps: (None, base))
     monkeypatch.setattr(CauseSearch, "_weigh", lambda self, base, depth, effects: ())
-    monkeypatch.setattr("tam_calibration.gap.search.supported", supported)
+    monkeypatch.setattr("tam_calibration.gap.support.supported", supported)
     monkeypatch.setattr("tam_calibration.gap.search.certain_noise", lambda channels: 0.0)
     started = object.__new__(CauseSearch)
     started.weighed, started._effects = (), {}
@@ -167,7 +167,7 @@ def test_beside_noise_alone_no_regression_is_tried(monkeypatch, noise, is_suppor
     monkeypatch.setattr(CauseSearch, "_visible", lambda self: 1000.0)
     monkeypatch.setattr(CauseSearch, "_beside", lambda self, steps: (None, base))
     monkeypatch.setattr(CauseSearch, "_weigh", weigh)
-    monkeypatch.setattr("tam_calibration.gap.search.supported", supported)
+    monkeypatch.setattr("tam_calibration.gap.support.supported", supported)
     monkeypatch.setattr("tam_calibration.gap.search.certain_noise", lambda channels: noise)
     started = object.__new__(CauseSearch)
     started.weighed, started._effects = (), effects
@@ -180,8 +180,8 @@ def test_a_search_starts_again_from_effects_with_a_quarter_of_the_evidence(monke
     """From two of them at most, where a gap remains."""
     weighed = [SimpleNamespace(delta_bic=bic, is_certain=False) for bic in (100.0, 24.0, 26.0, 40.0, 60.0)]
     monkeypatch.setattr(CauseSearch, "_alone", lambda self, one: None)
-    monkeypatch.setattr("tam_calibration.gap.search.is_new", lambda one, steps, base: True)
-    monkeypatch.setattr("tam_calibration.gap.search.support_of", lambda base, one: (True, None))
+    monkeypatch.setattr("tam_calibration.gap.support.is_new", lambda one, steps, base: True)
+    monkeypatch.setattr("tam_calibration.gap.support.support_of", lambda base, one: (True, None))
     started = object.__new__(CauseSearch)
     started.nominal, started.first_base, started.weighed = SimpleNamespace(gross=None), None, weighed
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from tam_calibration.effects.term import Coefficient, Term
-from tam_calibration.gap.regression import Projected
-from tam_calibration.gap.selection import Choice, bundles_of, columns_of, evidence
+from tam_calibration.gap.regression import Choice, Projected, bundles_of, columns_of, evidence
 from tam_calibration.model.fitted_effect import ALL, SCALAR
 
 COUNT = 2000

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from tam_calibration.gap.separation import Separation, _is_close, ambiguity_of, long_enough
+from tam_calibration.gap.next_recording import Separation, _is_close, ambiguity_of, long_enough
 from tam_calibration.model.fitted_effect import ALL
 
 
@@ -56,6 +56,6 @@ def test_a_verdict_without_causes_to_doubt_has_no_question():
 )
 def test_a_rival_is_close_at_the_same_sensors(monkeypatch, here, there, evidence, is_certain, is_close):
     """What is of all sensors is at each; a cause that is certain has no rival."""
-    monkeypatch.setattr("tam_calibration.gap.separation.places_of", lambda form: form)
+    monkeypatch.setattr("tam_calibration.gap.next_recording.places_of", lambda form: form)
     accepted = SimpleNamespace(form=here, delta_bic=100.0, is_certain=is_certain)
     assert _is_close(accepted, SimpleNamespace(form=there, delta_bic=evidence)) == is_close

@@ -11,7 +11,6 @@ from scipy import stats
 from tam_calibration.effects.geomagnetic_drift import GeomagneticDrift
 from tam_calibration.effects.grades import CERTAIN
 from tam_calibration.effects.temperature_drift import TemperatureDrift
-from tam_calibration.gap.evidence import rivals
 from tam_calibration.gap.floor import white_variance
 from tam_calibration.gap.hypothesis import given_form
 from tam_calibration.gap.size import (
@@ -23,6 +22,7 @@ from tam_calibration.gap.size import (
     is_interleaved,
     measure,
     noise_variance,
+    rivals,
 )
 from tam_calibration.model.array import Array
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect

@@ -1,15 +1,17 @@
 """A long recording in stretches: as many samples as a diagnosis takes, from all of the run, whole where it is short."""
 
+from importlib import import_module
+
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 from scipy.ndimage import uniform_filter1d
 
 from tam_calibration.effects import periodic_interference
-from tam_calibration.files.recording_stream import RecordingStream
-from tam_calibration.gap import diagnose, stretches
-from tam_calibration.gap.stretches import MOST_SAMPLES, STRETCH, in_stretches
+from tam_calibration.gap import diagnose
+from tam_calibration.gap.diagnose import MOST_SAMPLES, STRETCH, in_stretches
 from tam_calibration.model.recording import Recording
+from tam_calibration.recordings.recording_stream import RecordingStream
 
 
 def long_recording(count):
@@ -64,8 +66,8 @@ def test_a_recording_on_disk_gives_the_same_stretches():
 @pytest.fixture
 def few(monkeypatch):
     """Let a diagnosis look at 3000 samples only, in 30 stretches."""
-    monkeypatch.setattr(stretches, "MOST_SAMPLES", 3000)
-    monkeypatch.setattr(stretches, "STRETCH", 100)
+    monkeypatch.setattr(import_module("tam_calibration.gap.diagnose"), "MOST_SAMPLES", 3000)
+    monkeypatch.setattr(import_module("tam_calibration.gap.diagnose"), "STRETCH", 100)
 
 
 def added(made, cause):

@@ -8,9 +8,9 @@ import pytest
 
 from tam_calibration.effects.library import effect_named
 from tam_calibration.gap import support
-from tam_calibration.gap.evidence import Evidence, evidence_of, examine, rivals
 from tam_calibration.gap.hypothesis import Hypothesis, best_form
-from tam_calibration.gap.selection import Selection
+from tam_calibration.gap.regression import Selection
+from tam_calibration.gap.size import Evidence, evidence_of, examine, rivals
 from tam_calibration.gap.support import (
     LEAST_EVIDENCE,
     Step,

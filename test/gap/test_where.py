@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.gap.evidence import examine, rivals
 from tam_calibration.gap.rivals import FunctionOfTime
+from tam_calibration.gap.size import examine, rivals
 from tam_calibration.gap.where import band_of, locate, main_places, noisy_places, sensors_and_axes, span_of
 from tam_calibration.model.fitted_effect import ALL, SCALAR
-
-LEAST_EVIDENCE = 12.0
 
 
 @pytest.mark.parametrize(
@@ -76,18 +74,18 @@ def test_where_without_causes_is_that_of_the_strongest_rival(run):
     made = run(700)
     model = made.with_row(4, 6e-9 * np.sin(0.35 * made.recording.time_s)).model()
     base = model.base()
-    where = locate(base, [], rivals(base), 1.0, LEAST_EVIDENCE)
+    where = locate(base, [], rivals(base), 1.0)
     assert (where.sensors, where.axes) == ((2,), ("y",))
     assert where.evidence["differential_chi_square"] > 1.2
     noisy = made.with_row(7, 3e-9 * np.random.default_rng(2).normal(size=700)).model().base()
-    where = locate(noisy, [], rivals(noisy), 1.0, LEAST_EVIDENCE)
+    where = locate(noisy, [], rivals(noisy), 1.0)
     assert (where.sensors, where.axes) == ((3,), ("y",))
 
 
 def test_where_with_causes_is_theirs(run):
     """The places of all causes together."""
     base = run(300).model().base()
-    where = locate(base, [[(0, 1)], [(2, 0), (2, 1)]], [], 1.0, LEAST_EVIDENCE)
+    where = locate(base, [[(0, 1)], [(2, 0), (2, 1)]], [], 1.0)
     assert (where.sensors, where.axes) == ((1, 3), ("x", "y"))
 
 
@@ -118,11 +116,11 @@ def test_evidence_tells_the_two_kinds_of_channels_apart(run):
     """A scalar that is off shows in the common mode only; without one there is none to tell of."""
     made = run(600)
     base = made.with_row(12, 5e-9 * np.sin(0.4 * made.recording.time_s)).model().base()
-    evidence = locate(base, [[(SCALAR, None)]], [], 1.0, LEAST_EVIDENCE).evidence
+    evidence = locate(base, [[(SCALAR, None)]], [], 1.0).evidence
     assert evidence["differential_chi_square"] == pytest.approx(1, abs=0.1)
     assert evidence["common_mode_chi_square"] > 5
     missing = replace(base.channels, precision=np.zeros(600))
-    evidence = locate(type(base)(missing, [missing.calibration]), [[(0, 0)]], [], 1.0, LEAST_EVIDENCE).evidence
+    evidence = locate(type(base)(missing, [missing.calibration]), [[(0, 0)]], [], 1.0).evidence
     assert np.isnan(evidence["common_mode_chi_square"])
     assert_allclose(evidence["differential_chi_square"], np.mean(base.channels.differential**2))
 

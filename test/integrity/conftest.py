@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 
 import pytest
 
-from tam_calibration.files.scenario import read_scenario
 from tam_calibration.integrity.check import faults_of
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 
 

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tam_calibration.files.scenario import read_scenario
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 
 

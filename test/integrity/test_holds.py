@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from tam_calibration.files.recording_stream import RecordingStream
 from tam_calibration.integrity import holds
 from tam_calibration.integrity.check import faults_of
 from tam_calibration.model.array import Array
+from tam_calibration.recordings.recording_stream import RecordingStream
 
 
 def at(run, first, last):

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from tam_calibration.effects.library import effect_named
-from tam_calibration.files import read_array, read_recording
-from tam_calibration.files.scenario import read_scenario
 from tam_calibration.integrity.check import faults_of
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
+from tam_calibration.recordings import read_array, read_recording
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 from tam_calibration.validation.blind.case import make_case
 from tam_calibration.validation.blind.case_plan import CasePlan

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tam_calibration.integrity import stuck_bits
+from tam_calibration.integrity import values as stuck_bits
 
 LEAST_BIT_T = 1e-9
 
@@ -53,6 +53,17 @@ def test_visited_attitudes_leave_out_bands_too(run):
         readings += 1e-9 * rng.normal(size=readings.shape)
 
     assert [told for told in run.spoiled(poses).told if told[0] == "stuck_bits"] == []
+
+
+@pytest.mark.parametrize("leak", [0.0005, -0.0008])
+def test_coarse_steps_behind_a_matrix_are_no_stuck_bits(run, leak):
+    """A driver that applies a soft-iron matrix to steps of 150 nT widens each by what it adds of the other axes."""
+
+    def mixed(readings):
+        steps = 150e-9 * np.round(readings / 150e-9)
+        readings[:] = steps + leak * (steps.sum(axis=2, keepdims=True) - steps)
+
+    assert [told for told in run.spoiled(mixed).told if told[0] == "stuck_bits"] == []
 
 
 def test_steps_are_no_stuck_bits(run):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.fit.sensor_changes import Hypothesis
+from tam_calibration.fit.contradiction import Hypothesis
 from tam_calibration.live.change import CLEAR_RATIO, Evidence, Weighing, hypotheses
 from tam_calibration.model.array import Array
 

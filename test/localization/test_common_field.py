@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.localization.common_field import regional_beside_current
-from tam_calibration.localization.one_source import locate_run
-from tam_calibration.localization.sample_by_sample import (
+from tam_calibration.localization.one_source import locate_run, regional_beside_current
+from tam_calibration.localization.turned_samples import (
     Regional,
     locate_samples,
     regional_of,

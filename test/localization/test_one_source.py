@@ -8,9 +8,9 @@ from passed_runs import ARRAY, NOISE, PATH_M, TRUE_T, course, dipole, line, pass
 
 from tam_calibration.localization import one_source, shared_source
 from tam_calibration.localization.one_source import _is_apart, locate_run
-from tam_calibration.localization.sample_by_sample import Regional, locate_samples, regional_of
 from tam_calibration.localization.shared_source import SharedSource
 from tam_calibration.localization.solutions import EulerSolutions, Status
+from tam_calibration.localization.turned_samples import Regional, locate_samples, regional_of
 from tam_calibration.model.exceptions import Refused
 
 KNOWN = Regional(TRUE_T + 60e-9, covariance_T2=100e-9**2 * np.eye(3))

@@ -5,8 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.localization.pose import ANY_ANGLE_VARIANCE, ellipsoid, pose_rows
-from tam_calibration.localization.solutions import EulerSolutions
+from tam_calibration.localization.solutions import ANY_ANGLE_VARIANCE, EulerSolutions, ellipsoid, pose_rows
 
 
 def solutions_of(moments):

@@ -6,13 +6,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from tam_calibration.localization.sample_by_sample import (
+from tam_calibration.localization.solutions import EulerSolutions, Status
+from tam_calibration.localization.turned_samples import (
     Regional,
     locate_samples,
     regional_of,
     turned,
 )
-from tam_calibration.localization.solutions import EulerSolutions, Status
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import from_degrees

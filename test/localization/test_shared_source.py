@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 from passed_runs import ARRAY, NOISE, PATH_M, TRUE_T, dipole, line, passed
 
-from tam_calibration.localization.sample_by_sample import Regional, locate_samples, turned
 from tam_calibration.localization.shared_source import fit_shared
+from tam_calibration.localization.turned_samples import Regional, locate_samples, turned
 
 SPREAD_T2 = 25e-18 * np.array([[2.0, 0.5, 0.0], [0.5, 1.0, -0.3], [0.0, -0.3, 1.5]])
 

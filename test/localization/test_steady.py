@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.localization.passage import GRADIENT, UNIFORM, VELOCITY
-from tam_calibration.localization.sample_by_sample import Regional
 from tam_calibration.localization.steady import locate_steady, straight_track, track_dipole
+from tam_calibration.localization.turned_samples import Regional
 from tam_calibration.model.array import UNIT_TENSORS, Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.linalg import norm
 
-from tam_calibration.localization.sample_by_sample import Regional, locate_samples
 from tam_calibration.localization.solutions import Status
+from tam_calibration.localization.turned_samples import Regional, locate_samples
 from tam_calibration.model.array import Array
 from tam_calibration.sources.dipole import dipole_field
 

@@ -101,15 +101,36 @@ def test_held_channels_have_their_newest_value_and_a_maximum_age():
     assert math.isnan(values[0]) and math.isnan(values[4])
 
 
-def test_a_message_without_stamp_takes_the_newest_stamp():
-    """A scalar without stamps is held from the sensors' newest stamp on."""
+def test_a_scalar_without_stamp_joins_the_next_sample_alone():
+    """Of messages that come between two samples the newest two join the next two, and no message joins twice."""
     synchroniser = Synchroniser(SampleLayout(1, scalar=True), MS, scalar_is_held=True)
     samples = synchroniser.push(*message("tam_1", 7))
-    for value in (1.0, 2.0):
+    for value in (1.0, 2.0, 3.0):
         synchroniser.push("scalar", None, (value,))
-    samples += synchroniser.push(*message("tam_1", 8))
-    assert math.isnan(samples[0].values[3])
-    assert samples[1].values[3] == 2.0
+    for stamp in (8, 9, 10):
+        samples += synchroniser.push(*message("tam_1", stamp))
+    np.testing.assert_array_equal([sample.values[3] for sample in samples], [np.nan, 2.0, 3.0, np.nan])
+
+
+@pytest.mark.parametrize("hold_patience_ns", [0, 10 * PERIOD])
+def test_nothing_is_lost_of_a_scalar_without_stamps(hold_patience_ns):
+    """At the rate of the sensors, before or after them by chance, each sample has a value of its own."""
+    random = Random(1)
+    synchroniser = Synchroniser(
+        SampleLayout(1, scalar=True),
+        hold_patience_ns=hold_patience_ns,
+        scalar_is_held=True,
+        expected=["scalar"] * (hold_patience_ns > 0),
+    )
+    samples = []
+    for index in range(1000):
+        both = [("tam_1", index * PERIOD, (0.0, 0.0, 0.0)), ("scalar", None, (float(index),))]
+        for one in random.sample(both, 2):
+            samples += synchroniser.push(*one)
+    values = [sample.values[3] for sample in samples + synchroniser.flush()]
+    assert len(values) == 1000 and sum(map(math.isnan, values)) <= 1
+    known = [value for value in values if not math.isnan(value)]
+    assert known == sorted(set(known))
 
 
 def test_duplicate_and_late_stamps_are_counted_and_dropped():

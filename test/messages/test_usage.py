@@ -1,23 +1,27 @@
 """The usage: how many of sensor 1's samples were used, why not the others, and when that is too few."""
 
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from tam_calibration.files.recording_stream import RecordingStream
+from tam_calibration.core.interpolation import interpolated
 from tam_calibration.messages.point_cloud import SampleLayout
 from tam_calibration.messages.synchroniser import Synchroniser
 from tam_calibration.messages.usage import Usage
-from tam_calibration.model.exceptions import Refused
+from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
+from tam_calibration.recordings.recording_stream import RecordingStream
 
 MS = 1_000_000
 PERIOD = 10 * MS
 START = 10**18
 
 
-def usage_of(messages, sensor_count=2):
+def usage_of(messages, sensor_count=2, tolerance_ns=MS):
     """Return the usage of (stream, stamp) messages of sensors."""
-    synchroniser = Synchroniser(SampleLayout(sensor_count), MS)
+    synchroniser = Synchroniser(SampleLayout(sensor_count), tolerance_ns)
     for stream, stamp_ns in messages:
         synchroniser.push(stream, stamp_ns, (0.0, 0.0, 0.0))
     return synchroniser.usage
@@ -147,8 +151,30 @@ def test_sensors_that_are_lost_are_named():
 
 def test_a_usage_goes_to_other_processes():
     """As text, without a loss."""
-    usage = Usage(5, 7, ("one", "zwölf"), lost=("scalar",), scalar_is_lost=True)
-    assert Usage.from_json(usage.to_json()) == usage
+    usage = usage_of(pairs(100, late_ns=3 * MS))
+    usage = replace(usage, reasons=("one", "zwölf"), lost=("scalar",), scalar_is_lost=True)
+    again = Usage.from_json(usage.to_json())
+    assert again == usage
+    np.testing.assert_array_equal(again.correlation, usage.correlation)
+
+
+@pytest.mark.parametrize("newer", [{"kept": 3}, {"stages": [1, 2], "about": {"a": None}}, {"version": "9"}])
+def test_keys_of_another_version_are_left_out(newer):
+    """What both versions know is read; an older one lacks keys that may be left out."""
+    usage = Usage(5, 7, ("one",))
+    assert Usage.from_json(json.dumps(json.loads(usage.to_json()) | newer)) == usage
+    assert Usage.from_json('{"used": 5, "received": 7, "reasons": ["one"]}') == usage
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "not ready", "[]", "3", "{}", '"used received"', '{"used": 5}', '{"used": "5", "received": 7}']
+    + [f'{{"used": 5, "received": 7, {more}}}' for more in ('"reasons": {}', '"lost": [1]', '"readings": [null]')],
+)
+def test_what_is_no_usage_is_told_in_a_sentence(text):
+    """As of a version whose keys mean something else."""
+    with pytest.raises(InputError, match="the collector is of another version than the calibrator: start both"):
+        Usage.from_json(text)
 
 
 def test_what_is_interpolated_is_counted():
@@ -167,16 +193,18 @@ def turning(count, rate_deg_per_s, scalar_every=None):
 
 @pytest.mark.parametrize(("rate_deg_per_s", "is_told"), [(30, False), (180, True)])
 def test_interpolation_that_is_worse_than_the_standard_errors_is_told(rate_deg_per_s, is_told):
-    """At 25 Hz a turn of 180°/s leaves 0.6 nT, which the noise of 1 nT of a thousand samples does not hide."""
+    """At 25 Hz a turn of 180°/s leaves 0.6 nT, which the noise of 1 nT of 250 readings does not hide."""
     usage = Usage(1000, 1000, (), (1000, 250), (0, 990))
-    warnings = usage.interpolation_warnings(turning(1000, rate_deg_per_s), np.array([1e-9, 1e-9]))
+    seen = usage.with_each_reading_once(turning(1000, rate_deg_per_s))
+    warnings = usage.interpolation_warnings(seen, np.array([1e-9, 1e-9]))
     assert [warning[:68] for warning in warnings] == [
         "sensor 2 is read at 25 Hz while the array turns at up to 180°/s: its"
     ] * is_told
     assert all("are wrong by 0.61 nT (RMS)" in warning for warning in warnings)
     for part, is_hidden in ((1.4, True), (1.6, False)):  # of the noise of the mean
-        noise_T = np.array([1e-9, 0.049 * np.radians(180 * 0.04) ** 4 * 50e-6 * np.sqrt(1000) / part])
-        assert (usage.interpolation_warnings(turning(1000, 180), noise_T) == ()) == is_hidden
+        noise_T = np.array([1e-9, 0.049 * np.radians(180 * 0.04) ** 4 * 50e-6 * np.sqrt(250) / part])
+        fast = usage.with_each_reading_once(turning(1000, 180))
+        assert (usage.interpolation_warnings(fast, noise_T) == ()) == is_hidden
     assert Usage(1000, 1000, (), (1000, 1000), (0, 0)).interpolation_warnings(turning(1000, 720), np.zeros(2)) == ()
 
 
@@ -193,6 +221,41 @@ def test_readings_of_a_slow_sensor_count_once_in_a_fit(kept):
     with_scalar = usage.with_each_reading_once(kept(turning(1000, 30, scalar_every=10))).whole()
     assert with_scalar.scalar_count == 100
     assert np.diff(with_scalar.time_s).min() > 0.015
+    often = turning(1000, 30)
+    with_scalar = usage.with_each_reading_once(kept(replace(often, scalar_T=often.readings_T[:, 0, 0] + 60e-6)))
+    assert with_scalar.sample_count == with_scalar.scalar_count == 500
     samples = kept(turning(1000, 30))
-    for same in (Usage(1000, 1000, (), (1000, 500), (0, 0)), Usage(1000, 1000, (), (1000, 950), (0, 990))):
-        assert same.with_each_reading_once(samples) is samples
+    assert Usage(1000, 1000, (), (1000, 500), (0, 0)).with_each_reading_once(samples) is samples
+    assert Usage(1000, 1000, (), (1000, 950), (0, 990)).with_each_reading_once(samples).sample_count == 1000
+
+
+def test_the_samples_that_are_kept_hold_readings_as_they_came():
+    """Where a sensor at half the rate reads with every second sample of sensor 1, its noise is as white as it was."""
+    stamps = [START + index * PERIOD for index in range(1000)]
+    messages = [(name, stamp) for index, stamp in enumerate(stamps) for name in ("tam_1", "tam_2")[: 2 - index % 2]]
+    usage = usage_of(messages)
+    assert usage.interpolated[1] == pytest.approx(498, abs=3)
+    times = np.array([0, 2, 4, *range(6, 1000)])  # before four readings nothing lies between two
+    once = usage.with_each_reading_once(turning(1000, 30).take(times))
+    assert np.isin(np.rint(100 * once.time_s) % 2, 0).all() and once.sample_count == 500
+    assert np.abs(once.interpolated_noise.correlation).max() < 0.01
+
+
+@pytest.mark.parametrize("kept", [lambda recording: recording, on_disk], ids=["in memory", "on disk"])
+@pytest.mark.parametrize(("every", "late"), [(1.0, 0.9), (1.0003, 0.3), (0.49, 0.2), (1.97, 0.4)])
+def test_the_correlation_of_interpolated_noise_is_told(kept, every, late):
+    """White noise that is read every so many samples, and so late: its values at the samples are alike as is said."""
+    random, count = np.random.default_rng(1), 8000
+    at_ns = np.arange(0, count * PERIOD, PERIOD)
+    read_ns = np.arange(late * PERIOD, count * PERIOD, every * PERIOD).astype(np.int64)
+    noise = random.normal(size=(len(read_ns), 100))
+    streams = [("tam_1", stamp) for stamp in at_ns] + [("tam_2", stamp) for stamp in read_ns]
+    usage = usage_of([(name, START + int(stamp)) for name, stamp in sorted(streams, key=lambda one: one[1])], 2, 0)
+    values = interpolated(read_ns, noise, at_ns)[0]
+    known = np.isfinite(values).all(axis=1)
+    samples = usage.with_each_reading_once(kept(turning(count, 30).take(known)))
+    values = values[np.isin(at_ns / 1e9, np.round(samples.whole().time_s, 9))]
+    for lag in (1, 2, 3, 4):
+        seen = np.mean(values[lag:] * values[:-lag])
+        assert samples.whole().interpolated_noise.correlation[1, lag - 1] == pytest.approx(seen, abs=0.02)
+    assert not samples.whole().interpolated_noise.correlation[0].any()

@@ -100,6 +100,17 @@ def test_one_noise_goes_to_all_sensors_of_the_cross():
     assert_array_equal(Array.cross(0.5, 2e-9).vector_noise_T, np.full(4, 2e-9))
 
 
+@pytest.mark.parametrize("one", [2, 2e-9, np.float64(2e-9), np.array(2e-9)])
+@pytest.mark.parametrize("count", [1, 3, 4])
+def test_one_number_holds_for_all_sensors(one, count):
+    """As a noise of each and as a delay of each, whatever the number of sensors."""
+    small = 1e-9 * one
+    array = Array(np.eye(4, 3)[:count], vector_noise_T=small, delay_s=small)
+    assert_array_equal(array.vector_noise_T, np.full(count, small))
+    assert_array_equal(array.delay_s, np.full(count, small))
+    assert array.with_noise(3e-9, 0.0).vector_noise_T.shape == (count,)
+
+
 POSITIONS = np.zeros((2, 3))
 
 
@@ -112,7 +123,11 @@ POSITIONS = np.zeros((2, 3))
         (lambda: Array(np.array([[0, np.nan, 0]])), "positions_m holds a value that is not finite"),
         (lambda: Array(POSITIONS, np.ones(3)), r"one value for each of .*2 sensors, not .*shape \(3,\)"),
         (lambda: Array(POSITIONS, np.array([1e-9, 0])), "every vector noise must be a positive number"),
-        (lambda: Array(POSITIONS, np.array([1e-9, np.inf])), "every vector noise must be a positive number"),
+        (lambda: Array(POSITIONS, np.array([1e-9, np.inf])), "for each of 2 sensors, and holds one that is not finite"),
+        (lambda: Array(POSITIONS, float("nan")), "for each of 2 sensors, and holds one that is not finite"),
+        (lambda: Array(POSITIONS, -1e-9), "every vector noise must be a positive number"),
+        (lambda: Array(POSITIONS, axis_offsets_m=0.0), r"needs three rows .* not the shape \(\)"),
+        (lambda: Array(np.eye(3), scalar_position_m=0.1), r"must be three finite numbers x, y, z, not the shape \(\)"),
         (lambda: Array(POSITIONS, None, -1e-9), "scalar noise must be zero or a positive number"),
         (lambda: Array(POSITIONS, None, float("nan")), "scalar noise must be zero or a positive number"),
         (lambda: Array.cross(0.0), "baseline must be a positive number of metres, not 0"),

@@ -74,11 +74,9 @@ def test_a_missing_value_of_pandas_is_nan():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda frame: frame.drop(columns="b2y_T"), "'b2y_T' is missing"),
-        (lambda frame: frame.drop(columns="qz"), "'qz' is missing"),
-        (lambda frame: frame.reset_index(drop=True), "'time_s' is missing"),
-        (lambda frame: frame.iloc[:, 6:], "'b1x_T' is missing"),
-        (lambda frame: frame.rename(columns={"scalar_T": "scalar_nT"}), "'scalar_nT' is not known"),
+        (lambda frame: frame.drop(columns="b2y_T"), "column b2y_nT is missing"),
+        (lambda frame: frame.drop(columns="qz"), "column qz is missing"),
+        (lambda frame: frame.iloc[:, 6:], "no vector of a magnetic field is recognised"),
         (lambda frame: frame.assign(scalar_T="much"), "not a number"),
         (lambda frame: pandas.concat([frame, frame[["scalar_T"]]], axis=1), "there twice"),
         (lambda frame: frame.iloc[::-1], "time goes backwards"),
@@ -128,3 +126,88 @@ def test_the_dataset_is_of_labelled_arrays():
         "current_A": "A",
         "attitude": "1",
     }
+
+
+def turned_frame(**time):
+    """Return a table of one turned sensor in µT with columns of strange names, and a time."""
+    angle = np.linspace(0, 60, 300)
+    height = np.cos(angle / 20)
+    flat = np.sqrt(1 - height**2)
+    field = 48 * np.column_stack([flat * np.cos(angle), flat * np.sin(angle), height])
+    return pandas.DataFrame({**time, **dict(zip(("BX", "BY", "BZ"), field.T, strict=True)), "station": "A"})
+
+
+SINCE = 0.04 * np.arange(300)
+MAP = {"sensors": [{"columns": ["BX", "BY", "BZ"], "unit": "uT"}]}
+
+
+@pytest.mark.parametrize("unit", ["s", "ms", "us", "ns"])
+def test_times_of_pandas_are_those_that_they_state(unit):
+    """Timedeltas and datetimes of any resolution, with and without a zone, as a column or the index."""
+    since_s = np.arange(300) * (1.0 if unit == "s" else 0.04)
+    ticks = np.round(1e9 * since_s).astype("timedelta64[ns]").astype(f"timedelta64[{unit}]")
+    moments = pandas.Series(np.datetime64("2024-05-14T08:30:00", unit) + ticks)
+    for time, first_s in (
+        (pandas.Series(ticks), 0.0),
+        (moments, 1_715_675_400.0),
+        (moments.dt.tz_localize("UTC").dt.tz_convert("Asia/Tokyo"), 1_715_675_400.0),
+    ):
+        for frame in (turned_frame(acquired=time), turned_frame(when=time).set_index("when")):
+            recording = Recording.from_pandas(frame, map=MAP)
+            np.testing.assert_allclose(recording.time_s, first_s + since_s, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("time_s", SINCE),
+        ("time", SINCE),
+        ("t_ms", np.round(1e3 * SINCE)),
+        ("time_us", np.round(1e6 * SINCE)),
+        ("timestamp", [f"1970-01-01T00:00:{second:06.3f}Z" for second in SINCE]),
+    ],
+)
+def test_times_of_pandas_may_be_numbers_or_words(name, values):
+    """With the unit of their name, or detected; without a map the vector is found by its name and the field's size."""
+    for map in (MAP, None):
+        recording = Recording.from_pandas(turned_frame(**{name: values}), map=map)
+        np.testing.assert_allclose(recording.time_s, SINCE, atol=1e-9)
+        np.testing.assert_allclose(np.linalg.norm(recording.readings_T[:, 0], axis=1), 48e-6, rtol=1e-12)
+
+
+def test_a_map_of_pandas_states_the_rest(tmp_path):
+    """A rate where there is no time, a scale of counts, a channel, from a file; the table itself is not changed."""
+    frame = turned_frame(**{"7": np.full(300, 21.5)}).rename(columns={"7": 7})
+    before = frame.copy()
+    text = '{sensors: [{columns: [2, 3, 4], scale_nT: 1000}], temperature: {column: "7"}, time: {rate_hz: 25}}'
+    (tmp_path / "map.yaml").write_text(text)
+    recording = Recording.from_pandas(frame, map=tmp_path / "map.yaml")
+    np.testing.assert_allclose(recording.time_s, SINCE)
+    np.testing.assert_allclose(recording.readings_T[:, 0], 1e-6 * frame[["BX", "BY", "BZ"]].to_numpy())
+    assert (recording.temperature_C == 21.5).all()
+    pandas.testing.assert_frame_equal(frame, before)
+
+
+@pytest.mark.parametrize(
+    ("map", "sentence"),
+    [
+        ({"sensors": [{"columns": ["BX", "BY", "bz"]}]}, "has no 'bz': it has BX, BY, BZ"),
+        ({"sensors": [{"columns": ["BX", "BY", "station"]}]}, "'station'"),
+        ({"sensors": [{"columns": ["BX", "BY"]}]}, "sensor 1 needs 3 numbers"),
+        ({**MAP, "time": {"column": "clock"}}, "has no column 'clock'"),
+        ({"sensor": []}, "sensor"),
+    ],
+)
+def test_a_map_that_does_not_fit_a_table_of_pandas_is_told(map, sentence):
+    """In one sentence, with what there is."""
+    with pytest.raises(InputError, match=sentence) as told:
+        Recording.from_pandas(turned_frame(time_s=SINCE), map=map)
+    assert "\n" not in str(told.value)
+
+
+def test_rows_of_pandas_that_lack_a_sensor_are_left_out():
+    """As in a file."""
+    frame = turned_frame(time_s=SINCE)
+    frame.loc[[4, 90], "BY"] = np.nan
+    recording = Recording.from_pandas(frame, map=MAP)
+    np.testing.assert_allclose(recording.time_s, np.delete(SINCE, [4, 90]))

@@ -7,7 +7,7 @@ import ppigrf
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.model.igrf import igrf_T
+from tam_calibration.model.geomagnetic_field import igrf_T
 
 FIRST, LAST = date(1900, 1, 1).toordinal(), date(2029, 12, 31).toordinal()
 

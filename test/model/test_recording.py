@@ -61,6 +61,33 @@ def test_a_channel_may_be_missing_in_places(channel):
     assert recording(**{channel: with_value(SAMPLES, 2, np.nan)}).sample_count == SAMPLES
 
 
+@pytest.mark.parametrize("part", [[0], [3], [1, 2], [0, 1, 2]])
+@pytest.mark.parametrize("rows", [slice(2, 4), slice(None)])
+def test_a_quaternion_that_is_unknown_in_part_is_unknown(part, rows):
+    """Of one sample or of all, where the attitude is then absent; the array that was given stays as it was."""
+    given = np.tile([0.0, 0.0, 0.0, 1.0], (SAMPLES, 1))
+    given[rows, part[0] : part[-1] + 1] = np.nan
+    before = given.copy()
+    attitude = recording(attitude=given).attitude
+    assert_array_equal(given, before)
+    if rows == slice(None):
+        assert attitude is None
+    else:
+        assert np.isnan(attitude[rows]).all() and np.isfinite(np.delete(attitude, [2, 3], axis=0)).all()
+
+
+@pytest.mark.parametrize("value", [1e308, -1e308, 9.3e9, 1e18])
+@pytest.mark.parametrize("name", ["time_s", "scalar_T", "temperature_C", "readings_T", "attitude"])
+def test_a_sentence_is_short_however_large_the_number_is(name, value):
+    """Also where it is the time of the first or last fault."""
+    for place in (0, SAMPLES - 1, slice(None)):
+        values = recording().values()
+        values["time_s"][place], values[name][place] = value, value
+        with pytest.raises(InputError) as problem:
+            Recording.of_values(values)
+        assert len(str(problem.value)) < 250
+
+
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
@@ -76,7 +103,7 @@ def test_a_channel_may_be_missing_in_places(channel):
             {"readings_T": with_value((SAMPLES, SENSORS, 3), (4, 1, 2), np.nan)},
             "1 of 6 samples hold NaN or infinite values, first sensor 2 axis z in sample 5",
         ),
-        ({"time_s": np.array([0, np.nan, 2, 3, 4, 5])}, "first time_s in sample 2: remove them"),
+        ({"time_s": np.array([0, np.nan, 2, 3, 4, 5])}, "first time_s in sample 2: leave those samples out"),
         ({"temperature_C": with_value(SAMPLES, 0, np.inf)}, "first temperature_C in sample 1"),
         ({"attitude": with_value((SAMPLES, 4), (3, 0), np.inf)}, "first attitude in sample 4"),
         ({"time_s": np.array([0, 1, 1, 2, 3, 4])}, r"time repeats at sample 3.*1 such place"),

@@ -25,7 +25,7 @@ def test_known_values():
 
 def test_units_of_one_field_agree():
     """0.5 G, 50 µT and 50 000 nT are the same field."""
-    sizes = {"G": 0.5, "uT": 50.0, "nT": 50_000.0, "T": 5e-5}
+    sizes = {"G": 0.5, "mG": 500.0, "uT": 50.0, "mT": 0.05, "nT": 50_000.0, "T": 5e-5}
     assert sizes.keys() == units.TESLA_PER_FIELD_UNIT.keys()
     assert_allclose([size * units.TESLA_PER_FIELD_UNIT[unit] for unit, size in sizes.items()], 5e-5, rtol=1e-14)
 

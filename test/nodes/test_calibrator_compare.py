@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tam_calibration.files import write_array, write_recording
 from tam_calibration.model.recording import Recording
+from tam_calibration.recordings import write_array
+from tam_calibration.results import write_recording
 
 sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
 

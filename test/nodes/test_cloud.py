@@ -21,7 +21,7 @@ def read(messages):
     refused = []
     rows = [
         (each.columns, from_stamp(stamp), row.tolist())
-        for each in CloudReader(refused.append).read(messages)
+        for each in CloudReader(refused.append, lambda columns: None).read(messages)
         for stamp, row in zip(each.stamps, each.values, strict=True)
     ]
     return rows, refused

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tam_calibration.files import read_calibration, write_calibration
-from tam_calibration.files.scenario import read_scenario
 from tam_calibration.gap.calibration_with_effects import calibrate_with_effects
 from tam_calibration.messages.point_cloud import SampleLayout
+from tam_calibration.results import read_calibration, write_calibration
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 
 sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from ros_bench import field_of_array, write_driver
 
-from tam_calibration.files import write_calibration
 from tam_calibration.fit import calibrate
 from tam_calibration.model.array import OUTPUT_NAMES
+from tam_calibration.results import write_calibration
 
 sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
 std_msgs = pytest.importorskip("std_msgs.msg", reason="the ROS message packages are not installed")

@@ -12,11 +12,12 @@ from click.testing import CliRunner
 from ros_bench import field_of_array, write_driver
 
 from tam_calibration.cli.main import main
-from tam_calibration.files import read_array, read_calibration, read_samples, write_array
-from tam_calibration.files.bag_writing import TYPESTORE, write_bag
-from tam_calibration.files.calibration_yaml import calibration_from_yaml
 from tam_calibration.messages.point_cloud import SampleLayout
 from tam_calibration.messages.topics import MAGNETIC_FIELD
+from tam_calibration.recordings import read_array, read_samples, write_array
+from tam_calibration.recordings.bag_writing import TYPESTORE, write_bag
+from tam_calibration.results import read_calibration
+from tam_calibration.results.calibration_yaml import calibration_from_yaml
 
 sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
 std_msgs = pytest.importorskip("std_msgs.msg", reason="the ROS message packages are not installed")

@@ -10,8 +10,8 @@ from nodes.hostile import hostile_messages, own_memory_bytes
 from numpy.testing import assert_array_equal
 from ros_bench import NO_ROS, node_command
 
-from tam_calibration.files import calibration_to_yaml, write_calibration
 from tam_calibration.fit import calibrate
+from tam_calibration.results import calibration_to_yaml, write_calibration
 
 sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason=NO_ROS)
 std_msgs = pytest.importorskip("std_msgs.msg", reason=NO_ROS)

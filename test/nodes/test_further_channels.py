@@ -8,11 +8,11 @@ from numpy.testing import assert_allclose
 
 from tam_calibration.correction.calibration import EffectSize
 from tam_calibration.correction.streaming import Correction
-from tam_calibration.files import write_calibration
-from tam_calibration.files.array_yaml import write_array
 from tam_calibration.fit import calibrate
 from tam_calibration.messages.point_cloud import SampleLayout
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
+from tam_calibration.recordings.array_yaml import write_array
+from tam_calibration.results import write_calibration
 
 sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
 std_msgs = pytest.importorskip("std_msgs.msg", reason="the ROS message packages are not installed")

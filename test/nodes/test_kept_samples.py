@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from tam_calibration.files import read_calibration
-from tam_calibration.files.sample_file import SampleFile
+from tam_calibration.results import read_calibration
+from tam_calibration.results.sample_file import SampleFile
 
 sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
 

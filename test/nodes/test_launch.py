@@ -64,8 +64,19 @@ def test_nodes_are_the_entry_points(launch_file):
 
 def test_arguments_become_parameters_only_where_given(launch_file):
     """What is not given leaves the file of parameters in force; each node gets what it knows."""
-    nodes = started(launch_file, params_file="p.yaml", array_file="a.yaml", calibration_file="c.yaml", namespace="auv")
-    assert nodes["collector"].parameters == ["p.yaml", {"use_sim_time": False, "array_file": "a.yaml"}]
+    nodes = started(
+        launch_file,
+        params_file="p.yaml",
+        array_file="a.yaml",
+        map_file="m.yaml",
+        calibration_file="c.yaml",
+        namespace="auv",
+    )
+    assert nodes["collector"].parameters == [
+        "p.yaml",
+        {"use_sim_time": False, "array_file": "a.yaml", "map_file": "m.yaml"},
+    ]
+    assert "map_file" not in nodes["calibrator"].parameters[1]
     assert nodes["calibrator"].parameters[1]["calibration_file"] == "c.yaml"
     assert "calibration_file" not in nodes["corrector"].parameters[1]
     assert {node.namespace for node in nodes.values()} == {"auv"}

@@ -42,10 +42,14 @@ def test_messages_that_wait_come_in_the_order_of_their_arrival(ros_domain):
     context = rclpy.Context()
     rclpy.init(context=context)
     node, came = ListeningNode("ears", context=context), []
-    topics = ["first", "second"]
-    node.listen_in_order(
-        [(Float64, topic, lambda each: came.append(read_float64(each))) for topic in topics], RELIABLE_STREAM
-    )
+    topics, arrived = ["first", "second"], []
+
+    def take(message, arrived_ns):
+        came.append(read_float64(message))
+        arrived.append(arrived_ns)
+
+    for topic in topics:
+        node.listen_in_order(Float64, topic, take, RELIABLE_STREAM)
     publishers = [node.create_publisher(Float64, topic, RELIABLE_STREAM) for topic in topics]
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)
@@ -58,4 +62,4 @@ def test_messages_that_wait_come_in_the_order_of_their_arrival(ros_domain):
     executor.shutdown()
     node.destroy_node()
     context.try_shutdown()
-    assert came == list(range(200))
+    assert came == list(range(200)) and sorted(arrived) == arrived and 0 <= arrived[-1] - arrived[0] < 60e9

@@ -7,12 +7,11 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.correction.partial import PartialCorrection
-from tam_calibration.files import read_calibration, write_calibration
 from tam_calibration.fit import calibrate
-from tam_calibration.localization.pose import pose_rows
-from tam_calibration.localization.sample_by_sample import locate_samples, regional_of, turned
-from tam_calibration.localization.solutions import Status
+from tam_calibration.localization.solutions import Status, pose_rows
+from tam_calibration.localization.turned_samples import locate_samples, regional_of, turned
 from tam_calibration.messages.point_cloud import FIELD_GRADIENT_COLUMNS, SOURCE_COLUMNS, SampleLayout
+from tam_calibration.results import read_calibration, write_calibration
 
 sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
 visualization_msgs = pytest.importorskip("visualization_msgs.msg", reason="the ROS message packages are not installed")

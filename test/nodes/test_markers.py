@@ -7,8 +7,7 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.fit.coverage import measure_coverage
-from tam_calibration.localization.pose import ellipsoid
-from tam_calibration.localization.solutions import EulerSolutions
+from tam_calibration.localization.solutions import EulerSolutions, ellipsoid
 
 pytest.importorskip("visualization_msgs.msg", reason="the ROS message packages are not installed")
 

@@ -16,12 +16,12 @@ import pytest
 import yaml
 from ros_bench import own_lines
 
-from tam_calibration.files import write_calibration
 from tam_calibration.files.configuration import configuration_folder
 from tam_calibration.fit import calibrate
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.nodes.children import START, Children
 from tam_calibration.nodes.session import configure_fast_dds
+from tam_calibration.results import write_calibration
 
 NODES = ("collector", "calibrator", "corrector", "localizer")
 
@@ -35,9 +35,21 @@ def test_signal_ends_every_node_well(bench, number):
     assert [len(own_lines(children.log(name))) for name in NODES] == [1] * len(NODES)
 
 
-def test_unusable_parameter_ends_the_node_with_a_sentence(bench):
+def test_unusable_parameter_ends_the_node_with_a_sentence(bench, tmp_path):
     """It ends with exit code 2."""
+    maps = {
+        "text": "sensors: [{columns: [a, b, c]}]\ntime: {column: t}\n",
+        "log": "sensors: [{topic: sensor_mag, instance: 1}]\n",
+        "one": "sensors: [{topic: /mag}]\n",
+        "none": "sensors: [{topic: /a, type: no_msgs/msg/Mag}, {topic: /b}, {topic: /c}, {topic: /d}]\n",
+    }
+    for name, text in maps.items():
+        (tmp_path / name).write_text(text)
     refused = {
+        ("collector", f"map_file:={tmp_path}/text"): "text is the map of a text file or log",
+        ("collector", f"map_file:={tmp_path}/log"): "log is the map of a text file or log",
+        ("collector", f"map_file:={tmp_path}/one"): "one has 1 sensors, the array 4",
+        ("collector", f"map_file:={tmp_path}/none"): "/a has messages of type no_msgs/msg/Mag, which is not installed",
         ("collector", "tolerance_s:=soon"): "of type 'STRING', expecting type 'DOUBLE': tolerance_s",
         ("collector", "silence_s:=true"): "of type 'BOOL', expecting type 'DOUBLE': silence_s",
         ("collector", "silence_s:=-1.0"): "out of range Min: 0.1",
@@ -52,8 +64,9 @@ def test_unusable_parameter_ends_the_node_with_a_sentence(bench):
         ("localizer", "index:=11"): "Max: 10.0, value: 11.0: index",
         ("localizer", "regional:=here"): "a place must be LAT,LON,DATE",
     }
-    commands = {
-        str(number): [*START, name, "--ros-args", "-p", parameter] for number, (name, parameter) in enumerate(refused)
+    commands = {  # in a namespace each: two of one name would end for that
+        str(number): [*START, name, "--ros-args", "-r", f"__ns:=/n{number}", "-p", parameter]
+        for number, (name, parameter) in enumerate(refused)
     }
     children = bench.fork(commands)
     bench.children.remove(children)  # spin without the check that all still run

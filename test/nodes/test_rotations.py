@@ -15,11 +15,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.files import calibration_from_yaml, write_array
 from tam_calibration.fit import calibrate
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.mounting import Mounting
 from tam_calibration.nodes.children import START
+from tam_calibration.recordings import write_array
+from tam_calibration.results import calibration_from_yaml
 
 sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
 std_msgs = pytest.importorskip("std_msgs.msg", reason="the ROS message packages are not installed")

@@ -10,12 +10,13 @@ import pytest
 from numpy.testing import assert_allclose
 from ros_bench import node_command
 
-from tam_calibration.files import calibration_from_yaml, read_calibration, write_array, write_calibration
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.tolerances import Tolerances
+from tam_calibration.recordings import write_array
+from tam_calibration.results import calibration_from_yaml, read_calibration, write_calibration
 
 sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
 std_msgs = pytest.importorskip("std_msgs.msg", reason="the ROS message packages are not installed")

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from tam_calibration.files import read_calibration, write_calibration
-from tam_calibration.files.bag_writing import TYPESTORE
 from tam_calibration.fit import calibrate
 from tam_calibration.model.recording import Recording
+from tam_calibration.recordings.bag_writing import TYPESTORE
+from tam_calibration.results import read_calibration, write_calibration
 
 sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
 

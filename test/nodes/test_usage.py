@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from tam_calibration.files import calibration_from_yaml
+from tam_calibration.results import calibration_from_yaml
 
 sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
 std_msgs = pytest.importorskip("std_msgs.msg", reason="the ROS message packages are not installed")

@@ -4,7 +4,6 @@ import pytest
 from tam_calibration.fit.coverage import measure_coverage
 from tam_calibration.report.page import embed
 from tam_calibration.report.recording_plots import Panel, plot_coverage, plot_histograms, plot_over_time, thinning_note
-from tam_calibration.report.style import AFTER_COLOR
 
 
 def panels(samples: int) -> list[Panel]:
@@ -16,7 +15,7 @@ def panels(samples: int) -> list[Panel]:
 
 def test_rows_are_titled_with_their_root_mean_square():
     """The figures beside the rows are those of the known samples."""
-    figure = plot_over_time(np.arange(4.0), [Panel("xx", np.array([3.0, np.nan, -3.0, 3.0]), 1.0)], "nT/m", AFTER_COLOR)
+    figure = plot_over_time(np.arange(4.0), [Panel("xx", np.array([3.0, np.nan, -3.0, 3.0]), 1.0)], "nT/m")
     assert figure.axes[0].get_title("right") == "RMS 3.00 nT/m"
     assert figure.axes[0].get_xlabel() == "time from the first sample (s)"
 
@@ -25,7 +24,7 @@ def test_thinned_strokes_keep_the_extremes():
     """Not one outlier is lost by thinning, and it is said that samples were thinned."""
     values = np.zeros(1_000_000)
     values[123_456] = 40.0
-    figure = plot_over_time(np.arange(1e6) * 0.01, [Panel("xx", values, 1.0)], "nT/m", AFTER_COLOR)
+    figure = plot_over_time(np.arange(1e6) * 0.01, [Panel("xx", values, 1.0)], "nT/m")
     strokes = figure.axes[0].collections[0].get_segments()
     assert len(strokes) == 1000
     assert max(stroke[:, 1].max() for stroke in strokes) == 40.0
@@ -36,7 +35,7 @@ def test_thinned_strokes_keep_the_extremes():
 @pytest.mark.parametrize(("span_s", "unit"), [(60, "s"), (3600, "min"), (86400, "h")])
 def test_time_axis_is_readable(span_s, unit):
     """Long recordings are drawn in minutes or hours."""
-    figure = plot_over_time(np.linspace(1.7e9, 1.7e9 + span_s, 50), panels(50), "nT", AFTER_COLOR)
+    figure = plot_over_time(np.linspace(1.7e9, 1.7e9 + span_s, 50), panels(50), "nT")
     assert figure.axes[-1].get_xlabel().endswith(f"({unit})")
     assert figure.axes[-1].get_xlim()[1] < 1.1 * span_s
 

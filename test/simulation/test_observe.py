@@ -8,11 +8,11 @@ from numpy.linalg import norm
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.files.scenario import read_scenario
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
 from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import Scenario, simulate
 from tam_calibration.simulation.attitude import RandomAttitudes, Tumble
 from tam_calibration.simulation.instruments import AttitudeChannel, Current, ScalarReference, Temperature

@@ -10,7 +10,7 @@ from tam_calibration.correction.calibration import EffectSize
 from tam_calibration.fit import calibrate
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
-from tam_calibration.simulation.twin import twin
+from tam_calibration.simulation.observe import twin
 
 DRIFT = FittedEffect(
     "temperature_drift",

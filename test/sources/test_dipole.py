@@ -4,7 +4,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.constants import mu_0
 
-from tam_calibration.sources.dipole import VACUUM_PERMEABILITY, Dipole, dipole_field, moment_of_field
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.sources.dipole import VACUUM_PERMEABILITY, Dipole, Loop, dipole_field, moment_of_field
 
 PLACE = np.array([1.0, 2.0, 3.0])
 RNG = np.random.default_rng(3)
@@ -45,3 +46,25 @@ def test_moment_of_the_field_is_the_moment(slope):
         by_value = slope(lambda value, offset=offset: moment_of_field(offset, value)[0], field, np.abs(field).max())
         assert_allclose(by_offset[n], by_place, atol=1e-8 * np.abs(by_place).max())
         assert_allclose(by_field[n], by_value, atol=1e-8 * np.abs(by_value).max())
+
+
+@pytest.mark.parametrize("distance_m", [0.0, 1e-200])
+@pytest.mark.parametrize("method", ["field_T", "gradient_T_per_m"])
+def test_a_point_on_the_source_is_refused(method, distance_m):
+    """Where the field is infinite, also of a dipole or on the wire of a loop, as one of several points."""
+    sources = (
+        (Dipole(PLACE, MOMENTS[0]), PLACE),
+        (Loop(PLACE, np.array([0, 0, 5.0]), 0.5), np.add(PLACE, [0.3, 0.4, 0])),
+    )
+    for source, place in sources:
+        for points in (np.add(place, [0, 0, distance_m]), np.array([[9.0, 9, 9], place])):
+            with pytest.raises(InputError, match="not finite: it lies at a sensor or the array's centre"):
+                getattr(source, method)(points)
+        assert np.isfinite(getattr(source, method)(np.add(place, [0, 0, 1e-3]))).all()
+
+
+@pytest.mark.parametrize(("moment", "radius"), [([0, 0, 0], 0.5), ([0, 0, 1], 0), ([0, 0, np.nan], 1)])
+def test_a_loop_without_axis_or_size_is_refused(moment, radius):
+    """Its field would be no number."""
+    with pytest.raises(InputError, match=r"the field of the source is not finite: .* or has no size"):
+        Loop(PLACE, np.array(moment), radius).field_T(np.zeros(3))

@@ -4,8 +4,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.sources.dipole import dipole_field
-from tam_calibration.sources.loop import Loop, area_of, loop_field
+from tam_calibration.sources.dipole import Loop, area_of, dipole_field, loop_field
 
 RADIUS = 0.445
 RNG = np.random.default_rng(4)

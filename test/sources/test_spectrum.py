@@ -1,10 +1,8 @@
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
 
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.sources.demodulation import background_of
-from tam_calibration.sources.spectrum import band_pass_amplitude, find_frequency
+from tam_calibration.sources.demodulation import background_of, find_frequency
 
 TIME_S = np.arange(2000) / 100
 BACKGROUND = background_of(TIME_S)
@@ -43,19 +41,11 @@ def test_power_of_noise_is_one_and_rarely_passes_the_threshold():
     assert found.frequency_hz[found.power.argmax()] == pytest.approx(10, abs=0.05)
 
 
-def test_band_pass_finds_signs_and_sizes_and_is_the_noisier():
-    """Within what a band of 4 Hz lets pass of the noise."""
-    found = band_pass_amplitude(TIME_S, noisy(np.random.default_rng(53), 10.0), 8, 12)
-    assert_allclose(found * np.sign(found[0]), AMPLITUDE, atol=0.3)
-
-
 @pytest.mark.parametrize(
     ("call", "message"),
     [
         (lambda: find_frequency(TIME_S, np.ones((2000, 1)), BACKGROUND, 60, 70), "holds no frequency"),
         (lambda: find_frequency(TIME_S, np.ones((2000, 1)), BACKGROUND, 0.01, 1), "holds no frequency"),
-        (lambda: band_pass_amplitude(TIME_S**2, np.ones((2000, 1)), 8, 12), "evenly spaced"),
-        (lambda: band_pass_amplitude(TIME_S, np.ones((2000, 1)), 8, 60), "band must lie"),
     ],
 )
 def test_bounds_outside_the_record_are_refused(call, message):

@@ -30,10 +30,10 @@ def drifting():
 
 def test_the_kinds_are_shared_as_asked():
     """Of 200 pairs and 40 beside them each kind has its number, in an order that the seed draws."""
-    plans = plan_pairs(200, seed=1, outside="open", with_world=False)
+    plans = plan_pairs(200, seed=1, with_world=False)
     assert {kind: sum(plan.kind == kind for plan in plans) for kind in SHARES} == SHARES
     assert len(plans) == 240 and {plan.detail for plan in plans if plan.kind == "mistake"} == {*MISTAKES}
-    assert plans != plan_pairs(200, seed=2, outside="open", with_world=False)
+    assert plans != plan_pairs(200, seed=2, with_world=False)
 
 
 def test_a_seed_stands_for_one_pair(drifting):

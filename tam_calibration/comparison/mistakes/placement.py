@@ -69,14 +69,12 @@ class Motion:
     @property
     def gram(self) -> FloatArray:
         """(3, 3) ⟨Cᵀ C⟩: how much each direction of the world turns."""
-        gram: FloatArray = np.einsum("nij,nik->jk", self.turns, self.turns) / len(self.turns)
-        return gram
+        return np.asarray(np.einsum("nij,nik->jk", self.turns, self.turns) / len(self.turns))
 
     @property
     def extent(self) -> FloatArray:
         """(3,) root mean squares by which directions of the world turn, increasing; 1 where through all directions."""
-        extent: FloatArray = np.sqrt(np.maximum(np.linalg.eigvalsh(self.gram), 0))
-        return extent
+        return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(self.gram), 0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,8 +115,7 @@ def _turns(attitude: FloatArray) -> FloatArray:
     from scipy.spatial.transform import Rotation
 
     turns = Rotation.from_quat(attitude).inv().as_matrix()
-    centered: FloatArray = turns - turns.mean(axis=0)
-    return centered
+    return np.asarray(turns - turns.mean(axis=0))
 
 
 def placements(overview: Overview, motion: Motion) -> list[Placement]:

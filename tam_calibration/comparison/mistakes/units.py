@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tam_calibration.comparison.mistakes.words import in_microtesla, sensors_in_words
+from tam_calibration.comparison.mistakes.frames import in_microtesla, sensors_in_words
 from tam_calibration.comparison.result import Mistake
 from tam_calibration.model.array import Array
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD
@@ -120,8 +120,7 @@ def mistaken_stamps(simulation: Recording, recording: Recording) -> Iterator[Mis
 
 def _intensity(recording: Recording) -> FloatArray:
     """Return (K,) what the sensors mostly read, tesla."""
-    intensity: FloatArray = np.median(np.linalg.norm(recording.readings_T, axis=2), axis=0)
-    return intensity
+    return np.asarray(np.median(np.linalg.norm(recording.readings_T, axis=2), axis=0))
 
 
 def _is_field(readings_T: FloatArray) -> bool:

@@ -5,19 +5,3 @@ Nothing here is shared with the diagnosis that it checks: no model, no basis, no
 
 KINDS = ("single", "pair", "outside", "clean", "withheld", "short", "mixed", "large")
 """Kinds of cases."""
-
-EFFECTS = (
-    "temperature_drift",
-    "current_interference",
-    "bias_jump",
-    "time_skew",
-    "periodic_interference",
-    "outliers",
-    "noise_excess",
-    "hysteresis",
-    "nonlinearity",
-    "quantization",
-    "saturation",
-    "stale_samples",
-)
-"""What can be put into a real recording."""

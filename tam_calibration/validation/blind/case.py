@@ -10,8 +10,8 @@ from numpy.random import Generator
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.units import FloatArray, from_degrees, to_nanotesla
 from tam_calibration.validation.blind.case_plan import CasePlan
-from tam_calibration.validation.blind.catalogue import CATALOGUE, CAUSES, CHANNELS
-from tam_calibration.validation.blind.continuous_motion import MOTIONS, VOYAGES
+from tam_calibration.validation.blind.catalogue import CAUSES, CHANNELS
+from tam_calibration.validation.blind.continuous_motion import MOTIONS
 from tam_calibration.validation.blind.disturbance import ALL, Signal
 from tam_calibration.validation.blind.scene import Scene, Wish, draw_scene
 from tam_calibration.validation.blind.visible import NominalModel, Scaled, scale_to
@@ -26,14 +26,14 @@ def columns_of(rng: Generator, scene: Scene, plan: CasePlan, recorded: Signal) -
             columns[f"b{sensor + 1}{name}_nT"] = to_nanotesla(vectors[:, sensor, axis])
     if scene.with_scalar:
         columns["scalar_nT"] = to_nanotesla(scalar)
-    withheld = CATALOGUE[plan.effects[0]].channel if plan.kind == "withheld" else ""
-    if "temperature" in scene.channels and withheld != "temperature":
+    beside = set(scene.channels) - {plan.withheld}
+    if "temperature" in beside:
         error_C = rng.normal(size=scene.sample_count) * rng.uniform(0.005, 0.05)
         columns["temperature_C"] = np.round(scene.temperature(scene.time_s) + error_C, 3)
-    if "current" in scene.channels and withheld != "current":
+    if "current" in beside:
         error_A = rng.normal(size=scene.sample_count) * rng.uniform(0.005, 0.03)
         columns["current_A"] = np.round(scene.current(scene.time_s) + error_A, 4)
-    if "attitude" in scene.channels and withheld != "attitude":
+    if "attitude" in beside:
         error = rng.normal(size=(scene.sample_count, 3)) * from_degrees(rng.uniform(0.01, 0.1))
         columns |= dict(zip(("qx", "qy", "qz", "qw"), _quaternions(scene.to_world, error).T, strict=True))
     return columns
@@ -59,13 +59,12 @@ def array_of(scene: Scene, sheet: FloatArray) -> dict[str, Any]:
 
 def key_of(plan: CasePlan, scene: Scene, causes: list[Scaled], gap: float, sheet: FloatArray) -> dict[str, Any]:
     """Return the key: the causes with all that was drawn for them, and the conditions of the recording."""
-    withheld = CATALOGUE[plan.effects[0]].channel if plan.kind == "withheld" else ""
     holes = bool((np.diff(scene.time_s) > 1.5 * scene.step_s).any())
     return {
         "kind": plan.kind,
         "effects": [cause_key(cause) for cause in causes],
         "visible_gap": gap,
-        "withheld_channel": withheld,
+        "withheld_channel": plan.withheld,
         "identifiable": plan.kind not in ("withheld", "short"),
         "samples": scene.sample_count,
         "sensors": scene.sensor_count,
@@ -94,7 +93,6 @@ def cause_key(cause: Scaled) -> dict[str, Any]:
         "parameters": disturbance.parameters,
         "coefficients": {name: value * cause.amplitude for name, value in disturbance.coefficients.items()},
         "named": entry.named,
-        "sealed": entry.sealed,
     }
 
 
@@ -179,7 +177,7 @@ def _draw_wish(rng: Generator, plan: CasePlan) -> Wish:
     sensor_count = int(rng.choice(counts)) if other_array and counts else 4
     without = rng.random() < 0.12 and sensor_count >= 3
     allowed = [entry.motions for entry in entries] or [MOTIONS]
-    motions = [motion for motion in (*MOTIONS, *VOYAGES) if all(motion in each for each in allowed)]
+    motions = [motion for motion in MOTIONS if all(motion in each for each in allowed)]
     few = plan.kind == "short"
     recorded = {channel for channel in CHANNELS if rng.random() < 0.5} | {entry.channel for entry in entries} - {""}
     drawn = int(rng.integers(60, 201)) if few else int(360 * (4000 / 360) ** rng.random())
@@ -217,8 +215,6 @@ def can_be_seen(model: NominalModel, scaled: Scaled) -> bool:
 def is_natural(scaled: Scaled, scene: Scene) -> bool:
     """Whether a cause changes no reading by more, nor faster, than it does in nature."""
     entry = CAUSES[scaled.disturbance.effect]
-    if scaled.amplitude > scaled.disturbance.largest_amplitude:
-        return False
     largest_T = max(float(np.abs(part).max()) for part in scaled.signal)
     if to_nanotesla(largest_T) > entry.most_nT:
         return False

@@ -7,7 +7,6 @@ from numpy.random import Generator
 
 from tam_calibration.validation.blind.catalogue import CATALOGUE, CAUSES
 from tam_calibration.validation.blind.outside import OUTSIDE
-from tam_calibration.validation.blind.outside_sealed import SEALED
 
 GAPS = (0.3, 1.0, 3.0)
 """In noise floors: hidden in the noise, as large, and plain to see; figures are asked for at each."""
@@ -33,9 +32,6 @@ _EVERYWHERE = ("ambient_gradient", "platform_field")
 OF_SCALAR = ("geomagnetic_drift", "scalar_heading_error")
 """What disturbs the scalar leaves no place of its own to an unknown cause that needs one."""
 
-_OUTSIDES = {"open": tuple(OUTSIDE), "sealed": tuple(SEALED), "both": (*OUTSIDE, *SEALED)}
-"""The causes outside the library, by the half that is asked for."""
-
 
 @dataclass(frozen=True)
 class CasePlan:
@@ -46,19 +42,16 @@ class CasePlan:
     gaps: tuple[float, ...]
     samples: int | None = None
 
+    @property
+    def withheld(self) -> str:
+        """The channel that decides and is left out; nothing in other kinds."""
+        return CATALOGUE[self.effects[0]].channel if self.kind == "withheld" else ""
 
-def plan_cases(kinds: tuple[str, ...], count: int, seed: int, outside: str = "open") -> list[CasePlan]:
-    """Return the plans of a set in an order that tells nothing.
 
-    Parameters
-    ----------
-    kinds : tuple of str
-    count, seed : int
-    outside : str
-        The half of the causes outside the library that is used: open, sealed or both.
-    """
+def plan_cases(kinds: tuple[str, ...], count: int, seed: int) -> list[CasePlan]:
+    """Return the plans of a set in an order that tells nothing."""
     rng = np.random.default_rng([seed, 0])
-    others = [str(name) for name in rng.permutation(_OUTSIDES[outside])]
+    others = [str(name) for name in rng.permutation(list(OUTSIDE))]
     total = sum(_SHARES[kind] for kind in kinds)
     plans: list[CasePlan] = []
     for kind in kinds:
@@ -79,8 +72,8 @@ def _plan_kind(rng: Generator, kind: str, count: int, others: list[str]) -> list
         return [CasePlan(kind, (), ()) if number % 4 == 3 else plan for number, plan in enumerate(drawn)]
     if kind == "mixed":
         known = [str(name) for name in rng.permutation([name for name in quiet if name not in _EVERYWHERE])]
-        # Each time around, the known ones meet others, also where there are as many of either.
-        beside = [(known[i % len(known)], others[(i + i // len(known)) % len(others)]) for i in range(2 * count)]
+        turns = [divmod(i, len(known)) for i in range(2 * count)]  # each time around the known ones meet others
+        beside = [(known[i], others[(i + turn) % len(others)]) for turn, i in turns]
         return [CasePlan(kind, both, _MIXED) for both in beside if _can_meet(*both) and not _are_of_scalar(*both)][
             :count
         ]

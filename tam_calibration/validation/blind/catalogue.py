@@ -2,7 +2,6 @@
 
 from tam_calibration.validation.blind.disorder import bias_jump, noise_excess, outliers, periodic_interference
 from tam_calibration.validation.blind.disturbance import MOVING, SEVERAL, Entry
-from tam_calibration.validation.blind.further_vehicles import FURTHER_VEHICLES
 from tam_calibration.validation.blind.instrument_faults import (
     crosstalk,
     gain_switching,
@@ -16,11 +15,8 @@ from tam_calibration.validation.blind.instrument_faults import (
     time_skew,
     timing_jitter,
 )
-from tam_calibration.validation.blind.later_vehicles import LATER_VEHICLES
 from tam_calibration.validation.blind.material import eddy_current, flexure, hysteresis, temperature_drift
-from tam_calibration.validation.blind.other_vehicles import OTHER_VEHICLES
 from tam_calibration.validation.blind.outside import OUTSIDE
-from tam_calibration.validation.blind.outside_sealed import SEALED
 from tam_calibration.validation.blind.surroundings import (
     ambient_gradient,
     current_interference,
@@ -71,7 +67,7 @@ pumped scalars without compensation; an hour of a magnetic storm; a magnet at a 
 spikes of twice the field; the steps of a phone's converter; elsewhere a fifth of the field, past which nobody
 calibrates."""
 
-CAUSES = {**CATALOGUE, **OTHER_VEHICLES, **FURTHER_VEHICLES, **LATER_VEHICLES, **OUTSIDE, **SEALED}
+CAUSES = CATALOGUE | OUTSIDE
 """Every cause that a case may hold."""
 
 CHANNELS = ("temperature", "current", "attitude")

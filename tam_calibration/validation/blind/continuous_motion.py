@@ -10,9 +10,6 @@ from tam_calibration.model.units import FloatArray, from_degrees
 
 MOTIONS = ("turntable", "tumbling", "diver", "figure_eight")
 
-VOYAGES = ("lawnmower", "porpoising", "zigzag")
-"""Motions of a vehicle under way: of vehicles of other kinds alone, see `other_vehicles`."""
-
 
 @dataclass(frozen=True)
 class ContinuousMotion:
@@ -21,7 +18,7 @@ class ContinuousMotion:
     Parameters
     ----------
     kind : str
-        One of `MOTIONS` or `VOYAGES`.
+        One of `MOTIONS`.
     angles : callable
         From times (n,) in seconds to yaw, pitch and roll (n, 3) in radians.
     """
@@ -125,66 +122,9 @@ def _figure_eight(rng: Generator, duration_s: float, samples: int) -> Callable[[
     return angles
 
 
-def _lawnmower(rng: Generator, duration_s: float, samples: int) -> Callable[[FloatArray], FloatArray]:
-    """Run lines there and back, banked in the turns between, in waves; then lines across."""
-    lines = int(rng.uniform(5, min(15, samples / 45)))
-    bank, sea = from_degrees(rng.uniform(25, 50)), from_degrees(rng.uniform(15, 35, 2))
-    waves = lines * rng.uniform(0.6, 3.0, 2)
-    phase = rng.uniform(0, 2 * np.pi, 3)
-    sides = np.where(np.arange(lines - 1) % 2 == 0, 1.0, -1.0) * np.pi
-    sides[(lines - 1) // 2] /= 2
-    turns = (np.arange(lines - 1) + 1) / lines
-
-    def angles(time_s: FloatArray) -> FloatArray:
-        share = np.asarray(time_s) / duration_s
-        within = np.tanh((share[:, None] - turns) * lines * 5)
-        pitch = sea[0] * np.sin(2 * np.pi * waves[0] * share + phase[0])
-        roll = bank * ((1 - within**2) @ np.sign(sides)) + sea[1] * np.sin(2 * np.pi * waves[1] * share + phase[1])
-        return np.stack([(1 + within) / 2 @ sides + phase[2], pitch, roll], axis=1)
-
-    return angles
-
-
-def _porpoising(rng: Generator, duration_s: float, samples: int) -> Callable[[FloatArray], FloatArray]:
-    """Glide down and up again and again, banked to one side and then to the other, while the course goes around."""
-    dives = rng.uniform(4, min(14, samples / 60))
-    steep, bank = from_degrees(rng.uniform(35, 65)), from_degrees(rng.uniform(25, 50))
-    edge, around = rng.uniform(0.5, 1.5), rng.choice([-1, 1]) * rng.uniform(1.5, 4)
-    phase = rng.uniform(0, 2 * np.pi, 3)
-
-    def angles(time_s: FloatArray) -> FloatArray:
-        share = np.asarray(time_s) / duration_s
-        glide = np.sin(2 * np.pi * dives * share + phase[0])
-        lean = np.sin(2 * np.pi * dives * 0.37 * share + phase[1])
-        pitch, roll = (size * np.tanh(edge * course) / np.tanh(edge) for size, course in ((steep, glide), (bank, lean)))
-        return np.stack([2 * np.pi * around * share + 0.3 * lean + phase[2], pitch, roll], axis=1)
-
-    return angles
-
-
-def _zigzag(rng: Generator, duration_s: float, samples: int) -> Callable[[FloatArray], FloatArray]:
-    """Steer to either side of a course that goes around, heeling to the rate of turn, in a swell."""
-    tacks = rng.uniform(5, min(16, samples / 50))
-    yaw, heel, swell = from_degrees(rng.uniform([40, 30, 20], [80, 55, 45]))
-    around = rng.choice([-1, 1]) * rng.uniform(1, 3)
-    phase = rng.uniform(0, 2 * np.pi, 3)
-
-    def angles(time_s: FloatArray) -> FloatArray:
-        share = np.asarray(time_s) / duration_s
-        tack = 2 * np.pi * tacks * share + phase[0]
-        pitch = swell * np.sin(2 * np.pi * tacks * 0.61 * share + phase[1])
-        steered = yaw * (np.sin(tack) + np.sin(3 * tack) / 9)
-        return np.stack([steered + 2 * np.pi * around * share + phase[2], pitch, heel * np.cos(tack)], axis=1)
-
-    return angles
-
-
 _DRAWN = {
     "turntable": _turntable,
     "tumbling": _tumbling,
     "diver": _diver,
     "figure_eight": _figure_eight,
-    "lawnmower": _lawnmower,
-    "porpoising": _porpoising,
-    "zigzag": _zigzag,
 }

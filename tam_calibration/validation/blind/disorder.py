@@ -24,6 +24,7 @@ from tam_calibration.validation.blind.disturbance import (
 )
 from tam_calibration.validation.blind.processes import draw_wander
 from tam_calibration.validation.blind.scene import Scene
+from tam_calibration.validation.blind.surroundings import dipole
 
 
 def bias_jump(rng: Generator, scene: Scene) -> Disturbance:
@@ -60,16 +61,10 @@ def _magnet(rng: Generator, scene: Scene, sensor: int, on: FloatArray) -> Signal
     others = np.delete(scene.positions_m, sensor, axis=0) - scene.positions_m[sensor]
     place = scene.positions_m[sensor] + rng.uniform(0.08, 0.15) * norm(others, axis=1).min() * draw_direction(rng)
     moment = draw_direction(rng)
-    extra = np.array([_dipole(moment, position - place) for position in [*scene.positions_m, np.zeros(3)]])
+    extra = dipole(moment, np.vstack([scene.positions_m, np.zeros(3)]) - place)
     extra *= 1e-9 / norm(extra[sensor])
     vectors = scene.through(on[:, None, None] * extra[:-1])
     return vectors, on * (scene.field_T @ extra[-1]) / scene.intensity_T
-
-
-def _dipole(moment: FloatArray, away: FloatArray) -> FloatArray:
-    distance = norm(away)
-    unit = away / distance
-    return np.asarray((3 * unit * (unit @ moment) - moment) / distance**3)
 
 
 _Place = tuple[tuple[int | str, ...], tuple[str, ...], Signal]

@@ -15,8 +15,6 @@ Signal = tuple[FloatArray, FloatArray]
 """Change of the readings (N, K, 3) and of the scalar (N,) in tesla."""
 
 _AXES = ("x", "y", "z")
-ALL_AXES = np.ones(3)
-"""Mask of a cause that disturbs all axes of a sensor."""
 
 SCALAR = "scalar"
 ALL = "all"
@@ -46,8 +44,6 @@ class Disturbance:
         values in nT, nT/A, nT/°C or s.
     columns : dict
         What is recorded beside the fields because of it: from names of columns to values (N,).
-    largest_amplitude : float
-        That what was drawn has in nature.
     """
 
     effect: str
@@ -59,7 +55,6 @@ class Disturbance:
     after_noise: bool = False
     coefficients: dict[str, float] = field(default_factory=dict)
     columns: dict[str, FloatArray] = field(default_factory=dict)
-    largest_amplitude: float = float("inf")
 
 
 Draw = Callable[[Generator, Scene], Disturbance]
@@ -144,8 +139,6 @@ def numbers(values: Sequence[float] | FloatArray) -> list[float]:
 
 
 MOVING = tuple(motion for motion in MOTIONS if motion != "turntable")
-SWUNG = ("diver", "figure_eight")
-"""Motions that swing to and fro, and not in steps."""
 
 SEVERAL = (3, 4, 6)
 """Numbers of sensors with which a fault of one can be told from what the field does."""
@@ -177,8 +170,6 @@ class Entry:
         For a cause outside the library: the name of an effect that is as right an answer as none.
     coarse : bool
         Whether a small gap of it takes a noisy sensor, as one sample in a quiet one is a large gap already.
-    sealed : bool
-        Whether nobody who writes rules of the diagnosis may know of it.
     """
 
     draw: Draw
@@ -192,24 +183,3 @@ class Entry:
     large: tuple[float, ...] = (30.0, 1000.0)
     named: str = ""
     coarse: bool = False
-    sealed: bool = False
-
-
-def outside(
-    draw: Draw, named: str = "", motions: tuple[str, ...] = MOTIONS, scalar_needed: bool = False, sealed: bool = False
-) -> Entry:
-    """Return the entry of a cause outside the library, in one of several sensors or the scalar."""
-    return Entry(
-        draw,
-        "outside",
-        motions=motions,
-        sensor_counts=SEVERAL,
-        scalar_needed=scalar_needed,
-        named=named,
-        sealed=sealed,
-    )
-
-
-def sealed(draw: Draw, named: str = "", motions: tuple[str, ...] = MOTIONS, scalar_needed: bool = False) -> Entry:
-    """Return the entry of a cause of the sealed half."""
-    return outside(draw, named=named, motions=motions, scalar_needed=scalar_needed, sealed=True)

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from tam_calibration.files import write_whole
 from tam_calibration.files.schema import check
-from tam_calibration.files.text_files import in_file, read_text
+from tam_calibration.files.text_files import in_file, read_text, write_text
 from tam_calibration.model.exceptions import InputError, Refused, quoted
 from tam_calibration.validation.blind.answer import Answer
 from tam_calibration.validation.blind.case import Case
@@ -66,8 +65,7 @@ def write_case(folder: Path, case: Case) -> None:
 
 def write_json(path: Path, content: Any) -> None:
     """Write a JSON file."""
-    with write_whole(path) as beside:
-        beside.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    write_text(path, json.dumps(content, indent=1) + "\n")
 
 
 def read_json(path: Path) -> dict[str, Any]:

@@ -13,16 +13,19 @@ from tam_calibration.validation.blind.disturbance import (
     ALL,
     Disturbance,
     Draw,
-    Signal,
     by_axis,
-    draw_axes,
     draw_direction,
     draw_sensor,
-    named,
     of_sensors,
     proportional,
 )
-from tam_calibration.validation.blind.instrument_faults import nonlinearity, quantization, saturation, stale_samples
+from tam_calibration.validation.blind.instrument_faults import (
+    nonlinearity,
+    quantization,
+    saturation,
+    stale_samples,
+    time_skew,
+)
 from tam_calibration.validation.blind.material import hysteresis
 from tam_calibration.validation.blind.recorded import RecordedScene, model_of, own_residual, scene_of
 from tam_calibration.validation.blind.scene import Scene
@@ -65,19 +68,6 @@ def _following(
     return Disturbance(effect, (sensor + 1,), (), change, "nT", parameters, coefficients=coefficients)
 
 
-def _time_skew(rng: Generator, scene: Scene) -> Disturbance:
-    """Let one axis of a sensor be late or early."""
-    sensor, mask = draw_sensor(rng, scene), draw_axes(rng, 1.0)
-    sign = rng.choice([-1.0, 1.0])
-
-    def change(amplitude: float, _seen: object) -> Signal:
-        then = scene.readings_at(scene.time_s - sign * amplitude)[:, sensor]
-        return of_sensors(scene, {sensor: mask * (then - scene.readings_T[:, sensor])})
-
-    delays = by_axis(sensor, "delay", sign * mask)
-    return Disturbance("time_skew", (sensor + 1,), named(mask), change, "s", {}, coefficients=delays)
-
-
 def _periodic_interference(rng: Generator, scene: Scene) -> Disturbance:
     """Let a machine hum into a sensor at one frequency."""
     sensor, along = draw_sensor(rng, scene), draw_direction(rng)
@@ -89,22 +79,26 @@ def _periodic_interference(rng: Generator, scene: Scene) -> Disturbance:
     return Disturbance("periodic_interference", (sensor + 1,), (), change, "nT", parameters, coefficients=coefficients)
 
 
-def _noise_excess(rng: Generator, scene: Scene) -> Disturbance:
-    """Let one axis be noisier than the others."""
-    while True:
-        drawn = noise_excess(rng, scene)
-        if drawn.axes:
-            return drawn
+def _of_one_axis(draw: Draw) -> Draw:
+    """Return what draws a cause until it disturbs one axis: of a whole sensor the fit takes up too much."""
+
+    def drawn(rng: Generator, scene: Scene) -> Disturbance:
+        while True:
+            cause = draw(rng, scene)
+            if cause.axes:
+                return cause
+
+    return drawn
 
 
 INJECTED: dict[str, Draw] = {
     "temperature_drift": _temperature_drift,
     "current_interference": _current_interference,
     "bias_jump": _bias_jump,
-    "time_skew": _time_skew,
+    "time_skew": _of_one_axis(time_skew),
     "periodic_interference": _periodic_interference,
     "outliers": outliers,
-    "noise_excess": _noise_excess,
+    "noise_excess": _of_one_axis(noise_excess),
     "hysteresis": hysteresis,
     "nonlinearity": nonlinearity,
     "quantization": quantization,
@@ -121,14 +115,13 @@ class Injected:
     Parameters
     ----------
     readings_T : (N, K, 3) array
-    temperature_C, current_A : (N,) array, optional
-        Made up where the effect follows it.
+    columns : dict
+        What is made up where the effect follows it, by the names of a recording's channels.
     key : dict
     """
 
     readings_T: FloatArray
-    temperature_C: FloatArray | None
-    current_A: FloatArray | None
+    columns: dict[str, Any]
     key: dict[str, Any]
 
 
@@ -178,7 +171,7 @@ def inject(
         "parameters": disturbance.parameters,
         "seed": seed,
     }
-    return Injected(readings_T + scaled.signal[0], *_made_up(rng, scene, effect), key)
+    return Injected(readings_T + scaled.signal[0], _made_up(rng, scene, effect), key)
 
 
 def _is_seen(scene: RecordedScene, scaled: Scaled) -> bool:
@@ -191,11 +184,11 @@ def _is_seen(scene: RecordedScene, scaled: Scaled) -> bool:
     return within and scaled.visible_gap > _SEEN * added_nT
 
 
-def _made_up(rng: Generator, scene: RecordedScene, effect: str) -> tuple[FloatArray | None, FloatArray | None]:
-    """Return the recorded temperature and current, the one that the effect follows."""
+def _made_up(rng: Generator, scene: RecordedScene, effect: str) -> dict[str, FloatArray]:
+    """Return the recorded temperature or current, the one that the effect follows."""
     noise = rng.normal(size=scene.sample_count)
     if effect == "temperature_drift":
-        return np.round(scene.temperature(scene.time_s) + 0.02 * noise, 3), None
+        return {"temperature_C": np.round(scene.temperature(scene.time_s) + 0.02 * noise, 3)}
     if effect == "current_interference":
-        return None, np.round(scene.current(scene.time_s) + 0.01 * noise, 4)
-    return None, None
+        return {"current_A": np.round(scene.current(scene.time_s) + 0.01 * noise, 4)}
+    return {}

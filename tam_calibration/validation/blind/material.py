@@ -39,7 +39,7 @@ def temperature_drift(rng: Generator, scene: Scene) -> Disturbance:
     rows, parameters = {}, {}
     for sensor in chosen:
         lags_s = scene.duration_s * 10 ** rng.uniform(-2.3, -1.0, 2)
-        inside_C = _diffused(_low_pass(outside_C, lags_s[0], fine_s), lags_s[1], fine_s)
+        inside_C = _diffused(low_pass(outside_C, lags_s[0], fine_s), lags_s[1], fine_s)
         warm = (np.interp(scene.time_s, fine_s, inside_C) - inside_C.mean())[:, None] / np.ptp(inside_C)
         bias, gain = rng.normal(size=3), rng.normal(size=3) * rng.uniform(0.2, 1.0)
         bend = rng.uniform(-0.5, 0.5, (2, 3))
@@ -56,7 +56,7 @@ def _of_like_size(rng: Generator, rows: FloatArray) -> FloatArray:
     return np.asarray(rows * (1e-9 * rng.uniform(0.7, 1.3) / (rows - rows.mean(axis=0)).std()))
 
 
-def _low_pass(values: FloatArray, time_constant_s: float, time_s: FloatArray) -> FloatArray:
+def low_pass(values: FloatArray, time_constant_s: float, time_s: FloatArray) -> FloatArray:
     """Follow a function of time with one time constant, exactly for what is constant over a step."""
     keep = np.exp(-(time_s[1] - time_s[0]) / time_constant_s)
     return np.asarray(lfilter([1 - keep], [1, -keep], values - values[0]) + values[0])
@@ -67,7 +67,7 @@ def _diffused(values: FloatArray, delay_s: float, time_s: FloatArray) -> FloatAr
     order = np.arange(_MODES)
     time_constant_s = 2 * delay_s / ((order + 0.5) * np.pi) ** 2
     part = (-1.0) ** order * 2 / ((order + 0.5) * np.pi)
-    modes = sum(one * _low_pass(values, tau, time_s) for one, tau in zip(part, time_constant_s, strict=True))
+    modes = sum(one * low_pass(values, tau, time_s) for one, tau in zip(part, time_constant_s, strict=True))
     return np.asarray(modes + (1 - part.sum()) * values)
 
 
@@ -128,7 +128,7 @@ def eddy_current(rng: Generator, scene: Scene) -> Disturbance:
     settle_s = 6 * time_constant_s + scene.step_s
     fine_s = np.arange(-settle_s, scene.duration_s + scene.step_s, min(scene.step_s / 3, time_constant_s / 3))
     field_T = scene.field_at(fine_s)
-    answer = field_T - np.stack([_low_pass(one, time_constant_s, fine_s) for one in field_T.T], axis=1)
+    answer = field_T - np.stack([low_pass(one, time_constant_s, fine_s) for one in field_T.T], axis=1)
     sampled = np.stack([np.interp(scene.time_s, fine_s, one) for one in answer.T], axis=1)
     rows = {}
     for sensor in chosen:

@@ -223,7 +223,7 @@ class Outcome:
     @property
     def line(self) -> str:
         """Key against answer in one line."""
-        truth = " + ".join(map(_truth_in_words, self.key["effects"])) or "nothing"
+        truth = " + ".join(map(_cause_in_words, self.key["effects"])) or "nothing"
         answer = " + ".join(map(_cause_in_words, self.causes)) or "no cause"
         conditions = [f"N={self.key['samples']}", f"K={self.key['sensors']}", self.key["motion"]]
         conditions += ["no scalar"] * (not self.key["with_scalar"]) + ["holes"] * self.key["holes"]
@@ -235,10 +235,6 @@ class Outcome:
             f"{self.name} {self.kind} [{', '.join(conditions)}]: {truth}, gap {self.visible_gap:.2g} → "
             f"{self.verdict}{why}: {answer}, where {where or '–'}, {sizes}"
         )
-
-
-def _truth_in_words(cause: dict[str, Any]) -> str:
-    return "a sealed cause" if cause.get("sealed") else _cause_in_words(cause)
 
 
 def _cause_in_words(cause: dict[str, Any]) -> str:

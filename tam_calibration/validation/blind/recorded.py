@@ -72,7 +72,7 @@ class RecordedScene(Scene):
 
 
 @dataclass(frozen=True, eq=False)
-class AttitudeModel:
+class AttitudeModel(NominalModel):
     """The nominal model of sensors whose attitude is recorded: reading = matrix · turned constant field + offset."""
 
     scene: RecordedScene
@@ -99,18 +99,18 @@ class AttitudeModel:
         """Return a signal in noise floors (N, 3K)."""
         return np.asarray(signal[0].reshape(-1, self.channels) / self.scene.vector_noise_T)
 
-    def visible_gap(self, signal: Signal) -> float:
-        """Return the root mean square over the redundant channels of what the best nominal fit leaves of a signal."""
-        rows = self.whitened(signal).ravel()
-        return float(np.sqrt(((rows - self.parameters @ (self.parameters.T @ rows)) ** 2).mean()))
+    def left(self, signal: Signal) -> FloatArray:
+        """Return what the best nominal fit leaves of a signal, in noise floors (N, 3K)."""
+        rows = self.whitened(signal)
+        return rows - (self.parameters @ (self.parameters.T @ rows.ravel())).reshape(rows.shape)
 
 
-def model_of(scene: RecordedScene) -> NominalModel | AttitudeModel:
+def model_of(scene: RecordedScene) -> NominalModel:
     """Return the nominal model that fits what is recorded."""
     return NominalModel(scene) if scene.attitudes is None else AttitudeModel(scene)
 
 
-def own_residual(model: NominalModel | AttitudeModel, fit: Fit, recorded_T: FloatArray) -> float:
+def own_residual(model: NominalModel, fit: Fit, recorded_T: FloatArray) -> float:
     """Return the robust root mean square over the redundant channels of what a recording leaves by itself."""
     left = model.whitened((recorded_T - fit.readings_T, np.zeros(len(recorded_T))))
     return float(np.sqrt(np.median((left**2).sum(axis=1)) / chi2.median(model.channels)))

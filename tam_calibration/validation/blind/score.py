@@ -173,30 +173,13 @@ class Score:
         return dict(sorted(table.items(), key=lambda item: (item[1][0].value, -item[1][1])))
 
     @cached_property
-    def by_condition(self) -> dict[str, Rate]:
-        """How often single effects are solved under each condition of the recording."""
-        conditions: dict[str, Callable[[Outcome], bool]] = {
-            "with scalar": lambda one: one.key["with_scalar"],
-            "without scalar": lambda one: not one.key["with_scalar"],
-            "holes": lambda one: one.key["holes"],
-            "cross of four": lambda one: one.key["sensors"] == 4,
-            "other arrays": lambda one: one.key["sensors"] != 4,
-            "turntable": lambda one: one.key["motion"] == "turntable",
-            "in motion": lambda one: one.key["motion"] != "turntable",
-            "noise above the data sheet": lambda one: one.key["noise_over_sheet"]["vector"] > 1,
-            "noise below the data sheet": lambda one: one.key["noise_over_sheet"]["vector"] < 1,
-        }
-        single = self.of_kind("single")
-        return {name: Rate.of(is_solved(one) for one in single if holds(one)) for name, holds in conditions.items()}
-
-    @cached_property
     def short(self) -> dict[str, Rate]:
         """Of short recordings, how often the cause is named rightly, left open, or named wrongly."""
         short = self.of_kind("short")
         return {
-            "short recordings: right name, or rightly no gap": Rate.of(map(is_right_though_short, short)),
-            "short recordings: left open": Rate.of(bool(one.truth) and not one.causes for one in short),
-            "short recordings: wrong name": Rate.of(map(names_wrongly, short)),
+            "right name, or rightly no gap": Rate.of(map(is_right_though_short, short)),
+            "left open": Rate.of(bool(one.truth) and not one.causes for one in short),
+            "wrong name": Rate.of(map(names_wrongly, short)),
         }
 
     @property

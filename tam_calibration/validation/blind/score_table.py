@@ -1,6 +1,6 @@
 """The score of the check on withheld effects, for people in a terminal and for programs."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from statistics import median
 from typing import Any
@@ -19,15 +19,16 @@ def print_score(console: Console, score: Score, times_s: Mapping[str, float]) ->
     """Print all figures beside what is asked, then where it goes wrong."""
     _print_table(console, "Figures asked for", HEADER, [cells(row) for row in score.rows])
     _print_table(console, "Single effects, the worst first", ("effect", "solved", "amplitude left"), effects(score))
-    others = {**score.by_condition, **score.short}
-    _print_table(console, "Single effects solved, by condition", ("condition", "share", "of"), shares(others))
+    _print_table(
+        console, "Short recordings", ("answer", "cases"), [(name, _of(rate)) for name, rate in score.short.items()]
+    )
     _print_table(console, "First answers", *confusion(score))
     _print_table(console, "What came true of what was told", ("told", "true", "statements"), reliability(score))
     for line in remarks(score, times_s):
         console.print(line)
 
 
-def _print_table(console: Console, title: str, header: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
+def _print_table(console: Console, title: str, header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
     table = Table(title=title, title_justify="left")
     for number, heading in enumerate(header):
         table.add_column(heading, justify="right" if number else "left")
@@ -60,11 +61,6 @@ def _figure(row: ScoreRow, value: float, digits: int = 0) -> str:
 def effects(score: Score) -> list[tuple[str, ...]]:
     """Return how often each effect is solved, and the median of the amplitude left."""
     return [(name, _of(rate), f"{left:.1%}") for name, (rate, left) in score.by_effect.items()]
-
-
-def shares(rates: Mapping[str, Rate]) -> list[tuple[str, ...]]:
-    """Return rates that have cases."""
-    return [(name, f"{rate.value:.1%}", str(rate.cases)) for name, rate in rates.items() if rate.cases]
 
 
 def confusion(score: Score) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
@@ -110,7 +106,7 @@ def score_to_mapping(score: Score, times_s: Mapping[str, float]) -> dict[str, An
         "by_effect": {
             name: {"solved": asdict(rate), "amplitude_left": left} for name, (rate, left) in score.by_effect.items()
         },
-        "by_condition": {name: asdict(rate) for name, rate in {**score.by_condition, **score.short}.items()},
+        "short": {name: asdict(rate) for name, rate in score.short.items()},
         "gap_told_over_visible": score.stated_gap,
         "processor_time_s": dict(times_s),
         "failures": [one.line for one in score.failures],

@@ -38,7 +38,7 @@ def ambient_gradient(rng: Generator, scene: Scene) -> Disturbance:
     places = places * np.maximum(1, distance_m / norm(places, axis=1))[:, None]
     at = np.einsum("nij,kj->nki", scene.to_world, scene.positions_m)
     extra = sum(
-        _dipole(moment, at - place) - _dipole(moment, -place) for place, moment in zip(places, moments, strict=True)
+        dipole(moment, at - place) - dipole(moment, -place) for place, moment in zip(places, moments, strict=True)
     )
     body = np.einsum("nji,nkj->nki", scene.to_world, extra)
     change = proportional((scene.through(body), np.zeros(scene.sample_count)))
@@ -46,7 +46,7 @@ def ambient_gradient(rng: Generator, scene: Scene) -> Disturbance:
     return Disturbance("ambient_gradient", (ALL,), (), change, "A m2", parameters)
 
 
-def _dipole(moment: FloatArray, away: FloatArray) -> FloatArray:
+def dipole(moment: FloatArray, away: FloatArray) -> FloatArray:
     """Return a dipole's field (…, 3) at distances (…, 3) from it."""
     distance = norm(away, axis=-1, keepdims=True)
     unit = away / distance

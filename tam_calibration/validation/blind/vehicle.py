@@ -13,13 +13,13 @@ from tam_calibration.validation.blind.disturbance import ALL, Disturbance, Signa
 from tam_calibration.validation.blind.processes import draw_wander
 from tam_calibration.validation.blind.scene import Scene
 
-PERMEABILITY = 4e-7 * np.pi
+_PERMEABILITY = 4e-7 * np.pi
 """μ0 in SI."""
 
 _FINE = 6
 """Steps of the conductors' integration within one of the recording."""
 
-IRON_OVER_CURRENTS = (3.0, 8.0)
+_IRON_OVER_CURRENTS = (3.0, 8.0)
 """What the iron makes over what the currents make, at the scalar: not so much that its square counts."""
 
 
@@ -61,7 +61,7 @@ class Body:
         root = np.sqrt(ratio**2 - 1)
         lengthwise = (ratio / root * np.log(ratio + root) - 1) / root**2
         factors = np.array([lengthwise, (1 - lengthwise) / 2])
-        along, across = filled * self.volume_m3 / PERMEABILITY * susceptibility / (1 + susceptibility * factors)
+        along, across = filled * self.volume_m3 / _PERMEABILITY * susceptibility / (1 + susceptibility * factors)
         return self.tensor(along, across)
 
     def dipole(self, at_m: FloatArray) -> FloatArray:
@@ -84,7 +84,7 @@ def platform_field(rng: Generator, scene: Scene) -> Disturbance:
     hull = _draw_hull(rng, toward, distance)
     shells = _shells(rng, scene, hull, places)
     iron = iron_of(rng, scene, hull, places)
-    iron *= rng.uniform(*IRON_OVER_CURRENTS) * size_of(shells) / size_of(iron)
+    iron *= rng.uniform(*_IRON_OVER_CURRENTS) * size_of(shells) / size_of(iron)
     moved, columns = _moved(rng, scene, hull, places, size_of(shells))
     extra = (iron + shells + moved) * (1e-9 / size_of(shells + moved))
     parameters = {"distance_m": distance, "bodies": len(hull), "scalar_m": float(norm(scalar_m))}
@@ -142,7 +142,7 @@ def _shells(rng: Generator, scene: Scene, hull: list[Body], places: FloatArray) 
         own_s = lag_s * rng.uniform(0.8, 1.25)
         fine_s = np.arange(-8 * own_s, scene.duration_s + scene.step_s, min(scene.step_s, own_s) / _FINE)
         field = scene.field_at(fine_s)
-        answer = -1.5 * body.volume_m3 / PERMEABILITY * body.tensor(*rng.uniform(0.5, 1.0, 2))
+        answer = -1.5 * body.volume_m3 / _PERMEABILITY * body.tensor(*rng.uniform(0.5, 1.0, 2))
         moment = driven(np.diff(field, axis=0) @ answer.T, float(fine_s[1] - fine_s[0]), own_s)
         sampled = np.stack([np.interp(scene.time_s, fine_s, one) for one in moment.T], axis=1)
         total += np.einsum("pij,nj->npi", body.dipole(places), sampled)

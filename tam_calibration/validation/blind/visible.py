@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from numpy.linalg import norm, pinv, qr, svd
@@ -105,17 +104,6 @@ _NEAR = 0.01
 _STEPS = 60
 
 
-class VisibilityModel(Protocol):
-    """A model of which part of a signal is visible in a recording."""
-
-    @property
-    def scene(self) -> Scene:
-        """The recording."""
-
-    def visible_gap(self, signal: Signal) -> float:
-        """Return the residual of a signal after the nominal fit, in noise floors."""
-
-
 @dataclass(frozen=True, eq=False)
 class Scaled:
     """A disturbance at an amplitude, with its signal and visible gap."""
@@ -126,7 +114,7 @@ class Scaled:
     visible_gap: float
 
 
-def scale_to(model: VisibilityModel, disturbance: Disturbance, gap: float, seen: Signal) -> Scaled | None:
+def scale_to(model: NominalModel, disturbance: Disturbance, gap: float, seen: Signal) -> Scaled | None:
     """Return the disturbance at the amplitude that has a wanted visible gap; None when none has.
 
     The gap grows with the amplitude, for most in proportion; the search stays within the known bracket.
@@ -146,7 +134,7 @@ def scale_to(model: VisibilityModel, disturbance: Disturbance, gap: float, seen:
     return None
 
 
-def _start(model: VisibilityModel, disturbance: Disturbance) -> float:
+def _start(model: NominalModel, disturbance: Disturbance) -> float:
     """Return an amplitude to begin with: the noise for what is in tesla, the natural one for the rest."""
     if disturbance.amplitude_unit.startswith("T "):
         return model.scene.vector_noise_T

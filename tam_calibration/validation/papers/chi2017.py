@@ -13,10 +13,10 @@ from tam_calibration.fit.integrated import integrated
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
-from tam_calibration.model.units import FloatArray, from_nanotesla, to_degrees, to_nanotesla
-from tam_calibration.validation.papers.cross import SENSORS, SetUp, site_field
-from tam_calibration.validation.papers.not_compared import DRAWN_AGAIN, NotCompared
-from tam_calibration.validation.papers.row import PaperNumber, compare, correct_paper
+from tam_calibration.model.units import FloatArray, from_nanotesla, to_nanotesla
+from tam_calibration.validation.papers.cross import SENSORS, SetUp, site_field, turned_frame
+from tam_calibration.validation.papers.not_compared import PICTURE, NotCompared
+from tam_calibration.validation.papers.row import DERIVED, PaperNumber, compare, correct_paper
 
 _BASELINE_M = 0.5
 _SAMPLES = 200
@@ -79,8 +79,8 @@ _TURNED_FRAME_DEG = (-8.2, -14.5, -22.0)
 
 _MEASURED = "measured, and neither the recording nor the errors of the sensors are published"
 NOT_COMPARED = (
-    NotCompared("Fig. 4, intensities in each attitude", f"{DRAWN_AGAIN}; section 4.1 has their RMS, which is compared"),
-    NotCompared("Fig. 5, tensor in each attitude", f"{DRAWN_AGAIN}; Table 3 has its RMS, which is compared"),
+    NotCompared("Fig. 4, intensities in each attitude", f"{PICTURE}; section 4.1 has their RMS, which is compared"),
+    NotCompared("Fig. 5, tensor in each attitude", f"{PICTURE}; Table 3 has its RMS, which is compared"),
     NotCompared("Table 4, RMS of the tensor components before and after calibration in the experiment", _MEASURED),
     NotCompared("Fig. 7, intensities in the experiment", _MEASURED),
     NotCompared("Fig. 8, tensor components in the experiment", _MEASURED),
@@ -145,14 +145,6 @@ def results() -> list[PaperNumber]:
     ]
 
 
-def stages(case: SetUp) -> dict[str, FloatArray]:
-    """Return the fields (N, 4, 3) before calibration, after that of each sensor, and after the alignment."""
-    errors = integrated(replace(case.recording, attitude=None), case.array).errors
-    own = SensorErrors(errors.scale_factor, errors.non_orthogonality, errors.bias_T, np.zeros((4, 3)))
-    readings = case.recording.readings_T
-    return {"before": readings, "calibrated": own.restore(readings), "aligned": errors.restore(readings)}
-
-
 def _matrix_rows(errors: SensorErrors) -> list[PaperNumber]:
     sign = (
         "with the printed sign C⁻¹ 13, C⁻¹ 23 and b y of sensor 1 are 0.1788, -0.1885 and -699 nT, not as in Table 2; "
@@ -165,7 +157,7 @@ def _matrix_rows(errors: SensorErrors) -> list[PaperNumber]:
         "rad",
         sign,
         right=[-PRINTED_PSI_1],
-        right_source="derived from printed numbers",
+        right_source=DERIVED,
         absolute=_PSI_TOLERANCE,
     )
     upper = np.triu_indices(3)
@@ -224,20 +216,9 @@ def _tensor(case: SetUp, fields_T: FloatArray) -> FloatArray:
 
 
 def _frame_rows(case: SetUp) -> list[PaperNumber]:
-    names = [f"Section 3.1, turn of the calibrated frame of sensor 1 from its own, {angle}" for angle in "αβγ"]
+    name = "Section 3.1, turn of the calibrated frame of sensor 1 from its own"
     reason = (
         "with soft iron the Cholesky factor is not the inverse of C but turned against it: a uniform field does not "
         "see it, the components of a real gradient are wrong"
     )
-    ours = to_degrees(case.errors.misalignment[0])
-    return correct_paper(
-        names,
-        (0.0, 0.0, 0.0),
-        ours,
-        "°",
-        reason,
-        right=_TURNED_FRAME_DEG,
-        right_source="our own earlier result",
-        source="said in words",
-        absolute=0.1,
-    )
+    return turned_frame(name, case.errors.misalignment[0], _TURNED_FRAME_DEG, reason, 0.1)

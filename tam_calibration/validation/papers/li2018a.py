@@ -8,16 +8,21 @@ in ``NOT_COMPARED``.
 import numpy as np
 
 from tam_calibration.fit import ellipsoid
-from tam_calibration.fit.alignment import procrustes, rotation_by_regression
-from tam_calibration.fit.artificial_vector import regress
-from tam_calibration.fit.simplified_linear import simplified_linear
-from tam_calibration.fit.two_step_linear import two_step_linear
-from tam_calibration.model.array import Array
+from tam_calibration.fit.moments import procrustes, rotation_by_regression
+from tam_calibration.fit.published import regress, simplified_linear, two_step_linear
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla, to_degrees, to_nanotesla
-from tam_calibration.validation.papers.cross import COMPONENTS, SENSORS, SetUp, grid_of_turns, record, site_field
-from tam_calibration.validation.papers.not_compared import DRAWN_AGAIN, NotCompared
-from tam_calibration.validation.papers.row import PaperNumber, Status, compare, correct_paper
+from tam_calibration.validation.papers.cross import (
+    COMPONENTS,
+    SENSORS,
+    SetUp,
+    grid_of_turns,
+    observed,
+    site_field,
+    turned_frame,
+)
+from tam_calibration.validation.papers.not_compared import PICTURE, NotCompared
+from tam_calibration.validation.papers.row import PaperNumber, Status, compare
 
 _TURNS = 18
 _BASELINE_M = 0.5
@@ -74,9 +79,9 @@ _ACCURACY_TOLERANCE = 0.02
 
 _MEASURED = "measured, and the recording is not published"
 NOT_COMPARED = (
-    NotCompared("Fig. 4, components pose by pose", DRAWN_AGAIN),
-    NotCompared("Fig. 5, TMI pose by pose", f"{DRAWN_AGAIN}; Table 1 has its RMSE, which is compared"),
-    NotCompared("Fig. 6, tensor components pose by pose", f"{DRAWN_AGAIN}; Table 2 has its RMSE, which is compared"),
+    NotCompared("Fig. 4, components pose by pose", PICTURE),
+    NotCompared("Fig. 5, TMI pose by pose", f"{PICTURE}; Table 1 has its RMSE, which is compared"),
+    NotCompared("Fig. 6, tensor components pose by pose", f"{PICTURE}; Table 2 has its RMSE, which is compared"),
     NotCompared("Table 3, angles in radians", "the same numbers as in degrees, which are compared"),
     NotCompared("Section 4, accuracy of 86 % of the method of Yin", "quoted from another paper, of other errors"),
     NotCompared("Table 4, TMI before and after calibration in the experiment", _MEASURED),
@@ -92,12 +97,7 @@ NOT_COMPARED = (
 def set_up(seed: int = 0) -> SetUp:
     """Return the cross of Table 3 and its readings."""
     site = site_field(from_nanotesla(55_000.0), 60.0, -7.0)
-    field = grid_of_turns("YXZ", _TURNS, site)
-    errors = errors_of(PRESET)
-    noise = _NOISE_T * np.random.default_rng(seed).normal(size=(len(field), 4, 3))
-    readings = errors.distort(field[:, None] + noise)
-    array = Array.cross(_BASELINE_M, _NOISE_T, 0.0)
-    return SetUp(array, _BASELINE_M, errors, field, record(readings, float(np.linalg.norm(site))))
+    return observed(errors_of(PRESET), grid_of_turns("YXZ", _TURNS, site), _BASELINE_M, _NOISE_T, seed)
 
 
 def errors_of(table: FloatArray) -> SensorErrors:
@@ -112,8 +112,7 @@ def table_of(errors: SensorErrors) -> FloatArray:
     """Return the table (12, 4) of errors, the inverse of ``errors_of``."""
     angles = to_degrees(errors.non_orthogonality[:, [1, 0, 2]])
     columns = [angles, errors.scale_factor, to_nanotesla(errors.bias_T), to_degrees(errors.misalignment)]
-    table: FloatArray = np.concatenate(columns, axis=1).T
-    return table
+    return np.concatenate(columns, axis=1).T
 
 
 def results() -> list[PaperNumber]:
@@ -155,8 +154,7 @@ def _align_by_first_turn(case: SetUp, errors: SensorErrors) -> FloatArray:
     fields = own.restore(case.recording.readings_T)
     first = slice(0, _TURNS)
     regression = [np.linalg.lstsq(fields[first, sensor], case.field_T[first], rcond=None)[0].T for sensor in range(4)]
-    aligned: FloatArray = np.einsum("kji,nkj->nki", rotation_by_regression(np.array(regression)), fields)
-    return aligned
+    return np.asarray(np.einsum("kji,nkj->nki", rotation_by_regression(np.array(regression)), fields))
 
 
 def _errors_from_true_field(case: SetUp) -> SensorErrors:
@@ -177,8 +175,7 @@ def artificial_frame(case: SetUp) -> FloatArray:
     center = ellipsoid.center_of(moments)
     artificial = (mean - center) @ ellipsoid.square_root(ellipsoid.shape_about(moments, center)).T
     rotation = procrustes((artificial.T @ case.field_T)[None])
-    angles: FloatArray = SensorErrors.from_matrix(rotation, np.zeros((1, 3))).misalignment[0]
-    return angles
+    return np.asarray(SensorErrors.from_matrix(rotation, np.zeros((1, 3))).misalignment[0])
 
 
 def _parameter_rows(fitted: SensorErrors) -> list[PaperNumber]:
@@ -216,25 +213,13 @@ def _accuracy_rows(fitted: SensorErrors) -> list[PaperNumber]:
 
 def _accuracy_percent(table: FloatArray) -> FloatArray:
     """Return the PMEA (12,) of a table (12, 4) of estimates."""
-    accuracy: FloatArray = 100 * (1 - np.abs(table / PRESET - 1).max(axis=1))
-    return accuracy
+    return np.asarray(100 * (1 - np.abs(table / PRESET - 1).max(axis=1)))
 
 
 def _frame_rows(case: SetUp) -> list[PaperNumber]:
-    names = [f"Section 3.3, turn of the artificial vector from the platform, {angle}" for angle in "αβγ"]
+    name = "Section 3.3, turn of the artificial vector from the platform"
     reason = (
         "the artificial vector lies along the orthogonal frame of the mean reading, not along the platform; Table 3 is "
         "reached with the true field as reference only"
     )
-    ours = to_degrees(artificial_frame(case))
-    return correct_paper(
-        names,
-        (0.0, 0.0, 0.0),
-        ours,
-        "°",
-        reason,
-        right=_ARTIFICIAL_FRAME_DEG,
-        right_source="our own earlier result",
-        source="said in words",
-        absolute=0.01,
-    )
+    return turned_frame(name, artificial_frame(case), _ARTIFICIAL_FRAME_DEG, reason, 0.01)

@@ -7,13 +7,11 @@ determine no calibration; ours is from all poses. What is measured is in ``NOT_C
 
 import numpy as np
 
-from tam_calibration.fit.alignment import procrustes
-from tam_calibration.fit.fast_rotation import count_determined, fast_rotation
-from tam_calibration.fit.simplified_linear import simplified_linear
-from tam_calibration.model.array import Array
+from tam_calibration.fit.moments import procrustes
+from tam_calibration.fit.published import count_determined, fast_rotation, simplified_linear
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla, to_degrees, to_nanotesla
-from tam_calibration.validation.papers.cross import COMPONENTS, SENSORS, SetUp, grid_of_turns, record, site_field
+from tam_calibration.validation.papers.cross import COMPONENTS, SENSORS, SetUp, grid_of_turns, observed, site_field
 from tam_calibration.validation.papers.li2018b_printed import (
     ESTIMATED,
     MISALIGNMENT_DEG,
@@ -27,8 +25,8 @@ from tam_calibration.validation.papers.li2018b_printed import (
     TABLE_4_BEFORE,
     TABLE_4_UNALIGNED,
 )
-from tam_calibration.validation.papers.not_compared import DRAWN_AGAIN, NotCompared
-from tam_calibration.validation.papers.row import PaperNumber, compare, correct_paper
+from tam_calibration.validation.papers.not_compared import PICTURE, NotCompared
+from tam_calibration.validation.papers.row import DERIVED, IN_WORDS, PaperNumber, compare, correct_paper
 
 _TURNS = 12
 _BASELINE_M = 0.4
@@ -57,9 +55,9 @@ _ONE_DRAW = (
     "of the one draw of noise of the paper; the estimates of which it is the largest relative error are compared"
 )
 NOT_COMPARED = (
-    NotCompared("Fig. 4, TMI pose by pose", f"{DRAWN_AGAIN}; Table 2 has its RMSE, which is compared"),
-    NotCompared("Fig. 5, tensor components pose by pose", f"{DRAWN_AGAIN}; Table 4 has its RMSE, which is compared"),
-    NotCompared("Fig. 6, components over the first turn", DRAWN_AGAIN),
+    NotCompared("Fig. 4, TMI pose by pose", f"{PICTURE}; Table 2 has its RMSE, which is compared"),
+    NotCompared("Fig. 5, tensor components pose by pose", f"{PICTURE}; Table 4 has its RMSE, which is compared"),
+    NotCompared("Fig. 6, components over the first turn", PICTURE),
     NotCompared("Table 1, PMED of the parameters", _ONE_DRAW),
     NotCompared("Table 3, PMED of the misalignment", _ONE_DRAW),
     NotCompared("Table 5, TMI before and after calibration in the experiment", _MEASURED),
@@ -76,11 +74,7 @@ def set_up(seed: int = 0) -> SetUp:
     site = site_field(from_nanotesla(60_000.0), 57.0, -5.0)
     grid = grid_of_turns("ZYX", _TURNS, site).reshape(_TURNS, _TURNS, _TURNS, 3)
     field = grid.transpose(2, 1, 0, 3).reshape(-1, 3)
-    errors = _true_errors()
-    noise = _NOISE_T * np.random.default_rng(seed).normal(size=(len(field), 4, 3))
-    readings = errors.distort(field[:, None] + noise)
-    array = Array.cross(_BASELINE_M, _NOISE_T, 0.0)
-    return SetUp(array, _BASELINE_M, errors, field, record(readings, float(np.linalg.norm(site))))
+    return observed(_true_errors(), field, _BASELINE_M, _NOISE_T, seed)
 
 
 def _true_errors() -> SensorErrors:
@@ -107,9 +101,7 @@ def turns_about(axes: str, seed: int = 0) -> SetUp:
     case = set_up(seed)
     steps = 2 * np.pi * np.arange(36)[:, None] / 36
     field = np.concatenate([Rotation.from_euler(axis, steps).apply(case.field_T[0]) for axis in axes])
-    noise = _NOISE_T * np.random.default_rng(seed).normal(size=(len(field), 4, 3))
-    readings = case.errors.distort(field[:, None] + noise)
-    return SetUp(case.array, _BASELINE_M, case.errors, field, record(readings, case.intensity_T))
+    return observed(case.errors, field, _BASELINE_M, _NOISE_T, seed)
 
 
 def results() -> list[PaperNumber]:
@@ -223,7 +215,7 @@ def _tensor_rows(case: SetUp, fields: dict[str, FloatArray]) -> list[PaperNumber
             "nT/m",
             baseline,
             right=mended,
-            right_source="derived from printed numbers",
+            right_source=DERIVED,
             relative=1e-4,
         ),
         *compare(names(ALIGNED), TABLE_4_ALIGNED, after, "nT/m", relative=0.3, reason=noise),
@@ -236,12 +228,5 @@ def _rank_rows() -> list[PaperNumber]:
     reason = f"one turn about any axis leaves {every - _BY_ONE_TURN} of the parameters open"
     names = ["Abstract, parameters that one turn determines"]
     return correct_paper(
-        names,
-        [every],
-        [determined],
-        "1",
-        reason,
-        right=[_BY_ONE_TURN],
-        right_source="theory",
-        source="said in words",
+        names, [every], [determined], "1", reason, right=[_BY_ONE_TURN], right_source="theory", source=IN_WORDS
     )

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from importlib import import_module
 
-DRAWN_AGAIN = "simulated, the values in a picture only, which was not at hand; the HTML report draws it again"
+PICTURE = "simulated, the values in a picture only, which was not at hand"
 
 
 @dataclass(frozen=True)

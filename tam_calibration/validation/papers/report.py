@@ -1,22 +1,19 @@
-"""The report on reproduced papers: one HTML page with what is compared and what is not, and the figures redrawn."""
+"""The page on reproduced papers: what is compared and what is not, and the figures of Wu 2025 redrawn."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
-
-from matplotlib.figure import Figure
 
 from tam_calibration.model.units import to_nanotesla
+from tam_calibration.report.blocks import Block, Gallery, Section, Table, Text
 from tam_calibration.report.formatting import count, fixed, join
-from tam_calibration.report.page import Block, Gallery, Section, Table, Text, embed, write_page
+from tam_calibration.report.page import embed, write_page
 from tam_calibration.validation.papers import PAPERS
 from tam_calibration.validation.papers.not_compared import not_compared
-from tam_calibration.validation.papers.plots import coil_section, plot_relative_errors, plot_residuals
+from tam_calibration.validation.papers.plots import plot_relative_errors, plot_residuals
 from tam_calibration.validation.papers.row import PaperNumber
 from tam_calibration.validation.papers.sweep import Sweep
 from tam_calibration.validation.papers.tables import HEADER, STATUSES, cells, notes, tally
 from tam_calibration.validation.papers.wu2025 import bias_rmse, excess
-from tam_calibration.validation.papers.wu2025_coil_sweeps import CoilSweep
 from tam_calibration.validation.papers.wu2025_sweeps import BEST, CORRECTED, HELD_OUT, IN_SAMPLE, PUBLISHED
 
 _FIGURES = (
@@ -47,11 +44,7 @@ _SOURCES = (
 
 
 def write_reproduction_report(
-    path: Path,
-    rows: Mapping[str, Sequence[PaperNumber]],
-    sweeps: Mapping[str, Sweep],
-    coil_sweeps: Sequence[CoilSweep] = (),
-    figures: Mapping[str, Mapping[str, Figure]] = MappingProxyType({}),
+    path: Path, rows: Mapping[str, Sequence[PaperNumber]], sweeps: Mapping[str, Sweep]
 ) -> None:
     """Write a self-contained HTML page about reproduced papers.
 
@@ -63,10 +56,6 @@ def write_reproduction_report(
         The numbers of each paper that are compared, by the names of ``PAPERS``.
     sweeps : mapping
         Those of Wu 2025; empty where that paper is not among them.
-    coil_sweeps : sequence of CoilSweep
-        Those of its localisation of a coil, where that was asked for.
-    figures : mapping
-        Of each paper the simulated figures drawn again, by their captions.
 
     Raises
     ------
@@ -76,9 +65,7 @@ def write_reproduction_report(
     sections = [_verdict(rows)]
     if sweeps:
         sections.append(_figures(sweeps))
-    if coil_sweeps:
-        sections.append(coil_section(coil_sweeps))
-    sections += [_numbers(paper, own, figures.get(paper, {})) for paper, own in rows.items()]
+    sections += [_numbers(paper, own) for paper, own in rows.items()]
     total = sum(len(own) for own in rows.values())
     write_page(path, "Papers reproduced", f"{join(list(rows))}: {count(total)} numbers", sections)
 
@@ -146,14 +133,13 @@ def _drift(sweep: Sweep) -> str:
     return f"RMS error of the biases with a drift of 8.26 nT that the scalar magnetometer reads (without): {figures}."
 
 
-def _numbers(paper: str, rows: Sequence[PaperNumber], figures: Mapping[str, Figure]) -> Section:
+def _numbers(paper: str, rows: Sequence[PaperNumber]) -> Section:
     blocks: list[Block] = [Text(_TRENDS)] if any(row.unit == "exponent" for row in rows) else []
     blocks += [Text(_SOURCES), Table(HEADER, cells(rows))]
     remarks = notes(rows)
     if remarks:
         table = [[str(index), note] for index, note in enumerate(remarks, start=1)]
         blocks.append(Table(["note", "reason"], table, numeric=False))
-    blocks += [embed(figure, caption, f"{caption}, simulated anew") for caption, figure in figures.items()]
     absent = [[item.item, item.reason] for item in not_compared(paper)]
     blocks.append(Table(["not compared", "reason"], absent, numeric=False))
     return Section(PAPERS[paper], blocks)

@@ -15,6 +15,10 @@ growth an exponent of 1, alignment an angle of 0); an equation that the paper do
 package.
 """
 
+IN_WORDS: Source = "said in words"
+DERIVED: Source = "derived from printed numbers"
+OUR_OWN: Source = "our own earlier result"
+
 
 @dataclass(frozen=True)
 class PaperNumber:

@@ -1,15 +1,14 @@
 """Sweeps of a simulation over one of its settings: many runs a point, on all cores."""
 
-import signal
+import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from functools import partial
 from itertools import islice
 from multiprocessing import get_context
 
 import numpy as np
 
+from tam_calibration.fleet.processes import processes
 from tam_calibration.model.units import FloatArray
 from tam_calibration.simulation import Scenario
 
@@ -79,8 +78,7 @@ class Sweep:
         (P, n) array
             A row for each point of the sweep, in the unit of the quantity.
         """
-        means: FloatArray = self.values[source, quantity].mean(axis=1)
-        return means
+        return np.asarray(self.values[source, quantity].mean(axis=1))
 
     def exponent(self, curve: FloatArray, least: float = 0.0) -> float:
         """Return the exponent with which a curve changes with the setting.
@@ -112,17 +110,10 @@ def run(plans: Sequence[SweepPlan], score: _Score, runs: int, progress: Progress
     """
     tasks = tasks_of(plans, runs)
     results: list[Figures] = []
-    # A forked process would inherit the threads of a progress display; an interrupt is for the parent to handle.
-    ignore_interrupt = partial(signal.signal, signal.SIGINT, signal.SIG_IGN)
-    with ProcessPoolExecutor(mp_context=get_context("spawn"), initializer=ignore_interrupt) as pool:
-        finished = pool.map(score, *zip(*tasks, strict=True), chunksize=_CHUNK)
-        try:
-            for figures in finished:
-                results.append(figures)
-                progress(len(results), len(tasks))
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    with processes(os.cpu_count() or 1, get_context("spawn")) as pool:
+        for figures in pool.map(score, *zip(*tasks, strict=True), chunksize=_CHUNK):
+            results.append(figures)
+            progress(len(results), len(tasks))
     return sweeps_of(plans, results)
 
 

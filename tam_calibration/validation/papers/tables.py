@@ -14,7 +14,6 @@ from tam_calibration.report.formatting import fixed, number
 from tam_calibration.validation.papers.not_compared import NotCompared
 from tam_calibration.validation.papers.row import PaperNumber, Status
 from tam_calibration.validation.papers.sweep import Sweep
-from tam_calibration.validation.papers.wu2025_coil_sweeps import CoilSweep
 from tam_calibration.validation.papers.wu2025_sweeps import GROUPS, HELD_OUT, IN_SAMPLE, RELATIVE_ERROR
 
 HEADER = ("number", "paper", "source", "ours", "unit", "ratio", "status", "right", "note")
@@ -37,7 +36,7 @@ def cells(rows: Sequence[PaperNumber]) -> list[list[str]]:
     return [
         [
             row.name,
-            _paper(row),
+            _signed(row.paper) if row.unit == "sign" else _plain(row.paper),
             row.source,
             _ours(row),
             "" if row.unit == "1" else row.unit,
@@ -48,10 +47,6 @@ def cells(rows: Sequence[PaperNumber]) -> list[list[str]]:
         ]
         for row in rows
     ]
-
-
-def _paper(row: PaperNumber) -> str:
-    return _signed(row.paper) if row.unit == "sign" else _plain(row.paper)
 
 
 def _ours(row: PaperNumber) -> str:
@@ -142,7 +137,6 @@ _SWEEP_HEADER = (
     *(f"e_B{sensor}_nT {data}" for data in _DATA for sensor in range(1, 5)),
     *(f"e_T_nT_per_m {data}" for data in _DATA),
 )  # fmt: skip
-_COIL_HEADER = ("error", "unit", "size", "least_r_m", "median_r_m", "largest_r_m", "needed_size")
 
 
 def rows_to_csv(rows: Sequence[PaperNumber], command: str) -> str:
@@ -184,24 +178,6 @@ def sweeps_to_csv(sweeps: Mapping[str, Sweep], command: str) -> str:
         The command that makes the file, for its first line.
     """
     return _to_csv(command, _SWEEP_HEADER, [line for sweep in sweeps.values() for line in _lines(sweep)])
-
-
-def coil_sweeps_to_csv(sweeps: Sequence[CoilSweep], command: str) -> str:
-    """Return as CSV the errors of the distance of Wu's coil over the size of each error that his model leaves out.
-
-    Parameters
-    ----------
-    sweeps : sequence of CoilSweep
-        One for each of these errors.
-    command : str
-        The command that makes the file, for its first line.
-    """
-    lines = [
-        (sweep.name, sweep.unit, f"{size:g}", *_numbers(*figures, sweep.needed))
-        for sweep in sweeps
-        for size, figures in zip(sweep.size, sweep.distance_rmse_m, strict=True)
-    ]
-    return _to_csv(command, _COIL_HEADER, lines)
 
 
 def _lines(sweep: Sweep) -> Iterator[Sequence[str]]:

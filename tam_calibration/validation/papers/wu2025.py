@@ -12,7 +12,7 @@ from tam_calibration.model.units import FloatArray
 from tam_calibration.simulation import Scenario
 from tam_calibration.validation.papers import wu2025_experiment, wu2025_levels
 from tam_calibration.validation.papers.not_compared import NotCompared
-from tam_calibration.validation.papers.row import PaperNumber, compare, correct_paper
+from tam_calibration.validation.papers.row import IN_WORDS, OUR_OWN, PaperNumber, compare, correct_paper
 from tam_calibration.validation.papers.sweep import Progress, Sweep, run
 from tam_calibration.validation.papers.wu2025_sweeps import (
     BEFORE,
@@ -117,8 +117,7 @@ def bias_rmse(sweep: Sweep, source: str) -> FloatArray:
         Over all runs, sensors and axes, tesla.
     """
     error = sweep.values[source, ERROR][:, :, GROUPS["bias"]]
-    rmse: FloatArray = np.sqrt(np.mean(error**2, axis=(1, 2)))
-    return rmse
+    return np.asarray(np.sqrt(np.mean(error**2, axis=(1, 2))))
 
 
 def _drift_rows(sweep: Sweep) -> list[PaperNumber]:
@@ -135,8 +134,8 @@ def _drift_rows(sweep: Sweep) -> list[PaperNumber]:
         "1",
         reason,
         right=[_DRIFT_RATIO],
-        right_source="our own earlier result",
-        source="said in words",
+        right_source=OUR_OWN,
+        source=IN_WORDS,
         relative=0.1 * _slack(sweep),
     )
 
@@ -168,15 +167,7 @@ def _scalar_noise_per_sample_rows(sweep: Sweep) -> list[PaperNumber]:
     return [
         *_error_rows(sweep, figure, reproduced, _OUTGROWN_NT),
         *correct_paper(
-            names,
-            [0],
-            [moving],
-            "exponent",
-            reason,
-            right=[1],
-            right_source="theory",
-            source="said in words",
-            absolute=0.1,
+            names, [0], [moving], "exponent", reason, right=[1], right_source="theory", source=IN_WORDS, absolute=0.1
         ),
     ]
 
@@ -199,7 +190,7 @@ def _sample_rows(sweep: Sweep) -> list[PaperNumber]:
         reason,
         right=[-0.5] * 4,
         right_source="theory",
-        source="said in words",
+        source=IN_WORDS,
         absolute=tolerance,
     )
     rows += _residual_rows(sweep, "Fig. 9", {})
@@ -214,7 +205,7 @@ def _sample_rows(sweep: Sweep) -> list[PaperNumber]:
 def _error_rows(sweep: Sweep, figure: str, exponents: dict[str, int], least: float = 0.0) -> list[PaperNumber]:
     names = [f"{figure}, {group} with {sweep.plan.symbol}" for group in exponents]
     ours = [_group_exponent(sweep, group, least) for group in exponents]
-    return compare(names, list(exponents.values()), ours, "exponent", absolute=0.1, source="said in words")
+    return compare(names, list(exponents.values()), ours, "exponent", absolute=0.1, source=IN_WORDS)
 
 
 def _group_exponent(sweep: Sweep, group: str, least: float = 0.0) -> float:
@@ -229,12 +220,12 @@ def _residual_rows(sweep: Sweep, figure: str, after: dict[str, int], least: floa
         curves = [sweep.mean(source, f"{quantity} {IN_SAMPLE}").mean(axis=1) for quantity in exponents]
         ours = [sweep.exponent(curve, least) for curve in curves]
         tolerance = 0.1 * _slack(sweep) if least else 0.01
-        rows += compare(names, list(exponents.values()), ours, "exponent", absolute=tolerance, source="said in words")
+        rows += compare(names, list(exponents.values()), ours, "exponent", absolute=tolerance, source=IN_WORDS)
     return rows
 
 
 def _sign_rows(name: str, said: int, slope: float, note: str = "") -> list[PaperNumber]:
-    rows = compare([name], [said], [float(np.sign(slope))], "sign", source="said in words")
+    rows = compare([name], [said], [float(np.sign(slope))], "sign", source=IN_WORDS)
     return [replace(row, reason=note) for row in rows]
 
 

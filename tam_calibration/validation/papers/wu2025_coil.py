@@ -18,8 +18,7 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, to_degrees
 from tam_calibration.simulation import Scenario, simulate
-from tam_calibration.sources.dipole import dipole_field
-from tam_calibration.sources.loop import area_of, loop_field
+from tam_calibration.sources.dipole import area_of, dipole_field, loop_field
 from tam_calibration.validation.papers.row import PaperNumber, Status, compare_together
 
 POSITION_M = np.array([2.40, -1.00, 0.46])
@@ -55,18 +54,15 @@ class Fault:
     ----------
     baseline_scale : float
         True distances of the sensors from the centre over the stated ones.
-    axis_offsets_m : (K, 3, 3) array
-        Where the elements of axis x, y and z of each sensor sit beside its position, metres.
-    gain : (K, 3) array
-        Of each axis at 10 Hz over that in the steady field of the calibration.
     heading : float
         By which every heading is more than stated, radians.
     """
 
     baseline_scale: float = 1.0
-    axis_offsets_m: FloatArray | None = None
-    gain: FloatArray | None = None
     heading: float = 0.0
+
+
+_NO_FAULT = Fault()
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +97,7 @@ class Experiment:
         return replace(self, errors=none, estimates=dict.fromkeys(self.estimates, none))
 
     def rmse_m(
-        self, stage: str, axes: FloatArray, fault: Fault | None = None, kernel: Kernel = KERNELS["loop"]
+        self, stage: str, axes: FloatArray, fault: Fault = _NO_FAULT, kernel: Kernel = KERNELS["loop"]
     ) -> FloatArray:
         """Return the root mean square errors of the position over the headings.
 
@@ -113,7 +109,7 @@ class Experiment:
             "before" or "after" calibration.
         axes : (O, 3) array
             Unit vectors along the axis of the coil, in the frame of the turntable at rest.
-        fault : Fault, optional
+        fault : Fault
             What the model of the paper leaves out; by default nothing.
         kernel : callable
             Field of the coil: one of ``KERNELS``, by default that of a loop.
@@ -123,7 +119,6 @@ class Experiment:
         (O, 4) array
             Errors of ``AXES`` for each direction of the coil, metres.
         """
-        fault = fault or Fault()
         stated, true = (_turns(from_degrees(HEADINGS_DEG) + offset) for offset in (0.0, fault.heading))
         raw = self._raw(axes, true, fault, kernel)
         fields = np.einsum("kij,ohkj->ohki", inv(self.estimates[stage].matrix), raw)
@@ -131,27 +126,20 @@ class Experiment:
         positions = np.einsum("hij,ohj->ohi", stated, found.position_m.reshape(len(axes), -1, 3))
         distance = norm(positions, axis=2) - norm(POSITION_M)
         error = np.concatenate([positions - POSITION_M, distance[..., None]], axis=2)
-        rmse: FloatArray = np.sqrt(np.mean(error**2, axis=1))
-        return rmse
+        return np.asarray(np.sqrt(np.mean(error**2, axis=1)))
 
     def _raw(self, axes: FloatArray, turns: FloatArray, fault: Fault, kernel: Kernel) -> FloatArray:
-        """Return the (O, 12, K, 3) raw amplitudes, each axis reading where its element is."""
-        elements = fault.baseline_scale * np.repeat(self.array.positions_m[:, None], 3, axis=1)
-        if fault.axis_offsets_m is not None:
-            elements += fault.axis_offsets_m
-        points = np.einsum("hij,kaj->hkai", turns, elements)
+        """Return the (O, 12, K, 3) raw amplitudes."""
+        points = np.einsum("hij,kj->hki", turns, fault.baseline_scale * self.array.positions_m)
         moment = AMPERE_TURNS * area_of(RADIUS_M) * axes[:, None]
         world = kernel(points.reshape(-1, 3) - POSITION_M, moment)[0].reshape(len(axes), *points.shape)
-        raw = np.einsum("kai,hji,ohkaj->ohka", self.errors.matrix, turns, world, optimize=True)
-        read: FloatArray = raw if fault.gain is None else raw * fault.gain
-        return read
+        return np.asarray(np.einsum("kai,hji,ohkj->ohka", self.errors.matrix, turns, world, optimize=True))
 
 
 def _turns(angles: FloatArray) -> FloatArray:
     from scipy.spatial.transform import Rotation
 
-    matrix: FloatArray = Rotation.from_euler("z", angles[:, None]).as_matrix()
-    return matrix
+    return np.asarray(Rotation.from_euler("z", angles[:, None]).as_matrix())
 
 
 def printed(stage: str) -> FloatArray:
@@ -172,8 +160,7 @@ def _explain(experiment: Experiment) -> tuple[FloatArray, Fault]:
 
     def residuals(axes: FloatArray, fault: Fault) -> FloatArray:
         ratios = [experiment.rmse_m(stage, axes, fault) / printed(stage) for stage in PRINTED_M]
-        logarithm: FloatArray = np.log(np.concatenate(ratios, axis=1))
-        return logarithm
+        return np.log(np.concatenate(ratios, axis=1))
 
     axes = directions(_STARTS)
     grid = [(scale, heading) for scale in np.linspace(-0.15, 0.15, 7) for heading in np.linspace(-0.1, 0.1, 5)]
@@ -200,7 +187,7 @@ def rows(experiment: Experiment) -> list[PaperNumber]:
     )
     table = []
     for stage in PRINTED_M:
-        loop, dipole = (experiment.rmse_m(stage, axis, None, KERNELS[name])[0] for name in KERNELS)
+        loop, dipole = (experiment.rmse_m(stage, axis, kernel=KERNELS[name])[0] for name in KERNELS)
         table += _compare(stage, "", loop, _reason(experiment, stage))
         table += _compare(stage, ", coil as an ideal dipole", dipole, _reason(experiment, stage))
         found = experiment.rmse_m(stage, other, fault)[0]

@@ -9,9 +9,9 @@ from functools import partial
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.fit.fast_rotation import count_determined
 from tam_calibration.fit.information import bound
 from tam_calibration.fit.lossless import lossless
+from tam_calibration.fit.published import count_determined
 from tam_calibration.model.residuals import measure_residuals
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
@@ -19,7 +19,7 @@ from tam_calibration.simulation import Scenario, Simulation, simulate
 from tam_calibration.simulation.attitude import RandomAttitudes
 from tam_calibration.validation.papers import wu2025_coil
 from tam_calibration.validation.papers.cross import SENSORS
-from tam_calibration.validation.papers.row import PaperNumber, compare, compare_together
+from tam_calibration.validation.papers.row import DERIVED, PaperNumber, compare, compare_together
 
 _BEFORE_NT = (339.2, 277.2, 283.2, 320.5)
 _AFTER_NT = (91.9, 94.4, 98.5, 97.1)
@@ -54,13 +54,7 @@ def rows(turntable: Scenario) -> list[PaperNumber]:
     determined, _ = count_determined(run.recording, turntable.array)
     return [
         *compare(["Section 4.2, different orientations"], [_ORIENTATIONS], [len(directions)], "1"),
-        *compare(
-            ["Table 2, parameters that these determine"],
-            [_PARAMETERS],
-            [determined],
-            "1",
-            source="derived from printed numbers",
-        ),
+        *compare(["Table 2, parameters that these determine"], [_PARAMETERS], [determined], "1", source=DERIVED),
         *_before_rows(run),
         *_after_rows(run),
         *_parameter_rows(run),

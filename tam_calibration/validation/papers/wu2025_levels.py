@@ -8,7 +8,7 @@ has 3 σ/d. Those before it hang on how the attitudes are distributed, which the
 import numpy as np
 
 from tam_calibration.model.units import from_nanotesla, to_degrees, to_nanotesla
-from tam_calibration.validation.papers.row import PaperNumber, compare, correct_paper
+from tam_calibration.validation.papers.row import DERIVED, PaperNumber, compare, correct_paper
 from tam_calibration.validation.papers.sweep import Sweep
 from tam_calibration.validation.papers.wu2025_sweeps import IN_SAMPLE, PUBLISHED
 
@@ -48,7 +48,7 @@ def _site_rows() -> list[PaperNumber]:
             "°",
             reason,
             right=[62 + 17 / 60],
-            right_source="derived from printed numbers",
+            right_source=DERIVED,
             absolute=0.5 / 60,
         ),
     ]
@@ -79,5 +79,5 @@ def _after(
         unit,
         relative=_TOLERANCE * slack,
         reason="the sweep does not have what N, the noise and the baseline imply",
-        source="derived from printed numbers",
+        source=DERIVED,
     )

@@ -1,7 +1,5 @@
 from collections import Counter
 
-import pytest
-
 from tam_calibration.validation.blind import KINDS
 from tam_calibration.validation.blind.case_plan import OF_SCALAR, plan_cases
 from tam_calibration.validation.blind.catalogue import CATALOGUE, CAUSES
@@ -22,23 +20,9 @@ def test_the_order_of_a_set_tells_nothing():
     assert len(set(kinds[:40])) >= 4
 
 
-@pytest.mark.parametrize(("half", "sealed"), [("open", {False}), ("sealed", {True}), ("both", {False, True})])
-def test_only_the_half_asked_for_is_used(half, sealed):
-    """Causes outside the library, alone or beside a known one, come from the open or the sealed half as asked."""
-    plans = plan_cases(("outside", "mixed"), 120, 7, half)
-    outside = [name for plan in plans for name in plan.effects if name not in CATALOGUE]
-    assert {CAUSES[name].sealed for name in outside} == sealed
-    assert len(outside) == len(plans)
-
-
-def test_unless_asked_nothing_sealed_is_used():
-    """Who tunes need not know that there is a sealed half."""
-    assert plan_cases(KINDS, 300, 7) == plan_cases(KINDS, 300, 7, "open")
-
-
 def test_a_mixture_is_two_floors_known_beside_one_unknown():
     """The known cause comes first; every mixture and pair has a motion that shows both."""
-    mixed = plan_cases(("mixed",), 60, 3, "both")
+    mixed = plan_cases(("mixed",), 60, 3)
     assert {plan.gaps for plan in mixed} == {(2.0, 1.0)} and len(mixed) == 60
     for plan in mixed + plan_cases(("pair",), 60, 3):
         assert set(CAUSES[plan.effects[0]].motions) & set(CAUSES[plan.effects[1]].motions)
@@ -48,10 +32,9 @@ def test_a_mixture_is_two_floors_known_beside_one_unknown():
 
 def test_mixtures_of_a_small_set_are_all_unlike():
     """A known cause meets another unknown one each time, and none of the scalar when it is of the scalar itself."""
-    for half in ("open", "sealed"):
-        mixed = [plan.effects for plan in plan_cases(("mixed",), 200, 3, half)]
-        assert len(set(mixed)) > 150
-        assert not any(known in OF_SCALAR and CAUSES[unknown].scalar_needed for known, unknown in mixed)
+    mixed = [plan.effects for plan in plan_cases(("mixed",), 200, 3)]
+    assert len(set(mixed)) > 150
+    assert not any(known in OF_SCALAR and CAUSES[unknown].scalar_needed for known, unknown in mixed)
 
 
 def test_large_gaps_are_those_that_nature_has():

@@ -5,7 +5,7 @@ from scipy.linalg import solve_banded
 
 from tam_calibration.validation.blind import instrument_faults, surroundings
 from tam_calibration.validation.blind.catalogue import CATALOGUE
-from tam_calibration.validation.blind.material import _bouc_wen, _diffused, _low_pass, _preisach
+from tam_calibration.validation.blind.material import _bouc_wen, _diffused, _preisach, low_pass
 from tam_calibration.validation.blind.outside import OUTSIDE
 
 DRAWS = {name: entry.draw for name, entry in (CATALOGUE | OUTSIDE).items()}
@@ -65,7 +65,7 @@ def test_wire_from_nearby_is_endless():
 
 def test_dipole_along_its_axis():
     """On its axis a dipole's field is twice that beside it, and against it there."""
-    along, beside = surroundings._dipole(np.array([0, 0, 1.0]), np.array([[0, 0, 2.0], [2.0, 0, 0]]))
+    along, beside = surroundings.dipole(np.array([0, 0, 1.0]), np.array([[0, 0, 2.0], [2.0, 0, 0]]))
     assert_allclose(along, [0, 0, 2e-7 / 8])
     assert_allclose(beside, [0, 0, -1e-7 / 8])
 
@@ -84,7 +84,7 @@ def test_heat_follows_with_its_time_constant():
     """After a step the temperature has gone 1 − 1/e of the way when the time constant is over."""
     time_s = np.linspace(0, 10, 10001)
     outside = np.where(time_s > 0, 1.0, 0.0)
-    assert_allclose(np.interp(2.0, time_s, _low_pass(outside, 2.0, time_s)), 1 - np.exp(-1), rtol=1e-3)
+    assert_allclose(np.interp(2.0, time_s, low_pass(outside, 2.0, time_s)), 1 - np.exp(-1), rtol=1e-3)
 
 
 def test_heat_diffuses_as_by_finite_differences():

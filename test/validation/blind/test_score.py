@@ -244,14 +244,6 @@ def test_an_outside_cause_with_a_name_since():
     assert result.false_attribution[0].hits == 1
 
 
-def test_a_sealed_cause_is_not_told():
-    """A line about a case that went wrong does not name a sealed kind."""
-    sealed = key("outside", ("secret_kind",))
-    sealed["effects"][0]["sealed"] = True
-    (line,) = [one.line for one in score((sealed, answer("bias_jump"))).failures]
-    assert "secret_kind" not in line and "a sealed cause" in line
-
-
 def test_gaps_of_thirty_and_a_thousand_floors():
     """Each size has its own figures, of the first cause by name and of the place."""
     result = score(

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.files.scenario import read_scenario
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.validation.papers.sweep import Sweep, SweepPlan, run, sweeps_of, tasks_of
 from tam_calibration.validation.papers.wu2025_sweeps import score
 

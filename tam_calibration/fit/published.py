@@ -1,0 +1,296 @@
+"""Published methods that fit each sensor's ellipsoid and then align the sensors.
+
+The fast rotation calibration of Li 2018b: each sensor's ellipsoid, then the alignment to the mean reading.
+
+The paper calibrates from ten samples of one turn about one axis. Such a turn determines 5 of the 9 parameters of a
+sensor and 32 of the 45 of a cross; turns about z and x determine 44, about z, x and y all. What holds of the paper is
+the alignment: three samples align sensors that are orthogonal already.
+
+The artificial vector calibration of Li 2018a: the mean reading of the sensors, calibrated, is everyone's reference.
+
+The mean reading B_0 is that of a sensor in the centre with errors of its own (eq. 2). Its ellipsoid against the scalar
+reference gives the artificial vector B (eqs. 15 to 21), and twelve parameters of each sensor are fitted to it (eq. 7).
+The model T M (B_i - I) with twelve free parameters is any affine map, so that the paper's Levenberg-Marquardt iteration
+ends where a linear regression does. Where all sensors have the same noise it reaches the Cramér-Rao bound.
+
+B lies along the orthogonal frame of the mean reading, not along the platform as the paper says: in its own simulation
+the two are 1.2, 2.0 and -0.9 degrees apart. Here the result is turned into the frame of sensor 1, as every method's.
+
+The simplified linear calibration of Zhang 2015: the errors to first order, then the alignment.
+
+Li 2018a and Li 2018b compare themselves with it. It leaves what is of second order in the errors, about a thousand
+nanotesla for scale factors that are a quarter off: no noise-free data and no number of samples mends that.
+
+The two-step linear calibration of Yin 2014: each sensor's ellipsoid by least squares, then a linear alignment.
+
+Built from what Li 2018a and Wu 2025 say of it: no simplification of the ellipsoid, a constant intensity, and the
+misalignment from linear regression, angle by angle. That alignment reaches the Cramér-Rao bound, as Procrustes analysis
+does not: it regresses what the errors of the ellipsoids, upper triangular, do not touch.
+"""
+
+import numpy as np
+from numpy.linalg import LinAlgError, inv
+
+from tam_calibration.core.noise import complete_noise
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.fit import ellipsoid
+from tam_calibration.fit.identifiability import require_determined
+from tam_calibration.fit.moments import (
+    field_products,
+    finish,
+    gather,
+    into_frame_of_first,
+    procrustes,
+    regression_on_first,
+    rotation_by_regression,
+)
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.recording import SKETCH, Recording, SampleSource
+from tam_calibration.model.units import FloatArray
+
+
+def two_step_linear(recording: SampleSource, array: Array) -> Calibration:
+    """Fit the errors of the sensors by Yin 2014.
+
+    The intensity is taken as constant: the mean square of the scalar readings.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        Samples in a uniform field; those without a scalar reading are left out where others have one.
+    array : Array
+        Geometry and noise of the K sensors.
+
+    Returns
+    -------
+    Calibration
+        With the covariance of a jackknife over groups of samples.
+
+    Raises
+    ------
+    InputError
+        When the readings determine no ellipsoid, or a sensor cannot be aligned.
+    """
+    moments = gather(recording, "two-step linear").with_constant_intensity()
+    center = ellipsoid.center_of(moments.quartic)
+    unmix = ellipsoid.square_root(ellipsoid.shape_about(moments.quartic, center))
+    products = field_products(moments.joint, unmix, center)
+    matrix = inv(unmix) @ rotation_by_regression(regression_on_first(products))
+    return finish("two_step_linear", recording, array, moments.data, matrix, center)
+
+
+def simplified_linear(recording: SampleSource, array: Array) -> Calibration:
+    """Fit the errors of the sensors to first order.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        Samples in a uniform field; those without a scalar reading are left out where others have one. Without any, the
+        intensity is taken from the mean radius of the readings.
+    array : Array
+        Geometry and noise.
+
+    Returns
+    -------
+    Calibration
+        With the covariance of a jackknife over groups of samples, which does not know what the first order leaves.
+
+    Raises
+    ------
+    InputError
+        When the readings determine no ellipsoid, or a sensor cannot be aligned.
+    """
+    moments = gather(recording, "simplified linear")
+    # The expansion is about error-free sensors: it needs readings from zero, not from their centre.
+    zero = -moments.data.origin_T / moments.data.radius_T
+    from_zero = ellipsoid.move_origin(moments.quartic, np.broadcast_to(zero, (len(moments.quartic), *zero.shape)))
+    unmix, bias = first_order(from_zero)
+    center = bias + zero
+    products = field_products(moments.joint, unmix, center)
+    matrix = inv(unmix) @ rotation_by_regression(regression_on_first(products))
+    return finish("simplified_linear", recording, array, moments.data, matrix, center)
+
+
+def first_order(moments: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return M and i of the field M (z - i) that meets s² - |z|² = 2 Σ δ z² + 2 (m xy + g xz + n yz) - 2 zᵀi.
+
+    Parameters
+    ----------
+    moments : (..., 11, 11) array
+        Of ``ellipsoid.monomials`` of readings z from zero and intensities s, in one unit.
+
+    Returns
+    -------
+    (..., 3, 3) array, (..., 3) array
+        M = [[1 + δx, m, g], [0, 1 + δy, n], [0, 0, 1 + δz]] and i.
+
+    Raises
+    ------
+    InputError
+        When the readings determine no ellipsoid.
+    """
+    right = moments[..., :9, 10] - moments[..., :9, :3].sum(axis=-1)
+    try:
+        unknowns = np.linalg.solve(moments[..., :9, :9], right[..., None])[..., 0]
+    except LinAlgError:
+        raise InputError(ellipsoid.NO_ELLIPSOID) from None
+    unmix = np.zeros((*unknowns.shape[:-1], 3, 3))
+    for axis in range(3):
+        unmix[..., axis, axis] = 1 + unknowns[..., axis] / 2
+    unmix[..., 0, 1], unmix[..., 0, 2], unmix[..., 1, 2] = np.moveaxis(unknowns[..., 3:6], -1, 0)
+    return unmix, -unknowns[..., 6:] / 2
+
+
+def artificial_vector(recording: SampleSource, array: Array) -> Calibration:
+    """Fit the errors of the sensors by Li 2018a.
+
+    The ellipsoid has nine unknowns about its centre, and its intensity may vary: the ten unknowns of eqs. 18 and 19
+    have with a constant one the trivial solution V = (0, …, 0, H).
+
+    Parameters
+    ----------
+    recording : SampleSource
+        Samples in a uniform field; those without a scalar reading are left out where others have one.
+    array : Array
+        Geometry and noise of the K sensors.
+
+    Returns
+    -------
+    Calibration
+        With the covariance of a jackknife over groups of samples.
+
+    Raises
+    ------
+    InputError
+        When the readings determine no ellipsoid, or sensors are mirror images of others.
+    """
+    moments = gather(recording, "artificial vector", with_platform=True)
+    sets, sensors = len(moments.joint), recording.sensor_count
+    platform = moments.quartic[:, -1]
+    center = ellipsoid.center_of(platform)
+    shape = ellipsoid.square_root(ellipsoid.shape_about(platform, center))
+    square, cross = _normal_equations(moments.joint, sensors)
+    # The mean reading less its bias, then the field, as an affine map of each sensor's reading.
+    cross = cross - square[..., 3, None] * center[:, None, None, :]
+    unmix, bias = regress(square, cross @ np.swapaxes(shape, 1, 2)[:, None])
+    matrix = into_frame_of_first(inv(unmix)).reshape(sets, sensors, 3, 3)
+    return finish("artificial_vector", recording, array, moments.data, matrix, bias)
+
+
+def _normal_equations(joint: FloatArray, sensors: int) -> tuple[FloatArray, FloatArray]:
+    """Return the moments (S, K, 4, 4) of each sensor's reading and 1, and (S, K, 4, 3) of these by the platform's."""
+    one = joint.shape[1] - 1
+    columns = [[3 * sensor, 3 * sensor + 1, 3 * sensor + 2, one] for sensor in range(sensors)]
+    square = np.stack([joint[:, rows][:, :, rows] for rows in columns], axis=1)
+    cross = np.stack([joint[:, rows, one - 3 : one] for rows in columns], axis=1)
+    return square, cross
+
+
+def regress(square: FloatArray, cross: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return T M and I of the fields T M (B_i - I) nearest to a reference: Li 2018a eqs. 7 to 14.
+
+    Parameters
+    ----------
+    square : (..., 4, 4) array
+        Sums of the outer products of (B_i, 1).
+    cross : (..., 4, 3) array
+        Sums of (B_i, 1) by the reference.
+
+    Returns
+    -------
+    (..., 3, 3) array, (..., 3) array
+        The matrix and the bias.
+
+    Raises
+    ------
+    InputError
+        When the readings lie in a plane.
+    """
+    try:
+        affine = np.linalg.solve(square, cross)
+        unmix = np.swapaxes(affine[..., :3, :], -1, -2)
+        bias = -np.linalg.solve(unmix, affine[..., 3, :, None])[..., 0]
+    except LinAlgError:
+        raise InputError(ellipsoid.NO_ELLIPSOID) from None
+    return unmix, bias
+
+
+_NOISE_MARGIN = 10.0
+"""Times the noise that a direction must be turned through to count: less would let noise determine a parameter."""
+_ROUNDING = 1e-9
+"""Least turn that counts without noise, of the field: what least squares lose to rounding."""
+
+
+def fast_rotation(recording: SampleSource, array: Array) -> Calibration:
+    """Fit the errors of the sensors by Li 2018b, where the turns determine them.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        Samples in a uniform field, the array turned about three axes; those without a scalar reading are left out where
+        others have one.
+    array : Array
+        Geometry and noise of the K sensors.
+
+    Returns
+    -------
+    Calibration
+        With the covariance of a jackknife over groups of samples.
+
+    Raises
+    ------
+    InputError
+        When the turns leave parameters open, as one turn about one axis does; it names them. When sensors
+        are mirror images of others.
+    """
+    _require_turns(recording.thinned(SKETCH), array)
+    moments = gather(recording, "fast rotation", with_platform=True)
+    center = ellipsoid.center_of(moments.quartic)
+    unmix = ellipsoid.square_root(ellipsoid.shape_about(moments.quartic, center))
+    sensors = recording.sensor_count
+    to_platform = field_products(moments.joint, unmix, center)[:, :sensors, sensors]
+    matrix = into_frame_of_first(inv(unmix[:, :sensors]) @ procrustes(to_platform))
+    return finish("fast_rotation", recording, array, moments.data, matrix, center[:, :sensors])
+
+
+def count_determined(recording: Recording, array: Array) -> tuple[int, int]:
+    """Return how many parameters the directions of a recording determine, and how many there are.
+
+    The rank of the Jacobian: the differences between sensors see each row of [D Λ | o] along (b, 1), the intensity sees
+    the nine parameters of an ellipsoid along the monomials of the readings. What rises above the noise is counted.
+
+    Parameters
+    ----------
+    recording : Recording
+        Raw readings; the directions are those of sensor 1 about the mean of its readings.
+    array : Array
+        Noise of the K sensors; it is estimated where it is not stated.
+
+    Returns
+    -------
+    int, int
+        How many are determined, and 12 K - 3 in all, less one without a scalar reference.
+    """
+    noisy, _ = complete_noise(array, recording)
+    centered = recording.readings_T[:, 0] - recording.readings_T[:, 0].mean(axis=0)
+    radius = np.sqrt(np.mean(np.sum(centered**2, axis=1)))
+    points = centered / radius
+    least = max(_NOISE_MARGIN * float(noisy.vector_noise_T[0]) / radius, _ROUNDING) * np.sqrt(len(points))
+    linear = _rank(np.column_stack([points, np.ones(len(points))]), least)
+    quadratic = min(_rank(ellipsoid.monomial_columns(points.T, np.ones(len(points)))[:10].T, least), 9)
+    scale = 1 if recording.scalar_T is None else 0
+    others = recording.sensor_count - 1
+    return 3 * others * linear + quadratic - scale, 12 * others + 9 - scale
+
+
+def _rank(rows: FloatArray, least: float) -> int:
+    return int(np.sum(np.linalg.svd(rows, compute_uv=False) > least))
+
+
+def _require_turns(recording: Recording, array: Array) -> None:
+    try:
+        require_determined(recording, array)
+    except InputError as problem:
+        determined, every = count_determined(recording, array)
+        raise InputError(f"the turns determine {determined} of {every} parameters: {problem}") from None

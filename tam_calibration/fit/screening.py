@@ -1,0 +1,235 @@
+"""Leaves single bad readings out before a fit: those that contradict the other readings of their samples.
+
+A fit of all samples shows whether there are any. If so, a robust fit finds them, and fits of the other samples repeat
+the judgement until it stays the same. Any part of the samples below a third may be bad.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tam_calibration.core.noise import complete_noise
+from tam_calibration.correction.contradiction import left_out
+from tam_calibration.fit.maximum_likelihood import estimate, maximum_likelihood
+from tam_calibration.model.array import Array, KnownNoiseArray
+from tam_calibration.model.exceptions import TIMES, InputError, Refused, first_at
+from tam_calibration.model.recording import SKETCH, Block, Recording, SampleSource
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray, IntArray
+
+_FEWEST = 50
+"""Fewest samples that are judged: their median χ² errs by a sixth with 3 degrees of freedom, and by a third with 1."""
+
+_CHANCE = 1e-3
+"""Probability that a sound recording loses a sample."""
+
+_MOST = 1 / 3
+"""Part of the samples above which no clear majority tells which readings are bad."""
+
+_STRETCH = 0.1
+"""Length of an event, as a part of the recording: if more than half of such a stretch is bad, a magnet came near.
+
+The checks of the fit report an event. A single sensor that fails for as long is left out.
+"""
+
+_HIDING = 2.0
+"""Median square of the residuals over that of the noise, from which bad readings may hide in a fit of all samples."""
+
+_MOST_ROUNDS = 10
+"""Fits of the remaining samples; two or three are usual."""
+
+_COMPARED = 3
+"""Sensors from which each is compared with the mean of the others; fewer are compared with the intensity."""
+
+_REACH = 3.0
+"""Distance from the median reading, over that of two thirds or over the field: a turned sensor reaches 2."""
+
+_MEDIANS = {1: 0.45494, 3: 2.36597}
+"""Of χ² by its degrees of freedom."""
+
+_LEAST_SCALE = 1e-2
+"""Median square of the residuals over that of an estimated noise: below lies only rounding."""
+
+_ALONE = 0.9
+"""Least part of the bad samples that belong to a sensor that fails alone; noise attributes a few to others."""
+
+
+@dataclass(frozen=True, eq=False)
+class LeftOut:
+    """The samples that are left out, each with the sensor that contradicts the others most.
+
+    Parameters
+    ----------
+    time_s : (n,) array
+        Their times since the first sample.
+    place : (n,) array of int
+        Their places in the recording.
+    sensor : (n,) array of int
+        Number of the sensor, from 0; K is the scalar.
+    sample_count : int
+        Number of samples N of the recording.
+    sensor_count : int
+        Number of sensors K.
+    """
+
+    time_s: FloatArray
+    place: IntArray
+    sensor: IntArray
+    sample_count: int
+    sensor_count: int
+
+    @property
+    def is_event(self) -> bool:
+        """Whether most samples of a stretch of time are left out, and not by one sensor that fails alone."""
+        width = int(_STRETCH * self.sample_count)
+        counts = np.searchsorted(self.place, self.place + width) - np.arange(len(self.place))
+        begin = int(counts.argmax())
+        own = self.sensor[begin : begin + counts[begin]]
+        fails_alone = _COMPARED <= self.sensor_count != own[0] and bool((own == own[0]).mean() > _ALONE)
+        return bool(counts[begin] > width / 2) and not fails_alone
+
+    def sentences(self) -> Iterator[str]:
+        """Yield one sentence for each sensor, the worst first."""
+        counts = np.bincount(self.sensor, minlength=self.sensor_count + 1)
+        for sensor in np.argsort(-counts, kind="stable").tolist():
+            if counts[sensor]:
+                own = self.sensor == sensor
+                whose = "the scalar" if sensor == self.sensor_count else f"sensor {sensor + 1}"
+                when = _when(self.place[own], self.time_s[own])
+                yield left_out(counts[sensor], self.sample_count, whose, when)
+
+
+def _when(place: IntArray, time_s: FloatArray) -> str:
+    """Return when some readings were made: between two times, every so many, or the first times."""
+    steps = np.unique(np.diff(place))
+    if len(place) > TIMES and len(steps) == 1:
+        span = f"between {time_s[0]:.2f} and {time_s[-1]:.2f} s"
+        return f"all {span}" if steps[0] == 1 else f"every {_ordinal(int(steps[0]))} {span}"
+    return first_at(time_s.tolist())
+
+
+def _ordinal(number: int) -> str:
+    is_teen = number % 100 in (11, 12, 13)
+    return f"{number}{'th' if is_teen else {1: 'st', 2: 'nd', 3: 'rd'}.get(number % 10, 'th')}"
+
+
+def without_bad_readings(recording: SampleSource, array: Array) -> tuple[SampleSource, LeftOut | None]:
+    """Return the samples without single bad readings, and what was left out; all samples where nothing is clear.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        Raw readings in a uniform field.
+    array : Array
+        Geometry and noise of the sensors; a noise that is not stated is estimated.
+    """
+    if recording.sample_count < _FEWEST:
+        return recording, None
+    noisy, _ = complete_noise(array, recording)
+    is_stated = array.vector_noise_T is not None
+    try:
+        judge = _Judge(estimate(recording, noisy), noisy, recording.thinned(SKETCH), is_stated)
+        if judge.scale < _HIDING and not judge.is_bad(recording).any():
+            return recording, None
+    except (InputError, Refused):
+        pass  # bad readings may be the reason
+    is_far = _far_off(recording)
+    if is_far.mean() >= _MOST:
+        return recording, None
+    near = recording.take(~is_far)
+    noisy, some = complete_noise(array, near)[0], near.thinned(SKETCH)
+    try:
+        judge = _Judge(maximum_likelihood(some, noisy, robust=True).errors, noisy, some, is_stated)
+        is_bad = judge.is_bad(recording)
+        for _ in range(_MOST_ROUNDS):
+            if not 0 < is_bad.mean() < _MOST:
+                return recording, None
+            judge = _Judge(estimate(recording.take(~is_bad), noisy), noisy, some, is_stated)
+            before, is_bad = is_bad, judge.is_bad(recording)
+            if (is_bad == before).all():
+                break
+    except (InputError, Refused):
+        return recording, None
+    if not 0 < is_bad.mean() < _MOST:
+        return recording, None
+    bad = recording.take(is_bad).whole()
+    since_s = bad.time_s - recording.time_span_s[0]
+    found = LeftOut(since_s, np.flatnonzero(is_bad), judge.worst(bad), len(is_bad), recording.sensor_count)
+    return (recording, None) if found.is_event else (recording.take(~is_bad), found)
+
+
+def _far_off(recording: SampleSource) -> NDArray[np.bool_]:
+    """Return which samples (N,) hold a reading so far from most of its sensor that no fit would begin well."""
+    some_T = recording.thinned(SKETCH).readings_T
+    center_T = np.median(some_T, axis=0)
+    usual_T = np.quantile(_lengths(some_T - center_T), 1 - _MOST, axis=0)
+    reach_T = _REACH * np.maximum(usual_T, np.median(_lengths(some_T), axis=0))
+    far = [(_lengths(block.readings_T - center_T) > reach_T).any(axis=1) for block in recording.blocks()]
+    return np.concatenate(far)
+
+
+class _Judge:
+    """Judges samples by the errors of the sensors.
+
+    Parameters
+    ----------
+    errors : SensorErrors
+        As they were fitted.
+    array : KnownNoiseArray
+        The noise of the sensors.
+    some : Recording
+        Samples that show the size of usual residuals.
+    is_stated : bool
+        Whether the noise is stated: residuals that are smaller then are no reason to judge more strictly.
+    """
+
+    def __init__(self, errors: SensorErrors, array: KnownNoiseArray, some: Recording, is_stated: bool) -> None:
+        count = errors.sensor_count
+        self._unmix, self._bias_T = np.linalg.inv(errors.matrix), errors.bias_T
+        self._variance_T2, self._scalar_T2 = array.vector_noise_T**2, array.scalar_noise_T**2
+        self._has_scalar = some.scalar_T is not None  # else it is slower than these samples, and not judged
+        self._intensity_T = float(np.median(_lengths(self._fields(some.readings_T).mean(axis=1))))
+        freedom = np.append(np.full(count, 3 if count >= _COMPARED else 1), 1)
+        distances = self._distances(some)
+        scale = np.nanmedian(distances, axis=0) / [_MEDIANS[each] for each in freedom]
+        self.scale = float(np.max(scale))
+        exponent = np.log(distances.size / _CHANCE)
+        # No χ² is larger with probability exp(-exponent), Laurent and Massart 2000, lemma 1.
+        limits = freedom + 2 * np.sqrt(freedom * exponent) + 2 * exponent
+        self._limits = limits * np.maximum(scale, 1.0 if is_stated else _LEAST_SCALE)
+
+    def is_bad(self, source: SampleSource) -> NDArray[np.bool_]:
+        """Return which samples (N,) hold a reading that contradicts the others."""
+        return np.concatenate([(self._ratios(block) > 1).any(axis=1) for block in source.blocks()])
+
+    def worst(self, samples: Recording) -> IntArray:
+        """Return the sensor (N,), or K for the scalar, that contradicts the others most."""
+        return np.asarray(self._ratios(samples).argmax(axis=1), dtype=np.int64)
+
+    def _ratios(self, samples: Block | Recording) -> FloatArray:
+        return np.asarray(np.nan_to_num(self._distances(samples) / self._limits))
+
+    def _fields(self, readings_T: FloatArray) -> FloatArray:
+        return np.asarray(np.einsum("kij,nkj->nki", self._unmix, readings_T - self._bias_T))
+
+    def _distances(self, samples: Block | Recording) -> FloatArray:
+        """Return each sensor's and the scalar's squared distances (N, K + 1) from the others, over their variance."""
+        fields, variance_T2 = self._fields(samples.readings_T), self._variance_T2
+        count, total_T2 = len(variance_T2), float(variance_T2.sum())
+        own_T = samples.scalar_T if self._has_scalar else None
+        scalar_T = np.full(len(fields), self._intensity_T) if own_T is None else own_T
+        of_scalar = _lengths(fields.mean(axis=1)) - scalar_T
+        if count < _COMPARED:
+            squares = (_lengths(fields) - scalar_T[:, None]) ** 2
+            variance_T2 = variance_T2 + self._scalar_T2
+        else:
+            others = (fields.sum(axis=1, keepdims=True) - fields) / (count - 1)
+            squares = ((fields - others) ** 2).sum(axis=2)
+            variance_T2 = variance_T2 + (total_T2 - variance_T2) / (count - 1) ** 2
+        return np.column_stack([squares / variance_T2, of_scalar**2 / (total_T2 / count**2 + self._scalar_T2)])
+
+
+def _lengths(vectors: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.norm(vectors, axis=-1))

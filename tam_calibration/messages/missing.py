@@ -1,0 +1,268 @@
+"""Readings that are missing although a message or row came: NaN, zeros, sentinels, and what no such sensor reads."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tam_calibration.messages.point_cloud import is_channel
+from tam_calibration.model.exceptions import TIMES, InputError, first_at
+from tam_calibration.model.units import FloatArray
+
+REASONS = ("there", "NaN or blank", "zero on all axes", "sentinels", "far outside the range of the others")
+"""Why a reading is missing, by its code; 0 of those that are there."""
+
+NAN, ZERO, SENTINEL, FAR = range(1, len(REASONS))
+
+_HUGE = 1e30
+"""In any unit: no field is so strong; drivers publish 1e300 for a reading that failed."""
+
+_LEAST_OF_TYPES = (-32768.0, -2147483648.0)
+"""The least numbers of 16 and 32 bits, which converters give on one axis when they fail."""
+
+_DUMMIES = (*_LEAST_OF_TYPES, 32767.0, 65535.0, 2147483647.0, 4294967295.0, -9999.0, 9999.0, 99999.0, 88888.0)
+"""Numbers that stand for no reading where all axes have them: ends of types, and those of data formats."""
+
+_EQUALS = frozenset((0.0, *_DUMMIES))
+"""Numbers that are suspect where all axes have them."""
+
+_BEYOND_SPREAD = 5.0
+"""Distance from the median reading over that of nine tenths of them: a turned sensor reaches twice."""
+
+_BEYOND_FIELD = 4.0
+"""Distance from the median reading over its size: twice the field on each axis is what a turn and a bias make."""
+
+_SCALAR_RATIO = 4.0
+"""Intensity over its median, or the inverse: no source that is passed makes so much of the field."""
+
+_FEWEST = 18
+"""Readings that tell the range of a sensor: two for each parameter of an ellipsoid."""
+
+_MOST_TELLING = 4096
+"""Readings that tell it off line, evenly spread: their ninth decile errs by a hundredth."""
+
+MOST_MISSING = 0.501
+"""Part of a sensor's readings above which it counts as not there: a driver at half the rate may lose a few besides."""
+
+_MOST_KEPT = 1024
+"""Readings that tell the range of a stream on line; when full, every second is given up."""
+
+_RENEWED = 16
+"""The range on line is told anew when the readings have become more by one in so many."""
+
+
+def codes_of(stream: str, raw: FloatArray) -> NDArray[np.int8]:
+    """Return for each (n, width) reading, in the unit of its file, the code of why it is missing; 0 where it is there.
+
+    A channel that is NaN has no reading there, which is no fault.
+
+    Parameters
+    ----------
+    stream : str
+        ``tam_1`` … or the channel's name.
+    raw : (n, width) array
+        As they were recorded.
+    """
+    codes = np.zeros(len(raw), dtype=np.int8)
+    if is_channel(stream) and stream != "scalar":
+        return codes
+    odd = ~(np.abs(raw) < _HUGE) | (raw == _LEAST_OF_TYPES[0]) | (raw == _LEAST_OF_TYPES[1])
+    same = raw[:, 0] == raw[:, -1]
+    # Few readings are suspect, and only they need a look at all axes.
+    suspect = np.flatnonzero(same | odd.any(axis=1) if odd.any() else same)
+    if len(suspect) < len(raw):
+        codes[suspect] = codes_of(stream, raw[suspect])
+        return codes
+    same = np.all(raw == raw[:, :1], axis=1)
+    is_dummy = (same & np.isin(raw[:, 0], _DUMMIES)) | np.any(np.abs(raw) >= _HUGE, axis=1)
+    if not is_channel(stream):
+        is_dummy |= np.isin(raw, _LEAST_OF_TYPES).any(axis=1)
+        codes[np.isnan(raw).any(axis=1)] = NAN
+    codes[is_dummy & (codes == 0)] = SENTINEL
+    codes[(raw == 0).all(axis=1)] = ZERO
+    return codes
+
+
+def _may_stand_for_none(raw: Sequence[float]) -> bool:
+    """Return whether one reading may have a code other than 0: quicker than `codes_of`, which decides."""
+    for value in raw:
+        if not -_HUGE < value < _HUGE or value in _LEAST_OF_TYPES:
+            return True
+    return raw[0] in _EQUALS and all(value == raw[0] for value in raw)
+
+
+@dataclass(frozen=True, eq=False)
+class Range:
+    """What a sensor, or the scalar, can read, told by most of its readings."""
+
+    center: FloatArray
+    reach: float
+
+    @classmethod
+    def of(cls, stream: str, raw: FloatArray) -> "Range":
+        """Return the range that readings show, (n, width) without those that are missing; all where they are few."""
+        if len(raw) < _FEWEST or (is_channel(stream) and stream != "scalar"):
+            return cls(np.zeros(raw.shape[1]), np.inf)
+        raw = raw[:: len(raw) // _MOST_TELLING + 1]
+        center = np.nanmedian(raw, axis=0)
+        if stream == "scalar":
+            return cls(center, _SCALAR_RATIO)
+        distance = np.linalg.norm(raw - center, axis=1)
+        field = float(np.median(np.linalg.norm(raw, axis=1)))
+        return cls(center, max(_BEYOND_SPREAD * float(np.quantile(distance, 0.9)), _BEYOND_FIELD * field))
+
+    def beyond(self, raw: FloatArray) -> NDArray[np.bool_]:
+        """Return which of (n, width) readings lie far outside."""
+        if self.reach == np.inf:
+            return np.zeros(len(raw), dtype=bool)
+        if raw.shape[1] == 1:
+            ratio = raw[:, 0] / self.center[0]
+            return np.asarray((ratio > self.reach) | (ratio < 1 / self.reach))
+        away = raw - self.center
+        return np.asarray(np.einsum("ij,ij->i", away, away) > self.reach**2)
+
+
+@dataclass
+class Missing:
+    """The missing readings of a recording, counted by stream and reason.
+
+    Parameters
+    ----------
+    received : dict of str to int
+        Readings of each stream, those that are missing among them.
+    counts : dict of (str, int) to int
+        Missing readings by stream and code.
+    times_s : dict of (str, int) to list of float
+        The first times at which each was missing, seconds from the start; empty where they have no time.
+    """
+
+    received: dict[str, int] = field(default_factory=dict)
+    counts: dict[tuple[str, int], int] = field(default_factory=dict)
+    times_s: dict[tuple[str, int], list[float]] = field(default_factory=dict)
+
+    def add(self, stream: str, codes: NDArray[np.int8], time_s: FloatArray | None) -> None:
+        """Count readings.
+
+        Parameters
+        ----------
+        stream : str
+            ``tam_1`` … or the channel's name.
+        codes : (n,) array of int
+            Of `codes_of`, those far outside among them.
+        time_s : (n,) array, optional
+            Seconds from the start of the recording.
+        """
+        self.received[stream] = self.received.get(stream, 0) + len(codes)
+        for code in np.unique(codes[codes > 0]).tolist():
+            index, key = np.flatnonzero(codes == code), (stream, code)
+            self.counts[key] = self.counts.get(key, 0) + len(index)
+            known = self.times_s.setdefault(key, [])
+            if time_s is not None:
+                known += time_s[index[: TIMES - len(known)]].tolist()
+
+    def of(self, stream: str) -> int:
+        """Return how many readings of a stream are missing."""
+        return sum(count for (name, _), count in self.counts.items() if name == stream)
+
+    def mostly(self) -> dict[str, str]:
+        """Return a sentence for each stream that lacks more than half of its readings, with the reasons."""
+        told = {}
+        for stream, received in self.received.items():
+            if self.of(stream) > MOST_MISSING * received:
+                reasons = "; ".join(self._sentence(*key) for key in self.counts if key[0] == stream)
+                hint = ": do these have another unit?" if 2 * self.counts.get((stream, FAR), 0) > received else ""
+                told[stream] = f"more than half of the readings of {in_words(stream)} are missing: {reasons}{hint}"
+        return told
+
+    def require_half(self) -> None:
+        """Check that no sensor lacks more than half of its readings.
+
+        Raises
+        ------
+        InputError
+            It names the sensor and why.
+        """
+        for sentence in self.mostly().values():
+            raise InputError(sentence)
+
+    def sentences(self) -> tuple[str, ...]:
+        """Return a clause for each stream and reason."""
+        return tuple(self._sentence(*key) for key in self.counts)
+
+    def _sentence(self, stream: str, code: int) -> str:
+        key = stream, code
+        when = f", {first_at(self.times_s[key])}" if self.times_s.get(key) else ""
+        count = self.counts[key]
+        return f"{count} of {self.received[stream]} readings of {in_words(stream)} {are(code, count, stream)}{when}"
+
+
+def are(code: int, count: int, stream: str = "") -> str:
+    """Return the verb and the reason of so many missing readings: is a sentinel, are zero on all axes."""
+    reason = "zero" if (stream, code) == ("scalar", ZERO) else REASONS[code]
+    return f"are {reason}" if count != 1 else "is a sentinel" if code == SENTINEL else f"is {reason}"
+
+
+class _GrowingRange:
+    """The range of one stream by its readings until now."""
+
+    def __init__(self, stream: str) -> None:
+        self._stream, self._kept = stream, list[Sequence[float]]()
+        self._seen, self._due, self._stride = 0, _FEWEST, 1
+        self._center, self._reach = [0.0], math.inf
+
+    def is_beyond(self, raw: Sequence[float]) -> bool:
+        """Take a reading, and return whether it lies far outside, as `Range.beyond`."""
+        self._seen += 1
+        if self._seen % self._stride == 0:
+            self._kept.append(raw)
+        if self._seen >= self._due:
+            self._renew()
+        if self._reach == math.inf:
+            return False
+        if self._stream == "scalar":
+            return not self._center[0] / self._reach <= raw[0] <= self._center[0] * self._reach
+        return math.dist(raw, self._center) > self._reach
+
+    def _renew(self) -> None:
+        found = Range.of(self._stream, np.array(self._kept))
+        self._center, self._reach = found.center.tolist(), found.reach
+        self._due = self._seen + self._seen // _RENEWED + 1
+        if len(self._kept) > _MOST_KEPT:
+            self._kept, self._stride = self._kept[1::2], 2 * self._stride
+
+
+class LiveMissing(Missing):
+    """The missing readings of streams whose readings come one by one."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._ranges: dict[str, _GrowingRange] = {}
+
+    def take(self, stream: str, raw: Sequence[float]) -> int:
+        """Count a reading, and return the code of why it is missing; 0 where it is there.
+
+        As `codes_of` and `Range` judge a recording; the range is told by the readings until now, from the 18th on.
+
+        Parameters
+        ----------
+        stream, raw
+            As of `codes_of`: one reading.
+        """
+        if stream not in self._ranges:
+            self._ranges[stream] = _GrowingRange(stream)
+            self.received[stream] = 0
+        self.received[stream] += 1
+        if _may_stand_for_none(raw):
+            code = int(codes_of(stream, np.array([raw]))[0])
+        else:
+            code = FAR if self._ranges[stream].is_beyond(raw) else 0
+        if code:
+            self.counts[stream, code] = self.counts.get((stream, code), 0) + 1
+        return code
+
+
+def in_words(stream: str) -> str:
+    """Return a stream for people: ``tam_2`` is sensor 2, the scalar is the scalar."""
+    return f"sensor {stream.removeprefix('tam_')}" if stream.startswith("tam_") else f"the {stream}"

@@ -1,0 +1,210 @@
+"""Topics that a map names: messages of any type that is installed, serialised as they come, and the numbers in them."""
+
+import math
+import re
+from array import array
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import lru_cache, partial
+from typing import Any
+
+import numpy as np
+from rclpy.serialization import deserialize_message
+
+from tam_calibration.messages.cdr import read_float64, read_stamp_and_doubles, stamp_of
+from tam_calibration.messages.message_fields import LONGEST_LISTED, stamp_fields
+from tam_calibration.messages.missing import in_words
+from tam_calibration.messages.point_cloud import SampleLayout, is_channel
+from tam_calibration.messages.stream import sensor_stream
+from tam_calibration.messages.topics import (
+    CHANNEL_TOPICS,
+    FIELD_UNITS,
+    FLOAT64,
+    IMU,
+    MAGNETIC_FIELD,
+    TEMPERATURE,
+    topic_and_type,
+)
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.units import TESLA_PER_FIELD_UNIT
+from tam_calibration.nodes.message_types import type_name
+from tam_calibration.recordings.channel_map import ChannelMap, Pick, TimeColumn, read_map
+from tam_calibration.recordings.choice import unit_in, wanted_of
+from tam_calibration.recordings.intake import in_si
+from tam_calibration.recordings.tables import Table
+
+_Read = Callable[[bytes], tuple[int | None, Sequence[float]]]
+"""Returns the stamp of a message, nanoseconds, where it has one, and the values of a stream, in their own unit."""
+
+_ToSi = Callable[[Sequence[float]], Sequence[float]]
+
+
+def _attitude(message: bytes) -> tuple[int, Sequence[float]]:
+    """Return the quaternion; NaN where the IMU says that it has none."""
+    stamp_ns, doubles = read_stamp_and_doubles(message, 5)
+    return stamp_ns, (math.nan,) * 4 if doubles[4] == -1 else doubles[:4]
+
+
+_FAST: dict[tuple[str, tuple[str, ...]], _Read] = {
+    (MAGNETIC_FIELD, tuple(f"magnetic_field.{axis}" for axis in "xyz")): partial(read_stamp_and_doubles, count=3),
+    (IMU, tuple(f"orientation.{axis}" for axis in "xyzw")): _attitude,
+    (TEMPERATURE, ("temperature",)): partial(read_stamp_and_doubles, count=1),
+    (FLOAT64, ("data",)): lambda message: (None, (read_float64(message),)),
+}
+"""Types whose numbers lie at fixed places, which is quicker than to make objects of the messages."""
+
+_STEP = re.compile(r"\[(\d+)\]|([^.\[\]]+)")
+
+
+class Input:
+    """One topic, and what is read of its messages.
+
+    Parameters
+    ----------
+    topic : str
+        Its name, relative or absolute.
+    picks : mapping of str to Pick
+        What is read, by stream.
+    kind : type
+        Class of the messages.
+    """
+
+    def __init__(self, topic: str, picks: Mapping[str, Pick], kind: Any) -> None:
+        self.topic, self.picks, self.kind = topic, picks, kind
+        paths = tuple(_paths(kind()))
+        self._stamp = [_getter(path) for path in stamp_fields(type_name(kind), paths)]
+        self.is_stamped, self.has_header = bool(self._stamp), paths[:1] == ("header.stamp.sec",)
+        self._object = lru_cache(maxsize=1)(partial(_object, kind))  # several streams read each message
+        self._decoders: dict[str, tuple[_Read, _ToSi | None]] = {}
+
+    def decoder(self, stream: str, message: bytes) -> tuple[_Read, _ToSi | None]:
+        """Return what reads a stream, and what brings its values into SI, None where they are.
+
+        Parameters
+        ----------
+        stream : str
+            One of the picks.
+        message : bytes
+            By the first one it is found what the map means: it tells how long lists are.
+
+        Raises
+        ------
+        InputError
+            When the type lacks a field, or the unit of a field is not stated.
+        """
+        if stream not in self._decoders:
+            self._decoders[stream] = self._make_decoder(stream, message)
+        return self._decoders[stream]
+
+    def _make_decoder(self, stream: str, message: bytes) -> tuple[_Read, _ToSi | None]:
+        msgtype, pick = type_name(self.kind), self.picks[stream]
+        table = Table(self.topic, tuple(_paths(self._object(message))), msgtype, units=FIELD_UNITS.get(msgtype, {}))
+        fields = wanted_of({table.key: table}, stream, pick).fields
+        read = _FAST.get((msgtype, fields)) or partial(self._read, [_getter(path) for path in fields])
+        factor = TESLA_PER_FIELD_UNIT.get(unit_in(table, fields[0])) if pick.factor is None else pick.factor
+        if is_channel(stream) and stream != "scalar":
+            factor = 1.0
+        if factor is None:
+            raise InputError(
+                f"the unit of {in_words(stream)} is not known: {msgtype} states none; state unit or scale_nT in the map"
+            )
+        to_si = None if factor == 1.0 and pick.world == "enu" else partial(_in_si, stream, factor, pick.world)
+        return partial(_norm, read) if stream == "scalar" and len(fields) == 3 else read, to_si
+
+    def _read(self, getters: Sequence[Callable[[Any], float]], message: bytes) -> tuple[int | None, Sequence[float]]:
+        """Return stamp and values of a message of any type."""
+        content = self._object(message)
+        values = tuple(get(content) for get in getters)
+        return stamp_of(*(int(get(content)) for get in self._stamp)) if self._stamp else None, values
+
+
+def own_map(layout: SampleLayout, scalar_type: str) -> ChannelMap:
+    """Return the map of the topics of this package.
+
+    Parameters
+    ----------
+    layout : SampleLayout
+        The sensors and further channels that there are.
+    scalar_type : str
+        Type of the scalar's messages.
+    """
+
+    def pick(stream: str) -> Pick:
+        topic, kind = topic_and_type(stream)
+        return Pick(topic=topic, type=kind)
+
+    sensors = [pick(sensor_stream(number + 1)) for number in range(layout.sensor_count)]
+    channels = {name: pick(name) for name in CHANNEL_TOPICS}
+    channels["scalar"] = replace(channels["scalar"], type=scalar_type, unit="T")
+    return ChannelMap.of(sensors, channels, {name: pick(name) for name in layout.further})
+
+
+def map_of_topics(path: str, layout: SampleLayout) -> ChannelMap:
+    """Read the map of topics.
+
+    Parameters
+    ----------
+    path : str
+        Its file.
+    layout : SampleLayout
+        The sensors and further channels that there are.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read, is the map of a file, or for another array.
+    """
+    found = read_map(path)
+    if isinstance(found.time, TimeColumn) or not all(
+        pick.topic and not pick.instance for pick in found.streams.values()
+    ):
+        raise InputError(f"{path} is the map of a text file or log: on line each sensor and channel needs a topic")
+    if len(found.sensors) != layout.sensor_count:
+        raise InputError(f"{path} has {len(found.sensors)} sensors, the array {layout.sensor_count}")
+    if unknown := sorted(found.further.keys() - set(layout.further)):
+        raise InputError(f"{path} has {', '.join(unknown)}, which further_channels of the array file does not name")
+    return found
+
+
+def _object(kind: Any, message: bytes) -> Any:
+    try:
+        return deserialize_message(message, kind)
+    except RuntimeError:
+        raise InputError(f"a message is damaged: it is none of {type_name(kind)}") from None
+
+
+def _paths(value: Any, path: str = "") -> Iterator[str]:
+    """Yield the paths of the numbers in a message, as ``message_fields`` does by the definition."""
+    if hasattr(value, "get_fields_and_field_types"):
+        for name in value.get_fields_and_field_types():
+            yield from _paths(getattr(value, name), f"{path}.{name}" if path else name)
+    elif isinstance(value, int | float | np.number):
+        yield path
+    elif isinstance(value, list | array | np.ndarray) and len(value) <= LONGEST_LISTED:
+        for index, each in enumerate(value):
+            yield from _paths(each, f"{path}[{index}]")
+
+
+def _getter(path: str) -> Callable[[Any], float]:
+    """Return what returns the number at a path of a message; NaN where a list is shorter."""
+    steps = [int(index) if index else name for index, name in _STEP.findall(path)]
+
+    def get(value: Any) -> float:
+        try:
+            for step in steps:
+                value = value[step] if isinstance(step, int) else getattr(value, step)
+        except IndexError:
+            return math.nan
+        return float(value)
+
+    return get
+
+
+def _norm(read: _Read, message: bytes) -> tuple[int | None, Sequence[float]]:
+    stamp_ns, values = read(message)
+    return stamp_ns, (math.sqrt(sum(value * value for value in values)),)
+
+
+def _in_si(stream: str, factor: float, world: str, values: Sequence[float]) -> Sequence[float]:
+    si: list[float] = in_si(stream, np.array(values), factor, world).tolist()
+    return si

@@ -1,0 +1,197 @@
+"""Bounds for what a bag holds: checked before it is unpacked, and while it is."""
+
+from bz2 import BZ2Decompressor
+from pathlib import Path
+
+from lz4.frame import LZ4FrameDecompressor
+from rosbags.interfaces import Qos
+from rosbags.rosbag2.metadata import parse_qos
+from zstandard import ZstdDecompressor
+
+from tam_calibration.files.yaml_document import parse_mapping
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.recordings.bag_damage import Damaged
+
+LARGEST_PIECE = 1 << 28
+"""Most bytes of a chunk, a message or a block of messages, 256 MiB: recorders write chunks of 1 to 8 MiB."""
+
+LARGEST_EXPANSION = 1000
+"""Most bytes that may come of one packed byte: readings give less than 20, zeros 30 000."""
+
+_ALWAYS_ALLOWED = 1 << 20
+"""Bytes that may come of any piece, 1 MiB, the size of a usual chunk."""
+
+_LARGEST_QUALITY = 1 << 16
+"""Most bytes of a topic's quality of service, 64 KiB: that of one publisher takes some 500."""
+
+MOST_TOPICS = 4096
+"""Most topics of a file: a large robot has some hundreds."""
+
+_BLOCK = 1 << 17
+"""Bytes that are unpacked at once, 128 KiB as in zstd: of larger blocks more would be lost before a damaged one."""
+
+
+def check_expansion(packed: int, unpacked: int, what: str) -> None:
+    """Check that something packed does not hold more than a recording could.
+
+    Parameters
+    ----------
+    packed, unpacked : int
+        Bytes as it is stored, and that it claims or turned out to hold.
+    what : str
+        The subject of the sentence.
+
+    Raises
+    ------
+    InputError
+        When it holds more.
+    """
+    if unpacked > max(_ALWAYS_ALLOWED, LARGEST_EXPANSION * packed):
+        raise InputError(
+            f"{what} of {packed} bytes unpacks to {unpacked} bytes or more: no recording is compressed by more than a "
+            f"factor of {LARGEST_EXPANSION}"
+        )
+
+
+def check_piece(packed: int, unpacked: int, what: str) -> None:
+    """Check `check_expansion`, and that a piece has a place in memory.
+
+    Parameters
+    ----------
+    packed, unpacked : int
+        Bytes as it is stored, and that it claims to hold.
+    what : str
+        The subject of the sentence.
+
+    Raises
+    ------
+    InputError
+        When it is larger than ``LARGEST_PIECE``, or too much comes of it.
+    """
+    if unpacked > LARGEST_PIECE:
+        raise InputError(f"{what} holds {unpacked} bytes: more than {LARGEST_PIECE} are not read")
+    check_expansion(packed, unpacked, what)
+
+
+def check_topics(count: int) -> None:
+    """Check that there are no more than ``MOST_TOPICS`` topics.
+
+    Raises
+    ------
+    InputError
+        When there are more.
+    """
+    if count > MOST_TOPICS:
+        raise InputError(f"a file holds {count} topics: more than {MOST_TOPICS} are not read")
+
+
+def quality_of(text: str) -> list[Qos]:
+    """Return the quality of service of a topic, which is YAML; nothing where it cannot be understood.
+
+    Raises
+    ------
+    InputError
+        When it is larger than 64 KiB.
+    """
+    if len(text) > _LARGEST_QUALITY:
+        raise InputError(f"a topic is described by {len(text)} bytes: more than {_LARGEST_QUALITY} are not read")
+    try:
+        return parse_qos(parse_mapping("profiles:\n " + text.replace("\n", "\n "))["profiles"])
+    except (InputError, LookupError, TypeError, AttributeError):
+        return []
+
+
+def unpack(packed: bytes, compression: str, size: int) -> bytes:
+    """Return the content of a chunk.
+
+    Parameters
+    ----------
+    packed : bytes
+        As it is stored.
+    compression : str
+        ``zstd``, ``lz4`` or nothing.
+    size : int
+        Bytes that the chunk claims to hold.
+
+    Raises
+    ------
+    InputError
+        When it is larger than it may be, or not of that size.
+    """
+    check_piece(len(packed), size, "a chunk")
+    content = unpack_beginning(packed, compression, size + 1)
+    if len(content) != size:
+        raise Damaged(f"a chunk does not hold the {size} bytes that it claims")
+    return content
+
+
+def unpack_beginning(packed: bytes, compression: str, most: int) -> bytes:
+    """Return at most so many bytes of what is packed, fewer where it was cut.
+
+    Parameters
+    ----------
+    packed : bytes
+        As it is stored, or its beginning.
+    compression : str
+        ``zstd``, ``lz4``, ``bz2`` or nothing.
+    most : int
+        Bytes to return at most.
+
+    Raises
+    ------
+    InputError
+        When the compression is not known.
+    """
+    content: bytes
+    match compression:
+        case "":
+            content = packed[:most]
+        case "zstd":
+            content = ZstdDecompressor().stream_reader(packed, read_across_frames=True).read(most)
+        case "lz4":
+            content = LZ4FrameDecompressor().decompress(packed, max_length=most)
+        case "bz2":
+            content = BZ2Decompressor().decompress(packed, max_length=most)
+        case _:
+            raise InputError(f"the compression {compression!r} of a chunk is not known: zstd and lz4 are")
+    return content
+
+
+def unpack_bounded(packed: bytes, compression: str, what: str) -> bytes:
+    """Return something packed that does not tell its size.
+
+    Parameters
+    ----------
+    packed : bytes
+        As it is stored.
+    compression : str
+        ``zstd``, ``lz4`` or ``bz2``.
+    what : str
+        The subject of the sentence.
+
+    Raises
+    ------
+    InputError
+        When it is larger than it may be.
+    """
+    most = max(_ALWAYS_ALLOWED, min(LARGEST_PIECE, LARGEST_EXPANSION * len(packed)))
+    content = unpack_beginning(packed, compression, most + 1)
+    check_piece(len(packed), len(content), what)
+    return content
+
+
+def unpack_file(source: Path, target: Path) -> None:
+    """Write the content of a file that was packed by zstd, as far as it goes where it was cut.
+
+    Raises
+    ------
+    InputError
+        When too much comes of it.
+    """
+    packed, unpacked = source.stat().st_size, 0
+    with source.open("rb") as stored, target.open("wb") as file:
+        stream = ZstdDecompressor().stream_reader(stored, read_across_frames=True)
+        while block := stream.read(_BLOCK):
+            unpacked += len(block)
+            check_expansion(packed, unpacked, source.name)
+            file.write(block)

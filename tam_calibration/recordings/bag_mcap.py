@@ -1,0 +1,299 @@
+"""The storage mcap: messages read chunk by chunk, by the index that follows each, and written as chunks with CRCs."""
+
+import struct
+from collections import Counter, deque
+from collections.abc import Iterator, Mapping
+from io import BytesIO
+from itertools import pairwise
+from pathlib import Path
+from typing import BinaryIO, Literal, NamedTuple
+from zlib import crc32
+
+import numpy as np
+from rosbags.rosbag2.storage_mcap import McapWriter, read_bytes, read_string
+
+from tam_calibration.messages.cdr import ByteArray, RawMessages, join, windows
+from tam_calibration.model.units import IntArray
+from tam_calibration.recordings.bag_bounds import check_piece, unpack
+from tam_calibration.recordings.bag_damage import NAMED, Damaged
+from tam_calibration.recordings.bag_storages import Condition
+from tam_calibration.recordings.mcap_records import (
+    CHUNK_INDEX,
+    MAGIC,
+    STATISTICS,
+    Topics,
+    crc_of_data,
+    crc_of_summary,
+    read_content,
+    read_end,
+    records,
+    seal,
+    whole_messages,
+)
+
+_RECORD = np.dtype(
+    [("kind", "u1"), ("size", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log_ns", "<u8"), ("publish_ns", "<u8")]
+)
+"""Fields before the serialised message in the record of a message."""
+
+_MESSAGE, _CHUNK, _INDEX = 5, 6, 7
+"""Kinds of records."""
+
+_SIZE_BEYOND_MESSAGE = 22
+"""Bytes of a record that its size counts beside the message."""
+
+_CHUNK_FIELDS = 40
+_CHECKSUM, _CHUNK_HEAD, _INDEX_HEAD = 9 + 24, 9 + _CHUNK_FIELDS, 15
+
+CHUNK_BYTES = 1 << 20
+"""Least bytes of messages in a chunk that is written, 1 MiB: the size that rosbags takes."""
+
+
+class _Chunk(NamedTuple):
+    """A chunk by its entry in the summary; ``indices`` are place and length of the index of each channel."""
+
+    start_ns: int
+    end_ns: int
+    place: int
+    length: int
+    indices: dict[int, tuple[int, int]]
+    compression: str
+    packed_size: int
+    size: int
+
+
+class McapFile:
+    """A finished file with an index of its chunks.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._chunks, topics, told = list[_Chunk](), Topics(), None
+        with path.open("rb") as file:
+            end = read_end(file)
+            for kind, place, size in records(file, end.summary, end.place) if end and end.summary else ():
+                topics.learn(file, kind, place, size)
+                if kind == CHUNK_INDEX:
+                    self._chunks.append(_parse_chunk(read_content(file, place, size)))
+                elif kind == STATISTICS:
+                    told = int.from_bytes(read_content(file, place, size)[:8], "little")
+        counts: Counter[int] = Counter()
+        for chunk in self._chunks:
+            counts.update({channel: length // 16 for channel, (_, length) in chunk.indices.items()})
+        known = topics.connections
+        self.connections = [one._replace(msgcount=counts[one.id]) for one in known.values()]
+        self.message_count = counts.total()
+        self.start_ns = min((chunk.start_ns for chunk in self._chunks if chunk.indices), default=0)
+        self.end_ns = max((chunk.end_ns for chunk in self._chunks if chunk.indices), default=0)
+        self.is_indexed = counts.total() == told and counts.keys() <= known.keys()
+
+    def blocks(self, position: Mapping[int, int], with_times: bool) -> Iterator[tuple[RawMessages, int]]:
+        """Yield the messages of each chunk that come before those of the next, as ``StoredFile`` asks.
+
+        Parameters
+        ----------
+        position : mapping of int to int
+            For the id of each wanted connection the number that stands for it in the messages.
+        with_times : bool
+            Makes no difference: the times of recording are always read.
+        """
+        chunks = [chunk for chunk in self._chunks if chunk.indices.keys() & position]
+        chunks.sort(key=lambda chunk: (chunk.start_ns, chunk.place))
+        waiting: list[tuple[_Chunk, RawMessages]] = []
+        with self.path.open("rb") as file:
+            for chunk, following in zip(chunks, [*chunks[1:], None], strict=True):
+                ready, later = [], []
+                for each, messages in [*waiting, (chunk, self._read_chunk(file, chunk, position))]:
+                    count = len(messages) if following is None else _count_before(each, messages, following)
+                    ready.append((each.place, messages.take(slice(count))))
+                    if count < len(messages):
+                        later.append((each, messages.take(slice(count, None))))
+                waiting = later
+                yield _merge(ready), chunk.length
+
+    def _read_chunk(self, file: BinaryIO, chunk: _Chunk, position: Mapping[int, int]) -> RawMessages:
+        """Return the messages of a chunk in the order of recording."""
+        check_piece(chunk.length, chunk.length, "a chunk with its index")
+        file.seek(chunk.place)
+        stored = file.read(chunk.length)
+        begin = _CHUNK_HEAD + len(chunk.compression)
+        check = int.from_bytes(stored[_CHECKSUM : _CHECKSUM + 4], "little")
+        content = unpack(stored[begin : begin + chunk.packed_size], chunk.compression, chunk.size)
+        if check and crc32(content) != check:
+            raise Damaged(_named_damage(self.path))
+        block = np.frombuffer(content, np.uint8)
+        channel, record = _read_index(stored, chunk, position)
+        if len(record) and int(record.max()) + _RECORD.itemsize > len(block):
+            raise Damaged("the index of a chunk does not fit the chunk")
+        heads = windows(block, _RECORD.itemsize)[record].view(_RECORD)
+        start, size = record + _RECORD.itemsize, heads["size"].astype(np.int64) - _SIZE_BEYOND_MESSAGE
+        is_message = (heads["kind"] == _MESSAGE) & (heads["channel"] == channel) & (np.diff(record, prepend=-1) > 0)
+        if not is_message.all() or (size < 0).any() or (start + size > len(block)).any():
+            raise Damaged("the index of a chunk does not fit the chunk")
+        number = np.zeros(max(position) + 1, dtype=np.int64)
+        number[list(position)] = list(position.values())
+        messages = RawMessages(number[channel], heads["log_ns"].astype(np.int64), start, size, block)
+        is_in_order = bool((np.diff(messages.recorded_ns) >= 0).all())
+        return messages if is_in_order else messages.take(np.argsort(messages.recorded_ns, kind="stable"))
+
+
+def _parse_chunk(content: bytes) -> _Chunk:
+    """Return the entry of a chunk in the summary."""
+    stream = BytesIO(content)
+    start_ns, end_ns, place, size = struct.unpack("<QQQQ", stream.read(32))
+    places = sorted((begin, channel) for channel, begin in struct.iter_unpack("<HQ", read_bytes(stream)))
+    length = size + int.from_bytes(stream.read(8), "little")
+    compression, sizes = read_string(stream), struct.unpack("<QQ", stream.read(16))
+    ends = [*(begin for begin, _ in places[1:]), place + length]
+    indices = {
+        channel: (begin - place + _INDEX_HEAD, end - begin - _INDEX_HEAD)
+        for (begin, channel), end in zip(places, ends, strict=True)
+        if end - begin > _INDEX_HEAD
+    }
+    return _Chunk(start_ns, end_ns, place, length, indices, compression, *sizes)
+
+
+def _read_index(stored: bytes, chunk: _Chunk, position: Mapping[int, int]) -> tuple[IntArray, IntArray]:
+    """Return the channel of each record of some channels in a chunk, and where it begins, rising."""
+    channels, places = [], []
+    for channel in chunk.indices.keys() & position:
+        begin, length = chunk.indices[channel]
+        places.append(np.frombuffer(stored, "<i8", length // 8, begin)[1::2])
+        channels.append(np.full(len(places[-1]), channel))
+    record = np.concatenate(places)
+    order = np.argsort(record, kind="stable")
+    return np.concatenate(channels)[order], record[order]
+
+
+def _count_before(chunk: _Chunk, messages: RawMessages, following: _Chunk) -> int:
+    """Return how many of a chunk's messages come before those of a later chunk."""
+    side: Literal["left", "right"] = "right" if chunk.place < following.place else "left"
+    return int(np.searchsorted(messages.recorded_ns, following.start_ns, side))
+
+
+def _merge(parts: list[tuple[int, RawMessages]]) -> RawMessages:
+    if len(parts) == 1:
+        return parts[0][1]
+    merged = join([messages for _, messages in sorted(parts, key=lambda part: part[0])])
+    return merged.take(np.argsort(merged.recorded_ns, kind="stable"))
+
+
+def condition_of(path: Path) -> Condition:
+    """Return how a file was left, as ``Storage`` asks; what has a CRC is compared with it."""
+    with path.open("rb") as file:
+        beginning = file.read(len(MAGIC))
+        end = read_end(file)
+        if end is None and beginning == MAGIC[: len(beginning)]:
+            return Condition.UNFINISHED
+        if end is None or beginning != MAGIC:
+            raise Damaged("it does not begin as an mcap file does")
+        if end.summary and not len(MAGIC) <= end.summary <= end.place:
+            raise Damaged("its summary lies outside")
+        if end.summary_crc not in (0, crc_of_summary(file, end)):
+            raise Damaged("its summary does not fit its CRC")
+        found, written = crc_of_data(file, end)
+        if found != written:
+            raise Damaged(_named_damage(path))
+    return Condition.WHOLE if McapFile(path).is_indexed else Condition.NOT_INDEXED
+
+
+def _named_damage(path: Path) -> str:
+    """Return what is damaged in a file whose data do not fit their CRC."""
+    faults: list[str] = []
+    deque(whole_messages(path, faults), maxlen=0)
+    return "; ".join(faults[:NAMED]) or "it does not fit its CRC, though all messages do"
+
+
+class McapBlockWriter(McapWriter):
+    """The mcap writer of rosbags that takes many messages at once, and writes them as chunks, all with CRCs."""
+
+    def close_chunk(self) -> None:
+        """Write the chunk of single messages, with its CRC."""
+        begin, crc = self.bio.tell(), crc32(self.chunk.bio.getvalue())
+        super().close_chunk()
+        end = self.bio.tell()
+        self.bio.seek(begin + _CHECKSUM)
+        self.bio.write(crc.to_bytes(4, "little"))
+        self.bio.seek(end)
+
+    def close(self, version: int, metadata: str) -> None:
+        """Write the summary, and close the file.
+
+        Parameters
+        ----------
+        version : int
+            Of the bag's metadata.
+        metadata : str
+            What ``metadata.yaml`` of the bag says, kept in the file too.
+        """
+        super().close(version, metadata)
+        seal(self.path)
+
+    def write_block(self, messages: RawMessages) -> None:
+        """Write messages, each of the connection of that id."""
+        number = np.cumsum(messages.size + _RECORD.itemsize) // CHUNK_BYTES
+        bounds = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist(), len(messages)]
+        for first, last in pairwise(bounds):
+            self._write_chunk(messages.take(slice(first, last)))
+
+    def _write_chunk(self, messages: RawMessages) -> None:
+        content, offsets = self._lay_out(messages)
+        span = int(messages.recorded_ns.min()), int(messages.recorded_ns.max())
+        begin = self.bio.tell()
+        size, crc = len(content), crc32(content.data)
+        self.bio.write(struct.pack("<BQQQQIIQ", _CHUNK, _CHUNK_FIELDS + size, *span, size, crc, 0, size))
+        self.bio.write(content.data)
+        end = self.bio.tell()
+        indices = self._write_index(messages, offsets)
+        index = BytesIO()
+        index.write(struct.pack("<QQQQI", *span, begin, end - begin, 10 * len(indices)))
+        index.write(b"".join(struct.pack("<HQ", *each) for each in indices))
+        index.write(struct.pack("<QIQQ", self.bio.tell() - end, 0, len(content), len(content)))
+        self.chunks.append(index)
+        self.message_start_time = min(self.message_start_time, span[0])
+        self.message_end_time = max(self.message_end_time, span[1])
+
+    def _lay_out(self, messages: RawMessages) -> tuple[ByteArray, IntArray]:
+        """Return the content of a chunk, which begins with new types and topics, and where its records begin."""
+        written = np.frombuffer(self.chunk.bio.getvalue(), np.uint8)
+        self.chunk.bio = BytesIO()
+        size = messages.size + _RECORD.itemsize
+        offsets = len(written) + np.cumsum(size) - size
+        content = np.empty(len(written) + int(size.sum()), np.uint8)
+        content[: len(written)] = written
+        _lay_records(content, offsets, messages)
+        return content, offsets
+
+    def _write_index(self, messages: RawMessages, offsets: IntArray) -> list[tuple[int, int]]:
+        """Write where the messages of each channel are, and return where that is written."""
+        places = []
+        for channel in np.unique(messages.connection).tolist():
+            places.append((channel, self.bio.tell()))
+            chosen = messages.connection == channel
+            entries = np.column_stack([messages.recorded_ns[chosen], offsets[chosen]]).astype("<u8")
+            self.bio.write(struct.pack("<BQHI", _INDEX, 6 + entries.nbytes, channel, entries.nbytes))
+            self.bio.write(entries.data)
+            self.channel_stats[channel] += len(entries)
+        return places
+
+
+def _lay_records(content: ByteArray, places: IntArray, messages: RawMessages) -> None:
+    """Put the records of messages at their places in the content of a chunk."""
+    heads = np.zeros(len(messages), _RECORD)
+    heads["kind"], heads["size"] = _MESSAGE, messages.size + _SIZE_BEYOND_MESSAGE
+    heads["channel"], heads["log_ns"] = messages.connection, messages.recorded_ns
+    heads["publish_ns"] = messages.recorded_ns
+    windows(content, _RECORD.itemsize)[places] = heads.view(f"V{_RECORD.itemsize}")
+    for size in np.unique(messages.size).tolist():
+        chosen = np.flatnonzero(messages.size == size)
+        if size:
+            begins = places[chosen] + _RECORD.itemsize
+            windows(content, size)[begins] = windows(messages.block, size)[messages.start[chosen]]
+
+
+FILE, WRITER = McapFile, McapBlockWriter

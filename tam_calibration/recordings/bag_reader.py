@@ -1,0 +1,202 @@
+"""Bags of every storage, folders and single files, opened alike, and their messages as they are stored."""
+
+import logging
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rosbags.interfaces import Connection
+from zstandard import BufferWithSegments, ZstdDecompressor, frame_content_size
+
+from tam_calibration.messages.cdr import RawMessages
+from tam_calibration.messages.samples import Progress
+from tam_calibration.model.exceptions import InputError, quoted
+from tam_calibration.recordings.bag_bounds import check_piece, unpack_bounded
+from tam_calibration.recordings.bag_damage import Damaged, damage_named
+from tam_calibration.recordings.bag_folder import read_metadata
+from tam_calibration.recordings.bag_recovery import ZSTD_BEGINNING, Recovered, readable
+from tam_calibration.recordings.bag_storages import READABLE, StoredFile, serialisation_of
+
+log = logging.getLogger(__name__)
+
+
+class BagReader:
+    """A bag that can be read.
+
+    Attributes
+    ----------
+    path : Path
+        The bag, which sentences name.
+    files : list of StoredFile
+        Its files, in their order.
+    connections : list of Connection
+        One for each topic that can be read; its ``ext.serialization_format`` is ``cdr`` or ``ros1``.
+    message_count : int
+        Messages of all topics.
+    start_time, duration : int
+        When the first message was recorded, and how long after it the last, nanoseconds.
+    unfinished : str
+        What was recovered of a bag that its recorder did not finish, as a clause; empty where it did.
+    """
+
+    def __init__(self, path: Path, files: list[StoredFile]) -> None:
+        self.path, self.files, self.unfinished = path, files, ""
+        self.connections = _chosen(path, files)
+        self.message_count = sum(file.message_count for file in files)
+        filled = [file for file in files if file.message_count]
+        self.start_time = min((file.start_ns for file in filled), default=0)
+        self.duration = max((file.end_ns for file in filled), default=0) - self.start_time
+
+
+@contextmanager
+def open_bag(path: Path) -> Iterator[BagReader]:
+    """Open a bag for reading; of one that its recorder did not finish the whole messages, with a warning.
+
+    Raises
+    ------
+    InputError
+        When the path is no bag, or the bag is empty or damaged.
+    """
+    bag = readable(path)
+    with damage_named(path):
+        _require_names(bag.files)
+        if not bag.is_unfinished:
+            _require_counted(path, bag.files)
+    reader = BagReader(path, bag.files)
+    if not reader.message_count:
+        raise InputError(f"{path} holds no message: the recorder wrote nothing, or was killed")
+    if bag.is_unfinished:
+        end_ns = reader.start_time + reader.duration
+        found = Recovered(reader.message_count, reader.start_time, end_ns, bag.faults)
+        reader.unfinished = f"the recording was left unfinished: {found}"
+        log.warning("%s: %s", path, reader.unfinished)
+    yield reader
+
+
+def _require_names(files: Sequence[StoredFile]) -> None:
+    for each in (one for file in files for one in file.connections):
+        if not (isinstance(each.topic, str) and isinstance(each.msgtype, str)):
+            raise Damaged(f"{quoted(each.topic)} of {quoted(each.msgtype)} is no topic with a type")
+
+
+def _require_counted(path: Path, files: Sequence[StoredFile]) -> None:
+    """Check that the files have the topics of which the metadata count messages: a damaged name would lose one."""
+    metadata = read_metadata(path) if path.is_dir() else None
+    topics = {one.topic for file in files for one in file.connections}
+    for topic, count in metadata.counts.items() if metadata else ():
+        if count and topic not in topics:
+            raise Damaged(f"the metadata count {quoted(count)} messages of {topic}, which no file has")
+
+
+_Kind = tuple[str, str, str, str]
+
+
+def _kind(one: Connection) -> _Kind:
+    """Return by what the connections of several files, or publishers, are one topic: name, type and serialisation."""
+    return one.topic, one.msgtype, serialisation_of(one), one.digest
+
+
+def _chosen(path: Path, files: Sequence[StoredFile]) -> list[Connection]:
+    """Return one connection for each topic that can be read, of its most frequent type; others are warned of."""
+    merged: dict[_Kind, Connection] = {}
+    for one in (one for file in files for one in file.connections):
+        known = merged.setdefault(_kind(one), one._replace(id=len(merged) + 1, msgcount=0))
+        merged[_kind(one)] = known._replace(msgcount=known.msgcount + one.msgcount)
+    chosen = []
+    for topic, group in groupby(sorted(merged.values(), key=lambda one: one.topic), lambda one: one.topic):
+        several = sorted(group, key=lambda one: -one.msgcount)
+        usable = [one for one in several if serialisation_of(one) in READABLE]
+        for one in several:
+            if one not in usable:
+                log.warning("%s: %s is not read: its messages are %s", path, topic, serialisation_of(one))
+        chosen += usable[:1]
+        for one in usable[1:]:
+            types = f"{one.msgcount} of {one.msgtype} beside {chosen[-1].msgcount} of {chosen[-1].msgtype}"
+            log.warning("%s: %s has messages of several types; left out: %s", path, topic, types)
+    return sorted(chosen, key=lambda one: one.id)
+
+
+def raw_messages(reader: BagReader, connections: Sequence[Connection]) -> Iterator[tuple[Connection, int, bytes]]:
+    """Yield connection, time of recording in nanoseconds, and serialised message, in the order of the bag.
+
+    Parameters
+    ----------
+    reader : BagReader
+        An open bag.
+    connections : sequence of Connection
+        Those of its connections that are wanted.
+
+    Raises
+    ------
+    InputError
+        When the bag is damaged.
+    """
+    for block in raw_blocks(reader, connections):
+        rows = zip(block.connection.tolist(), block.recorded_ns.tolist(), block.messages(), strict=True)
+        yield from ((connections[number], recorded_ns, message) for number, recorded_ns, message in rows)
+
+
+def raw_blocks(
+    reader: BagReader,
+    connections: Sequence[Connection],
+    progress: Progress = lambda done, total: None,
+    with_times: bool = True,
+) -> Iterator[RawMessages]:
+    """Yield the messages of some connections, many at once, in the order of the bag; empty ones are left out.
+
+    Parameters
+    ----------
+    reader : BagReader
+        An open bag.
+    connections : sequence of Connection
+        Those of its connections that are wanted; their places in it stand for them in the messages.
+    progress : callable
+        Called now and then with the bytes read, and how many there are.
+    with_times : bool
+        Whether the times of recording are wanted; without them some storages are read sooner.
+
+    Raises
+    ------
+    InputError
+        When the bag is damaged.
+    """
+    numbers = {_kind(one): number for number, one in enumerate(connections)}
+    total = sum(file.path.stat().st_size for file in reader.files)
+    done, empty = 0, np.zeros(len(connections), dtype=int)
+    with damage_named(reader.path):
+        for file in reader.files:
+            position = {own.id: numbers[_kind(own)] for own in file.connections if _kind(own) in numbers}
+            for block, size in file.blocks(position, with_times) if position else ():
+                done = min(done + size, total)
+                progress(done, total)
+                is_empty = block.size == 0
+                if is_empty.any():
+                    empty += np.bincount(block.connection[is_empty], minlength=len(connections))
+                    block = block.take(~is_empty)
+                if len(block):
+                    yield _unpacked(block)
+    progress(total, total)
+    for one, count in zip(connections, empty.tolist(), strict=True):
+        if count:
+            log.warning("%s: %d empty messages of %s are left out", reader.path, count, one.topic)
+
+
+def _unpacked(messages: RawMessages) -> RawMessages:
+    """Return messages of which each may be compressed; all by one decompressor: making it takes most of the time."""
+    if bytes(messages.block[messages.start[0] :][: len(ZSTD_BEGINNING)]) != ZSTD_BEGINNING:
+        return messages
+    packed = messages.messages()
+    sizes = [frame_content_size(each) for each in packed]  # -1 where a frame does not tell
+    for each, size in zip(packed, sizes, strict=True):
+        check_piece(len(each), size, "a message")
+    check_piece(int(messages.size.sum()), sum(sizes), f"a block of {len(packed)} messages")
+    whole: Any
+    if min(sizes) < 0:
+        whole = [unpack_bounded(each, "zstd", "a message") for each in packed]
+    else:
+        segments = np.column_stack([messages.start, messages.size]).astype("<u8").tobytes()
+        whole = ZstdDecompressor().multi_decompress_to_buffer(BufferWithSegments(messages.block.data, segments))
+    return RawMessages.of(messages.connection, messages.recorded_ns, list(whole))

@@ -1,0 +1,74 @@
+"""The storage of ROS 1, ``.bag``, which is only read."""
+
+from bz2 import decompress as decompress_bz2
+from collections.abc import Iterator, Mapping
+from functools import partial
+from pathlib import Path
+
+from lz4.frame import decompress as decompress_lz4
+from rosbags.interfaces import Connection, ConnectionExtRosbag2
+from rosbags.rosbag1 import Reader
+
+from tam_calibration.messages.cdr import RawMessages
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.recordings.bag_blocks import gather
+from tam_calibration.recordings.bag_bounds import unpack_bounded
+from tam_calibration.recordings.bag_damage import reason_of
+from tam_calibration.recordings.bag_storages import Condition
+
+_COMPRESSIONS = {decompress_bz2: "bz2", decompress_lz4: "lz4"}
+"""By the functions that rosbags would unpack chunks with, whatever comes of them."""
+
+
+class Ros1File:
+    """A ROS 1 bag with an index; its messages are serialised as ``ros1``.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            with Reader(path) as reader:
+                self.connections = [one._replace(ext=ConnectionExtRosbag2("ros1", [])) for one in reader.connections]
+                self.start_ns, self.end_ns = reader.start_time, reader.end_time - 1
+        except Exception as problem:  # rosbags asserts some parts of an index
+            reason = reason_of(problem).rstrip(".")
+            raise InputError(f"{reason}; `rosbag reindex {path.name}` mends an index that is missing") from problem
+        self.message_count = sum(one.msgcount for one in self.connections)
+
+    def blocks(self, position: Mapping[int, int], with_times: bool) -> Iterator[tuple[RawMessages, int]]:
+        """Yield messages in the order of recording as ``StoredFile`` asks.
+
+        Parameters
+        ----------
+        position : mapping of int to int
+            For the id of each wanted connection the number that stands for it in the messages.
+        with_times : bool
+            Makes no difference: the times of recording are always read.
+        """
+        with Reader(self.path) as reader:
+            for place, chunk in reader.chunks.items():
+                if compression := _COMPRESSIONS.get(chunk.decompressor):
+                    unpack = partial(unpack_bounded, compression=compression, what="a chunk")
+                    reader.chunks[place] = chunk._replace(decompressor=unpack)
+            wanted = [one for one in self.connections if one.id in position]
+            stored = reader.messages(wanted)
+            messages = ((position[one.id], recorded_ns, bytes(raw)) for one, recorded_ns, raw in stored)
+            yield from gather(messages, self.path.stat().st_size / self.message_count)
+
+
+def condition_of(path: Path) -> Condition:
+    """Return how a file was left, as ``Storage`` asks: opening it tells more."""
+    return Condition.WHOLE
+
+
+def whole_messages(path: Path, faults: list[str]) -> Iterator[tuple[Connection, int, bytes]]:
+    """Refuse to recover a bag of ROS 1, which has tools of its own."""
+    raise InputError(f"it is a bag of ROS 1: `rosbag reindex {path.name}` mends an index that is missing")
+
+
+FILE = Ros1File

@@ -1,0 +1,221 @@
+"""A bag as tables: its topics, and the numbers in their messages."""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from functools import cache, cached_property
+
+import numpy as np
+from rosbags.interfaces import Connection, MessageDefinitionFormat
+from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
+
+from tam_calibration.messages.batch_stream import StreamMessages
+from tam_calibration.messages.cdr import RawMessages, read_float64s, read_stamped_doubles
+from tam_calibration.messages.message_fields import Definitions, MessageFields, stamp_fields
+from tam_calibration.messages.samples import Progress
+from tam_calibration.messages.topics import FIELD_UNITS, FLOAT64, IMU, MAGNETIC_FIELD, TEMPERATURE
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.units import FloatArray, IntArray
+from tam_calibration.recordings.bag_reader import BagReader, raw_blocks
+from tam_calibration.recordings.channel_map import Clock
+from tam_calibration.recordings.tables import BATCH, Table, Wanted
+
+_Decoder = Callable[[RawMessages], tuple[IntArray | None, FloatArray]]
+"""Returns the (n,) stamps, where there are any, and the (n, values) of messages."""
+
+
+_ORIENTATION = tuple(f"orientation.{axis}" for axis in "xyzw")
+
+
+def _attitudes(stamps: IntArray | None, doubles: FloatArray) -> tuple[IntArray | None, FloatArray]:
+    """Return the quaternions of (n, 5) numbers, the last the first of their covariance; NaN where the IMU has none."""
+    has_none = (doubles[:, 4] == -1) | ~doubles[:, :4].any(axis=1)
+    return stamps, np.where(has_none[:, None], np.nan, doubles[:, :4])
+
+
+_FAST: dict[tuple[str, tuple[str, ...]], _Decoder] = {
+    (MAGNETIC_FIELD, tuple(f"magnetic_field.{axis}" for axis in "xyz")): lambda each: read_stamped_doubles(each, 3),
+    (IMU, _ORIENTATION): lambda each: _attitudes(*read_stamped_doubles(each, 13)),
+    (TEMPERATURE, ("temperature",)): lambda each: read_stamped_doubles(each, 1),
+    (FLOAT64, ("data",)): read_float64s,
+}
+"""Types whose numbers lie at fixed places, which is quicker than to go through the definition."""
+
+
+_LOOKED_AT = 16
+"""Messages of a topic that tell how long its lists are, and whether it has stamps."""
+
+_FRAME = 16
+"""Place of the name of a header's frame: after the kind of CDR, the stamp, and the name's length."""
+
+_BULKY = 8192
+"""Bytes of a message, in the mean, from which it is no reading: 64 sensors with covariances have 6 kB."""
+
+
+class BagSource:
+    """The topics of an open bag.
+
+    Parameters
+    ----------
+    bag : BagReader
+        An open bag.
+    """
+
+    def __init__(self, bag: BagReader) -> None:
+        self.bag = bag
+        self.path, self.unfinished = bag.path, bag.unfinished
+        self.format = "ROS 1 bag" if self.is_ros1 else "bag"
+        self._connections = {each.topic: each for each in bag.connections}
+
+    @property
+    def is_ros1(self) -> bool:
+        """Whether messages are serialised as in ROS 1."""
+        return any(map(_is_ros1, self.bag.connections))
+
+    @cached_property
+    def tables(self) -> list[Table]:
+        """The topics, in the order of their names; those whose type is not known have no fields."""
+        return [self._table(topic) for topic in sorted(self._connections)]
+
+    def _table(self, topic: str) -> Table:
+        connection = self._connections[topic]
+        count, publishers = connection.msgcount or None, self._publishers(connection)
+        try:
+            fields = self._fields(topic)
+        except InputError:
+            return Table(topic, (), connection.msgtype, 0, count, False, publishers=publishers)
+        paths, is_stamped = fields.paths, bool(stamp_fields(connection.msgtype, fields.paths))
+        frames: tuple[str, ...] = ()
+        first = RawMessages.of([], [], [])
+        with suppress(InputError):  # damage is told when the messages are read
+            first = self._first_messages(topic)
+            frames = _frames(first) if fields.begins_with_header else ()
+            paths = fields.expanded(first) if fields.has_sequences else paths
+            stamps_ns = fields.read(first, ())[0]
+            is_stamped = stamps_ns is not None and (not len(stamps_ns) or bool(stamps_ns.any()))
+        units = FIELD_UNITS.get(connection.msgtype, {})
+        is_bulky = len(first) > 0 and float(first.size.mean()) > _BULKY
+        return Table(topic, paths, connection.msgtype, 0, count, is_stamped, units, (), publishers, frames, is_bulky)
+
+    def _publishers(self, connection: Connection) -> int:
+        """Return how many wrote to a topic: of ROS 1 each has a connection of its own in a file."""
+        kind = connection.topic, connection.msgtype
+        return max(sum((one.topic, one.msgtype) == kind for one in file.connections) for file in self.bag.files)
+
+    @cached_property
+    def _first_block(self) -> RawMessages | None:
+        """The first messages of the bag."""
+        return next(raw_blocks(self.bag, list(self._connections.values()), with_times=False), None)
+
+    def _first_messages(self, topic: str) -> RawMessages:
+        """Return some of the first messages of a topic."""
+        block, number = self._first_block, list(self._connections).index(topic)
+        if block is not None and number not in block.connection:
+            block, number = next(raw_blocks(self.bag, [self._connections[topic]], with_times=False), None), 0
+        if block is None:
+            return RawMessages.of([], [], [])
+        return block.take(np.flatnonzero(block.connection == number)[:_LOOKED_AT])
+
+    def _fields(self, topic: str) -> MessageFields:
+        connection = self._connections[topic]
+        definition = connection.msgdef
+        is_ros1 = _is_ros1(connection)
+        return _fields_of(connection.msgtype, definition.format.name, definition.data, is_ros1)
+
+    def batches(
+        self, wanted: Mapping[str, Wanted], clock: Clock, progress: Progress
+    ) -> Iterator[dict[str, StreamMessages]]:
+        """Yield the messages of some streams, decoded, as `Source.batches`."""
+        streams: dict[str, list[str]] = {}
+        for stream, each in wanted.items():
+            streams.setdefault(each.table.name, []).append(stream)
+        connections = [self._connections[topic] for topic in streams]
+        paths = {
+            topic: tuple(path for stream in own for path in wanted[stream].fields) for topic, own in streams.items()
+        }
+        decoders = {topic: self._decoder(topic, paths[topic]) for topic in streams}
+        parts: dict[str, list[StreamMessages]] = {stream: [] for stream in wanted}
+        count, is_received = 0, clock == "received"
+        for block in raw_blocks(self.bag, connections, progress, with_times=is_received):
+            for number, (topic, own) in enumerate(streams.items()):
+                order = np.flatnonzero(block.connection == number)
+                if not len(order):
+                    continue
+                messages = block.take(order)
+                with in_topic(topic):
+                    stamps_ns, values = decoders[topic](messages)
+                stamps_ns = messages.recorded_ns if is_received else stamps_ns
+                first = 0
+                for stream in own:
+                    last = first + len(wanted[stream].fields)
+                    parts[stream].append(StreamMessages(order + count, stamps_ns, values[:, first:last]))
+                    first = last
+            count += len(block)
+            if count >= BATCH:
+                yield _concatenated(parts)
+                parts, count = {stream: [] for stream in wanted}, 0
+        yield _concatenated(parts)
+
+    def stamps(self, topic: str, messages: RawMessages, clock: Clock) -> IntArray:
+        """Return the times (n,) of messages of a topic on a clock; those of recording where they have no stamps."""
+        stamps_ns = None if clock == "received" else self._decoder(topic, ())(messages)[0]
+        return messages.recorded_ns if stamps_ns is None else stamps_ns
+
+    def _decoder(self, topic: str, paths: tuple[str, ...]) -> _Decoder:
+        connection = self._connections[topic]
+        fast = None if _is_ros1(connection) else _FAST.get((connection.msgtype, paths))
+        if fast is not None:
+            return fast
+        fields = self._fields(topic)
+        if (connection.msgtype, paths) == (IMU, _ORIENTATION):
+            return lambda messages: _attitudes(*fields.read(messages, (*paths, "orientation_covariance[0]")))
+        return lambda messages: fields.read(messages, paths)
+
+
+def _frames(messages: RawMessages) -> tuple[str, ...]:
+    """Return the frames of messages that begin with a header, each once."""
+    names = []
+    for start, end in zip(messages.start.tolist(), (messages.start + messages.size).tolist(), strict=True):
+        head = messages.block[start:end].tobytes()
+        length = int.from_bytes(head[_FRAME - 4 : _FRAME], "little")
+        names.append(head[_FRAME : _FRAME + length - 1].decode("utf-8", "replace"))
+    return tuple(dict.fromkeys(filter(None, names)))
+
+
+def _is_ros1(connection: Connection) -> bool:
+    """Return whether the messages of a connection are serialised as in ROS 1."""
+    return getattr(connection.ext, "serialization_format", "ros1") == "ros1"
+
+
+@cache
+def _fields_of(msgtype: str, form: str, text: str, is_ros1: bool) -> MessageFields:
+    """Return the numbers of a type, by the definition that the bag holds, else by that of ROS.
+
+    Raises
+    ------
+    InputError
+        When the type is not known.
+    """
+    store = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_JAZZY).fielddefs
+    definitions: dict[str, tuple[object, object]] = dict(store)
+    try:
+        if form == MessageDefinitionFormat.MSG.name:
+            definitions |= get_types_from_msg(text, msgtype)
+        elif form == MessageDefinitionFormat.IDL.name:
+            definitions |= get_types_from_idl(text)
+        own: Definitions = definitions  # type: ignore[assignment]
+        return MessageFields(own, msgtype, is_ros1)
+    except (TypesysError, KeyError):
+        raise InputError(f"the bag does not define {msgtype}, and ROS does not either") from None
+
+
+def _concatenated(parts: dict[str, list[StreamMessages]]) -> dict[str, StreamMessages]:
+    return {name: StreamMessages.concatenate(several) for name, several in parts.items() if several}
+
+
+@contextmanager
+def in_topic(topic: str) -> Iterator[None]:
+    """Put the name of a topic before the message of an `InputError`."""
+    try:
+        yield
+    except InputError as problem:
+        raise InputError(f"topic {topic}: {problem}") from None

@@ -1,0 +1,212 @@
+"""The storages of bags: each is one module that reads, and mostly writes, its files, and one line in ``STORAGES``."""
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum, auto
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol, cast
+
+from tam_calibration.files.text_files import require_regular
+from tam_calibration.messages.cdr import RawMessages
+from tam_calibration.model.exceptions import InputError
+
+if TYPE_CHECKING:
+    from rosbags.interfaces import Connection
+
+
+READABLE = ("cdr", "ros1")
+"""How messages that are read are serialised, as bags name it: by ROS 2, or by ROS 1."""
+
+
+def serialisation_of(connection: "Connection") -> str:
+    """Return how the messages of a topic are serialised; ``READABLE`` has those that are read."""
+    return str(getattr(connection.ext, "serialization_format", ""))
+
+
+class Condition(Enum):
+    """How a file was left."""
+
+    WHOLE = auto()
+    UNFINISHED = auto()
+    """Its recorder did not end it, or it was cut."""
+    NOT_INDEXED = auto()
+    """It is finished, but lacks the index that reading needs."""
+
+
+class StoredFile(Protocol):
+    """A whole file of a bag; made of its path.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    connections : sequence of Connection
+        Its topics as rosbags describes them. ``ext.serialization_format`` is ``cdr``, ``ros1``, or one that is not
+        read; ``msgdef`` is the definition of the type, where the file holds one.
+    message_count : int
+        Messages of all topics.
+    start_ns, end_ns : int
+        When the first and the last were recorded, nanoseconds.
+    """
+
+    path: Path
+    connections: Sequence["Connection"]
+    message_count: int
+    start_ns: int
+    end_ns: int
+
+    def blocks(self, position: Mapping[int, int], with_times: bool) -> Iterator[tuple[RawMessages, int]]:
+        """Yield the messages of some connections in the order of recording, many at once, and the bytes read for them.
+
+        Parameters
+        ----------
+        position : mapping of int to int
+            For the id of each connection that is read the number that stands for it in the messages.
+        with_times : bool
+            Whether the times of recording are wanted; without them they may be ``NOT_READ``.
+        """
+
+
+class Storage(Protocol):
+    """What the module of a storage holds.
+
+    Attributes
+    ----------
+    FILE : type of StoredFile
+        Reads a whole file, and is made of its path.
+    WRITER : type
+        Writes a file, as ``rosbags.rosbag2.Writer`` asks of a plugin; beside that ``write_block(messages)`` writes
+        ``RawMessages``. A storage that is only read has none.
+    """
+
+    FILE: type[Any]
+    WRITER: type[Any]
+
+    def condition_of(self, path: Path) -> Condition:
+        """Return how a file was left.
+
+        Raises
+        ------
+        Damaged
+            When it is finished, and not what was written.
+        """
+
+    def whole_messages(self, path: Path, faults: list[str]) -> Iterator[tuple["Connection", int, bytes]]:
+        """Yield connection, time of recording and serialised message of all that is whole, in the order of writing.
+
+        Parameters
+        ----------
+        path : Path
+            The file, in whatever condition; it is never written to.
+        faults : list of str
+            Each part that is left out though something follows it is added, as a clause.
+        """
+
+
+@dataclass(frozen=True)
+class RegisteredStorage:
+    """A storage, without the libraries that it needs.
+
+    Parameters
+    ----------
+    name : str
+        In ``metadata.yaml``, and for the user.
+    suffix : str
+        Of its files.
+    beginning : bytes
+        With which its files begin.
+    module : str
+        That holds it.
+    stands_alone : bool
+        Whether a single file is written where its suffix is asked for, instead of a folder.
+    is_written : bool
+        Whether bags are written in it.
+    """
+
+    name: str
+    suffix: str
+    beginning: bytes
+    module: str
+    stands_alone: bool = False
+    is_written: bool = True
+
+    def load(self) -> Storage:
+        """Return what reads and writes the files."""
+        return cast(Storage, import_module(self.module))
+
+
+STORAGES = {
+    storage.name: storage
+    for storage in (
+        RegisteredStorage("sqlite3", ".db3", b"SQLite format 3\0", "tam_calibration.recordings.bag_sqlite3"),
+        RegisteredStorage("mcap", ".mcap", b"\x89MCAP0\r\n", "tam_calibration.recordings.bag_mcap", stands_alone=True),
+        RegisteredStorage("ros1", ".bag", b"#ROSBAG V2.0", "tam_calibration.recordings.bag_ros1", is_written=False),
+    )
+}
+"""By their names; the first is what a bag's folder holds where nothing else is asked for."""
+
+_BEGINNINGS = tuple(storage.beginning for storage in STORAGES.values())
+_SUFFIXES = tuple(storage.suffix for storage in STORAGES.values())
+
+DEFAULT = next(iter(STORAGES))
+
+
+def written() -> dict[str, RegisteredStorage]:
+    """Return the storages in which bags are written, by their names."""
+    return {name: storage for name, storage in STORAGES.items() if storage.is_written}
+
+
+def storage_of(path: Path) -> str:
+    """Return the name of the storage in which a bag is written anew: its own, if bags are written in that."""
+    for storage in written().values():
+        if path.suffix == storage.suffix or any(path.glob(f"*{storage.suffix}*")):
+            return storage.name
+    return DEFAULT
+
+
+def storage_for(file: Path) -> Storage:
+    """Return what reads a file of a bag, by how it begins, else by its suffix.
+
+    Raises
+    ------
+    InputError
+        When it is of no storage.
+    """
+    with file.open("rb") as stream:
+        beginning = stream.read(16)
+
+    def likeness(storage: RegisteredStorage) -> int:
+        return 2 * beginning.startswith(storage.beginning) + (file.suffix == storage.suffix)
+
+    found = max(STORAGES.values(), key=likeness)
+    if not likeness(found):
+        raise InputError(f"{file.name} is of no storage that is known: {', '.join(STORAGES)}")
+    return found.load()
+
+
+def storage_alone(path: Path) -> RegisteredStorage | None:
+    """Return the storage of which a single file is written at a path; None where a folder is."""
+    alone = (each for each in STORAGES.values() if each.stands_alone and path.suffix == each.suffix)
+    return next(alone, None)
+
+
+def is_bag(path: Path) -> bool:
+    """Return whether a path that exists is a bag, by its content.
+
+    Raises
+    ------
+    InputError
+        When there is nothing at the path, or neither a regular file nor a folder.
+    """
+    if not os.path.lexists(path):
+        raise InputError(f"there is no file or bag {path}")
+    require_regular(path)
+    if path.is_dir():
+        names = [part.name for part in path.iterdir()]
+        return "metadata.yaml" in names or not names or any(suffix in name for name in names for suffix in _SUFFIXES)
+    if path.suffix in _SUFFIXES:
+        return True
+    with path.open("rb") as file:
+        return file.read(16).startswith(_BEGINNINGS)

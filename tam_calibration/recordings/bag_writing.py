@@ -1,0 +1,184 @@
+"""Writing bags: recordings, and corrected data beside what was there."""
+
+import sqlite3
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import Writer
+from rosbags.typesys import Stores, get_typestore
+
+from tam_calibration.files.text_files import write_whole
+from tam_calibration.messages.cdr import ByteArray, RawMessages, fill, interleave
+from tam_calibration.messages.point_cloud import FRAME_ID
+from tam_calibration.messages.samples import pieces, stamps_of
+from tam_calibration.messages.stream import sensor_stream
+from tam_calibration.messages.topics import FLOAT64, IMU, MAGNETIC_FIELD, TEMPERATURE, topic_and_type
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.units import FloatArray, IntArray
+from tam_calibration.recordings.bag_storages import DEFAULT, serialisation_of, storage_alone, written
+
+TYPESTORE = get_typestore(Stores.ROS2_JAZZY)
+_TYPES = TYPESTORE.types
+
+
+class BlockWriter(Writer):
+    """The writer of rosbags that takes many messages at once beside single ones."""
+
+    def __init__(self, path: Path, storage: str) -> None:
+        if storage not in written():
+            raise InputError(f"storage {storage!r} is not known: choose one of {', '.join(written())}")
+        plugin: Any = written()[storage]  # rosbags takes its name for metadata.yaml
+        super().__init__(path, version=9, storage_plugin=plugin)
+        self.STORAGE_PLUGINS = {plugin: plugin.load().WRITER}
+
+    def write_block(self, messages: RawMessages) -> None:
+        """Write messages, each of the connection of that id, in their order.
+
+        Parameters
+        ----------
+        messages : RawMessages
+            Their connections are ids of this writer's.
+        """
+        if not len(messages):
+            return
+        storage: Any = self.storage
+        storage.write_block(messages)
+        for number, count in zip(*np.unique(messages.connection, return_counts=True), strict=True):
+            self.counts[int(number)] += int(count)
+        self.min_timestamp = min(int(messages.recorded_ns.min()), self.min_timestamp)
+        self.max_timestamp = max(int(messages.recorded_ns.max()), self.max_timestamp)
+
+
+@contextmanager
+def write_bag(path: Path, storage: str) -> Iterator[BlockWriter]:
+    """Give a writer of a bag that appears whole: a folder, or a single file where its storage stands alone.
+
+    Parameters
+    ----------
+    path : Path
+        Where the bag appears once it is whole; a file that is there is replaced, a folder is not.
+    storage : str
+        What a folder holds: a name in ``bag_storages.STORAGES``. A single file has the storage of its suffix.
+
+    Raises
+    ------
+    InputError
+        When the bag cannot be written.
+    """
+    alone = storage_alone(path)
+    if not alone and path.name.encode("utf-8", "replace").decode() != path.name:
+        raise InputError(f"{path} is no name for a bag, which must be of UTF-8 characters: choose another")
+    with write_whole(path) as beside:
+        folder = beside.with_name("bag") if alone else beside
+        try:
+            with BlockWriter(folder, alone.name if alone else storage) as writer:
+                yield writer
+        except sqlite3.Error as problem:
+            raise InputError(f"{path} cannot be written: {problem}") from problem
+        if alone:
+            next(folder.glob(f"*{alone.suffix}")).rename(beside)
+
+
+def copy_connection(writer: BlockWriter, connection: Connection) -> Connection:
+    """Make a connection of another bag known to a writer, and return the writer's own."""
+    extra: Any = connection.ext
+    return writer.add_connection(
+        connection.topic,
+        connection.msgtype,
+        msgdef=connection.msgdef.data,
+        rihs01=connection.digest or "RIHS01_" + "0" * 64,
+        serialization_format=serialisation_of(connection),
+        offered_qos_profiles=extra.offered_qos_profiles,
+    )
+
+
+def write_bag_recording(path: Path, recording: Recording, storage: str = DEFAULT) -> None:
+    """Write a recording as the topics that sensors publish, the scalar as a stamped field of that intensity.
+
+    Parameters
+    ----------
+    path : Path
+        The bag to write: a folder, or a single file where its storage stands alone.
+    recording : Recording
+        Its times become stamps; a topic has no message where its values are NaN.
+    storage : str
+        What a folder holds: a name in ``bag_storages.STORAGES``.
+
+    Raises
+    ------
+    InputError
+        When a time is no stamp, or the bag cannot be written.
+    """
+    stamps_ns = stamps_of(recording.time_s)
+    streams = {sensor_stream(sensor + 1): recording.readings_T[:, sensor] for sensor in range(recording.sensor_count)}
+    for channel, values in (
+        ("scalar", recording.scalar_T),
+        ("temperature", recording.temperature_C),
+        ("current", recording.current_A),
+        ("attitude", recording.attitude),
+        *recording.further.items(),
+    ):
+        if values is not None:
+            streams[channel] = values.reshape(len(values), -1)
+    topics = [(*topic_and_type(stream), values) for stream, values in streams.items()]
+    with write_bag(path, storage) as writer:
+        _write_rows(writer, stamps_ns, [(f"/{topic}", msgtype, values) for topic, msgtype, values in topics])
+
+
+def _write_rows(writer: BlockWriter, stamps_ns: IntArray, topics: Sequence[tuple[str, str, FloatArray]]) -> None:
+    """Write a message for each row of each topic, sample by sample; rows with NaN are left out."""
+    ids = [writer.add_connection(topic, msgtype, typestore=TYPESTORE).id for topic, msgtype, _ in topics]
+    for piece in pieces(len(stamps_ns)):
+        parts, places = [], []
+        for number, (_, msgtype, values) in zip(ids, topics, strict=True):
+            known = np.flatnonzero(np.isfinite(values[piece]).all(axis=1))
+            stamps = stamps_ns[piece][known]
+            parts.append(RawMessages.of_rows(number, stamps, serialise(msgtype, values[piece][known], stamps)))
+            places.append(known)
+        writer.write_block(interleave(parts, places))
+
+
+def serialise(msgtype: str, values: FloatArray, stamps_ns: IntArray) -> ByteArray:
+    """Return (N, bytes) serialised messages of a sensor's type, one for each row of values.
+
+    Parameters
+    ----------
+    msgtype : str
+        ROS type of the messages: ``MAGNETIC_FIELD``, ``TEMPERATURE``, ``FLOAT64`` or ``IMU``.
+    values : (N, n) array
+        Doubles of each message: field, tesla (n = 3), temperature, °C, or current, A (1), or quaternion x, y, z, w (4).
+    stamps_ns : (N,) array of int
+        Stamps of the headers, nanoseconds; ``FLOAT64`` has none.
+    """
+    template, from_end, has_header = _TEMPLATES[msgtype]
+    return fill(template, from_end, values, stamps_ns if has_header else None)
+
+
+def header() -> Any:
+    """Return a header in the array frame, its stamp to be filled in."""
+    return _TYPES["std_msgs/msg/Header"](_TYPES["builtin_interfaces/msg/Time"](0, 0), FRAME_ID)
+
+
+def _make_templates() -> dict[str, tuple[bytes, int, bool]]:
+    """Return for each type a serialised message, the bytes from its values to the end, and whether it has a header."""
+    zero = _TYPES["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0)
+    quaternion = _TYPES["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+    unknown, none = np.zeros(9), np.array([-1.0, *[0.0] * 8])
+    messages = {
+        MAGNETIC_FIELD: (_TYPES[MAGNETIC_FIELD](header(), zero, unknown), 12, True),
+        TEMPERATURE: (_TYPES[TEMPERATURE](header(), 0.0, 0.0), 2, True),
+        FLOAT64: (_TYPES[FLOAT64](0.0), 1, False),
+        IMU: (_TYPES[IMU](header(), quaternion, unknown, zero, none, zero, none), 37, True),
+    }
+    return {
+        msgtype: (bytes(TYPESTORE.serialize_cdr(message, msgtype)), 8 * doubles, has_header)
+        for msgtype, (message, doubles, has_header) in messages.items()
+    }
+
+
+_TEMPLATES = _make_templates()

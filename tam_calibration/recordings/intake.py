@@ -1,0 +1,303 @@
+"""What becomes of the raw values of one stream: unwrapped, in SI, in the right order and world, the missing marked."""
+
+from dataclasses import dataclass
+from itertools import product, zip_longest
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tam_calibration.messages.missing import FAR, Range, codes_of, in_words
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.geomagnetic_field import FieldBounds
+from tam_calibration.model.units import NANOTESLA_PER_TESLA, TESLA_PER_FIELD_UNIT, FloatArray, from_nanotesla
+from tam_calibration.recordings.channel_map import Pick
+
+_COUNTER_BITS = (8, 12, 16, 24)
+"""Widths of converters whose readings overflow."""
+
+_JUMP = 0.75
+"""Of a counter's range: a larger step from reading to reading is an overflow, where the others are small."""
+
+_SMALL = 0.25
+"""Of a counter's range: what steps are at most without their overflows."""
+
+_OFF_STEP, _COUNTED = 0.05, 0.9
+"""Part of a step by which counts may miss it, and least part of readings that are counts: chance makes a tenth."""
+
+_NORMALISED = 0.02
+"""Distance of a field's size from 1 up to which readings count as normalised: no field of 1 G is the Earth's."""
+
+_ROUND = 0.3
+"""Least extent of readings, over the axes and in diameters of their sphere, from which this tells the field's size."""
+
+
+_SHELL = 0.25
+"""Largest standard deviation of readings' distances from a centre, over their mean, where they lie on a sphere."""
+
+
+class Intake:
+    """Takes the values of one stream, batch by batch.
+
+    Parameters
+    ----------
+    stream : str
+        ``tam_1`` … ``tam_K``, or the channel's name.
+    pick : Pick
+        Its unit, or the nanotesla of a count; its world.
+    bounds : FieldBounds
+        What the intensity of the field can be, for a unit that is not stated.
+    unwrap : bool
+        Whether overflows of a counter are taken out.
+    doubtful : str
+        Unit that the format states, where the field may tell another; empty of none.
+    """
+
+    def __init__(self, stream: str, pick: Pick, bounds: FieldBounds, unwrap: bool, doubtful: str = "") -> None:
+        self.stream, self._pick, self._doubtful = stream, pick, doubtful
+        self.unit: str = pick.unit
+        self._bounds, self._unwrap = bounds, unwrap
+        self._factor = pick.factor if self._is_field else 1.0
+        self._range: Range | None = None
+        self._counter: Counter | None = None
+
+    @property
+    def is_detected(self) -> bool:
+        """Whether its unit was told by the size of the field."""
+        return self.unit not in ("", self._pick.unit, self._doubtful)
+
+    @property
+    def _is_field(self) -> bool:
+        return self.stream == "scalar" or self.stream.startswith("tam_")
+
+    def take(self, raw: FloatArray) -> tuple[FloatArray, NDArray[np.int8]]:
+        """Return values in SI, and the codes of those that are missing (``missing.REASONS``).
+
+        Parameters
+        ----------
+        raw : (n, width) array
+            As they stand in the file; of a scalar that is a vector its three components.
+
+        Raises
+        ------
+        InputError
+            When the unit is not stated and cannot be detected, or a counter overflows and is not to be unwrapped.
+        """
+        if self.stream == "scalar" and raw.shape[1] == 3:
+            raw = np.sqrt(np.sum(raw**2, axis=1, keepdims=True))
+        codes = codes_of(self.stream, raw)
+        is_there = (codes == 0) & ~np.isnan(raw[:, 0])  # a sensor's reading that is NaN has a code
+        if not is_there.all():
+            raw = np.where(is_there[:, None], raw, np.nan)
+        if self.stream.startswith("tam_"):
+            raw = self._unwrapped(raw, is_there)
+        if self._range is None and is_there.any():
+            self._range = Range.of(self.stream, raw[is_there])
+        if self._range is not None:
+            codes[is_there & self._range.beyond(raw)] = FAR
+        if self._is_field and self._factor is None and is_there.any():
+            self.unit = self._detected(raw[is_there & (codes == 0)])
+            self._factor = TESLA_PER_FIELD_UNIT[self.unit]
+        return in_si(self.stream, raw, 1.0 if self._factor is None else self._factor, self._pick.world), codes
+
+    def _detected(self, raw: FloatArray) -> str:
+        """Return the unit in which the readings have the size of the field.
+
+        Raises
+        ------
+        InputError
+            When there is none.
+        """
+        size = field_size(raw)
+        unit = likely_unit(size, self._doubtful, self._bounds) or self._doubtful
+        if not unit:
+            raise InputError(size_doubt(self.stream, size))
+        return unit
+
+    def _unwrapped(self, raw: FloatArray, is_there: NDArray[np.bool_]) -> FloatArray:
+        if self._counter is None:
+            self._counter = Counter.of(raw[is_there])
+        if not self._counter.axes:
+            return raw
+        if not self._unwrap:
+            axis, bits = next(iter(self._counter.axes.items()))
+            count = self._counter.overflows(raw[is_there], axis)
+            raise InputError(
+                f"{in_words(self.stream)} axis {'xyz'[axis]} jumps {count} times by 2^{bits} counts: its counter of "
+                f"{bits} bits overflows; read it with --unwrap"
+            )
+        return self._counter.unwrapped(raw, is_there)
+
+
+_WORLD_TURN = np.sqrt(0.5) * np.array([[0, 0, 1, 1], [0, 0, -1, 1], [-1, 1, 0, 0], [-1, -1, 0, 0]]).T
+"""Turns quaternions x, y, z, w (n, 4) from the right: the world's axes go from north-east-down to east-north-up."""
+
+
+def in_si(stream: str, raw: FloatArray, factor: float, world: str) -> FloatArray:
+    """Return values (…, width) of a stream in SI, an attitude in a world of east, north and up.
+
+    Parameters
+    ----------
+    stream : str
+        Its name.
+    raw : (…, width) array
+        In its own unit.
+    factor : float
+        Tesla in its unit; 1 of what is no field.
+    world : {"enu", "ned"}
+        The world of an attitude.
+    """
+    if stream == "attitude" and world == "ned":
+        return np.asarray(raw @ _WORLD_TURN)
+    if factor == 1.0:
+        return raw
+    # Divisions by whole numbers round decimals correctly; so microtesla and gauss go as nanotesla do.
+    per_nanotesla = round(factor * NANOTESLA_PER_TESLA)
+    with np.errstate(over="ignore"):
+        if abs(per_nanotesla / (factor * NANOTESLA_PER_TESLA) - 1) < 1e-12:
+            return from_nanotesla(raw * per_nanotesla)
+        return raw * factor
+
+
+def field_size(raw: FloatArray) -> float:
+    """Return the size of the field that readings (n, 3) or intensities (n, 1) show, in their own unit; NaN of none.
+
+    Of vectors that were turned all round it is the radius of their sphere, which a bias does not change; else their
+    median length.
+    """
+    if not len(raw):
+        return float("nan")
+    if raw.shape[1] == 1:
+        return float(np.median(np.abs(raw)))
+    lengths = np.linalg.norm(raw, axis=1)
+    if len(raw) < 10:
+        return float(np.median(lengths))
+    scale = float(np.median(lengths)) or 1.0
+    points = raw / scale
+    matrix = np.column_stack([2 * points, np.ones(len(points))])
+    *center, power = np.linalg.lstsq(matrix, np.sum(points**2, axis=1), rcond=None)[0]
+    radius = float(np.sqrt(max(power + np.square(center).sum(), 0.0)))
+    # The noise of a sensor that lies still fills a ball, in which no radius prevails.
+    is_shell = np.std(np.linalg.norm(points - center, axis=1)) < _SHELL * radius
+    is_sphere = is_shell and np.ptp(points, axis=0).min() >= _ROUND * 2 * radius
+    return scale * radius if is_sphere else float(np.median(lengths))
+
+
+def likely_unit(size: float, stated: str, bounds: FieldBounds) -> str:
+    """Return the unit in which a field is the Earth's: the stated one, else the only one; empty where there is none.
+
+    A size of 1 has none: it is that of readings that were normalised, rather than a field of 1 G.
+
+    Parameters
+    ----------
+    size : float
+        Of the field, as recorded; NaN of other quantities.
+    stated : str
+        Unit that a format or a name states, or empty.
+    bounds : FieldBounds
+        What the intensity of the field can be.
+    """
+    fitting = [unit for unit, tesla in TESLA_PER_FIELD_UNIT.items() if bounds.low_T <= size * tesla <= bounds.high_T]
+    if stated in fitting:
+        return stated
+    return fitting[0] if len(fitting) == 1 and not _is_normalised(size) else ""
+
+
+def size_doubt(stream: str, size: float) -> str:
+    """Return why a field of a size without a unit cannot be read, and what to state."""
+    told = f"{in_words(stream)} reads a field of"
+    if _is_normalised(size):
+        return f"{told} 1, which seems to be normalised: state scale_nT, the true field, in the map"
+    return f"{told} about {size:.3g}, in no unit the Earth's: state unit or scale_nT in the map"
+
+
+def _is_normalised(size: float) -> bool:
+    return abs(size - 1) < _NORMALISED
+
+
+@dataclass
+class Counter:
+    """The counters of a sensor that overflow, by axis, and how often each has until now.
+
+    Parameters
+    ----------
+    axes : dict of int to int
+        Width of each counter that overflows, bits.
+    sizes : dict of int to float
+        By how much the readings of each jump where it overflows, in their unit.
+    first : tuple of int
+        How often each had overflowed before the first reading; not at all by default.
+    """
+
+    axes: dict[int, int]
+    sizes: dict[int, float]
+    first: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Begin before the first reading."""
+        self._last: dict[int, float] = {}
+        self._turns = dict(zip_longest(self.axes, self.first, fillvalue=0))
+
+    @classmethod
+    def of(cls, raw: FloatArray) -> "Counter":
+        """Return the counters that readings (n, 3) show: large jumps, which are gone without the overflows."""
+        axes: dict[int, int] = {}
+        sizes: dict[int, float] = {}
+        for axis in range(3):
+            jumps, span = np.abs(np.diff(raw[:, axis])), float(np.ptp(raw[:, axis])) if len(raw) else 0.0
+            is_large = jumps >= _JUMP * span
+            # The counter's range is between the span and, but for a step, its 1 / _JUMP: the rest is dear.
+            if is_large.sum() < 2 or jumps[~is_large].max(initial=0.0) > 1.1 * _SMALL / _JUMP * span:
+                continue
+            # The steps of one axis alone: another may have a converter of its own. A few readings miss its least step.
+            for step, bits in product({_step(raw[:, axis]), _step(raw)}, _COUNTER_BITS):
+                size = step * 2.0**bits
+                is_overflow = jumps > _JUMP * size
+                if not (_JUMP * size < span + step <= size * (1 + 1e-9)) or is_overflow.sum() < 2:
+                    continue
+                is_count = np.abs(jumps / step - np.round(jumps / step)) < _OFF_STEP
+                if (
+                    is_count.mean() >= _COUNTED
+                    and np.where(is_overflow, np.abs(jumps - size), jumps).max() < _SMALL * size
+                ):
+                    axes[axis], sizes[axis] = bits, size
+        counter = cls(axes, sizes)
+        return cls(axes, sizes, counter.turns_before(raw)) if axes else counter
+
+    def turns_before(self, raw: FloatArray) -> tuple[int, ...]:
+        """Return the turns of each counter before the first of readings (n, 3), with which the intensity varies least.
+
+        A bias is far smaller than a counter's range, so that any other turn would show in the intensity.
+        """
+        whole = self.unwrapped(raw, np.ones(len(raw), dtype=bool))
+
+        def variation(turns: tuple[int, ...]) -> float:
+            moved = whole.copy()
+            moved[:, list(self.axes)] += np.array(turns) * np.array(list(self.sizes.values()))
+            return float(np.std(np.linalg.norm(moved, axis=1)))
+
+        return min(product((0, -1, 1), repeat=len(self.axes)), key=variation)
+
+    def overflows(self, raw: FloatArray, axis: int) -> int:
+        """Return how often an axis jumps."""
+        return int((np.abs(np.diff(raw[:, axis])) > _JUMP * self.sizes[axis]).sum())
+
+    def unwrapped(self, raw: FloatArray, is_there: NDArray[np.bool_]) -> FloatArray:
+        """Return readings (n, 3) without the overflows, as those before them go on."""
+        raw = raw.copy()
+        for axis, size in self.sizes.items():
+            values = raw[is_there, axis]
+            if not len(values):
+                continue
+            steps = np.diff(values, prepend=self._last.get(axis, values[0]))
+            turns = self._turns[axis] - np.cumsum(np.round(steps / size)).astype(int)
+            self._last[axis], self._turns[axis] = float(values[-1]), int(turns[-1])
+            raw[is_there, axis] = values + size * turns
+        return raw
+
+
+def _step(raw: FloatArray) -> float:
+    """Return the least step between readings; 0 where they have none."""
+    values = np.unique(raw[:100_000])
+    steps = np.diff(values)
+    steps = steps[steps > 1e-9 * np.abs(values).max(initial=0.0)]
+    return float(steps.min()) if len(steps) else 0.0

@@ -1,0 +1,280 @@
+"""The streams of a recording joined by their stamps into samples, and what was lost in that."""
+
+import logging
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from tam_calibration.correction.partial import missing_codes
+from tam_calibration.messages.batch_stream import StreamMessages
+from tam_calibration.messages.batch_synchroniser import BatchSynchroniser
+from tam_calibration.messages.cdr import NO_TIME
+from tam_calibration.messages.missing import Missing
+from tam_calibration.messages.point_cloud import SampleLayout, is_channel
+from tam_calibration.messages.run import Run
+from tam_calibration.messages.samples import Progress, Samples, seconds_of
+from tam_calibration.messages.stream import sensor_stream
+from tam_calibration.messages.turning import turns_of
+from tam_calibration.messages.usage import Usage
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.limits import largest_of
+from tam_calibration.model.units import FloatArray, IntArray
+from tam_calibration.recordings.channel_map import CHANNEL_WIDTHS, Clock, FieldUnit, Pick
+from tam_calibration.recordings.intake import Intake
+from tam_calibration.recordings.reading import Reading
+from tam_calibration.recordings.tables import Source, Wanted
+
+PATIENCE_NS = 5_000_000_000
+"""How far in stamps the streams of a recording may lag behind each other."""
+
+_CAPACITY = 1 << 24
+"""More messages of a stream than wait within that patience."""
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Streams:
+    """What is read of a source: for each stream its place, its unit, and whose time it has.
+
+    Parameters
+    ----------
+    wanted : mapping of str to Wanted
+        Table and fields of each stream, sensors first.
+    picks : mapping of str to Pick
+        Their units, as far as they are stated.
+    clock : {"stamp", "received"}
+        Whose time the messages have.
+    doubtful : mapping of str to str
+        Units that a format states, where the size of the field may tell another.
+    taken : str
+        What was taken for what, for people; empty where that is plain.
+    """
+
+    wanted: Mapping[str, Wanted]
+    picks: Mapping[str, Pick]
+    clock: Clock
+    doubtful: Mapping[str, FieldUnit] = field(default_factory=dict)
+    taken: str = ""
+
+    def intakes(self, reading: Reading, array: Array | None) -> dict[str, Intake]:
+        """Return what takes the values of each stream."""
+        bounds = reading.bounds(array)
+        return {
+            name: Intake(name, pick, bounds, reading.unwrap, self.doubtful.get(name, ""))
+            for name, pick in self.picks.items()
+        }
+
+    @cached_property
+    def layout(self) -> SampleLayout:
+        """The columns of a sample."""
+        sensors = sum(not is_channel(name) for name in self.wanted)
+        channels = [name in self.wanted for name in CHANNEL_WIDTHS]
+        order = ("scalar", "temperature", "current", "attitude")
+        present = dict(zip(CHANNEL_WIDTHS, channels, strict=True))
+        further = tuple(name for name in self.wanted if is_channel(name) and name not in CHANNEL_WIDTHS)
+        return SampleLayout(sensors, *(present[name] for name in order), further=further)
+
+    @property
+    def scalar_is_held(self) -> bool:
+        """Whether the scalar comes without stamps."""
+        scalar = self.wanted.get("scalar")
+        return scalar is not None and self.clock == "stamp" and not scalar.table.is_stamped
+
+
+class Joining:
+    """Joins the streams of a source.
+
+    Parameters
+    ----------
+    source : Source
+        An open recording.
+    streams : Streams
+        What is read of it.
+    reading : Reading
+        How it is read.
+    array : Array, optional
+        Whose delays are taken off, and into whose axes readings and attitude are turned.
+    with_partial : bool
+        Whether samples are kept that lack a sensor that was silent, or whose reading is missing.
+    """
+
+    def __init__(
+        self, source: Source, streams: Streams, reading: Reading, array: Array | None, with_partial: bool
+    ) -> None:
+        self.source, self.streams, self._with_partial = source, streams, with_partial
+        self._window = reading.window
+        self._turns = {} if array is None else turns_of(array.mounting)
+        self.intakes = streams.intakes(reading, array)
+        self._missing, self._first_ns, self._run = Missing(), None, Run()
+        self._synchroniser = BatchSynchroniser(
+            streams.layout,
+            round(reading.tolerance_s * 1e9),
+            patience_ns=PATIENCE_NS,
+            hold_patience_ns=PATIENCE_NS,
+            scalar_is_held=streams.scalar_is_held,
+            expected=streams.layout.channels,
+            capacity=_CAPACITY,
+            delay_s=None if array is None else array.stamp_delay_s,
+        )
+
+    _first_ns: int | None
+
+    def pieces(self, progress: Progress) -> Iterator[Samples]:
+        """Yield the samples in the order of time, the last piece with the usage of the whole.
+
+        A channel without a value in a whole piece is None in that piece. Steps and losses are logged at the end.
+
+        Raises
+        ------
+        InputError
+            When no sample can be joined, or more than half of a sensor's readings are missing.
+        Refused
+            When most messages of a sensor cannot be used.
+        """
+        for stamps_ns, rows in self._rows(progress):
+            yield self._samples(stamps_ns, rows)
+
+    def whole(self, progress: Progress) -> Samples:
+        """Return the samples of the whole recording, as `pieces` yields them."""
+        parts = list(self._rows(progress))
+        return self._samples(
+            np.concatenate([stamps for stamps, _ in parts]), np.concatenate([rows for _, rows in parts])
+        )
+
+    def _rows(self, progress: Progress) -> Iterator[tuple[IntArray, FloatArray]]:
+        held: tuple[IntArray, FloatArray] | None = None
+        is_told = self.streams.clock == "stamp"
+        for batch in self.source.batches(self.streams.wanted, self.streams.clock, progress):
+            is_told = is_told or self._tell_jitter(batch)
+            usable = {name: self._usable(name, messages) for name, messages in batch.items()}
+            joined = self._kept(*self._synchroniser.push_batch(usable))
+            if held is not None and len(joined[0]):
+                yield held
+            if len(joined[0]):
+                held = self._timed(*joined)
+        self._missing.require_half()
+        last = self._kept(*self._synchroniser.flush_batch())
+        self._require_samples()
+        if len(last[0]):
+            if held is not None:
+                yield held
+            held = self._timed(*last)
+        if held is not None:
+            yield held
+        self._tell()
+
+    def _require_samples(self) -> None:
+        synchroniser = self._synchroniser
+        if synchroniser.delivered or (self._with_partial and synchroniser.partial):
+            return
+        if synchroniser.lost:
+            raise Refused(f"no sample could be joined: {'; '.join(synchroniser.lost)}; look at the driver")
+        raise InputError(
+            f"no sample could be joined by the stamps of the topics ({synchroniser.explain_losses()}): "
+            "compare the stamps: do the drivers share one clock?"
+        )
+
+    def _tell_jitter(self, batch: Mapping[str, StreamMessages]) -> bool:
+        """Warn that times are those of the recorder, and of how even they are; return whether they tell that."""
+        first = batch.get(sensor_stream(1))
+        if first is None or first.stamps_ns is None or len(first.stamps_ns) < 3:
+            return False
+        intervals_s = np.diff(first.stamps_ns) / 1e9
+        log.warning(
+            "the messages have no stamps, or the map says time: received, so that the recorder's times are taken; "
+            "their intervals vary by %.2g ms (standard deviation) about %.4g ms",
+            1e3 * float(np.std(intervals_s)),
+            1e3 * float(np.median(intervals_s)),
+        )
+        return True
+
+    def _tell(self) -> None:
+        """Log the steps of clocks, and what was lost."""
+        synchroniser = self._synchroniser
+        for step in synchroniser.steps:
+            log.warning("%s: a clock was set or a driver started anew, the run is kept", step)
+        if any(losses.dropped or losses.missing or losses.unusable for losses in synchroniser.losses.values()):
+            log.warning(synchroniser.explain_losses())
+
+    def _usable(self, stream: str, messages: StreamMessages) -> StreamMessages:
+        """Return the messages of a stream that have a time within the window and values, in SI and in the array's axes.
+
+        The others count as unusable, as in the collector.
+        """
+        messages = self._within(stream, messages)
+        if not len(messages.order):
+            return messages
+        values, codes = self.intakes[stream].take(messages.values)
+        stamps = messages.stamps_ns
+        first_ns = self._first_ns if self._first_ns is not None else 0
+        self._missing.add(stream, codes, None if stamps is None else (stamps - first_ns) / 1e9)
+        is_unusable = (np.abs(values) > largest_of(stream)).any(axis=1) | (codes > 0)
+        if not is_channel(stream):
+            is_unusable |= np.isnan(values).any(axis=1)
+        if stamps is not None:
+            is_unusable |= stamps == NO_TIME
+        usable = StreamMessages(messages.order, stamps, values)
+        if is_unusable.any():
+            self._synchroniser.refuse(stream, int(is_unusable.sum()))
+            usable = usable.take(~is_unusable)
+        return usable.turned(self._turns[stream]) if stream in self._turns else usable
+
+    def _within(self, stream: str, messages: StreamMessages) -> StreamMessages:
+        """Return the messages within the part of the recording that is read."""
+        stamps = messages.stamps_ns
+        if stamps is None or not len(stamps):
+            return messages
+        if self._first_ns is None and not is_channel(stream):
+            self._first_ns = int(stamps[0])
+        if self._window.is_all:
+            return messages
+        inside = self._window.holds(stamps, self._first_ns if self._first_ns is not None else int(stamps[0]))
+        return messages if inside.all() else messages.take(inside)
+
+    def _kept(self, stamps_ns: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Return stamps and values of the samples that are wanted: the whole ones, or all."""
+        if self._with_partial or not self._synchroniser.partial:
+            return stamps_ns, values
+        is_whole = np.isfinite(values[:, : 3 * self._synchroniser.sensor_count]).all(axis=1)
+        return stamps_ns[is_whole], values[is_whole]
+
+    def _timed(self, stamps_ns: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Return stamps, and rows that begin with the time in the run: the stamp, without the steps back.
+
+        Raises
+        ------
+        InputError
+            When the first sample comes again.
+        """
+        synchroniser, run = self._synchroniser, self._run
+        times_ns, count, last = stamps_ns.copy(), len(stamps_ns), 3 * synchroniser.sensor_count
+        # As long as stamps rise the run needs to know its first sample, and the newest two.
+        for index in range(count) if synchroniser.restarts else sorted({0, max(count - 2, 0), count - 1}):
+            stamp_ns = int(stamps_ns[index])
+            if run.begins_again(stamp_ns, values[index, :last].tobytes()):
+                raise InputError(
+                    "the stamps go backwards: keep one run (a bag that was played in a loop, or a sensor that "
+                    "restarted, makes several)"
+                )
+            times_ns[index] = run.time_ns(stamp_ns)
+        return stamps_ns, np.column_stack([seconds_of(times_ns), values])
+
+    def _samples(self, stamps_ns: IntArray, rows: FloatArray) -> Samples:
+        usage = replace(self._synchroniser.usage, unfinished=self.source.unfinished, missing=self._missing.sentences())
+        return samples_of(self.streams.layout, stamps_ns, rows, usage)
+
+
+def samples_of(layout: SampleLayout, stamps_ns: IntArray | None, rows: FloatArray, usage: Usage | None) -> Samples:
+    """Return the samples of rows (N, columns of the layout), those without all sensors with what they lack."""
+    last = 1 + 3 * layout.sensor_count
+    readings = rows[:, 1:last].reshape(-1, layout.sensor_count, 3)
+    codes = missing_codes(readings)
+    if not codes.any():
+        return Samples(layout.recording(rows), stamps_ns, usage)
+    filled = np.where(np.isnan(readings), np.nanmean(readings, axis=1, keepdims=True), readings)
+    rows[:, 1:last] = filled.reshape(-1, last - 1)
+    return Samples(layout.recording(rows), stamps_ns, usage, codes)

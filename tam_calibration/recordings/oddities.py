@@ -1,0 +1,211 @@
+"""What is odd about the times and the readings of a table, each in one clause."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tam_calibration.messages.missing import FAR, NAN, REASONS, Range, are, codes_of
+from tam_calibration.model.units import FloatArray, IntArray
+from tam_calibration.recordings.intake import Counter
+from tam_calibration.recordings.series import Series
+
+_LOOKED_AT = 50_000
+"""Readings that show the size of a field, its range and how readings follow each other: more show no more."""
+
+_FEWEST = 20
+"""Messages of a table that is looked at: fewer show no rate."""
+
+_GAP = 5.0
+"""Interval, over the median interval, from which it is a gap: one or two lost messages make no gap."""
+
+_MIXED = 0.1
+"""Part of the steps that go back from which it is no set clock, but two publishers or readings out of order."""
+
+_OTHER_CLOCK_S = 2.0
+"""Median difference of stamps and recorder: no driver delivers readings so late."""
+
+_DRIFT_S, _DRIFT_PPM = 0.01, 20.0
+"""Change of that difference over the recording: beyond what drivers and quartz clocks that are set by a net have."""
+
+_PARTS = 10
+"""Parts of a recording of which the shortest delays are compared."""
+
+_ALTERNATING = 3.0
+"""Median change from reading to reading over that across two: of one sensor, however noisy, it is 1 at most."""
+
+_HELD = 0.2
+"""Part of the readings that repeat the one before from which it is told: chance repeats fewer."""
+
+
+def of_times(series: Series) -> list[str]:
+    """Return what is odd about the times of a table.
+
+    Parameters
+    ----------
+    series : Series
+        What was read of it.
+    """
+    told = list(series.remarks)
+    if series.fault:
+        told.append(series.fault)
+    if series.table.publishers > 1:
+        told.append(f"{series.table.publishers} publishers wrote to it")
+    if len(series.table.frames) > 1:
+        told.append(f"messages are of several frames, {', '.join(series.table.frames[:4])}: two publishers?")
+    stamps_ns, times_ns = series.stamps_ns, series.times_ns
+    if times_ns is None or len(times_ns) < _FEWEST:
+        return told
+    if series.are_stamps_zero:
+        return [*told, "all stamps are zero: the recorder's times are used", *_pauses(times_ns, None, times_ns)]
+    if stamps_ns is None:
+        return told + _pauses(times_ns, None, times_ns)
+    has_stamp = stamps_ns > 0 if series.received_ns is not None else np.ones(len(stamps_ns), dtype=bool)
+    if not has_stamp[1:].all():
+        told.append(f"{_of(~has_stamp)} stamps are zero")
+    since_ns = times_ns[has_stamp]
+    received_ns = None if series.received_ns is None else series.received_ns[has_stamp]
+    stamps_ns = stamps_ns[has_stamp]
+    told += _order(stamps_ns, since_ns) + _pauses(stamps_ns, received_ns, since_ns)
+    return told if received_ns is None else told + _clocks(stamps_ns, received_ns)
+
+
+def _of(is_odd: NDArray[np.bool_]) -> str:
+    return f"{int(is_odd.sum())} of {len(is_odd)}"
+
+
+def _at(index: int, times_ns: IntArray) -> str:
+    return f"at {(times_ns[index] - times_ns[0]) / 1e9:.2f} s"
+
+
+def _order(stamps_ns: IntArray, since_ns: IntArray) -> list[str]:
+    """Return how often stamps repeat or go back."""
+    told, steps = [], np.diff(stamps_ns)
+    if (steps == 0).any():
+        told.append(
+            f"{_of(steps == 0)} stamps repeat the one before, first {_at(int(np.argmax(steps == 0)), since_ns)}"
+        )
+    if (back := steps < 0).any():
+        why = ": two publishers on one topic, or readings out of order?" if back.mean() > _MIXED else ""
+        most, first = -float(steps.min()) / 1e9, _at(int(np.argmax(back)), since_ns)
+        told.append(f"stamps go back {int(back.sum())} times, by up to {most:.3g} s, first {first}{why}")
+    return told
+
+
+def _pauses(stamps_ns: IntArray, received_ns: IntArray | None, since_ns: IntArray) -> list[str]:
+    """Return the gaps, and the jumps of stamps where the recorder saw no gap."""
+    steps = np.diff(stamps_ns)
+    usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    is_long = steps > _GAP * usual
+    if not usual or not is_long.any():
+        return []
+    is_jump = np.zeros_like(is_long) if received_ns is None else is_long & (np.diff(received_ns) < 0.5 * steps)
+    told = []
+    for kind, chosen in (("gaps", is_long & ~is_jump), ("jumps of the stamps without a gap", is_jump)):
+        if chosen.any():
+            longest = int(np.argmax(np.where(chosen, steps, 0)))
+            told.append(
+                f"{int(chosen.sum())} {kind}, the longest {steps[longest] / 1e9:.3g} s {_at(longest, since_ns)}"
+            )
+    return told
+
+
+def _clocks(stamps_ns: IntArray, received_ns: IntArray) -> list[str]:
+    """Return how the clock of the stamps differs from the recorder's."""
+    late_s = (received_ns - stamps_ns) / 1e9
+    least = [float(part.min()) for part in np.array_split(late_s, _PARTS)]
+    span_s = float(received_ns[-1] - received_ns[0]) / 1e9
+    told, median = [], float(np.median(late_s))
+    if abs(median) > _OTHER_CLOCK_S:
+        told.append(
+            f"the clock of the stamps is {abs(median):.6g} s {'behind' if median > 0 else 'ahead of'} the recorder's"
+        )
+    drift = least[-1] - least[0]
+    if span_s and abs(drift) > _DRIFT_S and abs(drift) / span_s > _DRIFT_PPM * 1e-6 and np.ptp(least) < 2 * abs(drift):
+        told.append(f"the clock of the stamps drifts by {1e6 * drift / span_s:+.3g} ppm ({drift:+.3g} s)")
+    return told
+
+
+def thinned(values: FloatArray) -> FloatArray:
+    """Return some of the readings (n, width), evenly spread: enough for their size and their range."""
+    return values[:: len(values) // _LOOKED_AT + 1]
+
+
+def missing_of(values: FloatArray, is_field: bool) -> tuple[NDArray[np.int8], dict[str, int]]:
+    """Return the code of each missing reading (n,), 0 of the others, and how many are missing for each reason.
+
+    Parameters
+    ----------
+    values : (n, width) array
+        As they were recorded.
+    is_field : bool
+        Whether they read a magnetic field. Others are missing only where they are NaN.
+    """
+    codes = np.zeros(len(values), dtype=np.int8)
+    if is_field:
+        stream = "scalar" if values.shape[1] == 1 else "tam_1"
+        codes = codes_of(stream, values)
+        if (codes == 0).any():
+            some = thinned(values if not codes.any() else values[codes == 0])
+            codes[Range.of(stream, some).beyond(values) & (codes == 0)] = FAR
+    codes[np.isnan(values).any(axis=1) & (codes == 0)] = NAN
+    return codes, {REASONS[code]: int((codes == code).sum()) for code in np.unique(codes[codes > 0]).tolist()}
+
+
+def of_readings(values: FloatArray, is_field: bool, codes: NDArray[np.int8], times_ns: IntArray | None) -> list[str]:
+    """Return what is odd about the readings of a channel.
+
+    Parameters
+    ----------
+    values : (n, width) array
+        As they were recorded.
+    is_field : bool
+        Whether they read a magnetic field.
+    codes : (n,) array
+        Of the missing ones.
+    times_ns : (n,) array of int, optional
+        Their times.
+    """
+    told = []
+    for code in np.unique(codes[codes > 0]).tolist():
+        is_odd = codes == code
+        first = "" if times_ns is None else f", first {_at(int(np.argmax(is_odd)), times_ns)}"
+        told.append(f"{_of(is_odd)} readings {are(code, int(is_odd.sum()))}{first}")
+    there = values[codes == 0] if codes.any() else values
+    if len(there) < _FEWEST:
+        return told
+    if (there == there[0]).all():
+        return [*told, "readings never change"]
+    return told + _of_vectors(there) if is_field and values.shape[1] == 3 else told
+
+
+def _of_vectors(values: FloatArray) -> list[str]:
+    counter = Counter.of(values)
+    told = [
+        f"axis {'xyz'[axis]} jumps {counter.overflows(values, axis)} times by 2^{bits} counts: its counter of "
+        f"{bits} bits overflows; read it with --unwrap"
+        for axis, bits in counter.axes.items()
+    ]
+    values = values[:_LOOKED_AT]
+    steps = np.linalg.norm(np.diff(values, axis=0), axis=1)
+    if (held := float((steps == 0).mean())) > _HELD:
+        told.append(f"{100 * held:.0f} % of the readings repeat the one before: the sensor is slower than its messages")
+    elif not told and np.median(steps) > _ALTERNATING * np.median(np.linalg.norm(values[2:] - values[:-2], axis=1)):
+        told.append("readings alternate between two values: two publishers on one topic?")
+    return told
+
+
+def without_overlap(named: Sequence[tuple[str, IntArray]]) -> str:
+    """Return which two streams have stamps at other times, so that none can be joined; empty where all overlap.
+
+    Parameters
+    ----------
+    named : sequence of (str, (n,) array of int)
+        Name and stamps of each.
+    """
+    last = min(named, key=lambda each: int(each[1].max()))
+    first = max(named, key=lambda each: int(each[1].min()))
+    apart = int(first[1].min()) - int(last[1].max())
+    if apart <= 0:
+        return ""
+    return f"the stamps of {first[0]} begin {apart / 1e9:.6g} s after those of {last[0]} end: they have no common clock"

@@ -1,0 +1,370 @@
+"""Recordings of any format read into samples, whole, in pieces or on disk, and where a result came from."""
+
+import logging
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tam_calibration.correction.calibration import Provenance
+from tam_calibration.files.text_files import in_file
+from tam_calibration.messages.missing import in_words
+from tam_calibration.messages.samples import Progress, Samples
+from tam_calibration.messages.usage import Usage
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError, printable
+from tam_calibration.model.recording import Recording, SampleSource
+from tam_calibration.recordings.bag_folder import data_files
+from tam_calibration.recordings.bag_storages import is_bag
+from tam_calibration.recordings.base_station import with_base_station
+from tam_calibration.recordings.channel_map import ChannelMap, TimeColumn, map_of, read_map
+from tam_calibration.recordings.choice import choose, resolve
+from tam_calibration.recordings.formats import open_source
+from tam_calibration.recordings.intake import Intake
+from tam_calibration.recordings.joining import Joining, Streams
+from tam_calibration.recordings.reading import AS_IT_IS, Moment, Reading, Window
+from tam_calibration.recordings.recording_stream import RecordingStream
+from tam_calibration.recordings.rows import RowJoining
+from tam_calibration.recordings.tables import Source
+from tam_calibration.recordings.text_source import FrameSource, RowSource
+
+if TYPE_CHECKING:
+    import pandas
+
+_LARGE_BYTES = 1 << 26
+"""From here on, 64 MiB, a recording is read in pieces."""
+
+log = logging.getLogger(__name__)
+
+
+def provenance(path: Path) -> Provenance:
+    """Return name, size and SHA-256 of a recording; of a bag's folder those of its data files, one after the other.
+
+    Raises
+    ------
+    InputError
+        When the folder is no bag.
+    """
+    path = Path(path).resolve()
+    digest, size = sha256(), 0
+    parts = data_files(path) if is_bag(path) else sorted(path.iterdir()) if path.is_dir() else [path]
+    for part in parts:
+        with part.open("rb") as file:
+            while block := file.read(1 << 20):
+                digest.update(block)
+                size += len(block)
+    return Provenance(printable(path.name), size, digest.hexdigest())
+
+
+def read_recording(
+    path: str | Path,
+    sensor_count: int | None = None,
+    tolerance_s: float = AS_IT_IS.tolerance_s,
+    array: Array | None = None,
+    *,
+    map: "ChannelMap | Mapping[str, Any] | str | Path | None" = None,
+    start: float | str | None = None,
+    until: float | str | None = None,
+    unwrap: bool = False,
+    base_station: str | Path | None = None,
+) -> Recording:
+    """Read a recording: a bag, a log, a text file or a table. What is missing, or lost in joining, is logged.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file or folder.
+    sensor_count : int, optional
+        Number of sensors that there must be; by default that of the array, else as many as there are.
+    tolerance_s : float
+        Greatest difference of stamps within a sample, seconds.
+    array : Array, optional
+        Whose delays are taken off, and into whose axes readings and attitude are turned.
+    map : ChannelMap, mapping, str or Path, optional
+        Which topics, fields or columns are what: a map, its keys and values, or its YAML file. By default the choice
+        is made from what the recording holds.
+    start, until : float or str, optional
+        The part that is read: seconds from the start, or ISO 8601 times.
+    unwrap : bool
+        Whether overflows of a sensor's counter are taken out.
+    base_station : str or Path, optional
+        IAGA-2002 file, from which the intensity is taken where the recording has none.
+
+    Returns
+    -------
+    Recording
+        In SI.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read, holds no recording, or what is meant is ambiguous.
+
+    Examples
+    --------
+    >>> from tam_calibration import read_recording, read_scenario, simulate
+    >>> simulate(read_scenario("wu_table_1")).recording.to_pandas().to_csv("run.csv")  # fields in T, as b1x_T says
+    >>> recording = read_recording("run.csv", sensor_count=4)
+    >>> recording.sample_count, recording.scalar_count, recording.temperature_C
+    (360, 360, None)
+    """
+    window = Window(*(None if each is None else Moment.of(each) for each in (start, until)))
+    station = None if base_station is None else Path(base_station)
+    reading = Reading(as_map(map), window, unwrap, station, tolerance_s)
+    samples = read_samples(Path(path), array, reading, sensor_count=sensor_count)
+    for remark in () if samples.usage is None else samples.usage.missing:
+        log.warning("%s: %s", path, remark)
+    return samples.recording
+
+
+def as_map(given: "ChannelMap | Mapping[str, Any] | str | Path | None") -> ChannelMap | None:
+    """Return a map, however it is given; None of nothing."""
+    if given is None or isinstance(given, ChannelMap):
+        return given
+    return map_of(given) if isinstance(given, Mapping) else read_map(given)
+
+
+def recording_of_frame(
+    frame: "pandas.DataFrame", map: "ChannelMap | Mapping[str, Any] | str | Path | None" = None
+) -> Recording:
+    """Return the recording that a table of pandas holds, as `Recording.from_pandas` describes."""
+    channel_map = as_map(map)
+    source = FrameSource(Path("the table"), frame, TimeColumn() if channel_map is None else channel_map.time_column)
+    streams = streams_of(source, Reading(channel_map))
+    samples = RowJoining(source, streams, AS_IT_IS, None, with_partial=False).whole()
+    if samples is None:
+        raise InputError("no row holds all sensors")
+    return samples.recording
+
+
+def read_samples(
+    path: Path,
+    array: Array | None = None,
+    reading: Reading = AS_IT_IS,
+    progress: Progress = lambda done, total: None,
+    with_partial: bool = False,
+    sensor_count: int | None = None,
+) -> Samples:
+    """Read a recording whole, with the exact stamps of a bag.
+
+    Parameters
+    ----------
+    path : Path
+        The file or folder.
+    array : Array, optional
+        Whose delays are taken off, and into whose axes readings and attitude are turned.
+    reading : Reading
+        How it is read.
+    progress : callable
+        Called now and then with what is done, and how much there is to do.
+    with_partial : bool
+        Whether samples are kept that lack a sensor.
+    sensor_count : int, optional
+        Number of sensors that there must be; by default that of the array.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read, or holds no recording.
+    """
+    with _joining(path, array, reading, with_partial, sensor_count) as joining:
+        samples = joining.whole(progress)
+        if samples is None:  # the sensors are read in turn: no row has all
+            source, streams = joining.source, joining.streams
+            samples = Joining(source, streams, reading, array, with_partial).whole(progress)
+        return _finished(samples, reading)
+
+
+def read_pieces(
+    path: Path,
+    array: Array | None = None,
+    reading: Reading = AS_IT_IS,
+    progress: Progress = lambda done, total: None,
+    with_partial: bool = False,
+    sensor_count: int | None = None,
+) -> Iterator[Samples]:
+    """Yield a recording as `read_samples` returns it, in pieces of bounded size.
+
+    The pieces follow each other in time without a sample lost or doubled. A channel without a value in a whole piece
+    is None in that piece.
+
+    Parameters
+    ----------
+    path, array, reading, progress, with_partial, sensor_count
+        As of `read_samples`.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read, or holds no recording; pieces before the fault have been yielded by then.
+    """
+    with _joining(path, array, reading, with_partial, sensor_count) as joining:
+        for samples in joining.pieces(progress):
+            yield _finished(samples, reading)
+
+
+@contextmanager
+def _joining(
+    path: Path, array: Array | None, reading: Reading, with_partial: bool, sensor_count: int | None
+) -> Iterator[Joining | RowJoining]:
+    """Open a recording, and give what joins its streams."""
+    path = Path(path)
+    with open_source(path, reading.channel_map) as source, in_file(path):
+        streams = streams_of(source, reading, array, sensor_count)
+        if isinstance(source, RowSource):
+            joining: Joining | RowJoining = RowJoining(source, streams, reading, array, with_partial)
+        else:
+            joining = Joining(source, streams, reading, array, with_partial)
+        yield joining
+        tell_taken(source, joining.streams, joining.intakes)
+
+
+def streams_of(
+    source: Source, reading: Reading, array: Array | None = None, sensor_count: int | None = None
+) -> Streams:
+    """Return what is read of a source, by its map or by choice.
+
+    Parameters
+    ----------
+    source : Source
+        An open recording.
+    reading : Reading
+        How it is read.
+    array : Array, optional
+        Whose number of sensors and frames help to choose.
+    sensor_count : int, optional
+        Number of sensors that there must be; of an array its own.
+
+    Raises
+    ------
+    InputError
+        When it is ambiguous, or the number of sensors is another.
+    """
+    channel_map, has_sure_units = reading.channel_map, True
+    sensor_count = sensor_count if array is None else array.sensor_count
+    if channel_map is None:
+        choice = choose(source, sensor_count, None if array is None else array.mounting.frame_ids)
+        if choice.channel_map is None or choice.doubts:
+            raise InputError(
+                f"{'; '.join(choice.doubts)}; `tam inspect {source.path} --write-map map.yaml` writes one to edit"
+            )
+        channel_map, has_sure_units = choice.channel_map, choice.is_own
+        is_plain = choice.is_own and not choice.remarks
+        taken = "" if is_plain else f"taken as {'; '.join((str(channel_map), *choice.remarks))}"
+    else:
+        taken = f"taken by the map as {channel_map}"
+    if sensor_count not in (None, len(channel_map.sensors)):
+        raise InputError(f"the recording has {len(channel_map.sensors)} sensors, not {sensor_count}")
+    return replace(resolve(source, channel_map, has_sure_units), taken=taken)
+
+
+def tell_taken(source: Source, streams: Streams, intakes: Mapping[str, Intake]) -> None:
+    """Log what was taken of a recording that was read, and the units that were detected."""
+    if streams.taken:
+        log.info("%s: %s", source.path, streams.taken)
+    if units := [f"{in_words(name)} {intake.unit}" for name, intake in intakes.items() if intake.is_detected]:
+        log.info("units by the size of the field: %s", ", ".join(units))
+
+
+def _finished(samples: Samples, reading: Reading) -> Samples:
+    """Return samples with what the base station tells."""
+    return samples if reading.base_station is None else with_base_station(samples, reading.base_station)
+
+
+def is_large(path: Path) -> bool:
+    """Return whether a file, or the files of a folder, had better be read in pieces: from 64 MiB on."""
+    parts = path.iterdir() if path.is_dir() else [path]
+    return sum(part.stat().st_size for part in parts if part.is_file()) >= _LARGE_BYTES
+
+
+def read_stream(
+    path: Path,
+    array: Array | None = None,
+    reading: Reading = AS_IT_IS,
+    progress: Progress = lambda done, total: None,
+    sensor_count: int | None = None,
+) -> RecordingStream:
+    """Read a recording that may be larger than memory: it is kept in temporary files as numbers.
+
+    Parameters
+    ----------
+    path, array, reading, progress, sensor_count
+        As of `read_samples`.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read or kept, or holds no recording.
+    """
+    usage: Usage | None = None
+
+    def recordings() -> Iterator[Recording]:
+        nonlocal usage
+        for samples in read_pieces(path, array, reading, progress, sensor_count=sensor_count):
+            usage = samples.usage
+            yield samples.recording
+
+    stream = RecordingStream(recordings())
+    stream.usage = usage
+    return stream
+
+
+def read_source(
+    path: Path,
+    array: Array | None = None,
+    reading: Reading = AS_IT_IS,
+    progress: Progress = lambda done, total: None,
+) -> tuple[SampleSource, Usage | None]:
+    """Read a recording for a fit: each reading of its slowest sensor counts once. Return with it its usage.
+
+    Parameters
+    ----------
+    path, array, reading, progress
+        As of `read_samples`.
+
+    Returns
+    -------
+    source, usage
+        As of `read_every`.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read or kept, or holds no recording.
+    """
+    source, usage = read_every(path, array, reading, progress)
+    return (source if usage is None else usage.with_each_reading_once(source)), usage
+
+
+def read_every(
+    path: Path,
+    array: Array | None = None,
+    reading: Reading = AS_IT_IS,
+    progress: Progress = lambda done, total: None,
+) -> tuple[SampleSource, Usage | None]:
+    """Read all samples of a recording into memory, or of one that is large as `read_stream` does; return its usage too.
+
+    Parameters
+    ----------
+    path, array, reading, progress
+        As of `read_samples`.
+
+    Returns
+    -------
+    source : SampleSource
+        The samples.
+    usage : Usage or None
+        How many samples were used, and what is missing; None where nothing was joined and nothing is missing.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read or kept, or holds no recording.
+    """
+    if is_large(path):
+        stream = read_stream(path, array, reading, progress)
+        return stream, stream.usage
+    samples = read_samples(path, array, reading, progress)
+    return samples.recording, samples.usage

@@ -1,0 +1,213 @@
+"""What any file of a recording is for those who read it: tables of numbers with a time each, whatever the format."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from tam_calibration.messages.batch_stream import StreamMessages
+from tam_calibration.messages.samples import Progress
+from tam_calibration.model.units import FloatArray, IntArray
+from tam_calibration.recordings.channel_map import ChannelMap, Clock
+
+BATCH = 1 << 16
+"""Messages that are joined at once: more leaves the caches, of fewer the patience would hold back a large part."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A topic of a bag, a message of a log, or a text file.
+
+    Parameters
+    ----------
+    name : str
+        Topic, name of the message, or the file's.
+    fields : tuple of str
+        Paths or columns of its numbers.
+    type : str
+        Type of a bag's messages; empty of others.
+    instance : int
+        Which of several of that name in a log.
+    count : int, optional
+        Number of messages or rows, where that is known.
+    is_stamped : bool
+        Whether each has a time of its own, beside the recorder's.
+    units : mapping of str to str
+        Units of fields that the format states: ``T``, ``G`` and so on.
+    columns : tuple of str
+        All columns of a text file, also those that are no numbers; none of topics and messages.
+    publishers : int
+        How many wrote to a topic, as far as the bag tells them apart.
+    frames : tuple of str
+        Frames of its first messages, where they state one.
+    is_bulky : bool
+        Whether its messages are far larger than readings, as those of images and clouds are.
+    """
+
+    name: str
+    fields: tuple[str, ...]
+    type: str = ""
+    instance: int = 0
+    count: int | None = None
+    is_stamped: bool = True
+    units: Mapping[str, str] = field(default_factory=dict)
+    columns: tuple[str, ...] = ()
+    publishers: int = 1
+    frames: tuple[str, ...] = ()
+    is_bulky: bool = False
+
+    @property
+    def is_text(self) -> bool:
+        """Whether it has columns: a text file, or a table of a library."""
+        return bool(self.columns)
+
+    @property
+    def file(self) -> str:
+        """The name by which a map means it, where a recording is several files."""
+        return self.name if self.is_text else ""
+
+    @property
+    def key(self) -> tuple[str, int]:
+        """Name and instance."""
+        return self.name, self.instance
+
+    @property
+    def title(self) -> str:
+        """Name for people, with the number of an instance."""
+        return f"{self.name} [{self.instance}]" if self.instance else self.name
+
+
+class Wanted(NamedTuple):
+    """Some fields of a table, in the order of the values that are wanted of each message."""
+
+    table: Table
+    fields: tuple[str, ...]
+
+
+class Source(Protocol):
+    """One recording that is open, whatever its format.
+
+    Attributes
+    ----------
+    path : Path
+        Where it lies.
+    format : str
+        For people.
+    unfinished : str
+        How a recorder left it, as a clause; empty where it was finished.
+    """
+
+    path: Path
+    format: str
+    unfinished: str
+
+    @property
+    def tables(self) -> Sequence[Table]:
+        """What it holds."""
+
+    def batches(
+        self, wanted: Mapping[str, Wanted], clock: Clock, progress: Progress
+    ) -> Iterator[dict[str, StreamMessages]]:
+        """Yield the messages of some streams, many at once, in the order in which they were recorded.
+
+        Parameters
+        ----------
+        wanted : mapping of str to Wanted
+            What is read for each stream.
+        clock : {"stamp", "received"}
+            Whose time the messages have.
+        progress : callable
+            Called now and then with the bytes read, and how many there are.
+        """
+
+
+class Reader(Protocol):
+    """What opens the files of one format; those of other packages stand under ``tam_calibration.readers``."""
+
+    def recognises(self, path: Path, beginning: bytes) -> bool:
+        """Return whether a file, or a folder, is of the format.
+
+        Parameters
+        ----------
+        path : Path
+            It is there.
+        beginning : bytes
+            The first bytes of a file; none of a folder.
+        """
+
+    def open(self, path: Path, channel_map: ChannelMap | None) -> AbstractContextManager[Source]:
+        """Open a recording.
+
+        Parameters
+        ----------
+        path : Path
+            The file or folder.
+        channel_map : ChannelMap or None
+            How it is to be read, where that is stated.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """A table in memory.
+
+    Parameters
+    ----------
+    table : Table
+        What it is.
+    stamps_ns : (n,) array of int
+        Its times, nanoseconds.
+    values : mapping of str to (n,) array
+        Its numbers, by field.
+    """
+
+    table: Table
+    stamps_ns: IntArray
+    values: Mapping[str, FloatArray]
+
+    def rows(self, fields: Sequence[str], index: IntArray) -> FloatArray:
+        """Return some fields (n, fields) of some of its messages or rows."""
+        return np.column_stack([self.values[each][index] for each in fields])
+
+
+class MemorySource:
+    """A recording in memory: the messages of a log, or several text files.
+
+    Parameters
+    ----------
+    path : Path
+        Where it was read from.
+    format : str
+        For people.
+    columns : sequence of Columns
+        Its tables.
+    """
+
+    def __init__(self, path: Path, format: str, columns: Sequence[Columns]) -> None:
+        self.path, self.format, self.unfinished = path, format, ""
+        self.tables: Sequence[Table] = [each.table for each in columns]
+        self._columns = {(each.table.name, each.table.instance): each for each in columns}
+
+    def batches(
+        self, wanted: Mapping[str, Wanted], clock: Clock, progress: Progress
+    ) -> Iterator[dict[str, StreamMessages]]:
+        """Yield the messages of some streams by their times, as `Source.batches`; there is one clock only."""
+        columns = {name: self._columns[table.key] for name, (table, _) in wanted.items()}
+        first = np.cumsum([0, *(len(each.stamps_ns) for each in columns.values())])
+        order = np.argsort(np.concatenate([each.stamps_ns for each in columns.values()]), kind="stable")
+        for start in range(0, len(order), BATCH):
+            some = order[start : start + BATCH]
+            stream = np.searchsorted(first[1:], some, side="right").astype(np.int16)
+            by_stream = np.argsort(stream, kind="stable")
+            own = np.split(by_stream, np.searchsorted(stream[by_stream], np.arange(1, len(columns))))
+            batch = {}
+            for begin, places, (name, each) in zip(first, own, columns.items(), strict=False):
+                if len(places):
+                    index = some[places] - begin
+                    values = each.rows(wanted[name].fields, index)
+                    batch[name] = StreamMessages(places, each.stamps_ns[index], values)
+            yield batch
+            progress(min(start + BATCH, len(order)), len(order))

@@ -1,0 +1,279 @@
+"""What a calibration file holds, and the calibration that it gives."""
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+import numpy as np
+
+from tam_calibration.correction.acceptance import beyond_limits
+from tam_calibration.correction.calibration import (
+    AmbientGradientEstimate,
+    Calibration,
+    EffectSize,
+    KnownSource,
+    Provenance,
+)
+from tam_calibration.effects.library import check_numbers
+from tam_calibration.files.quantities import (
+    NOT_TURNED,
+    Celsius,
+    Nanotesla,
+    NanoteslaSize,
+    NanoteslaTensor,
+    NanoteslaVector,
+    Orientation,
+    ScaleFactor,
+    ScaleFactors,
+    Seconds,
+    Shears,
+    Tensor,
+    Turns,
+    in_si,
+)
+from tam_calibration.files.schema import Bounds, check, require_schema
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.limits import is_covariance
+from tam_calibration.model.residuals import Residuals
+from tam_calibration.model.sensor_errors import SensorErrors, orientation_from_axes
+from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
+from tam_calibration.recordings.array_yaml import ArrayFile
+from tam_calibration.results.effects_schema import EffectFile
+from tam_calibration.results.update_schema import UpdateFile
+
+SCHEMA = "tam_calibration/calibration/1"
+
+_StandardError = Annotated[float, Bounds(least=0, most=1e12, may_be_nan=True)]
+_StandardErrors = tuple[_StandardError, _StandardError, _StandardError]
+_Covariance = Annotated[float, Bounds(least=-1e12, most=1e12)]
+"""SI: a parameter that is known to a million of its units is not known."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorFile:
+    """The errors of one sensor."""
+
+    sensor: int
+    scale_factor: ScaleFactors
+    non_orthogonality_deg: Shears
+    bias_nT: NanoteslaVector
+    misalignment_deg: Turns
+    orientation: Orientation = NOT_TURNED
+
+
+def errors_of(sensors: Sequence[SensorFile]) -> SensorErrors:
+    """Return the errors of all sensors in SI.
+
+    Raises
+    ------
+    InputError
+        When the sensors are not numbered in order.
+    """
+    if [block.sensor for block in sensors] != list(range(1, len(sensors) + 1)) or not sensors:
+        raise InputError("sensors must be numbered 1, 2, … in this order")
+    return SensorErrors(
+        np.array([block.scale_factor for block in sensors]),
+        from_degrees(np.array([block.non_orthogonality_deg for block in sensors])),
+        from_nanotesla(np.array([block.bias_nT for block in sensors])),
+        from_degrees(np.array([block.misalignment_deg for block in sensors])),
+        np.array([orientation_from_axes(block.orientation) for block in sensors]),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _CalibratedSensor(SensorFile):
+    scale_factor_standard_error: _StandardErrors
+    non_orthogonality_standard_error_deg: _StandardErrors
+    bias_standard_error_nT: _StandardErrors
+    misalignment_standard_error_deg: _StandardErrors
+    matrix: Tensor
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Array(ArrayFile):
+    noise_is_estimated: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Field:
+    intensity_nT: Nanotesla
+    has_scalar_reference: bool
+    coverage_of_sphere: Annotated[float, Bounds(least=0, most=1)]
+    gradient_nT_per_m: NanoteslaTensor | None = None
+    gradient_standard_error_nT_per_m: tuple[_StandardErrors, _StandardErrors, _StandardErrors] | None = None
+
+    def to_gradient(self) -> AmbientGradientEstimate | None:
+        """Return the gradient of the field in SI, where one was fitted."""
+        tensor, errors = self.gradient_nT_per_m, self.gradient_standard_error_nT_per_m
+        if tensor is None or errors is None:
+            return None
+        return AmbientGradientEstimate(from_nanotesla(np.array(tensor)), from_nanotesla(np.array(errors)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Residuals:
+    sensor_intensity_nT: list[NanoteslaSize]
+    center_intensity_nT: NanoteslaSize
+    tensor_nT_per_m: tuple[NanoteslaSize, NanoteslaSize, NanoteslaSize, NanoteslaSize, NanoteslaSize]
+    tensor_rmse_nT_per_m: NanoteslaSize
+
+
+@dataclass(frozen=True, kw_only=True)
+class _AllResiduals:
+    before: _Residuals
+    in_sample: _Residuals
+    held_out: _Residuals | None
+    noise_floor: _Residuals
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Recording:
+    samples: int
+    time_span_s: tuple[Seconds, Seconds]
+    name: str | None
+    size_bytes: int | None
+    sha256: str | None
+    mean_temperature_C: Celsius | None = None
+
+    def to_provenance(self) -> Provenance | None:
+        """Return where the recording came from, if that is known."""
+        if self.name is None or self.size_bytes is None or self.sha256 is None:
+            return None
+        return Provenance(self.name, self.size_bytes, self.sha256)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _OfOutputs:
+    field_nT: tuple[NanoteslaSize, NanoteslaSize, NanoteslaSize]
+    gradient_nT_per_m: tuple[NanoteslaSize, NanoteslaSize, NanoteslaSize, NanoteslaSize, NanoteslaSize, NanoteslaSize]
+
+    def to_tesla(self) -> FloatArray:
+        """Return the (9,) numbers in SI."""
+        return from_nanotesla(np.array([*self.field_nT, *self.gradient_nT_per_m]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Effect(EffectFile):
+    size: _OfOutputs
+    size_standard_error: _OfOutputs
+
+    def to_size(self) -> EffectSize:
+        """Return what the effect does to the outputs, SI."""
+        return EffectSize(self.size.to_tesla(), self.size_standard_error.to_tesla())
+
+
+@dataclass(frozen=True, kw_only=True)
+class _KnownSource:
+    baseline_scale: ScaleFactor
+    baseline_scale_standard_error: _StandardError
+    rotation_deg: Turns
+    rotation_standard_error_deg: _StandardErrors
+    axis_offsets_standard_error_m: list[tuple[_StandardErrors, _StandardErrors, _StandardErrors]]
+    reduced_chi_square: Annotated[float, Bounds(least=0)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Calibration:
+    schema: Literal["tam_calibration/calibration/1"]
+    software: str
+    method: str
+    formula: str
+    frame: str
+    statements: list[str]
+    warnings: list[str]
+    accepted: list[str] = dataclasses.field(default_factory=list)
+    sensors: list[_CalibratedSensor]
+    array: _Array
+    field: _Field
+    residuals: _AllResiduals
+    reduced_chi_square: dict[str, Annotated[float, Bounds(least=0, may_be_nan=True)]]
+    effects: list[_Effect] = dataclasses.field(default_factory=list)
+    known_source: _KnownSource | None = None
+    update: UpdateFile | None = None
+    recording: _Recording
+    covariance_order: str
+    covariance_SI: list[list[_Covariance]] | None
+
+
+def calibration_of(content: dict[str, Any]) -> Calibration:
+    """Return the calibration of the keys and values of a calibration file.
+
+    Raises
+    ------
+    InputError
+        When they are of another version, incomplete, contradict each other, or are beyond a limit that is not accepted.
+    """
+    require_schema(content, "calibration", SCHEMA)
+    stored = check(content, _Calibration)
+    errors = _errors(stored)
+    stated = stored.array
+    if not stored.field.has_scalar_reference:  # older versions wrote 0 where there is no scalar magnetometer
+        stated = dataclasses.replace(stated, scalar_noise_nT=stated.scalar_noise_nT or None)
+    array = stated.to_array()
+    if array.sensor_count != errors.sensor_count or array.vector_noise_T is None:
+        raise InputError(f"the file is damaged: positions and noise must be those of its {errors.sensor_count} sensors")
+    effects = tuple(effect.to_fitted() for effect in stored.effects)
+    for fitted in effects:
+        check_numbers(fitted, errors, array)
+    residuals = stored.residuals
+    for each in (residuals.before, residuals.in_sample, residuals.held_out, residuals.noise_floor):
+        if each is not None and len(each.sensor_intensity_nT) != errors.sensor_count:
+            raise InputError(f"the file is damaged: residuals must be those of its {errors.sensor_count} sensors")
+    calibration = Calibration(
+        method=stored.method,
+        array=array.with_stated_noise(),
+        noise_is_estimated=stored.array.noise_is_estimated,
+        errors=errors,
+        covariance=_covariance(stored),
+        has_scalar_reference=stored.field.has_scalar_reference,
+        intensity_T=from_nanotesla(stored.field.intensity_nT),
+        before=_residuals(residuals.before),
+        in_sample=_residuals(residuals.in_sample),
+        floor=_residuals(residuals.noise_floor),
+        samples=stored.recording.samples,
+        time_span_s=stored.recording.time_span_s,
+        coverage=stored.field.coverage_of_sphere,
+        reduced_chi_square=stored.reduced_chi_square,
+        held_out=None if residuals.held_out is None else _residuals(residuals.held_out),
+        source=stored.recording.to_provenance(),
+        warnings=tuple(stored.warnings),
+        ambient_gradient=stored.field.to_gradient(),
+        frame=stored.frame,
+        effects=effects,
+        effect_sizes=tuple(effect.to_size() for effect in stored.effects),
+        known_source=None if stored.known_source is None else KnownSource(*in_si(stored.known_source)),
+        accepted=tuple(stored.accepted),
+        temperature_C=stored.recording.mean_temperature_C,
+        update=None if stored.update is None else stored.update.to_update(errors.sensor_count),
+    )
+    for name, sentence in beyond_limits(calibration).items():
+        if name not in stored.accepted:
+            raise InputError(f"{sentence}; where that is so, calibrate again and accept {name}")
+    return calibration
+
+
+def _residuals(stored: _Residuals) -> Residuals:
+    return Residuals(*in_si(stored)[:3])
+
+
+def _errors(stored: _Calibration) -> SensorErrors:
+    errors = errors_of(stored.sensors)
+    wrong = ~np.isclose(errors.matrix, [block.matrix for block in stored.sensors], rtol=0, atol=1e-9).all(axis=(1, 2))
+    if wrong.any():
+        raise InputError(
+            f"the file is damaged: matrix and parameters of sensor {wrong.argmax() + 1} contradict each other"
+        )
+    return errors
+
+
+def _covariance(stored: _Calibration) -> FloatArray | None:
+    if stored.covariance_SI is None:
+        return None
+    size = 12 * len(stored.sensors)
+    if [len(row) for row in stored.covariance_SI] != [size] * size:
+        raise InputError(f"the file is damaged: covariance_SI must have {size} rows of {size} numbers")
+    covariance = np.array(stored.covariance_SI)
+    if not is_covariance(covariance):
+        raise InputError("the file is damaged: covariance_SI must be symmetric and positive definite")
+    return covariance

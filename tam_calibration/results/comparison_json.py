@@ -1,0 +1,343 @@
+"""A comparison as JSON, with the unit in the key: what a simulator's recording lacks, and the mend.
+
+The mend file holds what a simulator lacks, for ``tam simulate --from-comparison`` and for a simulator's plugin.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+
+from tam_calibration import __version__
+from tam_calibration.comparison import result
+from tam_calibration.comparison.result import Mend, NoiseTerm
+from tam_calibration.comparison.snippets import gazebo_sdf, mujoco_mjcf, python_plugin
+from tam_calibration.correction.calibration import Provenance
+from tam_calibration.effects.library import check_numbers, effect_named, units_of
+from tam_calibration.files.quantities import Hertz, NanoteslaSize
+from tam_calibration.files.schema import Bounds, check, require_schema
+from tam_calibration.files.text_files import in_file, nanotesla_to_write, read_text, to_json, write_text
+from tam_calibration.files.yaml_document import dump_mapping, parse_mapping
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.units import for_people, from_nanotesla, to_nanotesla
+from tam_calibration.results.calibration_schema import calibration_of
+from tam_calibration.results.calibration_yaml import calibration_to_mapping
+from tam_calibration.results.effects_schema import EffectFile, effect_to_mapping
+from tam_calibration.results.results_json import numbers_of, rounded, sizes, source_to_mapping
+
+SCHEMA = "tam_calibration/mend/1"
+COMPARISON_SCHEMA = "tam_calibration/compare/1"
+
+
+def read_mend(path: str | Path) -> Mend:
+    """Read a mend: from its own file, or from the JSON of a comparison.
+
+    Parameters
+    ----------
+    path : str or Path
+        The YAML file, or the JSON that `tam compare` wrote.
+
+    Returns
+    -------
+    Mend
+        In SI; its numbers are those that were written.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read, is of another version, is damaged, or is of a comparison without a mend.
+    """
+    path = Path(path)
+    text = read_text(path)
+    with in_file(path):
+        content = parse_mapping(text)
+        return mend_of(_of_comparison(content) if content.get("schema") == COMPARISON_SCHEMA else content)
+
+
+def write_mend(path: str | Path, mend: Mend) -> None:
+    """Write a mend file.
+
+    Parameters
+    ----------
+    path : str or Path
+        The YAML file; one that is there is replaced once the new one is whole.
+    mend : Mend
+        What it shall hold; fields are written in nT.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written.
+    """
+    write_text(Path(path), dump_mapping(mend_to_mapping(mend)))
+
+
+def mend_to_mapping(mend: Mend) -> dict[str, Any]:
+    """Return the content of a mend file, which is that of ``mend``, ``parameters`` in the JSON of a comparison too."""
+    calibration = mend.calibration
+    return {
+        "schema": SCHEMA,
+        "software": f"tam_calibration {__version__}",
+        "rate_hz": float(mend.rate_hz),
+        "added": [
+            effect_to_mapping(fitted, units_of(fitted, calibration.errors, calibration.array)) for fitted in mend.added
+        ],
+        "removed": list(mend.removed),
+        "noise": [_noise_to_mapping(term) for term in mend.noise],
+        "calibration": calibration_to_mapping(calibration),
+    }
+
+
+def _noise_to_mapping(term: NoiseTerm) -> dict[str, Any]:
+    place = {"sensor": "scalar"} if term.sensor == 0 else {"sensor": term.sensor, "axis": term.axis}
+    mapping = place | {"white_nT": _nanotesla(term.white_T), "added_white_nT": _nanotesla(term.added_white_T)}
+    if np.isfinite(term.knee_hz):
+        mapping |= {"knee_hz": float(term.knee_hz), "exponent": float(term.exponent)}
+    if term.band_hz is not None:
+        mapping |= {"band_hz": [float(limit) for limit in term.band_hz], "band_nT": _nanotesla(term.band_T)}
+    return mapping
+
+
+def _nanotesla(tesla: float) -> float:
+    return float(nanotesla_to_write(np.array(tesla)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Noise:
+    sensor: Annotated[int, Bounds(least=1)] | Literal["scalar"]
+    axis: Literal["x", "y", "z"] | None = None
+    white_nT: NanoteslaSize
+    added_white_nT: NanoteslaSize
+    knee_hz: Hertz | None = None
+    exponent: Annotated[float, Bounds(above=0, most=10)] | None = None
+    band_hz: tuple[Hertz, Hertz] | None = None
+    band_nT: NanoteslaSize = 0.0
+
+    def to_term(self) -> NoiseTerm:
+        """Return it in SI."""
+        is_scalar = self.sensor == "scalar"
+        if is_scalar != (self.axis is None):
+            raise InputError("noise of a sensor is stated with its axis, and that of the scalar without one")
+        if (self.knee_hz is None) != (self.exponent is None):
+            raise InputError("slow noise is stated by both knee_hz and exponent")
+        if self.band_hz is not None and not self.band_hz[0] < self.band_hz[1]:
+            raise InputError(f"band_hz must be a lower and a higher frequency, not {list(self.band_hz)}")
+        return NoiseTerm(
+            0 if self.sensor == "scalar" else self.sensor,
+            self.axis or "",
+            from_nanotesla(self.white_nT),
+            from_nanotesla(self.added_white_nT),
+            float("nan") if self.knee_hz is None else self.knee_hz,
+            float("nan") if self.exponent is None else self.exponent,
+            self.band_hz,
+            from_nanotesla(self.band_nT),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Mend:
+    schema: Literal["tam_calibration/mend/1"]
+    software: str
+    rate_hz: Hertz
+    added: list[EffectFile]
+    removed: list[str]
+    noise: list[_Noise]
+    calibration: dict[str, Any]
+
+
+def mend_of(content: dict[str, Any]) -> Mend:
+    """Return the mend of the keys and values of a mend file.
+
+    Raises
+    ------
+    InputError
+        When they are of another version, incomplete, or contradict each other.
+    """
+    require_schema(content, "mend", SCHEMA)
+    stored = check(content, _Mend)
+    with in_file("calibration"):
+        calibration = calibration_of(stored.calibration)
+    added = tuple(effect.to_fitted() for effect in stored.added)
+    for fitted in added:
+        check_numbers(fitted, calibration.errors, calibration.array)
+    for name in stored.removed:
+        effect_named(name)
+    noise = tuple(term.to_term() for term in stored.noise)
+    count = calibration.array.sensor_count
+    if any(term.sensor > count for term in noise):
+        raise InputError(f"noise is stated of a sensor beyond the {count} that there are")
+    return Mend(added, tuple(stored.removed), noise, calibration, stored.rate_hz)
+
+
+def _of_comparison(content: dict[str, Any]) -> dict[str, Any]:
+    """Return the content of a mend file that the JSON of a comparison holds."""
+    mend = content.get("mend")
+    parameters = mend.get("parameters") if isinstance(mend, dict) else None
+    if not isinstance(parameters, dict):
+        raise InputError(
+            "this comparison has no mend: nothing was compared, as where the simulator has a gross mistake"
+        )
+    return parameters
+
+
+@dataclass(frozen=True)
+class Sources:
+    """The files that are compared; None where a side is of none, as what nodes collect."""
+
+    simulation: Provenance | None = None
+    recording: Provenance | None = None
+
+
+def write_comparison(path: Path, comparison: result.Comparison, sources: Sources) -> None:
+    """Write a comparison file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    comparison : Comparison
+        What was compared.
+    sources : Sources
+        The files that it is of.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written.
+    """
+    write_text(path, to_json(comparison_to_mapping(comparison, sources)))
+
+
+def comparison_to_mapping(comparison: result.Comparison, sources: Sources) -> dict[str, Any]:
+    """Return the content of a comparison file; NaN where a value is not known.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        What was compared.
+    sources : Sources
+        The files that it is of.
+    """
+    closing, mend = comparison.closing, comparison.mend
+    return {
+        "schema": COMPARISON_SCHEMA,
+        "verdict": comparison.verdict,
+        "statement": comparison.statement,
+        "remarks": list(comparison.remarks),
+        "mistakes": [
+            {"kind": mistake.kind, "what": mistake.what, "where": mistake.where, "mend": mistake.mend}
+            for mistake in comparison.mistakes
+        ],
+        "missing_in_simulation": [
+            _difference(each) | _shown(by_simulation=each.is_shown_by_other_run, by_recording=True)
+            for each in comparison.missing
+        ],
+        "surplus_in_simulation": [
+            _difference(each) | _shown(by_simulation=True, by_recording=each.is_shown_by_other_run)
+            for each in comparison.surplus
+        ],
+        "other_parameters": [
+            {
+                "effect": each.recording.effect,
+                "simulation": _difference(each.simulation),
+                "recording": _difference(each.recording),
+            }
+            for each in comparison.other_parameters
+        ],
+        "noise": [_noise(each) for each in comparison.noise],
+        "gap": None if closing is None else _closing(closing),
+        "mend": None if mend is None else mend_in_texts(mend),
+        "figures": [_figure(figure) for figure in comparison.figures],
+        "simulation": source_to_mapping(sources.simulation),
+        "recording": source_to_mapping(sources.recording),
+    }
+
+
+def _difference(difference: result.EffectDifference) -> dict[str, Any]:
+    fitted = difference.fitted
+    return {
+        "effect": difference.effect,
+        "sensors": list(difference.sensors),
+        "axes": list(difference.axes),
+        **rounded({"probability": difference.probability, "size": difference.size}),
+        "parameters": {} if fitted is None else numbers_of(fitted, difference.units),
+    }
+
+
+def _shown(by_simulation: bool, by_recording: bool) -> dict[str, bool]:
+    """Say whose run shows an effect, or would if it were there: the side that has it does."""
+    return {"shown_by_simulation_run": by_simulation, "shown_by_recording_run": by_recording}
+
+
+def _noise(difference: result.NoiseDifference) -> dict[str, Any]:
+    simulation, recording = difference.simulation, difference.recording
+    return {
+        "sensor": recording.sensor or "scalar",
+        "axis": recording.axis or None,
+        **_level("simulation", simulation),
+        **_level("recording", recording),
+        "simulation_colour": simulation.colour,
+        "colour": recording.colour,
+        "differs": difference.differs,
+    }
+
+
+def _level(side: str, noise: result.AxisNoise) -> dict[str, float]:
+    levels = {f"{side}_nT": noise.level_T, f"{side}_standard_error_nT": noise.level_error_T}
+    return rounded({name: to_nanotesla(level) for name, level in levels.items()})
+
+
+def _closing(closing: result.Closing) -> dict[str, Any]:
+    return {
+        **sizes(closing),
+        **rounded(
+            {
+                "source_error_before_m": closing.source_error_before_m,
+                "source_error_after_m": closing.source_error_after_m,
+            }
+        ),
+        "source_error_simulation": _source_error(closing.simulation_source),
+        "source_error_recording": _source_error(closing.recording_source),
+        "source_error_mended": _source_error(closing.mended_source),
+        "steps": [{"added": step.added, **rounded({"left": step.left})} for step in closing.steps],
+        "left": closing.left,
+    }
+
+
+def _source_error(error: result.SourceError | None) -> dict[str, Any] | None:
+    return None if error is None else {"median_m": error.median_m, "interval_m": list(error.interval_m)}
+
+
+def _figure(figure: result.Figure) -> dict[str, Any]:
+    factor, unit = for_people(figure.unit)
+    values = {
+        "simulation": figure.simulation,
+        "recording": figure.recording,
+        "simulation_standard_error": figure.simulation_error,
+        "recording_standard_error": figure.recording_error,
+    }
+    return {
+        "group": figure.group,
+        "name": figure.name,
+        "unit": unit,
+        **rounded({name: factor * value for name, value in values.items()}),
+        **rounded({"standard_errors": figure.standard_errors}),
+        "standing": figure.standing,
+    }
+
+
+def mend_in_texts(mend: result.Mend) -> dict[str, Any]:
+    """Return a mend as texts for simulators (SDF, MJCF, Python), and the content of its parameter file.
+
+    Parameters
+    ----------
+    mend : Mend
+        What to write into the simulator.
+    """
+    return {
+        "sdf": gazebo_sdf(mend),
+        "mjcf": mujoco_mjcf(mend),
+        "plugin": python_plugin(mend),
+        "parameters": mend_to_mapping(mend),
+    }

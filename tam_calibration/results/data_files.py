@@ -1,0 +1,202 @@
+"""Recordings and corrected data as files: CSV, or bags."""
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from tam_calibration.correction.calibration import Calibration, Corrected
+from tam_calibration.correction.contradiction import ContradictionSearch
+from tam_calibration.correction.partial import PartialCorrection
+from tam_calibration.files.text_files import nanotesla_to_write, write_whole
+from tam_calibration.messages.point_cloud import SampleLayout
+from tam_calibration.messages.samples import Progress, stamps_of
+from tam_calibration.model.array import OUTPUT_NAMES, Array
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.extras import require
+from tam_calibration.model.recording import BLOCK, Recording
+from tam_calibration.model.units import FloatArray, IntArray
+from tam_calibration.recordings.bag_storages import DEFAULT, is_bag
+from tam_calibration.recordings.reading import AS_IT_IS, Reading
+from tam_calibration.recordings.recording_file import read_pieces, read_samples
+
+
+def _write_blocks(path: Path, names: Sequence[str], blocks: Iterable[FloatArray]) -> None:
+    """Write a table of blocks of rows, with the shortest decimals that read back as the same numbers."""
+    with write_whole(path) as beside, beside.open("w", encoding="utf-8", newline="\n") as file:
+        file.write(",".join(names) + "\n")
+        for rows in blocks:
+            file.writelines(",".join(map(repr, row)) + "\n" for row in np.asarray(rows, dtype=float).tolist())
+
+
+def write_csv_recording(path: Path, recording: Recording) -> None:
+    """Write a recording with its fields in nT.
+
+    Parameters
+    ----------
+    path : Path
+        The CSV file; one that is there is replaced once the new one is whole.
+    recording : Recording
+        A channel that it lacks has no column; NaN is written as nan.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written.
+    """
+    layout = SampleLayout.of(recording)
+    rows = layout.rows(recording)
+    is_field = [name.endswith("_T") for name in layout.columns]
+    blocks = (_block_to_write(rows[start : start + BLOCK], is_field) for start in range(0, len(rows), BLOCK))
+    _write_blocks(path, [re.sub("_T$", "_nT", name) for name in layout.columns], blocks)
+
+
+def _block_to_write(rows: FloatArray, is_field: list[bool]) -> FloatArray:
+    rows[:, is_field] = nanotesla_to_write(rows[:, is_field])
+    return rows
+
+
+_COLUMNS = ("time_s", *(f"{name}_nT" if name.startswith("b") else f"{name}_nT_per_m" for name in OUTPUT_NAMES))
+
+
+def write_csv_corrected(path: Path, pieces: Iterable[Corrected]) -> None:
+    """Write the centre vector in nT and the gradient tensor in nT/m, piece by piece; nan where there is no gradient.
+
+    Parameters
+    ----------
+    path : Path
+        The CSV file; one that is there is replaced once the new one is whole.
+    pieces : iterable of Corrected
+        Results in the order of time.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written.
+    """
+    blocks = (np.column_stack([piece.time_s, nanotesla_to_write(piece.outputs)]) for piece in pieces)
+    _write_blocks(path, _COLUMNS, blocks)
+
+
+def write_recording(path: Path, recording: Recording, storage: str = DEFAULT) -> None:
+    """Write a recording: CSV for the suffix .csv, a single mcap file for .mcap, else a bag's folder.
+
+    Parameters
+    ----------
+    path : Path
+        Where to write.
+    recording : Recording
+        The samples.
+    storage : str
+        What a bag's folder holds: a name in ``bag_storages.STORAGES``.
+
+    Raises
+    ------
+    InputError
+        When it cannot be written.
+    """
+    path = Path(path)
+    if path.suffix == ".csv":
+        write_csv_recording(path, recording)
+    else:
+        require("bags", "writing bags")
+        from tam_calibration.recordings.bag_writing import write_bag_recording
+
+        write_bag_recording(path, recording, storage)
+
+
+def write_corrected_pieces(
+    path: Path,
+    pieces: Iterable[tuple[Corrected, IntArray | None]],
+    source: Path | None = None,
+    progress: Progress = lambda done, total: None,
+    how: Reading = AS_IT_IS,
+    array: Array | None = None,
+) -> None:
+    """Write corrected data piece by piece: CSV for the suffix .csv, a single mcap file for .mcap, else a bag's folder.
+
+    Parameters
+    ----------
+    path : Path
+        Where to write.
+    pieces : iterable of (Corrected, (N,) array of int)
+        Results with the stamps of the messages they came from, nanoseconds; None for the results' times.
+    source : Path, optional
+        The recording they came from. When it is a bag, a bag that is written carries its other topics too and has the
+        same storage.
+    progress : callable
+        Called now and then with the bytes of a source bag that were carried over, and how many there are.
+    how : Reading
+        How the source was read.
+    array : Array, optional
+        Of which array.
+
+    Raises
+    ------
+    InputError
+        When it cannot be written.
+    """
+    path = Path(path)
+    if path.suffix == ".csv":
+        write_csv_corrected(path, (corrected for corrected, _ in pieces))
+    else:
+        require("bags", "writing bags")
+        from tam_calibration.results.bag_corrected import write_bag_corrected
+
+        stamped = ((each, stamps_of(each.time_s) if stamps is None else stamps) for each, stamps in pieces)
+        write_bag_corrected(path, stamped, source if source and is_bag(source) else None, progress, how, array)
+
+
+def correct_file(
+    path: Path,
+    calibration: Calibration,
+    how: Reading = AS_IT_IS,
+    progress: Progress = lambda done, total: None,
+) -> Iterator[tuple[Corrected, IntArray | None]]:
+    """Yield the corrected pieces of a recording with the stamps of its messages; None where it is a CSV file.
+
+    Samples that lack a sensor, or of which one contradicts all others, are corrected with the others.
+
+    Parameters
+    ----------
+    path : Path
+        The bag or CSV file.
+    calibration : Calibration
+        What to correct with; where it holds effects, the whole recording is one piece.
+    how : Reading
+        How it is read.
+    progress : callable
+        Called now and then with the bytes read of a bag, and how many there are; not of a CSV file.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read, and at the end when it is mostly not in tesla.
+    """
+    source = path, calibration.array, how, progress, True
+    partial, failing = PartialCorrection(calibration), ContradictionSearch(calibration)
+    # Effects reach from one piece into the next, and holes in their channels are filled from both sides.
+    pieces = [read_samples(*source)] if calibration.effects else read_pieces(*source)
+    wrong_units: list[InputError] = []
+    right_units = 0
+    for samples in pieces:
+        codes = failing.codes_of(samples.recording) | (0 if samples.missing is None else samples.missing)
+        if codes.any():
+            corrected = partial.correct(samples.recording, codes)
+        elif calibration.effects:
+            corrected = calibration.correct(samples.recording)
+        else:
+            outputs = calibration.apply(samples.recording.readings_T)
+            corrected = Corrected(samples.recording.time_s, outputs, calibration.output_standard_errors)
+        whole = calibration.without_effects(samples.recording) if calibration.effects else samples.recording
+        try:
+            samples.recording.check_units(calibration.array.field)
+            right_units += 1
+        except InputError as problem:
+            wrong_units.append(problem)
+        remarks = (*(() if samples.usage is None else samples.usage.missing), *failing.sentences())
+        yield replace(corrected, scalar_T=whole.scalar_T, remarks=remarks), samples.stamps_ns
+    if len(wrong_units) > right_units:
+        raise wrong_units[0]

@@ -1,0 +1,351 @@
+"""Scenario files, shipped ones by name, and the truth that is written beside a simulated recording."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from datetime import UTC, date, datetime
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+
+from tam_calibration.files import quantities
+from tam_calibration.files.configuration import configuration_folder
+from tam_calibration.files.quantities import in_si
+from tam_calibration.files.schema import Bounds, check
+from tam_calibration.files.text_files import write_text
+from tam_calibration.files.yaml_document import dump_mapping, mapping_in
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.geomagnetic_field import site_field_T
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla, to_nanotesla
+from tam_calibration.recordings.array_yaml import ArrayFile
+from tam_calibration.recordings.iaga2002 import read_iaga2002
+from tam_calibration.results.calibration_schema import SensorFile, errors_of
+from tam_calibration.results.calibration_yaml import sensors_to_mapping
+from tam_calibration.results.effects_schema import EffectFile, effect_to_mapping
+from tam_calibration.simulation import Scenario, Simulation, attitude, instruments, sources
+from tam_calibration.sources.dipole import Dipole
+
+_Intensity = Annotated[float, Bounds(above=0, least=1e-3, most=1e9, unit="nT")]
+"""Of a site: from a shielded room's residual field to one tesla."""
+_Spread = Annotated[float, Bounds(least=0, most=1e9)]
+"""Of noise or a drift, in the unit of its key: more than any channel can read."""
+_Angle = Annotated[float, Bounds(above=0, least=1e-6, most=1e6, unit="deg")]
+"""A standard deviation, or degrees per second: of larger ones nothing but noise is left."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _StatedSensor(SensorFile):
+    scale_factor: quantities.ScaleFactors = (1.0, 1.0, 1.0)
+    non_orthogonality_deg: quantities.Shears = (0.0, 0.0, 0.0)
+    bias_nT: quantities.NanoteslaVector = (0.0, 0.0, 0.0)
+    misalignment_deg: quantities.Turns = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Site:
+    intensity_nT: _Intensity
+    inclination_deg: Annotated[float, Bounds(least=-90, most=90)]
+    declination_deg: quantities.Degrees = 0.0
+
+    def field_T(self) -> FloatArray:
+        angles = from_degrees(self.inclination_deg), from_degrees(self.declination_deg)
+        return sources.field_from_elements(from_nanotesla(self.intensity_nT), *angles)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Place:
+    latitude_deg: float
+    longitude_deg: float
+    height_m: float = 0.0
+    date: date
+
+    def field_T(self) -> FloatArray:
+        return site_field_T(self.latitude_deg, self.longitude_deg, self.height_m, self.date)
+
+
+_KINDS: dict[str, Callable[..., Any]] = {
+    "sinusoid": sources.SinusoidDrift,
+    "ramp": sources.RampDrift,
+    "random": attitude.RandomAttitudes,
+    "three_axis_turns": attitude.ThreeAxisTurns,
+    "turntable": attitude.Turntable,
+    "random_euler_angles": attitude.RandomEulerAngles,
+    "tumble": attitude.Tumble,
+    "auv": attitude.Manoeuvre,
+}
+"""What drifts and motions make of their values."""
+
+
+class _Kind:
+    def build(self, folder: Path) -> Any:
+        kind, *values = in_si(self)
+        return _KINDS[kind](*values)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Sinusoid(_Kind):
+    kind: Literal["sinusoid"]
+    standard_deviation_nT: _Spread
+    period_s: quantities.Period
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Ramp(_Kind):
+    kind: Literal["ramp"]
+    standard_deviation_nT: _Spread
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Observatory:
+    kind: Literal["observatory"]
+    file: str
+    start: datetime | None = None
+
+    def build(self, folder: Path) -> sources.Drift:
+        record = read_iaga2002(folder / self.file)
+        start = self.start or record.start
+        if start.tzinfo is not None:
+            start = start.astimezone(UTC).replace(tzinfo=None)
+        return sources.ObservedDrift(record.time_s - (start - record.start).total_seconds(), record.field_T)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Dipole:
+    position_m: quantities.Place
+    moment_Am2: quantities.Moment
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Motion(_Kind):
+    """A motion without parameters."""
+
+    kind: Literal["random", "three_axis_turns", "turntable"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _RandomEulerAngles(_Kind):
+    kind: Literal["random_euler_angles"]
+    standard_deviation_deg: _Angle = 180.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Tumble(_Kind):
+    kind: Literal["tumble"]
+    turn_rate_deg_per_s: _Angle = 90.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Auv(_Kind):
+    kind: Literal["auv"]
+    pitch_limit_deg: quantities.Degrees
+    roll_limit_deg: quantities.Degrees
+    turn_period_s: quantities.Period
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Scalar:
+    rate_hz: quantities.Hertz | None = None
+    one_error_per_recording: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Temperature:
+    start_C: quantities.Celsius
+    end_C: quantities.Celsius
+    noise_C: _Spread = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Current:
+    low_A: quantities.Ampere
+    high_A: quantities.Ampere
+    period_s: quantities.Period
+    noise_A: _Spread = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Switched:
+    low: quantities.Ampere
+    high: quantities.Ampere
+    period_s: quantities.Period
+    noise: _Spread = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Attitude:
+    noise_deg: _Spread = 0.0
+
+
+_Drift = _Sinusoid | _Ramp | _Observatory
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScenarioFile:
+    """What a scenario file may hold; channels that it does not name are not recorded."""
+
+    array: ArrayFile
+    sensors: list[_StatedSensor] | None = None
+    site: _Site | None = None
+    place: _Place | None = None
+    motion: _Motion | _RandomEulerAngles | _Tumble | _Auv
+    samples: int
+    rate_hz: quantities.Hertz
+    seed: Annotated[int, Bounds(least=0)] = 0
+    drift: _Drift | None = None
+    dipole: _Dipole | None = None
+    site_gradient_nT_per_m: quantities.NanoteslaTensor | None = None
+    scalar: _Scalar | None = None
+    temperature: _Temperature | None = None
+    current: _Current | None = None
+    further_channels: dict[str, _Switched] = field(default_factory=dict)
+    attitude: _Attitude | None = None
+    effects: list[EffectFile] = field(default_factory=list)
+
+    def build(self, folder: Path) -> Scenario:
+        """Return the scenario, paths in it relative to a folder."""
+        array, gradient = self.array.to_array(), self.site_gradient_nT_per_m
+        return Scenario(
+            array=array,
+            errors=SensorErrors.none(array.sensor_count) if self.sensors is None else errors_of(self.sensors),
+            site_field_T=self._site_field_T(),
+            motion=self.motion.build(folder),
+            sample_count=self.samples,
+            rate_hz=self.rate_hz,
+            seed=self.seed,
+            drift=None if self.drift is None else self.drift.build(folder),
+            dipole=None if self.dipole is None else Dipole(*in_si(self.dipole)),
+            site_gradient_T_per_m=None if gradient is None else from_nanotesla(np.array(gradient)),
+            scalar=None if self.scalar is None else instruments.ScalarReference(*in_si(self.scalar)),
+            temperature=None if self.temperature is None else instruments.Temperature(*in_si(self.temperature)),
+            current=None if self.current is None else instruments.Current(*in_si(self.current)),
+            attitude=None if self.attitude is None else instruments.AttitudeChannel(*in_si(self.attitude)),
+            effects=tuple(effect.to_fitted() for effect in self.effects),
+            further={name: instruments.Current(*in_si(channel)) for name, channel in self.further_channels.items()},
+        )
+
+    def _site_field_T(self) -> FloatArray:
+        if self.site is not None and self.place is None:
+            return self.site.field_T()
+        if self.place is not None and self.site is None:
+            return self.place.field_T()
+        raise InputError(
+            "give either site (intensity_nT, inclination_deg) or place (latitude_deg, longitude_deg, date)"
+        )
+
+
+def scenario_of(content: dict[str, Any], folder: Path) -> Scenario:
+    """Return the scenario of the keys and values of a scenario file.
+
+    Parameters
+    ----------
+    content : dict
+        Keys and values as read from YAML, with units in the keys.
+    folder : Path
+        To which paths in the scenario are relative: that of its file.
+
+    Raises
+    ------
+    InputError
+        When a key is not known or missing, or the values make no scenario.
+    """
+    return check(content, ScenarioFile).build(folder)
+
+
+_TRUTH_SCHEMA = "tam_calibration/truth/1"
+
+
+def shipped_scenarios() -> dict[str, Path]:
+    """Return the paths of the scenarios that come with the package, by name."""
+    return {path.stem: path for path in sorted((configuration_folder() / "scenarios").glob("*.yaml"))}
+
+
+def _path_of(name_or_path: str | Path) -> Path:
+    shipped = shipped_scenarios()
+    path = shipped.get(str(name_or_path), Path(name_or_path))
+    if not path.exists():
+        raise InputError(
+            f"there is no file {path}, and no scenario of that name comes with it: {', '.join(shipped)} do"
+        )
+    return path
+
+
+def files_of_scenario(name_or_path: str | Path) -> list[Path]:
+    """Return the files that a scenario is read from: its own, and the observatory's that it may name.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        As of `read_scenario`.
+
+    Raises
+    ------
+    InputError
+        When there is none, or it is no YAML.
+    """
+    path = _path_of(name_or_path)
+    with mapping_in(path) as content:
+        drift = content.get("drift")
+    named = drift.get("file") if isinstance(drift, dict) else None
+    return [path, path.parent / named] if isinstance(named, str) else [path]
+
+
+def read_scenario(name_or_path: str | Path) -> Scenario:
+    """Read a scenario file, or a shipped scenario by its name.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        auv, tumble_100_hz, warming_up, wu_table_1 or wu_turntable, or a YAML file.
+
+    Returns
+    -------
+    Scenario
+        In SI.
+
+    Raises
+    ------
+    InputError
+        When there is none, a key is not known or missing, or the values make no scenario.
+
+    Examples
+    --------
+    >>> from tam_calibration import read_scenario
+    >>> scenario = read_scenario("wu_table_1")  # Wu 2025, Table 1
+    >>> scenario.sample_count, scenario.array.sensor_count, scenario.effects
+    (360, 4, ())
+    """
+    path = _path_of(name_or_path)
+    with mapping_in(path) as content:
+        return scenario_of(content, path.parent)
+
+
+def write_truth(path: Path, simulation: Simulation) -> None:
+    """Write what was simulated: the sensors' true errors and effects as a calibration file states them, and the field.
+
+    Parameters
+    ----------
+    path : Path
+        The YAML file; one that is there is replaced once the new one is whole.
+    simulation : Simulation
+        Errors are written in nT and degrees, of the field the mean and standard deviation of its intensity at the
+        centre.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written.
+    """
+    intensity = np.linalg.norm(simulation.center_field_T, axis=1)
+    content = {
+        "schema": _TRUTH_SCHEMA,
+        "sensors": sensors_to_mapping(simulation.errors),
+        "field": {
+            "intensity_nT": round(float(to_nanotesla(intensity.mean())), 6),
+            "intensity_standard_deviation_nT": round(float(to_nanotesla(intensity.std())), 6),
+        },
+        "seed": simulation.scenario.seed,
+    }
+    if simulation.scenario.effects:
+        content["effects"] = [effect_to_mapping(effect) for effect in simulation.scenario.effects]
+    write_text(path, dump_mapping(content))

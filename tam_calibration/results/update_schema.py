@@ -1,0 +1,138 @@
+"""How a calibration file states what it took from the calibration before it."""
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+import numpy as np
+
+from tam_calibration.correction.update import Moved, Update
+from tam_calibration.files.quantities import Finite, Seconds, Vector, value_in_si
+from tam_calibration.files.schema import Bounds
+from tam_calibration.files.text_files import degrees_to_write, nanotesla_to_write
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.units import FloatArray
+from tam_calibration.recordings.change_rates_schema import RatesFile, rates_to_mapping
+
+_Part = Annotated[float, Bounds(least=0, most=1, may_be_nan=True)]
+_StandardError = Annotated[float, Bounds(least=0, most=1e12)]
+"""SI, of an error of a sensor: a larger one means a damaged file, as in the calibration itself."""
+
+_Kind = Literal["scale factor", "non-orthogonality", "bias", "misalignment"]
+
+_UNIT_OF = {"scale factor": "", "non-orthogonality": "_deg", "bias": "_nT", "misalignment": "_deg"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class _ChangeFile:
+    kind: _Kind | Literal["several errors", "biases", "scalar reading, or the scale factors"]
+    sensor: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class _MovedFile:
+    kind: _Kind
+    sensor: int
+    change: Vector | None = None
+    change_nT: Vector | None = None
+    change_deg: Vector | None = None
+    standard_error: Vector | None = None
+    standard_error_nT: Vector | None = None
+    standard_error_deg: Vector | None = None
+    probability: _Part
+    rivals: list[_ChangeFile] = dataclasses.field(default_factory=list)
+    since_s: Seconds | None = None
+    together: _ChangeFile | None = None
+
+    def to_moved(self) -> Moved:
+        """Return the change in SI."""
+        rivals = tuple((rival.kind, rival.sensor) for rival in self.rivals)
+        change, error = self._in_si("change"), self._in_si("standard_error")
+        together = None if self.together is None else (self.together.kind, self.together.sensor)
+        return Moved(self.kind, self.sensor, change, error, self.probability, rivals, self.since_s, together)
+
+    def _in_si(self, name: str) -> FloatArray:
+        key = name + _UNIT_OF[self.kind]
+        if getattr(self, key) is None:
+            raise InputError(f"the file is damaged: a {self.kind} that moved has no {key}")
+        return np.asarray(value_in_si(key, getattr(self, key)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class UpdateFile:
+    """The keys of ``update``: tables have a row of twelve numbers for each sensor, SI, as ``covariance_SI`` has."""
+
+    prior: str
+    change_rates: RatesFile | None
+    elapsed_s: Annotated[float, Bounds(least=0)] | None
+    warming_K: Finite | None
+    prior_standard_errors_SI: list[list[_StandardError]]
+    data_share: list[list[_Part]]
+    chi_square: Annotated[float, Bounds(least=-1e-6)]
+    freedom: int
+    probability: _Part
+    moved: list[_MovedFile]
+
+    def to_update(self, sensor_count: int) -> Update:
+        """Return the update in SI.
+
+        Raises
+        ------
+        InputError
+            When a table is not of so many sensors.
+        """
+        for name in ("prior_standard_errors_SI", "data_share"):
+            if [len(row) for row in getattr(self, name)] != [12] * sensor_count:
+                raise InputError(f"the file is damaged: {name} must have {sensor_count} rows of 12 numbers")
+        return Update(
+            self.prior,
+            None if self.change_rates is None else self.change_rates.to_rates(),
+            self.elapsed_s,
+            self.warming_K,
+            np.array(self.prior_standard_errors_SI),
+            np.array(self.data_share),
+            self.chi_square,
+            self.freedom,
+            self.probability,
+            tuple(each.to_moved() for each in self.moved),
+        )
+
+
+def update_to_mapping(update: Update) -> dict[str, Any]:
+    """Return the keys and values of an update in a file."""
+    return {
+        "prior": update.prior,
+        "change_rates": None if update.rates is None else rates_to_mapping(update.rates),
+        "elapsed_s": update.elapsed_s,
+        "warming_K": update.warming_K,
+        "prior_standard_errors_SI": update.prior_standard_errors.tolist(),
+        "data_share": update.data_share.tolist(),
+        "chi_square": update.chi_square,
+        "freedom": update.freedom,
+        "probability": update.probability,
+        "moved": [_moved_to_mapping(each) for each in update.moved],
+    }
+
+
+def _moved_to_mapping(moved: Moved) -> dict[str, Any]:
+    unit = _UNIT_OF[moved.kind]
+    return {
+        "kind": moved.kind,
+        "sensor": moved.sensor,
+        f"change{unit}": _to_write(moved.kind, moved.change),
+        f"standard_error{unit}": _to_write(moved.kind, moved.standard_errors),
+        "probability": moved.probability,
+        "rivals": [_change_to_mapping(*rival) for rival in moved.rivals],
+        "since_s": moved.since_s,
+        "together": None if moved.together is None else _change_to_mapping(*moved.together),
+    }
+
+
+def _change_to_mapping(kind: str, sensor: int) -> dict[str, Any]:
+    return {"kind": kind, "sensor": sensor}
+
+
+def _to_write(kind: str, values: FloatArray) -> list[float]:
+    unit = _UNIT_OF[kind]
+    written = {"": values, "_nT": nanotesla_to_write(values), "_deg": degrees_to_write(values)}[unit]
+    return [float(value) for value in written]
