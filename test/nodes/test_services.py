@@ -133,6 +133,7 @@ def test_what_a_mission_needs_is_set_at_run_time(bench, recording, tmp_path):
         assert reason in set_parameter(bench, "calibrator", name, value)
     assert set_parameter(bench, "calibrator", "method", "two_step_linear") == ""
     assert set_parameter(bench, "calibrator", "calibration_file", str(path)) == ""
+    bench.health("calibrator", lambda _, figures: figures["samples"] == "600", "all samples are stored")
     assert "; two_step_linear on 600 samples" in bench.call("calibrator/calibrate").message
     assert bench.call("calibrator/save").success
     assert f"{tmp_path}/none.yaml cannot be read" in set_parameter(
