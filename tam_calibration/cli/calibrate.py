@@ -57,7 +57,7 @@ def _blocks(
     is_data = calibration.array.attitude_noise is not None or calibration.ambient_gradient is not None
     if recording.attitude is not None and calibration.method == DEFAULT_METHOD and not is_data:
         words.append(_UNUSED_ATTITUDE)
-    notes = [*calibration.statements, f"By hand: {FORMULA}"]
+    notes = [*map(sentence, calibration.notes), *calibration.statements, f"By hand: {FORMULA}"]
     if usage is not None:
         notes.append(sentence(str(usage)))
     if delays is not None:

@@ -194,6 +194,9 @@ class Calibration:
         ``variance_factors``.
     warnings : tuple of str
         What speaks against trusting the calibration, one sentence each.
+    notes : tuple of str
+        What was done to the recording before the fit, such as readings that were left out, one sentence each. They
+        are no reason to doubt the calibration.
     held_out : Residuals, optional
         Residuals of samples that the fit did not see.
     source : Provenance, optional
@@ -247,6 +250,7 @@ class Calibration:
     coverage: float
     reduced_chi_square: dict[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     held_out: Residuals | None = None
     source: Provenance | None = None
     ambient_gradient: AmbientGradientEstimate | None = None

@@ -113,10 +113,11 @@ def calibrate(
     is_joint |= takes_priors and array.tolerances is not None
     array.require_recording(recording)
     found = [fault.sentence for fault in require_sound(recording, array, accept)]
+    notes: tuple[str, ...] = ()
     recording.thinned(SKETCH).check_plausible(array.field)
     if not (is_joint or ambient_gradient or method == "robust"):
         recording, left_out = without_bad_readings(recording, array)
-        found += () if left_out is None else left_out.sentences()
+        notes = () if left_out is None else tuple(left_out.sentences())
     if not is_joint:
         require_determined(recording, array, is_uniform=not ambient_gradient)
     require_enough(recording.sample_count, accept)
@@ -128,7 +129,7 @@ def calibrate(
     if not is_joint and method in _OURS:
         calibration = widened(calibration, uniform, is_robust=method == "robust")
     warnings = (*found, *calibration.warnings, *find_warnings(uniform, calibration))
-    calibration = within_limits(replace(calibration, warnings=warnings), accept)
+    calibration = within_limits(replace(calibration, warnings=warnings, notes=notes), accept)
     return replace(calibration, held_out=_held_out(recording, array, fit))
 
 

@@ -182,6 +182,7 @@ class _Calibration:
     frame: str
     statements: list[str]
     warnings: list[str]
+    notes: list[str] = dataclasses.field(default_factory=list)
     accepted: list[str] = dataclasses.field(default_factory=list)
     sensors: list[_CalibratedSensor]
     array: _Array
@@ -238,6 +239,7 @@ def calibration_of(content: dict[str, Any]) -> Calibration:
         held_out=None if residuals.held_out is None else _residuals(residuals.held_out),
         source=stored.recording.to_provenance(),
         warnings=tuple(stored.warnings),
+        notes=tuple(stored.notes),
         ambient_gradient=stored.field.to_gradient(),
         frame=stored.frame,
         effects=effects,

@@ -123,6 +123,7 @@ def calibration_to_mapping(calibration: Calibration) -> dict[str, Any]:
         "frame": calibration.frame,
         "statements": list(calibration.statements[1:]),
         "warnings": list(calibration.warnings),
+        **({"notes": list(calibration.notes)} if calibration.notes else {}),
         **({"accepted": list(calibration.accepted)} if calibration.accepted else {}),
         "sensors": sensors_to_mapping(calibration.errors, calibration.standard_errors),
         "array": array_to_mapping(calibration.array) | {"noise_is_estimated": calibration.noise_is_estimated},
