@@ -10,12 +10,13 @@ import click
 from tam_calibration.cli.terminal import (
     JOBS,
     PATH,
-    print_blocks,
+    Detail,
+    answer_options,
+    print_answer,
     reading_options,
-    say_written,
     showing_progress,
 )
-from tam_calibration.fleet.missions import all_drifts, all_missions
+from tam_calibration.fleet.missions import ParameterDrift, all_drifts, all_missions
 from tam_calibration.fleet.rows import COUNTS_HEADER, DRIFT_HEADER, count_rows, drift_row, largest, open_points
 from tam_calibration.fleet.task import Result
 from tam_calibration.model.exceptions import InputError
@@ -25,14 +26,22 @@ from tam_calibration.recordings.reading import Reading
 from tam_calibration.report.blocks import Block, Table, Text
 
 
-def _blocks(results: Sequence[Result]) -> list[Block]:
-    """Return counts by platform, the drift of each kind of parameter that stands out most, and what is open."""
+def _blocks(results: Sequence[Result], drifts: Sequence[ParameterDrift], missions: Sequence[str]) -> list[Block]:
+    """Return counts by platform, the drifts that stand out most, and which platforms have none."""
     blocks: list[Block] = [Table(COUNTS_HEADER, count_rows(results), "What was found")]
-    drifts = [drift_row(found)[:-1] for found in largest(all_drifts(results))]
     if drifts:
-        blocks.append(Table(DRIFT_HEADER[:-1], drifts, "Largest drift of each kind, ± standard errors"))
-    without = [f"{each.platform}: {each.no_drift}" for each in all_missions(results) if each.no_drift]
-    return blocks + [Text(words) for words in (*without, *open_points(results))]
+        rows = [drift_row(found)[:-1] for found in drifts]
+        blocks.append(Table(DRIFT_HEADER[:-1], rows, "Largest drift of each kind, ± standard errors"))
+    return blocks + [Text(words) for words in missions]
+
+
+_FEW = 5
+"""Open points that a summary names."""
+
+
+def _answer(results: Sequence[Result], points: Sequence[str]) -> str:
+    settled = f"{sum(result.is_settled for result in results)} of {len(results)} recordings are settled"
+    return f"{settled}; {len(points)} are open: {points[0]}" if points else f"{settled}."
 
 
 @click.command()
@@ -48,6 +57,7 @@ def _blocks(results: Sequence[Result]) -> list[Block]:
 @click.option("--jobs", type=JOBS, help="Processes of this machine; by default one for each core.")
 @click.option("--scheduler", help="Address of a Dask scheduler, such as tcp://host:8786, whose workers do the work.")
 @reading_options
+@answer_options
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -58,6 +68,7 @@ def command(
     jobs: int | None,
     scheduler: str | None,
     how: Reading,
+    detail: Detail,
 ) -> None:
     """Calibrate, diagnose and correct many RECORDINGS, or those that patterns find, such as 'missions/**/*.mcap'.
 
@@ -87,6 +98,14 @@ def command(
         results = run_batch(
             paths, out, options, run, lambda done, total: progress.update(task, completed=done, total=total)
         )
-    print_blocks(_blocks(results))
-    say_written(out / name for name in SUMMARIES)
+    drifts, points = largest(all_drifts(results)), open_points(results)
+    without = [f"{each.platform}: {each.no_drift}" for each in all_missions(results) if each.no_drift]
+    blocks = _blocks(results, drifts, without)
+    print_answer(
+        _answer(results, points),
+        [*map(Text, points[1:_FEW]), *blocks],
+        [*blocks, *map(Text, points)],
+        detail,
+        (out / name for name in SUMMARIES),
+    )
     ctx.exit(0 if all(result.is_settled for result in results) else 1)

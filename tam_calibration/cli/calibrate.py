@@ -1,6 +1,6 @@
 """`tam calibrate`: from a recording to a calibration."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -25,51 +25,58 @@ from tam_calibration.model.recording import SKETCH, Recording, SampleSource
 from tam_calibration.model.units import FloatArray, from_degrees, to_nanotesla
 from tam_calibration.recordings import provenance, read_array
 from tam_calibration.recordings.bag_transforms import transforms_in
+from tam_calibration.recordings.fit_with_usage import fit_with_usage
 from tam_calibration.recordings.reading import AS_IT_IS, Reading
 from tam_calibration.recordings.recording_file import read_source
 from tam_calibration.report.blocks import Block, Text
-from tam_calibration.report.calibration_rows import known_source_blocks, parameter_blocks, quality_blocks
-from tam_calibration.report.formatting import number, sentence, with_error
-from tam_calibration.report.update_rows import update_blocks
+from tam_calibration.report.calibration_rows import (
+    known_source_blocks,
+    parameter_blocks,
+    quality_blocks,
+    summary_blocks,
+)
+from tam_calibration.report.formatting import sentence, with_error
+from tam_calibration.report.update_rows import update_blocks, update_sentences
 from tam_calibration.results import FORMULA, calibration_to_mapping, calibration_to_yaml, read_calibration
 
 if TYPE_CHECKING:
     from tam_calibration.gap.delays import Delays
 
 
-def _blocks(
-    calibration: Calibration, recording: Recording, usage: Usage | None, delays: "Delays | None"
-) -> list[Block]:
-    """Return parameters, residuals, coverage, what to know, and how to apply the calibration by hand."""
-    from tam_calibration.fit.coverage import field_of, measure_coverage
-    from tam_calibration.fit.identifiability import find_weakness
+def _summary(calibration: Calibration, remarks: Sequence[str]) -> list[Block]:
+    """Return further reasons to doubt, what was done to the recording, the residuals and the size of the errors."""
+    reasons = [Text(f"Also: {reason}.", "doubt") for reason in calibration.quality.reasons[1:]]
+    update = [] if calibration.update is None else update_sentences(calibration.update)
+    words = [Text(sentence(each)) for each in (*update, *calibration.notes, *remarks)]
+    return [*reasons, *words, *summary_blocks(calibration)]
 
-    update, weakness = calibration.update, find_weakness(recording, calibration)
-    advice = f" {sentence(measure_coverage(field_of(recording, calibration.errors)).advice)}"
-    intensity = number(to_nanotesla(calibration.intensity_T), 6)
-    reference = "from the scalar reference" if calibration.has_scalar_reference else "fitted, on an unknown scale"
-    words = [f"Field: {intensity} nT, {reference}. Samples: {calibration.samples}."]
+
+def _tables(calibration: Calibration, remarks: Sequence[str]) -> list[Block]:
+    """Return parameters, residuals, coverage, what to know, and how to apply the calibration by hand."""
+    words = [sentence(each) for each in (*calibration.notes, *remarks)]
     if calibration.ambient_gradient is not None:
         words.append(_gradient(calibration.ambient_gradient))
-    words.append(f"Coverage: {calibration.coverage:.0%} of the sphere.{'' if update else advice}")
-    if weakness.parameters and update is None:
-        words.append(str(weakness))
-    is_data = calibration.array.attitude_noise is not None or calibration.ambient_gradient is not None
-    if recording.attitude is not None and calibration.method == DEFAULT_METHOD and not is_data:
-        words.append(_UNUSED_ATTITUDE)
-    notes = [*map(sentence, calibration.notes), *calibration.statements, f"By hand: {FORMULA}"]
-    if usage is not None:
-        notes.append(sentence(str(usage)))
-    if delays is not None:
-        notes.append(_delays_in_words(delays))
     return [
+        *(Text(f"Warning: {sentence(warning)}", "doubt") for warning in calibration.warnings),
         *parameter_blocks(calibration),
         *quality_blocks(calibration),
-        *([] if update is None else update_blocks(update)),
+        *([] if calibration.update is None else update_blocks(calibration.update)),
         *known_source_blocks(calibration),
-        *(Text(each) for each in words),
-        *(Text(f"Warning: {sentence(warning)}", "doubt") for warning in calibration.warnings),
-        *(Text(each) for each in notes),
+        *(Text(each) for each in (*words, *calibration.statements, f"By hand: {FORMULA}")),
+    ]
+
+
+def _remarks(calibration: Calibration, recording: Recording, usage: Usage | None, delays: "Delays | None") -> list[str]:
+    """Return what the recording leaves badly determined, what was used of it, and the delays that were found."""
+    from tam_calibration.fit.identifiability import find_weakness
+
+    weakness = "" if calibration.update else str(find_weakness(recording, calibration))
+    is_data = calibration.array.attitude_noise is not None or calibration.ambient_gradient is not None
+    is_unused = recording.attitude is not None and calibration.method == DEFAULT_METHOD and not is_data
+    return [
+        *filter(None, (weakness, _UNUSED_ATTITUDE if is_unused else "")),
+        *([] if usage is None else [str(usage)]),
+        *([] if delays is None else [_delays_in_words(delays)]),
     ]
 
 
@@ -133,6 +140,7 @@ _Fit = Callable[[SampleSource, Array], Calibration]
     help="Estimate first how much later than sensor 1's the other sensors' readings are stamped, and take that off.",
 )
 @terminal.reading_options
+@terminal.answer_options
 @click.option(
     "--json", "json_path", type=terminal.PATH, help="Write the result as JSON; - is stdout, instead of the tables."
 )
@@ -140,7 +148,9 @@ _Fit = Callable[[SampleSource, Array], Calibration]
 @click.option(
     "--accept", multiple=True, metavar="NAME", help=f"Overrule a finding; may be repeated: {', '.join(ACCEPTABLE)}."
 )
+@click.pass_context
 def command(
+    ctx: click.Context,
     recording: Path,
     array: Path,
     output: Path | None,
@@ -153,15 +163,20 @@ def command(
     source: Path | None,
     estimate_delays: bool,
     how: Reading,
+    detail: terminal.Detail,
     json_path: Path | None,
     report: Path | None,
     accept: tuple[str, ...],
 ) -> None:
-    """Estimate the errors of an array's sensors from RECORDING, of any format."""
+    """Estimate the errors of an array's sensors from RECORDING, of any format.
+
+    The first line says whether the calibration is good, doubtful or bad, and why. Exits 0 when it is good or doubtful,
+    1 when it is bad (nothing is written then, unless the finding is accepted by its name), 2 on bad input.
+    """
     to_stdout = json_path == Path("-")
     outputs = {"yaml": output, "json": None if to_stdout else json_path, "report": report}
     inputs = [recording, array, *([prior_path] if prior_path else []), *_files_of(source), *how.files]
-    with terminal.write_together(outputs, inputs) as beside:
+    with terminal.graded(to_stdout), terminal.write_together(outputs, inputs) as beside:
         is_joint = prior_path is not None or attitude_noise_deg is not None
         model_T = field_at(place) if place is not None and is_joint else None
         fit = _fit_of(method, ambient_gradient, effects, accept, prior_path, model_T)
@@ -189,8 +204,18 @@ def command(
     if to_stdout:
         say(to_json(_to_mapping(calibration, delays)))
     else:
-        terminal.print_blocks(_blocks(calibration, data, usage, delays))
-        terminal.say_written(outputs.values())
+        remarks = _remarks(calibration, data, usage, delays)
+        advice = f"tam correct {recording} --calibration {output} -o corrected.csv" if output else ""
+        terminal.print_answer(
+            str(calibration.quality),
+            _summary(calibration, remarks),
+            _tables(calibration, remarks),
+            detail,
+            outputs.values(),
+            advice,
+        )
+    if calibration.quality.grade == "bad":
+        ctx.exit(1)
 
 
 def _to_mapping(calibration: Calibration, delays: "Delays | None") -> dict[str, Any]:
@@ -270,14 +295,11 @@ def _calibrate(
     A large recording is kept in files and read anew for each pass; every n-th of its samples is shown.
     """
     samples, usage = read_source(path, array, how, terminal.reading(progress))
-    warnings = () if usage is None else usage.warnings()
     if place is not None:
         samples = _with_intensity(samples.whole(), place)
     progress.add_task(f"fitting {samples.sample_count} samples", total=None)
-    calibration = fit(samples, array)
-    if usage is not None:
-        warnings += usage.interpolation_warnings(samples, calibration.array.vector_noise_T)
-    calibration = replace(calibration, source=provenance(path), warnings=(*warnings, *calibration.warnings))
+    calibration = fit_with_usage(samples, usage, lambda seen: fit(seen, array))
+    calibration = replace(calibration, source=provenance(path))
     shown = samples if isinstance(samples, Recording) else samples.thinned(SKETCH)
     return calibration, as_if_uniform(shown, calibration.errors, array, calibration.ambient_gradient).whole(), usage
 

@@ -8,10 +8,12 @@ import click
 from tam_calibration.cli.streams import say
 from tam_calibration.cli.terminal import (
     PATH,
-    print_blocks,
+    Detail,
+    answer_options,
+    graded,
+    print_answer,
     progress_of,
     reading_options,
-    say_written,
     showing_progress,
     working,
     write_together,
@@ -24,11 +26,8 @@ from tam_calibration.recordings.channel_map import read_map
 from tam_calibration.recordings.compared_recordings import read_array_of, read_compared
 from tam_calibration.recordings.reading import AS_IT_IS, Reading
 from tam_calibration.report import comparison_rows
-from tam_calibration.report.blocks import Text
+from tam_calibration.report.blocks import Block
 from tam_calibration.results.comparison_json import Sources, comparison_to_mapping, write_mend
-
-_ROWS = 30
-"""Parameters of an effect that are printed."""
 
 
 @click.command()
@@ -46,6 +45,7 @@ _ROWS = 30
 @click.option("--mend", type=PATH, help="Write what the simulation lacks, for tam simulate --from-comparison.")
 @click.option("--map-of-simulation", type=PATH, help="Map YAML of the simulation, if its names are others.")
 @reading_options
+@answer_options
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -58,6 +58,7 @@ def command(
     mend: Path | None,
     map_of_simulation: Path | None,
     how: Reading,
+    detail: Detail,
 ) -> None:
     """Say what SIMULATION, recorded from your simulator, has otherwise than RECORDING, and what mends the simulator.
 
@@ -70,7 +71,7 @@ def command(
     inputs = [*(path for path in given if path is not None), *how.files]
     simulated_map = None if map_of_simulation is None else read_map(map_of_simulation)
     simulated_how = replace(AS_IT_IS, channel_map=simulated_map, tolerance_s=how.tolerance_s)
-    with write_together(outputs, inputs) as beside:
+    with graded(to_stdout), write_together(outputs, inputs) as beside:
         comparison = _compare(simulation, recording, array_path, simulated_array_path, simulated_how, how)
         sources = Sources(provenance(simulation), provenance(recording))
         content = to_json(comparison_to_mapping(comparison, sources))
@@ -86,7 +87,14 @@ def command(
     if to_stdout:
         say(content)
     else:
-        _print(comparison, written)
+        print_answer(
+            comparison_rows.answer(comparison),
+            comparison_rows.summary_blocks(comparison),
+            _tables(comparison),
+            detail,
+            written,
+            comparison_rows.next_words(comparison),
+        )
         if mend and comparison.mend is None:
             say(f"not written: {mend}, as nothing was compared")
     ctx.exit(0 if comparison.verdict == "same" else 1)
@@ -115,13 +123,10 @@ def _compare(
     return replace(comparison, remarks=(*simulated_remarks, *remarks, *comparison.remarks))
 
 
-def _print(comparison: Comparison, written: list[Path]) -> None:
-    blocks = (
-        *comparison_rows.verdict_blocks(comparison),
+def _tables(comparison: Comparison) -> list[Block]:
+    return [
+        *comparison_rows.mistake_blocks(comparison),
         *comparison_rows.difference_blocks(comparison),
         *comparison_rows.noise_blocks(comparison),
         *comparison_rows.closing_blocks(comparison),
-        Text(f"Next: {comparison_rows.next_words(comparison)}"),
-    )
-    print_blocks(blocks, _ROWS)
-    say_written(written)
+    ]

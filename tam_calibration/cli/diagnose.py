@@ -23,21 +23,17 @@ from tam_calibration.recordings.reading import Reading
 from tam_calibration.recordings.recording_file import read_every, read_source
 from tam_calibration.report.blocks import Block, Points, Text
 from tam_calibration.report.formatting import sentence
-from tam_calibration.report.gap_rows import cause_blocks, hypotheses, verdict_blocks, where_words
+from tam_calibration.report.gap_rows import cause_blocks, hypotheses, size_blocks, summary_blocks, where_words
 from tam_calibration.results import read_calibration
 from tam_calibration.results.results_json import gap_to_mapping
 
 _LEFT = "What is left with the causes, and the simulated twin does not have:"
 
 
-_ROWS = 30
-"""Parameters of an effect that are printed."""
-
-
-def _blocks(gap: Gap, usage: Usage | None) -> list[Block]:
-    """Return the verdict, the causes, where the gap lies, what became of each hypothesis, and what to record."""
+def _blocks(gap: Gap) -> list[Block]:
+    """Return the size of the gap, its causes, where it lies, what became of each hypothesis, and what to record."""
     sensor_count = len(gap.residue.floor_T) // 3
-    blocks = verdict_blocks(gap)
+    blocks = size_blocks(gap)
     if gap.where.sensors:
         blocks.append(Text(f"Where: {where_words(gap.where, sensor_count)}."))
     if gap.causes:
@@ -48,7 +44,7 @@ def _blocks(gap: Gap, usage: Usage | None) -> list[Block]:
     blocks += [Text("Hypotheses:"), hypotheses(gap.considered)]
     if gap.next_recording:
         blocks.append(Text(f"Next recording: {sentence(gap.next_recording)}"))
-    return blocks if usage is None else [*blocks, Text(sentence(str(usage)))]
+    return blocks
 
 
 _ANSWERS = ("no_gap", "explained")
@@ -75,6 +71,7 @@ _ANSWERS = ("no_gap", "explained")
     "it. A scalar reference that contradicts it is bad input.",
 )
 @terminal.reading_options
+@terminal.answer_options
 @click.option(
     "--accept", multiple=True, metavar="NAME", help=f"Overrule a finding; may be repeated: {', '.join(ACCEPTABLE)}."
 )
@@ -89,6 +86,7 @@ def command(
     calibration_path: Path | None,
     place: str | None,
     how: Reading,
+    detail: terminal.Detail,
     accept: tuple[str, ...],
 ) -> None:
     """Say whether RECORDING, of any format, holds more than the model and the noise can make, where, and why.
@@ -99,7 +97,7 @@ def command(
     to_stdout = json_path == Path("-")
     outputs = {"json": None if to_stdout else json_path, "report": report}
     inputs = [*(path for path in (recording, array, calibration_path) if path is not None), *how.files]
-    with terminal.write_together(outputs, inputs) as beside:
+    with terminal.graded(to_stdout), terminal.write_together(outputs, inputs) as beside:
         found = _read_array(array, recording, place)
         gap, usage = _diagnose(recording, found, without, calibration_path, how, accept)
         source = provenance(recording)
@@ -113,8 +111,11 @@ def command(
     if to_stdout:
         say(content)
     else:
-        terminal.print_blocks(_blocks(gap, usage), _ROWS)
-        terminal.say_written(outputs.values())
+        effects = ",".join(cause.fitted.effect for cause in gap.causes)
+        advice = f"tam calibrate {recording} --array {array} --effects {effects}" if effects else ""
+        used = [] if usage is None else [Text(sentence(str(usage)))]
+        summary, tables = [*summary_blocks(gap), *used], [*_blocks(gap), *used]
+        terminal.print_answer(gap.headline, summary, tables, detail, outputs.values(), advice)
     ctx.exit(0 if gap.verdict in _ANSWERS else 1)
 
 

@@ -17,7 +17,7 @@ from tam_calibration.model.units import FloatArray, from_degrees
 from tam_calibration.recordings.reading import Reading
 from tam_calibration.recordings.recording_file import read_source
 from tam_calibration.report.blocks import Text
-from tam_calibration.report.survey_rows import sample_blocks, source_blocks, statements
+from tam_calibration.report.survey_rows import answer, sample_blocks, source_blocks, statements
 from tam_calibration.results import read_calibration
 
 
@@ -36,6 +36,7 @@ from tam_calibration.results import read_calibration
 @click.option("--place", help="LAT,LON,DATE: the regional field is that of IGRF there, instead of a fitted one.")
 @click.option("--attitude-noise-deg", default=0.0, show_default=True, help="Standard deviation about each axis.")
 @terminal.reading_options
+@terminal.answer_options
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @click.option("--report", type=terminal.PATH, help="Write an HTML page with a map.")
 def command(
@@ -49,6 +50,7 @@ def command(
     place: str | None,
     attitude_noise_deg: float,
     how: Reading,
+    detail: terminal.Detail,
     as_json: bool,
     report: Path | None,
 ) -> None:
@@ -67,7 +69,8 @@ def command(
     speed = None if velocity is None else _vector(velocity)
     noise = float(from_degrees(attitude_noise_deg))
     calibration = read_calibration(calibration_path)
-    with terminal.write_together({"report": report}, [recording, calibration_path, *how.files]) as beside:
+    inputs = [recording, calibration_path, *how.files]
+    with terminal.graded(as_json), terminal.write_together({"report": report}, inputs) as beside:
         with terminal.showing_progress() as progress:
             source, usage = read_source(recording, calibration.array, how, terminal.reading(progress))
             data = source.whole()
@@ -90,7 +93,7 @@ def command(
             from tam_calibration.report.survey_report import write_survey_report
 
             write_survey_report(beside["report"], survey, recording.name)
-    _print(survey, as_json, report)
+    _print(survey, as_json, report, detail)
 
 
 def _check(frequency: float | None, find_frequency: bool, is_mixed: bool) -> None:
@@ -110,12 +113,17 @@ def _vector(words: str) -> FloatArray:
     return values
 
 
-def _print(survey: Survey, as_json: bool, report: Path | None) -> None:
+_FEW = 5
+"""Samples that a summary shows."""
+
+
+def _print(survey: Survey, as_json: bool, report: Path | None, detail: terminal.Detail) -> None:
     if as_json:
         from tam_calibration.results.results_json import survey_to_mapping
 
         say(to_json(survey_to_mapping(survey)))
         return
-    words = (Text(each) for each in statements(survey))
-    terminal.print_blocks((*source_blocks(survey), *sample_blocks(survey), *words))
-    terminal.say_written([report])
+    words = [Text(each) for each in statements(survey)]
+    tables = [*source_blocks(survey), *sample_blocks(survey), *words]
+    few = [*words, *([] if survey.overall else sample_blocks(survey, _FEW))]
+    terminal.print_answer(answer(survey), few, tables, detail, [report])

@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 from tam_calibration import __version__
-from tam_calibration.cli.streams import on_one_line, say, tell, usable_streams
+from tam_calibration.cli.streams import GradedBad, on_one_line, say, tell, usable_streams
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.processors import use_one_thread
 from tam_calibration.model.signals import Ending
@@ -144,6 +144,9 @@ class LazyGroup(click.Group):
             raise _on_one_line(problem) from None
         except click.UsageError as problem:
             raise _on_one_line(problem) if type(problem) is click.UsageError else problem from None
+        except GradedBad as problem:
+            problem.say(held.after(problem))
+            ctx.exit(1)
         except Refused as problem:
             _end(ctx, held.after(problem), code=1)
         except InputError as problem:

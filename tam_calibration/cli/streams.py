@@ -9,13 +9,30 @@ from io import TextIOWrapper
 
 import click
 
-from tam_calibration.model.exceptions import printable
+from tam_calibration.model.exceptions import Refused, printable
 
 _DIGITS = re.compile(r"(\d{12})\d{24,}(\d{12})")
 """A number of more digits than anybody reads, between those that are shown."""
 
 _LONGEST = 2000
 """Letters of a sentence: a name in it, of a file or a column, may have thousands that tell nobody more."""
+
+
+class GradedBad(Refused):
+    """A refusal by a command that grades its answer."""
+
+    def __init__(self, reason: str, as_json: bool) -> None:
+        super().__init__(reason)
+        self._as_json = as_json
+
+    def say(self, reason: str) -> None:
+        """Write the grade and a reason to standard output, as the answer."""
+        from tam_calibration.correction.quality import quality_for
+        from tam_calibration.files.text_files import to_json
+        from tam_calibration.results.calibration_yaml import quality_to_mapping
+
+        quality = quality_for("bad", [reason])
+        say(to_json({"quality": quality_to_mapping(quality)}) if self._as_json else on_one_line(str(quality)))
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import click
 from rich.console import Console
@@ -15,10 +15,10 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 from rich.table import Table as RichTable
 from rich.text import Text as RichText
 
-from tam_calibration.cli.streams import say
+from tam_calibration.cli.streams import GradedBad, say
 from tam_calibration.files.whole_files import write_set
 from tam_calibration.messages.samples import Progress as ProgressCallback
-from tam_calibration.model.exceptions import InputError, printable
+from tam_calibration.model.exceptions import InputError, Refused, printable
 from tam_calibration.model.extras import require
 from tam_calibration.recordings.channel_map import read_map
 from tam_calibration.recordings.reading import TOLERANCE_S, Moment, Reading, Window
@@ -138,6 +138,73 @@ def reading_options(function: Callable[..., Any]) -> Callable[..., Any]:
     return command
 
 
+MOST_LINES = 20
+"""Lines of an answer that is not asked for in full: they fit a terminal beside the command."""
+
+Detail = Literal["tables", "answer"] | None
+"""How much of an answer is printed: all tables, its first line alone, or a summary."""
+
+
+def answer_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options of how much is printed to a command, which gets them as one argument ``detail``."""
+    quiet = click.option("-q", "--quiet", "detail", flag_value="answer", help="Print the first line only.")
+    verbose = click.option("-v", "--verbose", "detail", flag_value="tables", default=None, help="Print all tables.")
+    command: Callable[..., Any] = verbose(quiet(function))
+    return command
+
+
+def print_answer(
+    answer: str,
+    summary: Iterable[Block],
+    tables: Iterable[Block],
+    detail: Detail,
+    written: Iterable[Path | None] = (),
+    advice: str = "",
+) -> None:
+    """Print an answer: one line, then a summary of at most ``MOST_LINES`` lines in all, or all tables.
+
+    Parameters
+    ----------
+    answer : str
+        The first line.
+    summary, tables : iterable of Block
+        What is printed behind it: by default, and where all is asked for.
+    detail : Detail
+        How much to print.
+    written : iterable of Path or None
+        Files that were written, which are named behind it.
+    advice : str
+        What to do next, the last line.
+    """
+    console = stdout()
+    console.print(answer, style="bold", soft_wrap=True)
+    if detail == "answer":
+        return
+    paths = list(filter(None, written))
+    if detail == "tables":
+        print_blocks(tables, _MOST_ROWS)
+    else:
+        with console.capture() as captured:
+            print_blocks(summary, console=console)
+        lines = captured.get().splitlines()
+        most = MOST_LINES - 1 - len(paths) - bool(advice)
+        shown = lines if len(lines) <= most else [*lines[: most - 1], "… --verbose prints all."]
+        for line in shown:
+            say(line)
+    say_written(paths)
+    if advice:
+        say(f"next: {advice}")
+
+
+@contextmanager
+def graded(as_json: bool = False) -> Iterator[None]:
+    """Answer a refusal by the grade "bad" with its reason: in words, or as JSON."""
+    try:
+        yield
+    except Refused as problem:
+        raise GradedBad(str(problem), as_json) from problem
+
+
 class _Console(Console):
     """A console that escapes unprintable characters of what it prints."""
 
@@ -150,7 +217,11 @@ def stdout() -> Console:
     return _Console(width=None if sys.stdout.isatty() else _PIPE_WIDTH, highlight=False, markup=False)
 
 
-def print_blocks(blocks: Iterable[Block], most: int = sys.maxsize) -> None:
+_MOST_ROWS = 30
+"""Rows of a table that are printed: parameters of an effect may be many more."""
+
+
+def print_blocks(blocks: Iterable[Block], most: int = sys.maxsize, console: Console | None = None) -> None:
     """Print the paragraphs, points and tables of a page; what stands out is bold.
 
     Parameters
@@ -159,8 +230,10 @@ def print_blocks(blocks: Iterable[Block], most: int = sys.maxsize) -> None:
         No pictures.
     most : int, optional
         Rows of a table that are printed.
+    console : Console, optional
+        Where to print; standard output by default.
     """
-    console = stdout()
+    console = console or stdout()
     for block in blocks:
         if isinstance(block, Text):
             console.print(block.text, style="bold" if block.emphasis else None, soft_wrap=True)

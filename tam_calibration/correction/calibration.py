@@ -10,6 +10,7 @@ import numpy as np
 from numpy.linalg import inv
 
 from tam_calibration.core.variance_factors import VarianceFactors
+from tam_calibration.correction.quality import Grade, Quality, quality_for, residual_in_words
 from tam_calibration.correction.update import Update
 from tam_calibration.effects.removal import added_to, of_sensors, removable
 from tam_calibration.model.array import Array, KnownNoiseArray
@@ -193,7 +194,8 @@ class Calibration:
         or last longer, than noise, ``slow_differential`` or ``slow_common_mode`` stands beside them: see
         ``variance_factors``.
     warnings : tuple of str
-        What speaks against trusting the calibration, one sentence each.
+        What speaks against trusting the calibration, one sentence each: what is wrong and, behind the last colon, what
+        to do.
     notes : tuple of str
         What was done to the recording before the fit, such as readings that were left out, one sentence each. They
         are no reason to doubt the calibration.
@@ -261,6 +263,23 @@ class Calibration:
     accepted: tuple[str, ...] = ()
     temperature_C: float | None = None
     update: Update | None = None
+
+    @property
+    def best_residuals(self) -> Residuals:
+        """The residuals to judge by: of held-out samples where there are any."""
+        return self.held_out or self.in_sample
+
+    @property
+    def quality(self) -> Quality:
+        """Its grade, the reasons for that, and what to do next: bad where its residual had to be accepted."""
+        grade: Grade = "doubtful" if self.warnings else "good"
+        if "residual" in self.accepted:
+            grade = "bad"
+        seen = "held-out samples" if self.held_out else "the samples of the fit"
+        headline = residual_in_words(self.best_residuals, self.floor, seen)
+        origin = ", estimated from the same recording" if self.noise_is_estimated else ""
+        scale = "" if self.has_scalar_reference else "; the absolute scale is unknown"
+        return quality_for(grade, self.warnings, f"{headline}{origin}{scale}")
 
     @property
     def statements(self) -> tuple[str, ...]:

@@ -8,7 +8,8 @@ import numpy as np
 
 from tam_calibration.correction.acceptance import within_limits
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.consistency import Fit, accepted, find_warnings
+from tam_calibration.fit.consistency import Fit, accepted
+from tam_calibration.fit.doubts import doubts_of
 from tam_calibration.fit.identifiability import FEWEST_SAMPLES, require_determined
 from tam_calibration.fit.integrated import integrated
 from tam_calibration.fit.joint_calibration import calibrate_jointly
@@ -128,9 +129,9 @@ def calibrate(
     uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient)
     if not is_joint and method in _OURS:
         calibration = widened(calibration, uniform, is_robust=method == "robust")
-    warnings = (*found, *calibration.warnings, *find_warnings(uniform, calibration))
-    calibration = within_limits(replace(calibration, warnings=warnings, notes=notes), accept)
-    return replace(calibration, held_out=_held_out(recording, array, fit))
+    calibration = replace(calibration, held_out=_held_out(recording, array, fit))
+    warnings = (*found, *calibration.warnings, *doubts_of(uniform, calibration))
+    return within_limits(replace(calibration, warnings=warnings, notes=notes), accept)
 
 
 def _fit_of(method: str, ambient_gradient: bool) -> Fit:

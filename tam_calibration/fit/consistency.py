@@ -10,7 +10,7 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.identifiability import FEWEST_SAMPLES, require_accurate
+from tam_calibration.fit.identifiability import require_accurate
 from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.fit.scale import normalize, sphere_of_most
 from tam_calibration.model.array import Array
@@ -36,12 +36,6 @@ _LARGEST_RESIDUAL = 0.01
 
 _LARGEST_DISTANCE = 0.05
 """Part of the radius of a sphere that most readings are near; errors of scale and angles make readings miss it too."""
-
-_FEWEST_FOR_GRADIENT = 3
-"""Sensors that determine a gradient wherever they do not stand in one line."""
-
-_LARGEST_CHI_SQUARE = 2.0
-"""Square of 1.4 times the stated noise: data sheets are hardly more exact."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,8 +109,8 @@ def require_one_sphere(recording: SampleSource) -> None:
         raise Refused(f"the recording is not one calibration: {parts.sentence()}; calibrate the parts apart")
 
 
-def find_warnings(recording: SampleSource, calibration: Calibration) -> tuple[str, ...]:
-    """Return what speaks against trusting a calibration, one sentence each.
+def residual_that_changes(recording: SampleSource, calibration: Calibration) -> str:
+    """Say when the residual of the intensity is small and when large; empty where it hardly changes.
 
     Parameters
     ----------
@@ -125,30 +119,10 @@ def find_warnings(recording: SampleSource, calibration: Calibration) -> tuple[st
     calibration : Calibration
         What was fitted to them.
     """
-    warnings = []
-    if calibration.array.sensor_count >= _FEWEST_FOR_GRADIENT and not calibration.array.has_gradient:
-        warnings.append(
-            "the sensors stand in one line, so this array measures no gradient tensor: the outputs have none"
-        )
-    names = {"differential": "between the sensors", "common_mode": "against the reference intensity"}
-    chance = 6 * np.sqrt(2 / max(1, calibration.samples - FEWEST_SAMPLES))
-    for channel, words in names.items():
-        value = calibration.reduced_chi_square.get(channel, 1.0)
-        if value > max(_LARGEST_CHI_SQUARE, 1 + chance):
-            warnings.append(
-                f"the residual {words} is {np.sqrt(value):.3g} times the stated noise: the model or the noise is wrong"
-            )
-    factors = calibration.variance_factors
-    for words, factor in zip(names.values(), (factors.differential, factors.common_mode), strict=True):
-        if factor > 1:
-            warnings.append(
-                f"the residuals {words} are larger, or last longer, than noise of the stated size: they count as noise "
-                f"of {np.sqrt(factor):.3g} times that size, and standard errors hold where they are alike throughout"
-            )
     parts = _residual_in_parts(recording, calibration)
-    if parts is not None and parts.exceeds(_LARGEST_STEADY_RESIDUAL * calibration.intensity_T):
-        warnings.append(parts.sentence())
-    return tuple(warnings)
+    if parts is None or not parts.exceeds(_LARGEST_STEADY_RESIDUAL * calibration.intensity_T):
+        return ""
+    return f"{parts.sentence()}: leave that time out with --from and --until"
 
 
 def _residual_in_parts(recording: SampleSource, calibration: Calibration) -> _Parts | None:

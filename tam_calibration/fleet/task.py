@@ -24,6 +24,7 @@ from tam_calibration.model.exceptions import InputError, Refused, printable
 from tam_calibration.model.recording import SampleSource
 from tam_calibration.recordings import array_to_mapping, read_array, read_samples
 from tam_calibration.recordings.bag_storages import is_bag
+from tam_calibration.recordings.fit_with_usage import fit_with_usage
 from tam_calibration.recordings.reading import Reading
 from tam_calibration.recordings.recording_file import provenance, read_source
 from tam_calibration.results import (
@@ -314,11 +315,8 @@ def _work(task: Task, folder: Path) -> Result:
     if notes.problems:
         return task.result(notes.status, notes.problems)
     with notes.step("calibrate", may_refuse=True):
-        warnings = () if usage is None else usage.warnings()
-        own = calibrate(source, options.array)
-        if usage is not None:
-            warnings += usage.interpolation_warnings(source, own.array.vector_noise_T)
-        own = replace(own, source=origin, warnings=(*warnings, *own.warnings))
+        own = fit_with_usage(source, usage, lambda samples: calibrate(samples, options.array))
+        own = replace(own, source=origin)
         write_calibration(folder / "calibration.yaml", own)
         rest["sensors"] = calibration_to_mapping(own)["sensors"]
         calibration = calibration or read_calibration(folder / "calibration.yaml")  # what others will correct with

@@ -155,7 +155,7 @@ class Usage:
         if self.scalar_is_lost:
             raise Refused(f"{'; '.join(self.lost)}: mend that, or leave the topic out to do without")
         few = (f"only {self}",) if self.used < _WARNED_BELOW * self.received else ()
-        return (*few, *((self.unfinished,) if self.unfinished else ()), *self.lost, *self.missing)
+        return (*few, *((self.unfinished,) if self.unfinished else ()), *self.lost)
 
     def with_each_reading_once(self, samples: SampleSource) -> SampleSource:
         """Return samples for a fit, thinned where a sensor that is read less often would count more than once.
@@ -231,14 +231,14 @@ class Usage:
         return tuple(warnings)
 
     def remarks(self) -> tuple[str, ...]:
-        """Return the warnings as whole sentences.
+        """Return the warnings and what is missing as whole sentences.
 
         Raises
         ------
         Refused
             When less than half were used.
         """
-        return tuple(f"{warning[0].upper()}{warning[1:]}." for warning in self.warnings())
+        return tuple(f"{warning[0].upper()}{warning[1:]}." for warning in (*self.warnings(), *self.missing))
 
 
 def _of_type(kind: Any, value: Any) -> Any:

@@ -57,6 +57,11 @@ class Residuals:
     tensor_T_per_m: FloatArray
 
     @property
+    def sensors_rms_T(self) -> float:
+        """RMS of |b_i| - s over all sensors, tesla."""
+        return float(np.sqrt(np.mean(self.sensor_intensity_T**2)))
+
+    @property
     def tensor_rmse_T_per_m(self) -> float:
         """Root of the summed squares of the five components, e_T of Wu 2025 eqs. 16, 17."""
         return float(norm(self.tensor_T_per_m))

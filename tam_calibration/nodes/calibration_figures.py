@@ -1,23 +1,9 @@
 """How good a calibration is, in one line for people and in figures for /diagnostics."""
 
-import numpy as np
-from numpy.linalg import norm
-
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.model.residuals import Residuals
-from tam_calibration.model.units import to_nanotesla
 
 _DAY_S = 86_400.0
 _OLDEST_S = 20 * 365 * _DAY_S
-
-
-def describe(calibration: Calibration) -> str:
-    """Return residual before and after against the noise floor: of the tensor, or of |B| where there is none."""
-    seen = (calibration.before, _best(calibration), calibration.floor)
-    before, after, floor = (to_nanotesla(_overall(residuals, calibration.array.has_gradient)) for residuals in seen)
-    name, unit = ("e_T", "nT/m") if calibration.array.has_gradient else ("|B| error", "nT")
-    where = "held out" if calibration.held_out else "in sample"
-    return f"{name} {before:.4g} → {after:.4g} {unit} {where}, noise floor {floor:.4g} {unit}"
 
 
 def introduce(calibration: Calibration | None, path: str, now_s: float) -> str:
@@ -34,7 +20,7 @@ def introduce(calibration: Calibration | None, path: str, now_s: float) -> str:
     """
     if calibration is None:
         return f"no calibration: {path} is not there yet" if path else "no calibration"
-    return f"calibration {path}, {_tell_age(_age_s(calibration, now_s))}: {describe(calibration)}"
+    return f"calibration {path}, {_tell_age(_age_s(calibration, now_s))}: {calibration.quality}"
 
 
 def figures(calibration: Calibration | None, now_s: float) -> dict[str, object]:
@@ -49,26 +35,17 @@ def figures(calibration: Calibration | None, now_s: float) -> dict[str, object]:
     """
     if calibration is None:
         return {"calibration": "none"}
-    best, floor, age_s = _best(calibration), calibration.floor, _age_s(calibration, now_s)
+    best, floor, age_s = calibration.best_residuals, calibration.floor, _age_s(calibration, now_s)
     return {
         "calibration": calibration.method,
+        "quality": calibration.quality.grade,
         "calibration_samples": calibration.samples,
         "calibration_age_s": "unknown" if age_s is None else f"{age_s:.0f}",
         "tensor_residual_T_per_m": f"{best.tensor_rmse_T_per_m:.4g}",
         "tensor_floor_T_per_m": f"{floor.tensor_rmse_T_per_m:.4g}",
-        "intensity_residual_T": f"{_overall(best, has_gradient=False):.4g}",
-        "intensity_floor_T": f"{_overall(floor, has_gradient=False):.4g}",
+        "intensity_residual_T": f"{best.sensors_rms_T:.4g}",
+        "intensity_floor_T": f"{floor.sensors_rms_T:.4g}",
     }
-
-
-def _best(calibration: Calibration) -> Residuals:
-    return calibration.held_out or calibration.in_sample
-
-
-def _overall(residuals: Residuals, has_gradient: bool) -> float:
-    if has_gradient:
-        return residuals.tensor_rmse_T_per_m
-    return float(norm(residuals.sensor_intensity_T) / np.sqrt(len(residuals.sensor_intensity_T)))
 
 
 def _age_s(calibration: Calibration, now_s: float) -> float | None:

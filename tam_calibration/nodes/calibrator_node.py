@@ -20,7 +20,7 @@ from tam_calibration.messages.usage import Usage
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.extras import require
 from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health, TamNode
-from tam_calibration.nodes.calibration_figures import describe, figures, introduce
+from tam_calibration.nodes.calibration_figures import figures, introduce
 from tam_calibration.nodes.cloud import CloudReader, Rows, from_stamp, layout_of
 from tam_calibration.nodes.comparing import COMPARED, WRITTEN_OF_COMPARISON, compare_with_simulation, require_comparable
 from tam_calibration.nodes.kept_samples import KEPT, SAVE_S, KeptSamples
@@ -29,6 +29,8 @@ from tam_calibration.nodes.live_update import UPDATED, LiveUpdate
 from tam_calibration.nodes.node_parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
 from tam_calibration.nodes.work import Work
 from tam_calibration.recordings.compared_recordings import remarks_on
+from tam_calibration.recordings.fit_with_usage import fit_with_usage
+from tam_calibration.report.formatting import sentence
 from tam_calibration.report.update_rows import update_sentences
 from tam_calibration.results import calibration_to_yaml, read_calibration, write_calibration
 from tam_calibration.results.overwriting import require_separate
@@ -121,7 +123,8 @@ class Calibrator(TamNode):
         if self._reader.problem:
             level, message = ERROR, self._reader.problem
         elif self._calibration is not None:
-            level, message = OK, f"{stored}; {describe(self._calibration)}"
+            quality = self._calibration.quality
+            level, message = OK if quality.grade == "good" else WARN, f"{stored}; {quality}"
         else:
             level, message = (OK, f"{stored}; no calibration yet") if len(self._store) else (STALE, "no samples yet")
         gap = self._gap
@@ -176,18 +179,20 @@ class Calibrator(TamNode):
 
     def _calibrate(self) -> str:
         usage = self._usage()
-        warnings = usage.warnings()
-        fitted = usage.with_each_reading_once(self._store.recording())
-        calibration = calibrate(
-            fitted, self._array, self.value("method"), accept=names_in(self.value("accept")), prior=self._prior()
+        fit = partial(
+            calibrate,
+            array=self._array,
+            method=self.value("method"),
+            accept=names_in(self.value("accept")),
+            prior=self._prior(),
         )
-        warnings += usage.interpolation_warnings(fitted, calibration.array.vector_noise_T)
-        calibration = replace(calibration, warnings=(*warnings, *calibration.warnings))
+        calibration = fit_with_usage(usage.with_each_reading_once(self._store.recording()), usage, fit)
         self._live.begin(calibration)
         self._publish(calibration)
         update = [] if calibration.update is None else update_sentences(calibration.update)
-        told = "; ".join([*([] if warnings else [_in_words(usage)]), *update, *calibration.warnings, *self._autosave()])
-        return f"{describe(calibration)}; {calibration.method} on {calibration.samples} samples; {told}"
+        further = (*calibration.quality.reasons[1:], *calibration.notes, *update, _in_words(usage), *self._autosave())
+        told = f"{calibration.method} on {calibration.samples} samples; {'; '.join(further)}"
+        return f"{calibration.quality} {sentence(told)}"
 
     def _prior(self) -> Calibration | None:
         """Return the calibration that was loaded, where it shall be the prior.

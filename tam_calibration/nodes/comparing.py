@@ -14,7 +14,7 @@ from tam_calibration.nodes.base import TamNode
 from tam_calibration.nodes.node_parameters import Rule
 from tam_calibration.recordings import provenance
 from tam_calibration.recordings.compared_recordings import read_array_of, read_compared
-from tam_calibration.report.comparison_rows import first_difference, headline
+from tam_calibration.report.comparison_rows import answer
 from tam_calibration.results.comparison_json import Sources, write_comparison, write_mend
 
 COMPARED = (
@@ -84,13 +84,7 @@ def compare_with_simulation(
     simulation, simulated_remarks = read_compared("simulation", path, simulated)
     comparison = compare(simulation, samples, array, array_of_simulation=simulated, progress=progress)
     comparison = replace(comparison, remarks=(*simulated_remarks, *remarks, *comparison.remarks))
-    return _told(comparison) + _write(node, comparison, Sources(provenance(path)))
-
-
-def _told(comparison: Comparison) -> str:
-    """Return the verdict, and the first difference where the verdict does not name it already."""
-    verdict, first = headline(comparison), first_difference(comparison)
-    return verdict if first.rstrip(".") in verdict else f"{verdict} {first}"
+    return answer(comparison) + _write(node, comparison, Sources(provenance(path)))
 
 
 def _write(node: TamNode, comparison: Comparison, sources: Sources) -> str:

@@ -34,18 +34,35 @@ from tam_calibration.report.recording_plots import (
     thinning_note,
 )
 from tam_calibration.report.update_rows import update_blocks
-from tam_calibration.report.verdict import judge
 
 
 def verdict_section(evidence: CalibrationView) -> Section:
     """Return whether the calibration can be relied on, and why it should be doubted."""
-    verdict = judge(evidence.calibration, evidence.coverage)
-    blocks: list[Block] = [Text(verdict.sentence, "doubt" if verdict.doubts else "good")]
-    if verdict.doubts:
-        blocks.append(Points([doubt.detail for doubt in verdict.doubts]))
-    if verdict.limits:
-        blocks += [Text("What limits this verdict:"), Points(verdict.limits)]
+    calibration = evidence.calibration
+    quality = calibration.quality
+    blocks: list[Block] = [Text(str(quality), "good" if quality.grade == "good" else "doubt")]
+    if further := [sentence(reason) for reason in (*quality.reasons[1:], *calibration.notes)]:
+        blocks.append(Points(further))
+    if limits := _limits(calibration):
+        blocks += [Text("What limits this verdict:"), Points(limits)]
     return Section("Verdict", blocks)
+
+
+def _limits(calibration: Calibration) -> list[str]:
+    """Return what the calibration does not claim, however good it is."""
+    limits = []
+    if not calibration.has_scalar_reference:
+        limits.append("There was no scalar reference: the absolute scale is unknown, and |B| is taken as constant.")
+    if calibration.covariance is None:
+        limits.append("The method gives no covariance: the standard errors of the parameters are unknown.")
+    if calibration.held_out is None:
+        limits.append("No samples were held out: the residuals are those of the samples that were fitted.")
+    if calibration.noise_is_estimated:
+        limits.append(
+            "Not every noise was stated: the noise floor was estimated from this recording, and a residual near it "
+            "proves less. State the noise in the array file to judge by it."
+        )
+    return limits
 
 
 def residuals_section(evidence: CalibrationView) -> Section:

@@ -9,7 +9,7 @@ from tam_calibration.model.residuals import Residuals
 from tam_calibration.model.sensor_errors import PARAMETER_NAMES, orientation_to_axes
 from tam_calibration.model.units import to_degrees, to_nanotesla
 from tam_calibration.report.blocks import Block, Table, Text
-from tam_calibration.report.formatting import join, number, ratio, with_error
+from tam_calibration.report.formatting import count, join, number, ratio, with_error
 
 _KINDS = (("", 1.0, 6), (" (°)", to_degrees(1.0), 5), (" (nT)", to_nanotesla(1.0), 2), (" (°)", to_degrees(1.0), 5))
 """Unit, factor from SI and decimals of scale factor, non-orthogonality, bias and misalignment."""
@@ -88,9 +88,46 @@ _CHANNELS = {
 }
 
 
+def summary_blocks(calibration: Calibration) -> list[Block]:
+    """Return the residuals of the worst sensor, centre and tensor, and the largest standard errors, in a few lines."""
+    states = {"before": calibration.before, "after": calibration.best_residuals, "noise floor": calibration.floor}
+    figures = [_residual_figures(state) for state in states.values()]
+    worst = np.argmax(calibration.best_residuals.sensor_intensity_T / calibration.floor.sensor_intensity_T)
+    names = [name for name in figures[0] if name.startswith((f"|B|, sensor {worst + 1} ", "|B|, centre", "tensor"))]
+    rows = [[name, *(number(values[name]) for values in figures)] for name in names]
+    factors = [factor for _, factor, _ in _KINDS]
+    kinds = zip(
+        ("scale factor", "non-orthogonality", "bias", "misalignment"), factors, ("", "°", " nT", "°"), strict=True
+    )
+    largest = np.nanmax(calibration.standard_errors.reshape(-1, 4, 3), axis=(0, 2), initial=0)
+    errors = join(
+        [
+            f"{name} {number(factor * float(error), 2)}{unit}"
+            for (name, factor, unit), error in zip(kinds, largest, strict=True)
+        ]
+    )
+    return [
+        Table(["RMS residual", *states], rows),
+        Text(f"Largest standard errors: {errors}."),
+        Text(_field(calibration)),
+    ]
+
+
+def _field(calibration: Calibration) -> str:
+    intensity = number(to_nanotesla(calibration.intensity_T), 6)
+    reference = "from the scalar reference" if calibration.has_scalar_reference else "fitted, on an unknown scale"
+    seen = f"{count(calibration.samples)} samples; {calibration.coverage:.0%} of the sphere seen"
+    return f"Field: {intensity} nT, {reference}; {seen}."
+
+
 def quality_blocks(calibration: Calibration) -> list[Block]:
     """Return the residuals in and out of sample against the noise floor."""
-    return [_residuals(calibration), Text(_chi_square(calibration)), Text(_noise(calibration))]
+    return [
+        _residuals(calibration),
+        Text(_chi_square(calibration)),
+        Text(_noise(calibration)),
+        Text(_field(calibration)),
+    ]
 
 
 def _residuals(calibration: Calibration) -> Table:

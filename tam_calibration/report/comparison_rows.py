@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
+from itertools import islice
 
 from tam_calibration.comparison import result
 from tam_calibration.model.units import for_people, to_nanotesla
@@ -30,13 +31,27 @@ def mistake_words(mistake: result.Mistake) -> str:
 
 
 def verdict_blocks(comparison: result.Comparison) -> list[Block]:
-    """Return the simulator's gross mistakes, remarks on the two recordings, and the verdict."""
+    """Return the verdict, the simulator's gross mistakes, and remarks on the two recordings."""
     emphasis = "good" if comparison.verdict == "same" else "doubt"
-    return [
-        *(Text(mistake_words(mistake), "doubt") for mistake in comparison.mistakes),
-        *(Text(remark, "doubt") for remark in comparison.remarks),
-        Text(headline(comparison), emphasis),
-    ]
+    return [Text(headline(comparison), emphasis), *mistake_blocks(comparison)]
+
+
+def mistake_blocks(comparison: result.Comparison) -> list[Block]:
+    """Return the simulator's gross mistakes, and remarks on the two recordings."""
+    sentences = (*(mistake_words(mistake) for mistake in comparison.mistakes), *comparison.remarks)
+    return [Text(words, "doubt") for words in sentences]
+
+
+def answer(comparison: result.Comparison) -> str:
+    """Return the verdict, and the first difference where the verdict does not name it already."""
+    verdict, first = headline(comparison), next(_difference_sentences(comparison), "")
+    return verdict if first.rstrip(".") in verdict else f"{verdict} {first}"
+
+
+def summary_blocks(comparison: result.Comparison) -> list[Block]:
+    """Return the differences behind the first, and remarks on the two recordings, a line each."""
+    further = islice(_difference_sentences(comparison), 1, None)
+    return [*(Text(words) for words in further), *(Text(remark, "doubt") for remark in comparison.remarks)]
 
 
 def difference_blocks(comparison: result.Comparison) -> list[Block]:
@@ -76,11 +91,6 @@ def closing_blocks(comparison: result.Comparison) -> list[Block]:
     if closing.left:
         blocks.append(Text(f"What stays open: {sentence(closing.left)}", "doubt"))
     return blocks
-
-
-def first_difference(comparison: result.Comparison) -> str:
-    """Return the first difference in one sentence: a mistake, an effect, its parameters, or noise; empty for none."""
-    return next(_difference_sentences(comparison), "")
 
 
 def _difference_sentences(comparison: result.Comparison) -> Iterator[str]:

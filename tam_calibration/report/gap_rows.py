@@ -22,7 +22,39 @@ if TYPE_CHECKING:
 def verdict_blocks(gap: Gap) -> list[Block]:
     """Return whether there is a gap, how large it is, and which part of it is explained."""
     emphasis = "good" if gap.verdict in ("no_gap", "explained") else "doubt"
-    blocks: list[Block] = [*(Text(remark, "doubt") for remark in gap.remarks), Text(gap.headline, emphasis)]
+    return [Text(gap.headline, emphasis), *size_blocks(gap)]
+
+
+def summary_blocks(gap: Gap) -> list[Block]:
+    """Return remarks, the size of the gap, its causes and what to record next, in a few lines."""
+    size, sensor_count = gap.size, len(gap.residue.floor_T) // 3
+    blocks: list[Block] = [Text(remark, "doubt") for remark in gap.remarks]
+    if gap.verdict != "not_identifiable":
+        before, after = (number(to_nanotesla(value)) for value in (size.before_T, size.after_T))
+        blocks.append(
+            Text(
+                f"Gap out of sample: {number(size.before)} noise floors, {before} nT at one axis of a sensor; "
+                f"after its causes are added: {number(size.after)} noise floors, {after} nT."
+            )
+        )
+    blocks += [Text(f"{cause.fitted.effect}: {_in_short(cause, sensor_count)}.") for cause in gap.causes]
+    if gap.remainder:
+        blocks.append(Text(f"What no cause explains: {gap.remainder}", "doubt"))
+    return [*blocks, Text(f"Next recording: {sentence(gap.next_recording)}")] if gap.next_recording else blocks
+
+
+def _in_short(cause: Cause, sensor_count: int) -> str:
+    others = cause.indistinguishable_from
+    like = f"; cannot be told from {join([name.replace('_', ' ') for name in others])}" if others else ""
+    return (
+        f"{place(cause.sensors, cause.axes, sensor_count)}; probability {percent(cause.probability)}, explains "
+        f"{percent(cause.r2_cv)} out of sample{like}"
+    )
+
+
+def size_blocks(gap: Gap) -> list[Block]:
+    """Return remarks, how large the gap is, and which part of it is explained."""
+    blocks: list[Block] = [Text(remark, "doubt") for remark in gap.remarks]
     if gap.verdict != "not_identifiable":
         blocks.append(_size_table(gap.size))
     if gap.floor is not None:

@@ -11,7 +11,24 @@ MOST_ROWS = 20
 """Samples that are shown; of more, some from the first to the last."""
 
 
-_SAMPLES = f"Position ± standard error of samples by themselves; of more than {MOST_ROWS} some from first to last."
+_SAMPLES = "Position ± standard error of samples by themselves; of many some from first to last."
+
+
+def answer(survey: Survey) -> str:
+    """Return where the source is and how strong, in one line."""
+    located, total = int(survey.solutions.is_located.sum()), len(survey.time_s)
+    some = f"located in {count(located)} of {count(total)} samples by themselves"
+    if survey.overall is None:
+        distance = np.linalg.norm(survey.solutions.position_m - survey.center_m, axis=1)[survey.solutions.is_located]
+        return f"A source is {some}, at {number(float(distance.min()))} to {number(float(distance.max()))} m."
+    sources = [_in_short(one) for one in (survey.overall, *survey.further)]
+    return f"{'A source is' if len(sources) == 1 else 'Sources are'} at {'; '.join(sources)}."
+
+
+def _in_short(overall: Overall) -> str:
+    places = zip("xyz", _values(overall.position_m, standard_errors(overall.position_covariance_m2)), strict=True)
+    size = _size(overall.moment_Am2, overall.moment_covariance_A2m4)
+    return f"{', '.join(f'{axis} {value}' for axis, value in places)} m, moment {size} A m²"
 
 
 def source_blocks(survey: Survey) -> list[Block]:
@@ -24,17 +41,17 @@ def source_blocks(survey: Survey) -> list[Block]:
     ]
 
 
-def sample_blocks(survey: Survey) -> list[Block]:
-    """Return where single samples see the source; empty where none does."""
+def sample_blocks(survey: Survey, most: int = MOST_ROWS) -> list[Block]:
+    """Return where single samples see the source, at most so many; empty where none does."""
     header = ("time (s)", "x (m)", "y (m)", "z (m)", "distance (m)", "moment (A m²)")
-    rows = sample_rows(survey)
+    rows = sample_rows(survey, most)
     return [Table(header, rows, _SAMPLES)] if rows else []
 
 
-def sample_rows(survey: Survey) -> list[list[str]]:
+def sample_rows(survey: Survey, most: int = MOST_ROWS) -> list[list[str]]:
     """Return rows of located samples: time from the first, position ± standard errors, distance, size of moment."""
     located = np.flatnonzero(survey.solutions.is_located)
-    shown = located[np.unique(np.linspace(0, len(located) - 1, min(len(located), MOST_ROWS)).round().astype(int))]
+    shown = located[np.unique(np.linspace(0, len(located) - 1, min(len(located), most)).round().astype(int))]
     distance = np.linalg.norm(survey.solutions.position_m - survey.center_m, axis=1)
     moments, spreads = survey.solutions.moment_Am2, survey.solutions.moment_covariance_A2m4
     return [

@@ -15,6 +15,7 @@ from tam_calibration.correction.calibration import (
     KnownSource,
     Provenance,
 )
+from tam_calibration.correction.quality import Grade
 from tam_calibration.effects.library import check_numbers
 from tam_calibration.files.quantities import (
     NOT_TURNED,
@@ -174,10 +175,18 @@ class _KnownSource:
 
 
 @dataclass(frozen=True, kw_only=True)
+class _Quality:
+    grade: Grade
+    reasons: list[str]
+    next: list[str]
+
+
+@dataclass(frozen=True, kw_only=True)
 class _Calibration:
     schema: Literal["tam_calibration/calibration/1"]
     software: str
     method: str
+    quality: _Quality | None = None
     formula: str
     frame: str
     statements: list[str]

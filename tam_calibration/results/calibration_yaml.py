@@ -8,6 +8,7 @@ import numpy as np
 
 from tam_calibration import __version__
 from tam_calibration.correction.calibration import AmbientGradientEstimate, Calibration, KnownSource
+from tam_calibration.correction.quality import Quality
 from tam_calibration.effects.library import units_of
 from tam_calibration.files.quantities import NOT_TURNED
 from tam_calibration.files.text_files import degrees_to_write, in_file, nanotesla_to_write, read_text, write_text
@@ -112,6 +113,11 @@ def calibration_to_yaml(calibration: Calibration) -> str:
     return dump_mapping(calibration_to_mapping(calibration))
 
 
+def quality_to_mapping(quality: Quality) -> dict[str, Any]:
+    """Return the grade of a calibration, its reasons, and what to do next."""
+    return {"grade": quality.grade, "reasons": list(quality.reasons), "next": list(quality.next)}
+
+
 def calibration_to_mapping(calibration: Calibration) -> dict[str, Any]:
     """Return the content of a calibration file: numbers that are read again are exact, those for people rounded."""
     source = calibration.source
@@ -119,6 +125,7 @@ def calibration_to_mapping(calibration: Calibration) -> dict[str, Any]:
         "schema": SCHEMA,
         "software": f"tam_calibration {__version__}",
         "method": calibration.method,
+        "quality": quality_to_mapping(calibration.quality),
         "formula": FORMULA,
         "frame": calibration.frame,
         "statements": list(calibration.statements[1:]),

@@ -1,12 +1,15 @@
 """`tam calibrate`: tables for people, JSON for programs, files that appear together."""
 
 import json
+import re
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from click.testing import CliRunner
 from numpy.testing import assert_allclose
 
@@ -62,8 +65,8 @@ main(["calibrate", {name!r}, "--array", "array.yaml", "-o", "c.yaml"])"""
 
 
 def test_people_see_parameters_residuals_coverage_and_the_formula(folder):
-    """Everything that a person judges a calibration by is printed."""
-    out = run("run.csv", "--array", "array.yaml", "-o", "c.yaml").stdout
+    """Everything that a person judges a calibration by is printed where that is asked for."""
+    out = run("run.csv", "--array", "array.yaml", "-o", "c.yaml", "--verbose").stdout
     for words in (
         "scale factor x",
         "bias z (nT)",
@@ -75,8 +78,31 @@ def test_people_see_parameters_residuals_coverage_and_the_formula(folder):
         "gxx (nT/m)",
     ):
         assert words in out
-    for words in ("Coverage: ", "of the sphere", "frame of sensor 1", "By hand: Field at a sensor", "written: c.yaml"):
+    for words in ("% of the sphere seen", "frame of sensor 1", "By hand: Field at a sensor", "written: c.yaml"):
         assert words in out
+
+
+def test_the_first_line_is_the_answer(folder):
+    """By default it is followed by a summary of few lines, which names the next command."""
+    out = run("run.csv", "--array", "array.yaml", "-o", "c.yaml").stdout
+    first, *others = out.splitlines()
+    assert re.fullmatch(r"Good: tensor residual [\d.]+ nT/m on held-out samples, noise floor [\d.]+ nT/m\.", first)
+    assert len(others) < 20 and others[-1] == "next: tam correct run.csv --calibration c.yaml -o corrected.csv"
+    assert run("run.csv", "--array", "array.yaml", "--quiet").stdout == f"{first}\n"
+    assert yaml.safe_load(Path("c.yaml").read_text())["quality"] == {"grade": "good", "reasons": [], "next": []}
+
+
+def test_a_refusal_is_bad(folder, recording):
+    """The first line says so with the reason, exit 1, and nothing is written; programs get it as JSON."""
+    readings_T = recording.readings_T.copy()
+    readings_T[:, 2] = readings_T[:, 1]
+    write_recording("bad.csv", replace(recording, readings_T=readings_T))
+    line = ["calibrate", "bad.csv", "--array", "array.yaml", "-o", "c.yaml"]
+    result = CliRunner().invoke(main, line)
+    assert result.exit_code == 1 and result.stdout.startswith("Bad: ") and result.stdout.count("\n") == 1
+    quality = json.loads(CliRunner().invoke(main, [*line, "--json", "-"]).stdout)["quality"]
+    assert quality["grade"] == "bad" and result.stdout == f"Bad: {quality['reasons'][0]}.\n" and quality["next"]
+    assert not Path("c.yaml").exists()
 
 
 def test_programs_get_json(folder):
@@ -117,7 +143,7 @@ def test_a_gradient_of_the_site_is_fitted_with_the_flag(folder, undrawn):
     write_array("wu.yaml", scenario.array)
     arguments = ("site.csv", "--array", "wu.yaml", "-o", "c.yaml", "--report", "page.html", "--ambient-gradient")
     assert "The recorded attitude is not used: --attitude-noise-deg" in run("site.csv", "--array", "wu.yaml").stdout
-    told = run(*arguments).stdout
+    told = run(*arguments, "-v").stdout
     assert "Gradient of the field in the world of the attitude (nT/m): gxx 1" in told
     assert "The recorded attitude is not used" not in told
     calibration = read_calibration("c.yaml")

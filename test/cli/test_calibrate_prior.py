@@ -48,7 +48,7 @@ def test_an_update_is_told_and_kept(folder):
     """Age, what moved, the shares; the file says it again, and the page has a section."""
     told = run(
         *("calibrate", "dive.csv", "--array", "array.yaml", "--prior", "pier.yaml"),
-        *("-o", "dive.yaml", "--report", "dive.html"),
+        *("-o", "dive.yaml", "--report", "dive.html", "--verbose"),
     )
     assert "2.0" in told and "h old" in told and "temperatures are not known" in told
     assert "The data contradict the prior" in told and "The bias of sensor 3 moved by" in told

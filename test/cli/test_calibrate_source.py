@@ -62,7 +62,8 @@ def run(folder, *words):
 def test_baselines_frame_and_places_are_printed_and_kept(folder, tmp_path, undrawn):
     """The file holds the true baselines, the places of the axes, and standard errors."""
     out = tmp_path / "out.yaml"
-    result = run(folder, "--source", str(folder / "coil.yaml"), "-o", str(out), "--report", str(tmp_path / "page.html"))
+    page = str(tmp_path / "page.html")
+    result = run(folder, "--source", str(folder / "coil.yaml"), "-o", str(out), "--report", page, "--verbose")
     assert result.exit_code == 0, result.stderr
     assert re.search(r"true baselines over stated\W+0\.9", result.stdout)
     found = read_calibration(out)
@@ -95,6 +96,6 @@ def test_wrong_statements_are_refused_in_one_sentence(folder, tmp_path, old, new
     stated.write_text(COIL.replace("coil.csv", str(folder / "coil.csv")).replace(old, new))
     result = run(folder, "--source", str(stated))
     assert result.exit_code in (1, 2)
-    assert message in result.stderr
-    assert result.stderr.count("\n") == 1
+    assert message in result.output
+    assert result.output.count("\n") == 1
     assert not list(Path(tmp_path).glob("*.part"))

@@ -92,7 +92,7 @@ def test_effects_that_cannot_be_fitted_are_refused_in_one_sentence(folder, effec
     """What is not known, lacks its channel or is not there: the sentence says which, and no file is written."""
     write_drifting(folder, 300)
     result = run("calibrate", "run.csv", "--array", "array.yaml", "--effects", effects, "-o", "c.yaml", code=code)
-    assert words in result.stderr
+    assert words in result.output
     assert not (folder / "c.yaml").exists()
 
 

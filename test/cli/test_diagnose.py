@@ -50,7 +50,7 @@ def run(*arguments, code=0):
 @pytest.mark.parametrize("name", ["run.csv", "run"])
 def test_people_see_the_verdict_and_what_it_rests_on(folder, asked, name):
     """Verdict, size before and after, where, causes with parameters ± errors, every hypothesis, next recording."""
-    out = run(name).stdout
+    out = run(name, "-v").stdout
     assert out.startswith("Explained: The readings of sensor 2 drift")
     for words in ("1.90", "0.0800", "5.40", "Where: sensor 2; at 0 to 0.500 Hz", "99.8 %", "98 %", "bias_jump"):
         assert words in out
@@ -65,6 +65,15 @@ def test_people_see_the_verdict_and_what_it_rests_on(folder, asked, name):
     assert asked["recording"].sample_count == 600 and asked["array"].sensor_count == 4
 
 
+def test_the_first_line_is_the_answer(folder, asked):
+    """By default a line for each cause follows, and the command that takes them off."""
+    first, *others = run("run.csv").stdout.splitlines()
+    assert first == "Explained: The readings of sensor 2 drift with its temperature, which explains the gap."
+    assert len(others) < 20 and others[-1].endswith("--effects temperature_drift")
+    assert "temperature_drift: sensor 2; probability 98 %, explains 97 % out of sample" in others[1]
+    assert run("run.csv", "-q").stdout == f"{first}\n"
+
+
 def test_people_see_what_is_left_and_what_it_means(folder, asked, gap):
     """Surrogates, sizes, the unknown part, the set that holds the truth, and what departs from the twin."""
     residue = gap.residue
@@ -75,7 +84,7 @@ def test_people_see_what_is_left_and_what_it_means(folder, asked, gap):
     )
     checks = checks_of(residue.time_s, residue.direction, residue.before, residue.floor_T)
     asked["answer"] = replace(gap, causes=(cause,), checks=checks, remainder="It drifts.", set_95=("unknown",))
-    out = run("run.csv").stdout
+    out = run("run.csv", "-v").stdout
     for words in (
         "  It explains 12 times as much as the best of its 99 surrogates",
         "  Its offset is 2.00 nT; the largest known is 1000 nT (a book).",
@@ -86,14 +95,14 @@ def test_people_see_what_is_left_and_what_it_means(folder, asked, gap):
     ):
         assert words in out
     asked["answer"] = replace(gap, verdict="no_gap", causes=(), checks=checks, smallest_gap=0.1, channel_count=1e4)
-    out = run("run.csv").stdout
+    out = run("run.csv", "-v").stdout
     assert "A gap of less than 0.10 noise floors" in out and "What the simulated twin does not have:" in out
 
 
 def test_programs_get_json(folder, asked):
     """JSON goes to a file beside the tables, or alone to stdout, and names the recording."""
     out = run("run.csv", "--json", "gap.json").stdout
-    assert out.endswith("written: gap.json\n")
+    assert "written: gap.json\n" in out
     alone = json.loads(run("run.csv", "--json", "-").stdout)
     assert json.loads((folder / "gap.json").read_text()) == alone
     assert alone["schema"] == "tam_calibration/gap/1"

@@ -89,7 +89,7 @@ def test_a_velocity_is_not_exact_unless_it_is_said_to_be(folder):
     assert max(track["velocity_standard_errors_m_per_s"]) < 0.01
     assert found["further_sources"] == []
     tight = run(folder, "pass.csv", "--velocity", "1.455,0,0", "--velocity-error", "0", "--json")
-    assert tight.exit_code == 1 and "larger error of the velocity" in tight.stderr
+    assert tight.exit_code == 1 and "larger error of the velocity" in tight.stdout
 
 
 def test_each_sample_of_a_pass_counts_from_the_array(folder, passing):
@@ -147,7 +147,7 @@ def test_a_dipole_is_no_line(folder, arguments, reason):
     """Neither a coil nor a wreck is located as a line, and the reason is told."""
     result = run(folder, *arguments)
     assert result.exit_code == 1
-    assert reason in " ".join(result.stderr.split())
+    assert reason in " ".join(result.stdout.split())
 
 
 def test_table_and_page(folder, tmp_path):
@@ -215,4 +215,4 @@ def test_nothing_to_be_found_is_exit_1(folder, passing):
     write_recording(folder / "far.csv", passing.take(slice(0, 60)))
     for words, sentence in (((), "no source can be located"), (("--find-frequency",), "no line stands out")):
         result = run(folder, "far.csv", *words)
-        assert result.exit_code == 1 and sentence in result.stderr
+        assert result.exit_code == 1 and sentence in result.stdout

@@ -77,7 +77,7 @@ def test_python_reads_what_the_commands_read(folder):
 def test_calibrate(folder):
     """The file is that of the part as it is read from Python."""
     told = run("calibrate", "run.csv", "--array", "array.yaml", *MAPPED, *PART, "-o", "c.yaml").output
-    assert "Samples: 901." in told and "taken by the map as sensor 1: " in told
+    assert "; 901 samples; " in told and "taken by the map as sensor 1: " in told
     fit = calibrate(expected(start=PART[1], until=PART[3]), read_array(Path("array.yaml")))
     assert_allclose(read_calibration("c.yaml").errors.bias_T, fit.errors.bias_T, atol=1e-12)
     assert_allclose(fit.errors.bias_T, 48e-6 * 0.02 * np.arange(1, 5)[:, None] * np.ones(3), atol=5e-9)

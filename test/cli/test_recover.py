@@ -100,8 +100,8 @@ def test_a_refusal_tells_in_one_sentence_that_the_recording_is_unfinished(folder
     file = Path("run.mcap")
     file.write_bytes(file.read_bytes()[:9000])
     refused = run("calibrate", "run.mcap", "--array", "array.yaml", "-o", "new.yaml", code=1)
-    assert refused.stderr.count("\n") == 1 and refused.stderr.startswith("tam: ")
-    assert "(run.mcap: the recording was left unfinished: " in refused.stderr
+    assert refused.stdout.count("\n") == 1 and refused.stdout.startswith("Bad: ")
+    assert "(run.mcap: the recording was left unfinished: " in refused.stdout
     told = run("correct", "run.mcap", "--calibration", "c.yaml", "-o", "out").stderr
     assert told.startswith("run.mcap: the recording was left unfinished: ") and told.count("unfinished") == 1
 

@@ -72,7 +72,7 @@ def test_below_nine_tenths_is_a_warning(thinned, asked, monkeypatch, is_large):
     thinned(0.25)
     result = run("calibrate", "-o", "calibration.yaml")
     assert result.exit_code == 0, result.stderr
-    assert "Warning: Only 450 of 600 samples of sensor 1 used: 150 found none of tam_3" in result.stdout
+    assert "; only 450 of 600 samples of sensor 1 used: 150 found none of tam_3" in result.stdout
     assert read_calibration("calibration.yaml").warnings[0].startswith("only 450 of 600 samples of sensor 1 used")
     result = run("diagnose", "--json", "gap.json")
     assert result.exit_code == 0, result.stderr
@@ -87,7 +87,7 @@ def test_below_half_is_refused(thinned, name):
     result = run(name, "--json", "out.json")
     assert result.exit_code == 1
     assert (
-        "only 240 of 600 samples of sensor 1 used: 360 found none of tam_3, of which 240 messages came" in result.stderr
+        "only 240 of 600 samples of sensor 1 used: 360 found none of tam_3, of which 240 messages came" in result.stdout
     )
     assert "Traceback" not in result.stderr and not Path("out.json").exists()
 

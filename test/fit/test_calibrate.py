@@ -85,7 +85,7 @@ def test_a_small_disturbance_is_a_warning(wu_run, wu_scenario):
     readings[0:36] += 100e-9
     calibration = calibrate(replace(wu_run.recording, readings_T=readings), wu_scenario.array)
     assert any("something magnetic" in warning for warning in calibration.warnings)
-    assert any("times the stated noise" in warning for warning in calibration.warnings)
+    assert any("above the noise floor" in warning for warning in calibration.warnings)
 
 
 def test_a_short_recording_has_no_held_out_figures(noise_free, wu_scenario):

@@ -5,9 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.fit import calibrate
-from tam_calibration.fit.consistency import find_warnings, require_one_calibration, require_one_sphere
+from tam_calibration.fit.consistency import require_one_calibration, require_one_sphere
 from tam_calibration.fit.scale import sphere_of_most
-from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import Refused
 
 
@@ -33,27 +32,6 @@ def test_readings_that_leave_their_sphere_for_a_time_are_refused(wu_run):
 def test_steady_readings_pass(wu_run):
     """Scale errors of some per cent, the same throughout, are no change."""
     require_one_sphere(wu_run.recording)
-
-
-@pytest.mark.parametrize(("count", "bent", "warns"), [(3, 0.0, True), (3, 0.3, False), (2, 0.0, False)])
-def test_sensors_in_one_line_are_a_warning(wu_run, count, bent, warns):
-    """Three of them could have told a gradient; a gradiometer of two is not asked for one."""
-    places = [[0.3 * sensor, bent * (sensor == 2), 0.0] for sensor in range(count)]
-    array = Array(places, wu_run.scenario.array.vector_noise_T[:count], wu_run.scenario.array.scalar_noise_T)
-    some = replace(wu_run.recording, readings_T=wu_run.recording.readings_T[:, :count])
-    told = [warning for warning in calibrate(some, array).warnings if "in one line" in warning]
-    assert bool(told) is warns
-
-
-@pytest.mark.parametrize(
-    ("samples", "value", "warns"),
-    [(1000, 1.95, False), (1000, 2.05, True), (41, 2.4, False), (41, 2.6, True)],
-)
-def test_a_residual_beyond_the_stated_noise_is_a_warning(wu_run, wu_scenario, samples, value, warns):
-    """Above twice its variance, or six deviations of χ² where samples are few: of 32 beyond nine, 1.5."""
-    calibration = calibrate(wu_run.recording, wu_scenario.array)
-    told = replace(calibration, samples=samples, reduced_chi_square={"differential": value})
-    assert any("times the stated noise" in one for one in find_warnings(wu_run.recording, told)) == warns
 
 
 def test_an_intensity_that_is_not_of_the_earth_is_told_in_microtesla(wu_run, wu_scenario):

@@ -119,7 +119,7 @@ def test_one_call_judges_without_the_gradient(scenario):
     assert calibration.held_out.tensor_rmse_T_per_m == pytest.approx(floor, rel=0.06)
     assert calibration.warnings == ()
     assert any("taken to have a gradient" in statement for statement in calibration.statements)
-    assert any("times the stated noise" in warning for warning in calibrate(recording, scenario.array).warnings)
+    assert any("above the noise floor" in warning for warning in calibrate(recording, scenario.array).warnings)
 
 
 def test_a_large_gradient_is_not_taken_for_noise(scenario):

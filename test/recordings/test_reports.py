@@ -142,7 +142,7 @@ def test_zero_stamps(caplog):
 def test_time_whole_seconds(calibrated, caplog):
     """All samples count, whose times are said to have too few digits."""
     told, _ = calibrated("time_whole_seconds")
-    assert "Samples: 400." in told and "keep one of each" not in told
+    assert "; 400 samples; " in told and "keep one of each" not in told
     assert "the times have too few digits: 6.67 samples share each" in told + caplog.text
 
 
@@ -182,5 +182,5 @@ def test_batch_relative_times(tmp_path, monkeypatch, gap):
 def test_multiplexer_stuck():
     """Two channels that read one sensor are named."""
     folder = REPORTS / "multiplexer_stuck"
-    told = run("calibrate", folder / "run.csv", "--array", folder / "array.yaml", code=1).stderr
-    assert told.startswith("tam: sensors 1 and 4 have the same errors, all twelve within their standard errors")
+    told = run("calibrate", folder / "run.csv", "--array", folder / "array.yaml", code=1).stdout
+    assert told.startswith("Bad: sensors 1 and 4 have the same errors, all twelve within their standard errors")

@@ -1,0 +1,93 @@
+"""What speaks against trusting a calibration: each doubt says what is wrong and, behind the last colon, what to do."""
+
+import numpy as np
+
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.fit.consistency import residual_that_changes
+from tam_calibration.fit.coverage import field_of, measure_coverage
+from tam_calibration.model.recording import SKETCH, SampleSource
+
+_FEWEST_FOR_GRADIENT = 3
+"""Sensors that determine a gradient wherever they do not stand in one line."""
+
+_ACCEPTED_RATIO = 1.1
+"""Largest residual over noise floor, apart from chance: data sheets are hardly more exact."""
+
+_ACCEPTED_GROWTH = np.sqrt(2)
+"""Largest standard error of a corrected sample over what sensor noise alone makes: both have an equal part in it."""
+
+
+def doubts_of(recording: SampleSource, calibration: Calibration) -> tuple[str, ...]:
+    """Return what speaks against trusting a calibration, one sentence each, the gravest first.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        Raw readings, an ambient gradient taken off; of a large one every n-th sample is looked at.
+    calibration : Calibration
+        What was fitted to them, with its residuals of held-out samples where there are any.
+    """
+    some = recording.thinned(SKETCH)
+    found = (
+        residual_that_changes(some, calibration),
+        _residual(calibration),
+        # What a prior tells need not be visited again: the standard errors say whether both are enough.
+        "" if calibration.update else _coverage(some, calibration),
+        _standard_errors(calibration),
+        _geometry(calibration),
+    )
+    return tuple(filter(None, found))
+
+
+_CHANNELS = {"differential": "between the sensors", "common_mode": "against the reference intensity"}
+
+_MOST_NAMED = 2
+"""Residuals that a doubt names, the largest first."""
+
+
+def _residual(calibration: Calibration) -> str:
+    """Compare with the floor, leaving room for three standard deviations of an RMS of so many samples."""
+    accepted = _ACCEPTED_RATIO + 3 / np.sqrt(2 * calibration.samples)
+    residuals, floor = calibration.best_residuals, calibration.floor
+    sensors = residuals.sensor_intensity_T / floor.sensor_intensity_T
+    ratios = {f"|B| of sensor {sensor + 1}": float(value) for sensor, value in enumerate(sensors)}
+    if calibration.array.has_gradient:
+        ratios["the tensor"] = residuals.tensor_rmse_T_per_m / floor.tensor_rmse_T_per_m
+    chi_square = calibration.reduced_chi_square
+    ratios |= {words: float(np.sqrt(chi_square[name])) for name, words in _CHANNELS.items() if name in chi_square}
+    high = [(name, value) for name, value in ratios.items() if not value <= accepted]
+    worst = ", ".join(
+        f"{name} {value:.3g} times" for name, value in sorted(high, key=lambda one: -one[1])[:_MOST_NAMED]
+    )
+    factor = float(np.sqrt(calibration.variance_factors.largest))
+    widened = f"; standard errors are widened by {factor:.3g}" if factor > 1 else ""
+    if high:
+        return f"the residual is above the noise floor ({worst}){widened}: look for the cause with tam diagnose"
+    if widened:
+        return f"the residual lasts longer than white noise does{widened}: look for the cause with tam diagnose"
+    return ""
+
+
+def _coverage(recording: SampleSource, calibration: Calibration) -> str:
+    coverage = measure_coverage(field_of(recording.whole(), calibration.errors))
+    if coverage.enough:
+        return ""
+    return f"the field visited only {coverage.fraction:.0%} of the sphere of directions: {coverage.advice}"
+
+
+def _standard_errors(calibration: Calibration) -> str:
+    """Compare the standard error of corrected samples, all directions alike, with what sensor noise alone makes."""
+    noise = np.sqrt(calibration.correction_matrix**2 @ np.repeat(calibration.array.vector_noise_T**2, 3))
+    growth = float(np.nanmax(calibration.output_standard_errors / noise))
+    if growth <= _ACCEPTED_GROWTH:
+        return ""
+    return (
+        f"the errors of the parameters make that of a corrected sample up to {growth:.3g} times what sensor noise "
+        "alone makes: record longer, in more directions"
+    )
+
+
+def _geometry(calibration: Calibration) -> str:
+    if calibration.array.sensor_count < _FEWEST_FOR_GRADIENT or calibration.array.has_gradient:
+        return ""
+    return "the sensors stand in one line, so that the outputs have no gradient: place one sensor beside that line"
