@@ -322,9 +322,10 @@ def _complete(calibration: Calibration, path: Path, how: Reading, progress: Prog
     array = calibration.array
     given = stated.recording, array, replace(how, channel_map=None, window=AS_IT_IS.window), terminal.reading(progress)
     seen, usage = read_source(*given)
-    warnings = () if usage is None else usage.warnings()
+    if usage is not None:
+        usage.require_enough()
     completed = complete(calibration, seen.whole(), stated.source, stated.frequency_hz)
-    return replace(completed, warnings=(*completed.warnings, *warnings))
+    return completed if usage is None else replace(completed, warnings=(*completed.warnings, *usage.warnings()))
 
 
 def _with_intensity(recording: Recording, place: str) -> Recording:

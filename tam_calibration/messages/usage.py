@@ -142,18 +142,21 @@ class Usage:
         why = f": {'; '.join(self.reasons)}" if self.reasons else ""
         return f"{self.used} of {self.received} samples of sensor 1 used{why}"
 
-    def warnings(self) -> tuple[str, ...]:
-        """Return warnings: few samples used, a recording that was left unfinished, and each channel that is lost.
+    def require_enough(self) -> None:
+        """Check that enough was used for a fit.
 
         Raises
         ------
         Refused
-            When less than half were used, or the scalar, which tells the scale, is lost.
+            When less than half of the samples were used, or the scalar, which tells the scale, is lost.
         """
         if self.used < _REFUSED_BELOW * self.received:
             raise Refused(f"only {self}; mend that and record again")
         if self.scalar_is_lost:
             raise Refused(f"{'; '.join(self.lost)}: mend that, or leave the topic out to do without")
+
+    def warnings(self) -> tuple[str, ...]:
+        """Return warnings: few samples used, a recording that was left unfinished, and each channel that is lost."""
         few = (f"only {self}",) if self.used < _WARNED_BELOW * self.received else ()
         return (*few, *((self.unfinished,) if self.unfinished else ()), *self.lost)
 
@@ -236,8 +239,9 @@ class Usage:
         Raises
         ------
         Refused
-            When less than half were used.
+            As ``require_enough``.
         """
+        self.require_enough()
         return tuple(f"{warning[0].upper()}{warning[1:]}." for warning in (*self.warnings(), *self.missing))
 
 

@@ -30,7 +30,6 @@ from tam_calibration.nodes.node_parameters import ARRAY_FILE, FRAME_ID, Rule, ar
 from tam_calibration.nodes.work import Work
 from tam_calibration.recordings.compared_recordings import remarks_on
 from tam_calibration.recordings.fit_with_usage import fit_with_usage
-from tam_calibration.report.formatting import sentence
 from tam_calibration.report.update_rows import update_sentences
 from tam_calibration.results import calibration_to_yaml, read_calibration, write_calibration
 from tam_calibration.results.overwriting import require_separate
@@ -179,6 +178,7 @@ class Calibrator(TamNode):
 
     def _calibrate(self) -> str:
         usage = self._usage()
+        usage.require_enough()
         fit = partial(
             calibrate,
             array=self._array,
@@ -191,8 +191,8 @@ class Calibrator(TamNode):
         self._publish(calibration)
         update = [] if calibration.update is None else update_sentences(calibration.update)
         further = (*calibration.quality.reasons[1:], *calibration.notes, *update, _in_words(usage), *self._autosave())
-        told = f"{calibration.method} on {calibration.samples} samples; {'; '.join(further)}"
-        return f"{calibration.quality} {sentence(told)}"
+        quality, used = str(calibration.quality).rstrip("."), f"{calibration.method} on {calibration.samples} samples"
+        return "; ".join((quality, used, *further))
 
     def _prior(self) -> Calibration | None:
         """Return the calibration that was loaded, where it shall be the prior.

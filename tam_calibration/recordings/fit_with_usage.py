@@ -29,8 +29,8 @@ def fit_with_usage(
     """
     if usage is None:
         return fit(samples)
-    warnings = usage.warnings()
+    usage.require_enough()
     calibration = fit(samples)
-    warnings += usage.interpolation_warnings(samples, calibration.array.vector_noise_T)
+    warnings = (*usage.warnings(), *usage.interpolation_warnings(samples, calibration.array.vector_noise_T))
     notes = (*usage.missing, *calibration.notes)
     return replace(calibration, warnings=(*warnings, *calibration.warnings), notes=notes)

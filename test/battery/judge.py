@@ -47,7 +47,8 @@ _NOTICE = re.compile(
     r"damage|recover|unfinished|truncat|checksum|CRC|cut off|not whole|do not agree|does not agree|rebuilt|lost", re.I
 )
 _WARNING = re.compile(
-    r"^Doubtful: |^Warning: |^warnings:\n?- |\"warnings\": \[\s*\"|\d+ of \d+ readings of|without a time|repeats? the time before",
+    r"^(Doubtful|Warning): |^warnings:\n?- |\"warnings\": \[\s*\"|\d+ of \d+ readings of|without a time"
+    r"|repeats? the time before",
     re.M,
 )
 _TAKEN = re.compile(r"[^:]+: taken as |units by the size of the field: ")

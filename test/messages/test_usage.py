@@ -57,7 +57,7 @@ def test_clocks_that_differ_are_refused_with_the_parameter(late_s, told):
     messages = [message for message in pairs(200, late_ns=late_s * 1000 * MS) for message in around(message)]
     used = r"only \d+ of \d+ samples of sensor 1 used: \d+ found"
     with pytest.raises(Refused, match=rf"{used} {told}: (it|that) stopped, .* delay_s in the array file"):
-        usage_of(messages, 3).warnings()
+        usage_of(messages, 3).require_enough()
 
 
 def around(message):
@@ -80,7 +80,7 @@ def test_a_silent_sensor_is_named():
     """Of three sensors the third never sends: it is the cause, not the second."""
     messages = [(f"tam_{sensor}", index * PERIOD) for index in range(100) for sensor in (1, 2)]
     with pytest.raises(Refused, match="used: nothing arrived from tam_3: check sensor, cable, driver and topic; mend"):
-        usage_of(messages, 3).warnings()
+        usage_of(messages, 3).require_enough()
 
 
 def test_false_stamps_are_named():
@@ -105,7 +105,7 @@ def test_a_sensor_of_unusable_messages_is_named():
     with pytest.raises(
         Refused, match=r"found none of tam_2, most of whose messages cannot be used: .*100 messages unus"
     ):
-        synchroniser.usage.warnings()
+        synchroniser.usage.require_enough()
 
 
 def with_channel(name, layout, channel_stamps):
@@ -124,7 +124,7 @@ def test_a_scalar_without_stamps_is_refused():
     with pytest.raises(
         Refused, match="of 100 messages of scalar 99 repeat the stamp before: all its stamps are zero: mend that"
     ):
-        usage.warnings()
+        usage.require_enough()
 
 
 def test_a_temperature_without_values_is_a_warning():

@@ -229,7 +229,7 @@ def test_start_is_one_line(bench, tmp_path, cross, recording):
     told = {
         "collector": f"array cross; waits for {sensors}",
         "calibrator": f"array cross; no calibration: {missing} is not there yet; keeps samples in {bench.logs}",
-        "corrector": f"array cross; calibration {path}, 1.0 h old: e_T ",
+        "corrector": f"array cross; calibration {path}, 1.0 h old: Good: tensor residual ",
         "localizer": "array cross; no calibration; waits for field_gradient",
     }
     for name, line in told.items():
