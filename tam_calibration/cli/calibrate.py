@@ -15,6 +15,7 @@ from tam_calibration.cli.streams import say
 from tam_calibration.correction.calibration import AmbientGradientEstimate, Calibration
 from tam_calibration.files.text_files import to_json
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
+from tam_calibration.fit.doubts import is_unexplained
 from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.integrity import ACCEPTABLE
 from tam_calibration.messages.usage import Usage
@@ -190,7 +191,7 @@ def command(
             if delays is not None:
                 found = replace(found, delay_s=delays.delay_s)
             taken = None if is_joint else place
-            calibration, data, usage = _calibrate(recording, found, fit, taken, how, progress)
+            calibration, data, usage = _calibrate(recording, found, fit, taken, how, accept, progress)
             if source is not None:
                 calibration = _complete(calibration, source, how, progress)
         if "yaml" in beside:
@@ -288,7 +289,7 @@ def _with_attitude(fit: _Fit) -> _Fit:
 
 
 def _calibrate(
-    path: Path, array: Array, fit: _Fit, place: str | None, how: Reading, progress: Progress
+    path: Path, array: Array, fit: _Fit, place: str | None, how: Reading, accept: Collection[str], progress: Progress
 ) -> tuple[Calibration, Recording, Usage | None]:
     """Return the calibration, what is shown of the recording, without the gradient that was fitted, and the usage.
 
@@ -299,6 +300,11 @@ def _calibrate(
         samples = _with_intensity(samples.whole(), place)
     progress.add_task(f"fitting {samples.sample_count} samples", total=None)
     calibration = fit_with_usage(samples, usage, lambda seen: fit(seen, array))
+    if is_unexplained(calibration):
+        from tam_calibration.gap.explained import explained  # takes as long to load as a calibration
+
+        going_on = terminal.progress_of(progress, "diagnosing")
+        calibration = explained(calibration, samples, array, progress=going_on, accept=accept)
     calibration = replace(calibration, source=provenance(path))
     shown = samples if isinstance(samples, Recording) else samples.thinned(SKETCH)
     return calibration, as_if_uniform(shown, calibration.errors, array, calibration.ambient_gradient).whole(), usage

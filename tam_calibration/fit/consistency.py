@@ -38,6 +38,10 @@ _LARGEST_DISTANCE = 0.05
 """Part of the radius of a sphere that most readings are near; errors of scale and angles make readings miss it too."""
 
 
+SOMETHING_MAGNETIC = "something magnetic came near or was attached"
+"""What is suspected of a residual that changes, as long as no diagnosis finds another cause."""
+
+
 @dataclass(frozen=True, eq=False)
 class _Parts:
     """Median size of the intensity residual, tesla, in parts of equal length, and their first and last times."""
@@ -55,7 +59,7 @@ class _Parts:
         loud, quiet = int(self.residual_T.argmax()), int(self.residual_T.argmin())
         return (
             f"the residual of the intensity is {self._describe(quiet)} but {self._describe(loud)}: "
-            "something magnetic came near or was attached"
+            + SOMETHING_MAGNETIC
         )
 
     def _describe(self, part: int) -> str:

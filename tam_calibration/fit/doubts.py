@@ -7,6 +7,9 @@ from tam_calibration.fit.consistency import residual_that_changes
 from tam_calibration.fit.coverage import field_of, measure_coverage
 from tam_calibration.model.recording import SKETCH, SampleSource
 
+LOOK_FOR_CAUSE = "look for the cause with tam diagnose"
+"""What to do about a residual."""
+
 _FEWEST_FOR_GRADIENT = 3
 """Sensors that determine a gradient wherever they do not stand in one line."""
 
@@ -29,8 +32,8 @@ def doubts_of(recording: SampleSource, calibration: Calibration) -> tuple[str, .
     """
     some = recording.thinned(SKETCH)
     found = (
-        residual_that_changes(some, calibration),
         _residual(calibration),
+        residual_that_changes(some, calibration),
         # What a prior tells need not be visited again: the standard errors say whether both are enough.
         "" if calibration.update else _coverage(some, calibration),
         _standard_errors(calibration),
@@ -43,6 +46,11 @@ _CHANNELS = {"differential": "between the sensors", "common_mode": "against the 
 
 _MOST_NAMED = 2
 """Residuals that a doubt names, the largest first."""
+
+
+def is_unexplained(calibration: Calibration) -> bool:
+    """Whether a residual is doubted whose cause a diagnosis may find: effects that were fitted are known causes."""
+    return not calibration.effects and any(LOOK_FOR_CAUSE in warning for warning in calibration.warnings)
 
 
 def _residual(calibration: Calibration) -> str:
@@ -62,9 +70,9 @@ def _residual(calibration: Calibration) -> str:
     factor = float(np.sqrt(calibration.variance_factors.largest))
     widened = f"; standard errors are widened by {factor:.3g}" if factor > 1 else ""
     if high:
-        return f"the residual is above the noise floor ({worst}){widened}: look for the cause with tam diagnose"
+        return f"the residual is above the noise floor ({worst}){widened}: {LOOK_FOR_CAUSE}"
     if widened:
-        return f"the residual lasts longer than white noise does{widened}: look for the cause with tam diagnose"
+        return f"the residual lasts longer than white noise does{widened}: {LOOK_FOR_CAUSE}"
     return ""
 
 

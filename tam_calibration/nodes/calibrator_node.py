@@ -13,7 +13,9 @@ from std_srvs.srv import Trigger
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files.text_files import check_writable
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
+from tam_calibration.fit.doubts import is_unexplained
 from tam_calibration.gap import diagnose
+from tam_calibration.gap.explained import explained
 from tam_calibration.gap.result import Gap
 from tam_calibration.integrity.fault import names_in, require_names
 from tam_calibration.messages.usage import Usage
@@ -186,7 +188,11 @@ class Calibrator(TamNode):
             accept=names_in(self.value("accept")),
             prior=self._prior(),
         )
-        calibration = fit_with_usage(usage.with_each_reading_once(self._store.recording()), usage, fit)
+        samples = usage.with_each_reading_once(self._store.recording())
+        calibration = fit_with_usage(samples, usage, fit)
+        if is_unexplained(calibration):
+            names = names_in(self.value("accept"))
+            calibration = explained(calibration, samples, self._array, progress=self._go_on, accept=names)
         self._live.begin(calibration)
         self._publish(calibration)
         update = [] if calibration.update is None else update_sentences(calibration.update)

@@ -1,0 +1,62 @@
+"""A doubt about the residual of a calibration, with the cause that a diagnosis finds for it."""
+
+from collections.abc import Collection
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.fit.consistency import SOMETHING_MAGNETIC
+from tam_calibration.fit.doubts import LOOK_FOR_CAUSE
+from tam_calibration.gap.diagnose import diagnose
+from tam_calibration.gap.result import Gap
+from tam_calibration.gap.search import Progress
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.recording import SampleSource
+from tam_calibration.model.units import to_nanotesla
+
+
+def explained(
+    calibration: Calibration,
+    samples: SampleSource,
+    array: Array,
+    *,
+    progress: Progress | None = None,
+    accept: Collection[str] = (),
+) -> Calibration:
+    """Return a calibration whose doubt about its residual names the cause, as far as a diagnosis finds one.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        As ``is_unexplained`` finds it.
+    samples : SampleSource
+        That it was made from; a diagnosis looks at 100 000 of them at most, and takes some seconds for these.
+    array, progress, accept
+        As of ``diagnose``.
+    """
+    with suppress(InputError, Refused):
+        gap = diagnose(samples, array, progress=progress, accept=accept)
+        kept = [one for one in calibration.warnings if not gap.causes or SOMETHING_MAGNETIC not in one]
+        found = _in_words(gap)
+        return replace(calibration, warnings=tuple(one.replace(f": {LOOK_FOR_CAUSE}", found) for one in kept))
+    return calibration
+
+
+def _in_words(gap: Gap) -> str:
+    """Return what explains a residual and what to do, as the end of the sentence on it."""
+    if gap.verdict == "no_gap":
+        levels_nT = to_nanotesla(np.array([] if gap.floor is None else gap.floor.level_T[:-1]))
+        known = levels_nT[np.isfinite(levels_nT)]
+        size = f" of {known.min():.3g} to {known.max():.3g} nT" if known.size else ""
+        return f"; white noise{size} explains it: state that noise in the array file"
+    names = list(dict.fromkeys(cause.fitted.effect for cause in gap.causes))
+    if not names:
+        return "; no known effect explains it: see where and when it is, with tam diagnose --report"
+    causes = " and ".join(name.replace("_", " ") for name in names)
+    sensors = sorted({str(sensor) for cause in gap.causes for sensor in cause.sensors})
+    where = f" in sensor {', '.join(sensors)}" if len(sensors) < len(gap.residue.floor_T) // 3 else ""
+    part = "" if gap.verdict == "explained" else " part of"
+    return f"; {causes}{where} explains{part} it: fit it too, with --effects {','.join(names)}"
