@@ -208,7 +208,7 @@ def command(
         remarks = _remarks(calibration, data, usage, delays)
         advice = f"tam correct {recording} --calibration {output} -o corrected.csv" if output else ""
         terminal.print_answer(
-            str(calibration.quality),
+            f"{calibration.quality}.",
             _summary(calibration, remarks),
             _tables(calibration, remarks),
             detail,

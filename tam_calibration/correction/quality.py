@@ -35,7 +35,7 @@ class Quality:
 
     def __str__(self) -> str:
         """Return the grade, the residual beside its floor, and the gravest reason with what to do, on one line."""
-        return f"{self.grade.capitalize()}: {'; '.join(filter(None, (self.headline, *self.reasons[:1])))}."
+        return f"{self.grade.capitalize()}: {'; '.join(filter(None, (self.headline, *self.reasons[:1])))}"
 
 
 def quality_for(grade: Grade, reasons: Sequence[str], headline: str = "") -> Quality:

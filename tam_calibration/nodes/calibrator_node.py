@@ -197,8 +197,7 @@ class Calibrator(TamNode):
         self._publish(calibration)
         update = [] if calibration.update is None else update_sentences(calibration.update)
         further = (*calibration.quality.reasons[1:], *calibration.notes, *update, _in_words(usage), *self._autosave())
-        quality, used = str(calibration.quality).rstrip("."), f"{calibration.method} on {calibration.samples} samples"
-        return "; ".join((quality, used, *further))
+        return "; ".join((f"{calibration.quality}; {calibration.method} on {calibration.samples} samples", *further))
 
     def _prior(self) -> Calibration | None:
         """Return the calibration that was loaded, where it shall be the prior.

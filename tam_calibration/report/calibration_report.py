@@ -40,7 +40,7 @@ def verdict_section(evidence: CalibrationView) -> Section:
     """Return whether the calibration can be relied on, and why it should be doubted."""
     calibration = evidence.calibration
     quality = calibration.quality
-    blocks: list[Block] = [Text(str(quality), "good" if quality.grade == "good" else "doubt")]
+    blocks: list[Block] = [Text(f"{quality}.", "good" if quality.grade == "good" else "doubt")]
     if further := [sentence(reason) for reason in (*quality.reasons[1:], *calibration.notes)]:
         blocks.append(Points(further))
     if limits := _limits(calibration):

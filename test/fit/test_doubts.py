@@ -32,7 +32,7 @@ def test_a_sound_run_is_good(calibration):
     assert quality.grade == "good" and quality.reasons == quality.next == ()
     residual, floor = (1e9 * each.tensor_rmse_T_per_m for each in (calibration.held_out, calibration.floor))
     assert str(quality) == (
-        f"Good: tensor residual {residual:.4g} nT/m on held-out samples, noise floor {floor:.4g} nT/m."
+        f"Good: tensor residual {residual:.4g} nT/m on held-out samples, noise floor {floor:.4g} nT/m"
     )
 
 
@@ -47,7 +47,7 @@ def test_a_residual_above_the_floor_is_doubted(wu_run, calibration):
     quality = replace(large, warnings=(doubt,)).quality
     assert quality.grade == "doubtful" and quality.reasons == (doubt,)
     assert quality.next == ("look for the cause with tam diagnose",)
-    assert str(quality).startswith("Doubtful: tensor residual 11.98 nT/m") and str(quality).endswith(f"; {doubt}.")
+    assert str(quality).startswith("Doubtful: tensor residual 11.98 nT/m") and str(quality).endswith(f"; {doubt}")
 
 
 def test_held_out_residuals_are_what_counts(wu_run, calibration):
