@@ -1,11 +1,12 @@
 """Correcting samples as they arrive, in batches of any size, with what is known of them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tam_calibration.correction.calibration import Calibration, Corrected
+from tam_calibration.correction.contradiction import ContradictionSearch
 from tam_calibration.correction.partial import PartialCorrection
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import effect_named
@@ -40,6 +41,8 @@ class CorrectedBatch:
 def correct(recording: Recording, calibration: Calibration) -> Corrected:
     """Return the calibrated field at the array's centre and the magnetic gradient tensor of raw readings.
 
+    Samples of which one sensor contradicts all others are corrected with these; ``remarks`` of the result says so.
+
     Parameters
     ----------
     recording : Recording
@@ -68,7 +71,11 @@ def correct(recording: Recording, calibration: Calibration) -> Corrected:
     >>> (corrected.standard_errors[:3] * 1e9).round(1)  # nT: 1 nT of noise in each of four sensors
     array([0.5, 0.5, 0.5])
     """
-    return calibration.correct(recording)
+    corrected, failing = calibration.correct(recording), ContradictionSearch(calibration)
+    codes = failing.codes_of(recording.time_s, recording.readings_T)
+    if not codes.any():
+        return corrected
+    return replace(PartialCorrection(calibration).correct(recording, codes), remarks=tuple(failing.sentences()))
 
 
 def why_left_in(name: str, channels: Sequence[str] | None = None) -> str:
@@ -102,6 +109,7 @@ class Correction:
 
     def __init__(self, calibration: Calibration) -> None:
         self._calibration, self.partial = calibration, PartialCorrection(calibration)
+        self.contradiction = ContradictionSearch(calibration)
         sizes = zip(calibration.effects, calibration.effect_sizes, strict=True)
         removed = {id(fitted) for fitted in removable(calibration.effects) if not linear_effect(fitted).is_of_site}
         kept = [(fitted, size.rms) for fitted, size in sizes if id(fitted) in removed]

@@ -49,8 +49,9 @@ class Corrector(CalibratedNode):
     def __init__(self) -> None:
         super().__init__("corrector", RULES)
         self._correction: Correction | None = None
-        self._missing, self._partial_count = 0, 0
+        self._missing, self._failing, self._partial_count = 0, 0, 0
         self._left_in: tuple[str, ...] = ()
+        self._told = 0  # sensors whose contradiction was logged, as in missing_codes
         self._received = self._corrected = 0
         self._newest_s = np.nan
         self._lengths: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=_WINDOW_BATCHES)
@@ -73,6 +74,7 @@ class Corrector(CalibratedNode):
             "center_floor_T": f"{self._calibration.floor.center_intensity_T:.4g}" if self._calibration else "nan",
             "partial": self._partial_count,
             "missing_sensors": " ".join(map(str, sensors_of(self._missing))),
+            "contradicting_sensors": " ".join(map(str, sensors_of(self._failing))),
             "not_determined": " ".join(self._not_determined()),
             "effects": " ".join(self._correction.takes_off) if self._correction else "",
             "effects_left_in": " ".join(self._left_in),
@@ -97,7 +99,7 @@ class Corrector(CalibratedNode):
             return WARN, f"a new calibration was not taken, the old one stays: {self._problem_of_calibration}"
         if time.monotonic() - self._heard_s > SILENCE_S:
             return STALE, "no samples arrive: see the collector"
-        if self._missing:
+        if self._missing or self._failing:
             return self._judge_partial()
         if self._left_in and self._correction is not None:
             reasons = "; ".join(map(self._correction.why_left_in, self._left_in))
@@ -109,8 +111,10 @@ class Corrector(CalibratedNode):
 
     def _judge_partial(self) -> tuple[bytes, str]:
         """Return level and sentence while sensors are missing: an error where not even the field is determined."""
-        names = " and ".join(map(str, sensors_of(self._missing)))
-        told = f"no reading of sensor {names}: outputs are those of the others"
+        names, failing = (" and ".join(map(str, sensors_of(code))) for code in (self._missing, self._failing))
+        silent = f"no reading of sensor {names}" if names else ""
+        contradicts = f"sensor {failing} contradicts the others" if failing else ""
+        told = f"{' and '.join(filter(None, (silent, contradicts)))}: outputs are those of the others"
         unknown = self._not_determined()
         if unknown:
             told = f"{told}, which do not determine {' '.join(unknown)}"
@@ -118,9 +122,10 @@ class Corrector(CalibratedNode):
 
     def _not_determined(self) -> tuple[str, ...]:
         """Return the outputs that the newest sample does not determine."""
-        if not self._missing or self._correction is None:
+        lacking = self._missing | self._failing
+        if not lacking or self._correction is None:
             return ()
-        return self._correction.partial.without(self._missing).not_determined
+        return self._correction.partial.without(lacking).not_determined
 
     def switch(self, calibration: Calibration) -> None:
         """Correct the next sample with a calibration; effects with a memory keep it."""
@@ -130,7 +135,7 @@ class Corrector(CalibratedNode):
         if self._correction is not None:
             correction.go_on(self._correction)
         self._correction = correction
-        self._left_in, self._missing = (), 0
+        self._left_in, self._missing, self._failing, self._told = (), 0, 0, 0
         self._lengths.clear()
 
     def _offer_outputs(self, frame_id: str) -> None:
@@ -157,13 +162,12 @@ class Corrector(CalibratedNode):
         readings = rows.values[:, 1:last].reshape(len(rows.values), -1, 3)
         outputs = calibration.apply(readings)
         errors = [calibration.output_standard_errors] * len(outputs)
-        codes, scalar = None, rows.values[:, last] if layout.scalar else np.empty(0)
-        if math.isnan(sum(outputs[:, 0].tolist())):  # a third of the time of isnan and any
-            codes = missing_codes(readings)
+        scalar = rows.values[:, last] if layout.scalar else np.empty(0)
+        codes = self._codes_of(correction, rows.values[:, 0], readings, outputs)
+        if codes is not None:
             correction.partial.put(outputs, readings, codes)
             errors = correction.partial.standard_errors(codes)
             self._partial_count += int(np.count_nonzero(codes))
-        self._missing = 0 if codes is None else int(codes[-1])
         if correction.takes_off:
             outputs[:], scalar = np.nan, scalar.copy()
             for run, batch in self._without_effects(correction, layout, self._in_run_time(rows, last), codes):
@@ -183,6 +187,24 @@ class Corrector(CalibratedNode):
                 np.fill_diagonal(covariance, errors[index][:3] ** 2)
                 centers[index] = covariance.tobytes()
         self._publish(rows.stamps, outputs, errors, centers)
+
+    def _codes_of(
+        self, correction: Correction, time_s: FloatArray, readings: FloatArray, outputs: FloatArray
+    ) -> IntArray | None:
+        """Return which sensors are missing or contradict the others in each sample; None where all are sound."""
+        missing = None
+        if math.isnan(sum(outputs[:, 0].tolist())):  # a third of the time of isnan and any
+            missing = missing_codes(readings)
+            readings = correction.partial.filled(readings, missing)
+        failing = correction.contradiction.codes_of(time_s, readings)
+        if new := sensors_of(int(np.bitwise_or.reduce(failing)) & ~self._told):
+            names = " and ".join(map(str, new))
+            self.get_logger().warning(f"sensor {names} contradicts the others at {time_s[failing > 0][0]:.2f} s")
+            self._told |= int(np.bitwise_or.reduce(failing))
+        self._missing, self._failing = 0 if missing is None else int(missing[-1]), int(failing[-1])
+        if missing is None and not failing.any():
+            return None
+        return failing if missing is None else failing | missing
 
     def _in_run_time(self, rows: Rows, last: int) -> FloatArray:
         """Return the rows with the time of the run, so that effects with a memory keep it where stamps step back."""

@@ -182,7 +182,8 @@ def correct_file(
     wrong_units: list[InputError] = []
     right_units = 0
     for samples in pieces:
-        codes = failing.codes_of(samples.recording) | (0 if samples.missing is None else samples.missing)
+        codes = failing.codes_of(samples.recording.time_s, samples.recording.readings_T)
+        codes |= 0 if samples.missing is None else samples.missing
         if codes.any():
             corrected = partial.correct(samples.recording, codes)
         elif calibration.effects:

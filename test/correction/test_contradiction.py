@@ -32,7 +32,7 @@ def test_a_sensor_that_fails_is_told(calibration, recording, kind, sensor):
     readings_T[200:, sensor] = FAILURES[kind](readings_T[200:, sensor])
     failing, parts = ContradictionSearch(calibration), np.split(np.arange(600), [150, 420])
     changed = replace(recording, readings_T=readings_T)
-    codes = np.concatenate([failing.codes_of(changed.take(np.isin(np.arange(600), part))) for part in parts])
+    codes = np.concatenate([failing.codes_of(changed.time_s[part], changed.readings_T[part]) for part in parts])
     assert set(codes.tolist()) == {0, 1 << sensor}
     assert not codes[:200].any() and np.count_nonzero(codes) > 0.9 * 400
     [sentence] = failing.sentences()
@@ -55,7 +55,7 @@ def test_a_source_is_no_failure(calibration, recording, cross, distance_m):
     added_T = np.einsum("kij,nkj->nki", calibration.errors.matrix, field_T)
     near = replace(recording, readings_T=recording.readings_T + added_T)
     failing = ContradictionSearch(calibration)
-    assert not failing.codes_of(near).any() and list(failing.sentences()) == []
+    assert not failing.codes_of(near.time_s, near.readings_T).any() and list(failing.sentences()) == []
 
 
 def test_two_sensors_are_not_judged(calibration, recording):
@@ -64,4 +64,4 @@ def test_two_sensors_are_not_judged(calibration, recording):
     first_two = type(errors).from_vector(errors.to_vector()[:2], errors.orientation[:2])
     readings_T = recording.readings_T[:, :2] * [[1], [-1]]
     failing = ContradictionSearch(replace(calibration, errors=first_two))
-    assert not failing.codes_of(replace(recording, readings_T=readings_T)).any()
+    assert not failing.codes_of(recording.time_s, readings_T).any()

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from tam_calibration.correction.streaming import correct
 from tam_calibration.fit import calibrate
 from tam_calibration.messages.point_cloud import FIELD_GRADIENT_COLUMNS, GRADIENT_ROW_MAJOR
 from tam_calibration.model.array import Array
+from tam_calibration.model.recording import Recording
 from tam_calibration.results import calibration_from_yaml, calibration_to_yaml, read_calibration, write_calibration
 
 sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
@@ -75,6 +77,31 @@ def test_service_calibrates_what_the_sensors_published(bench, recording, calibra
         atol=1e-12,
     )
     bench.health("corrector", lambda status, _: "calibration" not in status.message, "the corrector has it too")
+
+
+def test_a_sensor_that_contradicts_the_others_is_left_out(bench, recording, calibration_file):
+    """Without a scalar too, from its first wrong sample on; status and log name it, and both end where it agrees."""
+    children = bench.start_nodes(collector={}, corrector={"calibration_file": calibration_file})
+    samples = bench.listen(sensor_msgs.PointCloud2, "samples")
+    field_gradient = bench.listen(sensor_msgs.PointCloud2, "field_gradient")
+    publish = bench.publish_sensors(scalar=False)
+    bench.connect(collector={"samples": 2}, corrector={"field_gradient": 1})
+    readings_T = recording.readings_T.copy()
+    readings_T[50:100, 1] *= -1
+    wrong = Recording(recording.time_s, readings_T)
+    bench.play(wrong, publish, samples, last=100)
+    told = "sensor 2 contradicts the others: outputs are those of the others"
+    status, figures = bench.health("corrector", lambda status, _: told in status.message, "it is named")
+    assert status.level == b"\x01" and figures["contradicting_sensors"] == "2"
+    bench.play(wrong, publish, samples, first=100, last=150)
+    bench.spin_until(lambda: len(field_gradient) == 150, "all are corrected")
+    offline = correct(wrong.take(slice(0, 150)), read_calibration(calibration_file))
+    assert_allclose(rows_of(field_gradient)[:, :9], offline.outputs, rtol=1e-9, atol=1e-18)
+    assert offline.remarks == (
+        "50 of 150 readings of sensor 2 contradict the others and are left out, first at 0.50, 0.51, 0.52 s",
+    )
+    bench.health("corrector", lambda status, _: told not in status.message, "it agrees again")
+    assert f"sensor 2 contradicts the others at {recording.time_s[50]:.2f} s" in children.log("corrector")
 
 
 def test_outputs_equal_those_offline(bench, recording, calibration_file):
