@@ -4,6 +4,7 @@ from collections.abc import Collection, Iterable
 
 import numpy as np
 
+from tam_calibration.integrity.alternation import alternating
 from tam_calibration.integrity.copies import Copies
 from tam_calibration.integrity.fault import Fault, refuse, require_names
 from tam_calibration.integrity.handedness import left_handed
@@ -44,6 +45,7 @@ def faults_of(source: SampleSource, array: Array) -> list[Fault]:
         faults += _new(faults, at_ends(overview))
         faults += _new(faults, with_stuck_bits(overview))
         faults += _new(faults, in_steps(overview, array))
+        faults += _new(faults, alternating(source))
         faults += _new(faults, left_handed(overview))
     return faults
 

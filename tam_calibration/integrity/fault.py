@@ -9,6 +9,7 @@ from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.units import to_nanotesla
 
 CHANNEL_FAULTS = {
+    "alternating": "a sensor that reads two courses in turn, as where two publishers send on its topic",
     "few_samples": "fewer samples than leave enough to check a fit on",
     "frozen": "a sensor or axis that holds one value while the others move",
     "mirrored": "a sensor whose axes are left-handed, or two of which are exchanged",

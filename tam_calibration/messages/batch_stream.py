@@ -120,6 +120,8 @@ class Queue:
         Stamps of what may join, rising, and when it came.
     values : (n, width) array
         Its values.
+    contradicting : int
+        Messages that repeat the stamp before with other values.
     """
 
     stream: Stream
@@ -131,6 +133,7 @@ class Queue:
     keys: IntArray
     order_of_keys: IntArray
     values: FloatArray
+    contradicting: int
 
     @classmethod
     def of(cls, stream: Stream, messages: StreamMessages | None, arrivals: Arrivals) -> "Queue":
@@ -166,6 +169,7 @@ class Queue:
             np.concatenate([waiting, stamps[new]]),
             np.concatenate([np.full(len(waiting), EARLIER), messages.order[new]]),
             np.concatenate([values, messages.values[new]]),
+            0 if is_new.all() else _contradicting(stream, messages.values, is_new, stamps == previous),
         )
 
     def jumps(self, arrivals: Arrivals) -> bool:
@@ -258,6 +262,7 @@ class Queue:
         repeats = int((~self.is_new & (self.stamps_ns == self.previous_ns)).sum())
         losses.received += count
         losses.duplicate += repeats
+        losses.contradicting += self.contradicting
         losses.late += count - int(self.is_new.sum()) - repeats
         if isinstance(stream, InterpolatedStream):
             past = zip(
@@ -267,10 +272,21 @@ class Queue:
         elif not self.is_held:
             losses.unmatched += first - joined
         stream.newest = self.newest_ns
+        if len(self.values):
+            stream.newest_values = self.values[-1].tolist()
         if not self.is_unstamped:
             stream.timeline.rise(self.stamps_ns[self.is_new])
         stream.awaited = stream.awaited or count > 0
         stream.buffer = deque(zip(self.keys[first:].tolist(), map(tuple, self.values[first:].tolist()), strict=True))
+
+
+def _contradicting(stream: Stream, values: FloatArray, is_new: BoolArray, is_repeat: BoolArray) -> int:
+    """Return how many messages (m, width) that repeat a stamp have other values than the message that they repeat."""
+    repeated = np.maximum.accumulate(np.where(is_new, np.arange(len(values)), -1))
+    before = np.array(stream.newest_values or np.full(values.shape[1], np.nan))
+    kept = np.where(repeated[:, None] >= 0, values[repeated], before)
+    differs = ((values != kept) & ~(np.isnan(values) & np.isnan(kept))).any(axis=1)
+    return int(np.count_nonzero(differs & is_repeat & ~is_new))
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,6 +36,8 @@ class Losses:
         Messages that joined no sample; not counted where a message may be part of several, or of none, without loss.
     duplicate, late : int
         Messages with the same stamp as the one before, or an earlier one.
+    contradicting : int
+        Of the duplicates, those with other values: they are another publisher's.
     implausible : int
         Messages whose stamp no other of the stream goes on from.
     unusable : int
@@ -47,6 +49,7 @@ class Losses:
     received: int = 0
     unmatched: int = 0
     duplicate: int = 0
+    contradicting: int = 0
     late: int = 0
     implausible: int = 0
     unusable: int = 0
@@ -78,6 +81,7 @@ class Stream:
         self.window_ns = window_ns
         self.awaited = awaited
         self.losses = Losses()
+        self.newest_values: Sequence[float] = ()
         self.timeline = Timeline[Sequence[float]]()
         self.buffer: deque[Message] = deque()
         self.newest = -1

@@ -269,6 +269,8 @@ class Synchroniser:
         """Let a message wait for its sample; return whether it is one that can join."""
         key = self._key(stream, stamp_ns)
         if key is None:
+            is_repeat = stamp_ns is not None and stream.epoch * _EPOCH + stamp_ns == stream.newest
+            stream.losses.contradicting += is_repeat and tuple(values) != tuple(stream.newest_values)
             return False
         self._store(stream, key, values)
         return True
@@ -306,7 +308,7 @@ class Synchroniser:
                 stream.rejoins_after = max(newest[stream], sensors) + self._patience_ns
 
     def _store(self, stream: Stream, key: int, values: Sequence[float]) -> None:
-        stream.newest = key
+        stream.newest, stream.newest_values = key, values
         stream.buffer.append((key, values))
         if len(stream.buffer) > self._capacity:
             stream.buffer.popleft()

@@ -25,6 +25,9 @@ _REFUSED_BELOW = 1 - MOST_MISSING
 _LOST_FROM = 0.5
 """Part of the messages of a stream that cannot be used from which it is as if it were not there."""
 
+_DOUBLED_FROM = 0.1
+"""Part of the messages of a sensor that repeat a stamp with other values from which these are a second publisher's."""
+
 _ALIKE = 0.9
 """Least rate of a sensor over that of sensor 1 at which standard errors stay within 5 % though readings count twice."""
 
@@ -59,6 +62,8 @@ class Usage:
         Whether the scalar is one of them.
     missing : tuple of str
         Readings that are missing although a message or row came, a clause for each sensor and reason.
+    doubled : tuple of str
+        Sensors on whose topics two publishers send, a clause for each.
     correlation : tuple of tuple of float
         Of the noise of each sensor that interpolation makes, of values that lie 1 to ``LAGS`` apart.
     """
@@ -72,6 +77,7 @@ class Usage:
     lost: tuple[str, ...] = ()
     scalar_is_lost: bool = False
     missing: tuple[str, ...] = ()
+    doubled: tuple[str, ...] = ()
     correlation: tuple[tuple[float, ...], ...] = field(default=(), compare=False)
 
     @classmethod
@@ -108,6 +114,7 @@ class Usage:
             tuple(stream.losses.received - stream.losses.unusable for stream in (first, *others)),
             (0, *(stream.interpolated for stream in interpolated)),
             lost=tuple(why for stream in channels if (why := why_lost(stream)) is not None),
+            doubled=tuple(why for stream in (first, *others) if (why := why_doubled(stream.name, stream.losses))),
             scalar_is_lost=any(stream.name == "scalar" and why_lost(stream) is not None for stream in channels),
             correlation=(
                 (0.0,) * LAGS,
@@ -148,8 +155,11 @@ class Usage:
         Raises
         ------
         Refused
-            When less than half of the samples were used, or the scalar, which tells the scale, is lost.
+            When less than half of the samples were used, two publishers send on the topic of a sensor, or the scalar,
+            which tells the scale, is lost.
         """
+        if self.doubled:
+            raise Refused("; ".join(self.doubled))
         if self.used < _REFUSED_BELOW * self.received:
             raise Refused(f"only {self}; mend that and record again")
         if self.scalar_is_lost:
@@ -273,6 +283,16 @@ def _turning(samples: SampleSource) -> tuple[FloatArray, float]:
         fields.append(length)
     rate = np.concatenate(rates)
     return rate[:: -(-len(rate) // _TURNS_SEEN)], float(np.concatenate(fields).mean())
+
+
+def why_doubled(name: str, losses: Losses) -> str:
+    """Return why the messages of a sensor are those of two publishers, with what to do; empty where they are not."""
+    if losses.contradicting <= _DOUBLED_FROM * losses.received:
+        return ""
+    return (
+        f"{losses.contradicting} of {losses.received} messages of {name} repeat the stamp before with other values, as "
+        "those of two publishers on one topic: stop one of them and record again"
+    )
 
 
 def why_lost(stream: Stream) -> str | None:

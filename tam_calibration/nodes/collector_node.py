@@ -24,7 +24,7 @@ from tam_calibration.messages.synchroniser import Sample, Synchroniser
 from tam_calibration.messages.timeline import StampStep
 from tam_calibration.messages.topics import CHANNEL_TOPICS
 from tam_calibration.messages.turning import turns_of
-from tam_calibration.messages.usage import Usage
+from tam_calibration.messages.usage import Usage, why_doubled
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.limits import SHORTEST_ATTITUDE, largest_of
 from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health, TamNode
@@ -103,15 +103,14 @@ class Collector(TamNode):
         self._scheduling = precede() if self.value("real_time") else "normal"
         self.serve("reset", self._reset)
         self.serve("usage", self._tell_usage)
-        self.say_start(f"waits for {self._sensor_topics()}")
+        self.say_start(f"waits for {', '.join(self._topics_of_sensors())}")
 
     def health(self) -> Health:
         """Return what hinders, or what to do next for the coverage."""
         process = {"listeners": self._samples.get_subscription_count(), "scheduling": self._scheduling}
         if self._synchroniser is None:
-            return Health(
-                STALE, f"no message yet on {self._sensor_topics()}: start the sensors' drivers or play a bag", process
-            )
+            topics = ", ".join(self._topics_of_sensors())
+            return Health(STALE, f"no message yet on {topics}: start the sensors' drivers or play a bag", process)
         silent = self._silent()
         if len(silent) == len(self._sensors):
             self._deliver(self._synchroniser.flush())
@@ -148,6 +147,8 @@ class Collector(TamNode):
         unstamped = [name for name, stamps in self._stamps.items() if stamps.are_zero]
         if unstamped:
             return WARN, _tell_unstamped(unstamped)
+        if doubled := [topic for topic in self._topics_of_sensors() if self.count_publishers(topic) > 1]:
+            return WARN, f"{' and '.join(doubled)} has more than one publisher: stop all but one, or the fit mixes them"
         if new_losses:
             return WARN, f"{new_losses} messages lost in the last second: {synchroniser.explain_losses()}"
         return None
@@ -160,6 +161,7 @@ class Collector(TamNode):
             problems.append(f"nothing from {since}: check sensor, cable and driver")
         missing = self._missing.mostly()
         problems += missing.values()
+        problems += filter(None, (why_doubled(name, synchroniser.losses[name]) for name in self._sensors))
         unstamped = [name for name in self._sensors if name not in silent and self._stamps[name].are_zero]
         if unstamped:
             problems.append(_tell_unstamped(unstamped))
@@ -174,8 +176,8 @@ class Collector(TamNode):
     def _time_of_day(monotonic_s: float) -> str:
         return time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(time.time() - time.monotonic() + monotonic_s))
 
-    def _sensor_topics(self) -> str:
-        return ", ".join(dict.fromkeys(pick.topic for pick in self._map.sensors))
+    def _topics_of_sensors(self) -> list[str]:
+        return list(dict.fromkeys(pick.topic for pick in self._map.sensors))
 
     def _silent(self) -> list[str]:
         limit = time.monotonic() - self.value("silence_s")

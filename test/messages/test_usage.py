@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from tam_calibration.core.interpolation import interpolated
+from tam_calibration.messages.batch_stream import StreamMessages
+from tam_calibration.messages.batch_synchroniser import BatchSynchroniser
 from tam_calibration.messages.point_cloud import SampleLayout
 from tam_calibration.messages.synchroniser import Synchroniser
 from tam_calibration.messages.usage import Usage
@@ -259,3 +261,25 @@ def test_the_correlation_of_interpolated_noise_is_told(kept, every, late):
         seen = np.mean(values[lag:] * values[:-lag])
         assert samples.whole().interpolated_noise.correlation[1, lag - 1] == pytest.approx(seen, abs=0.02)
     assert not samples.whole().interpolated_noise.correlation[0].any()
+
+
+@pytest.mark.parametrize("in_batches", [False, True])
+@pytest.mark.parametrize(("other", "is_doubled"), [(0.0, False), (1e-6, True)])
+def test_two_publishers_with_equal_stamps_are_refused(other, is_doubled, in_batches):
+    """Messages that repeat a stamp with other values are another publisher's; a message that comes twice is none."""
+    stamps = START + PERIOD * np.arange(50)
+    synchroniser = BatchSynchroniser(SampleLayout(2), MS)
+    values = np.full((50, 3), 1e-5)
+    doubled = np.repeat(values, 2, axis=0) + np.outer(np.tile([0.0, other], 50), np.ones(3))
+    streams = {"tam_1": (stamps, 3 * np.arange(50), values)}
+    streams["tam_2"] = np.repeat(stamps, 2), np.sort([*(3 * np.arange(50) + 1), *(3 * np.arange(50) + 2)]), doubled
+    batch = {name: StreamMessages(order, own, rows) for name, (own, order, rows) in streams.items()}
+    if in_batches:
+        synchroniser.push_batch(batch)
+    else:
+        synchroniser._push_each(batch)
+    usage = synchroniser.usage
+    assert bool(usage.doubled) is is_doubled
+    if is_doubled:
+        with pytest.raises(Refused, match="50 of 100 messages of tam_2 repeat the stamp before with other values"):
+            usage.require_enough()
