@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterable
 
 import numpy as np
 
-from tam_calibration.integrity.alternation import alternating
+from tam_calibration.core.alternation import alternations
 from tam_calibration.integrity.copies import Copies
 from tam_calibration.integrity.fault import Fault, refuse, require_names
 from tam_calibration.integrity.handedness import left_handed
@@ -45,7 +45,14 @@ def faults_of(source: SampleSource, array: Array) -> list[Fault]:
         faults += _new(faults, at_ends(overview))
         faults += _new(faults, with_stuck_bits(overview))
         faults += _new(faults, in_steps(overview, array))
-        faults += _new(faults, alternating(source))
+        first = next(iter(source.blocks()))
+        faults += _new(
+            faults,
+            (
+                Fault("alternating", sensor, "", overview.time_s, sentence)
+                for sensor, sentence in alternations(first.readings_T).items()
+            ),
+        )
         faults += _new(faults, left_handed(overview))
     return faults
 

@@ -8,6 +8,7 @@ from typing import Any, get_args
 
 import numpy as np
 
+from tam_calibration.core.alternation import alternations
 from tam_calibration.core.interpolation import LARGEST_ERROR
 from tam_calibration.messages.missing import MOST_MISSING
 from tam_calibration.messages.stream import InterpolatedStream, Losses, Stream
@@ -180,12 +181,19 @@ class Usage:
         ----------
         samples : SampleSource
             As they were joined.
+
+        Raises
+        ------
+        Refused
+            Where the readings that would be thinned are those of two publishers in turn.
         """
         if not any(self.interpolated):
             return samples
         rates = np.array(self.readings) / max(self.received, 1)
         if rates.min() > _ALIKE:
             return samples.with_noise(self._noise(rates, 1.0))
+        if mixed := alternations(next(iter(samples.blocks())).readings_T):
+            raise Refused(f"{'; '.join(mixed.values())}: stop one of them and record again")
         count = samples.sample_count
         stride = round(1 / max(float(rates.min()), 1 / count))
         times, scalars = zip(*((block.time_s, block.scalar_T) for block in samples.blocks()), strict=True)

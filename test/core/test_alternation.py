@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tam_calibration.integrity.alternation import alternating
-from tam_calibration.model.recording import Recording
+from tam_calibration.core.alternation import alternations
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 
@@ -21,9 +20,8 @@ def test_two_publishers_in_turn_are_found(turning):
     """The sensor is named with the distance of the courses, where messages of another come between its own."""
     readings_T = turning.readings_T.copy()
     readings_T[1::2, 1] = turning.readings_T[1::2, 3]
-    [fault] = alternating(replace(turning, readings_T=readings_T))
-    assert (fault.name, fault.sensor, fault.severity) == ("alternating", 2, "refusal")
-    assert "sensor 2 alternate" in fault.sentence and "two publishers" in fault.sentence
+    [(sensor, words)] = alternations(readings_T).items()
+    assert sensor == 2 and "sensor 2 alternate" in words and "two publishers" in words
 
 
 def stepped(readings_T):
@@ -48,13 +46,13 @@ def noisy(readings_T):
 @pytest.mark.parametrize("change", [np.copy, stepped, held, noisy])
 def test_sound_sensors_do_not_alternate(turning, change):
     """Smooth, coarse, slow and noisy ones."""
-    assert alternating(replace(turning, readings_T=change(turning.readings_T))) == []
+    assert alternations(change(turning.readings_T)) == {}
 
 
 def test_an_array_that_is_turned_to_and_fro_does_not(wu_run):
     """All sensors alternate then; neither do random attitudes."""
     readings_T = wu_run.recording.readings_T.copy()
-    assert alternating(wu_run.recording) == []
+    assert alternations(wu_run.recording.readings_T) == {}
     readings_T[2::2], readings_T[1::2] = readings_T[0], readings_T[1]
     readings_T += 1e-9 * np.random.default_rng(2).normal(size=readings_T.shape)
-    assert alternating(Recording(wu_run.recording.time_s, readings_T)) == []
+    assert alternations(readings_T) == {}

@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from tam_calibration.integrity.fault import Fault, channel
-from tam_calibration.model.recording import SampleSource
-from tam_calibration.model.units import FloatArray
+from tam_calibration.model.units import FloatArray, to_nanotesla
 
 FEWEST = 50
 """Samples of which the ratio of the medians is 1 ± 0.14 for noise alone."""
@@ -20,27 +18,33 @@ _MOST = 4096
 """Samples in a row that are looked at: some tens of seconds."""
 
 
-def alternating(source: SampleSource) -> list[Fault]:
+def alternations(readings_T: FloatArray) -> dict[int, str]:
     """Return the sensors whose readings lie nearer to those two samples away than to the next, where others' do not.
 
     Parameters
     ----------
-    source : SampleSource
-        Raw readings of K sensors, tesla.
+    readings_T : (N, K, 3) array
+        Raw readings of K sensors, tesla, in the order of time.
+
+    Returns
+    -------
+    dict of int to str
+        Number of each such sensor, from 1, and what it does, in words.
     """
-    block = next(iter(source.blocks()))
-    readings_T = block.readings_T[:_MOST]
+    readings_T = readings_T[:_MOST]
     if len(readings_T) < FEWEST or readings_T.shape[1] < 2:
-        return []
+        return {}
     next_T, second_T = (_distance(readings_T, lag) for lag in (1, 2))
     is_alternating = (second_T < ALTERNATES * next_T) & (_cosine(readings_T) < REVERSES)
     if is_alternating.all():
-        return []  # the array itself was turned to and fro
-    time_s = float(block.time_s[0]), float(block.time_s[len(readings_T) - 1])
-    return [
-        Fault("alternating", sensor + 1, "", time_s, _sentence(sensor + 1, 1e9 * float(next_T[sensor])))
+        return {}  # the array itself was turned to and fro
+    return {
+        sensor + 1: (
+            f"the readings of sensor {sensor + 1} alternate between two courses {to_nanotesla(next_T[sensor]):.4g} nT "
+            "apart, and those of the other sensors do not, as where two publishers send on its topic"
+        )
         for sensor in np.flatnonzero(is_alternating).tolist()
-    ]
+    }
 
 
 def _distance(readings_T: FloatArray, lag: int) -> FloatArray:
@@ -57,10 +61,3 @@ def _cosine(readings_T: FloatArray) -> FloatArray:
     sizes = np.linalg.norm(changes_T[1:], axis=2) * np.linalg.norm(changes_T[:-1], axis=2)
     cosine: FloatArray = np.median(np.divide(product, sizes, out=np.zeros_like(product), where=sizes > 0), axis=0)
     return cosine
-
-
-def _sentence(sensor: int, change_nT: float) -> str:
-    return (
-        f"the readings of {channel(sensor)} alternate from sample to sample between two courses {change_nT:.4g} nT "
-        "apart, and those of the other sensors do not: two publishers send on its topic"
-    )
