@@ -65,6 +65,8 @@ class Usage:
         Readings that are missing although a message or row came, a clause for each sensor and reason.
     doubled : tuple of str
         Sensors on whose topics two publishers send, a clause for each.
+    other_frames : tuple of str
+        Streams whose messages are of another frame than the array file states, a warning for each.
     correlation : tuple of tuple of float
         Of the noise of each sensor that interpolation makes, of values that lie 1 to ``LAGS`` apart.
     """
@@ -79,6 +81,7 @@ class Usage:
     scalar_is_lost: bool = False
     missing: tuple[str, ...] = ()
     doubled: tuple[str, ...] = ()
+    other_frames: tuple[str, ...] = ()
     correlation: tuple[tuple[float, ...], ...] = field(default=(), compare=False)
 
     @classmethod
@@ -167,9 +170,9 @@ class Usage:
             raise Refused(f"{'; '.join(self.lost)}: mend that, or leave the topic out to do without")
 
     def warnings(self) -> tuple[str, ...]:
-        """Return warnings: few samples used, a recording that was left unfinished, and each channel that is lost."""
+        """Return warnings: few samples, an unfinished recording, channels that are lost, messages of other frames."""
         few = (f"only {self}",) if self.used < _WARNED_BELOW * self.received else ()
-        return (*few, *((self.unfinished,) if self.unfinished else ()), *self.lost)
+        return (*few, *((self.unfinished,) if self.unfinished else ()), *self.lost, *self.other_frames)
 
     def with_each_reading_once(self, samples: SampleSource) -> SampleSource:
         """Return samples for a fit, thinned where a sensor that is read less often would count more than once.

@@ -301,7 +301,8 @@ class Collector(TamNode):
     def _tell_usage(self) -> str:
         """Return how many of sensor 1's samples were used, and why not the others, as JSON."""
         usage = self._synchroniser.usage if self._synchroniser else Usage(0, 0)
-        return replace(usage, missing=self._missing.sentences()).to_json()
+        others = tuple(self._frames.problems.values())
+        return replace(usage, missing=self._missing.sentences(), other_frames=others).to_json()
 
     def _start_over(self) -> None:
         self._synchroniser = None

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from tam_calibration.messages.cdr import FRAME_ID, read_frame_id
-from tam_calibration.messages.stream import sensor_stream
+from tam_calibration.messages.frames import expected_frames, other_frame
 from tam_calibration.model.mounting import Mounting
 
 
@@ -19,10 +19,7 @@ class FrameCheck:
     """
 
     def __init__(self, mounting: Mounting, warn: Callable[[str], None]) -> None:
-        frames = {sensor_stream(sensor): frame for sensor, frame in enumerate(mounting.frame_ids or (), 1)}
-        if mounting.imu_frame_id:
-            frames["attitude"] = mounting.imu_frame_id
-        self._expected = {stream: f"{frame}\0".encode() for stream, frame in frames.items()}
+        self._expected = {stream: f"{frame}\0".encode() for stream, frame in expected_frames(mounting).items()}
         self._warn = warn
         self.problems: dict[str, str] = {}
 
@@ -42,8 +39,7 @@ class FrameCheck:
         if message.startswith(expected, FRAME_ID):
             self.problems.pop(stream, None)
             return
-        frame, stated = read_frame_id(message), expected[:-1].decode()
-        problem = f"the messages of {stream} are of the frame {frame or 'without name'}, the array file says {stated}"
+        problem = other_frame(stream, read_frame_id(message), expected[:-1].decode())
         if self.problems.get(stream) != problem:
             self._warn(problem)
         self.problems[stream] = problem

@@ -11,6 +11,7 @@ from tam_calibration.correction.partial import missing_codes
 from tam_calibration.messages.batch_stream import StreamMessages
 from tam_calibration.messages.batch_synchroniser import BatchSynchroniser
 from tam_calibration.messages.cdr import NO_TIME
+from tam_calibration.messages.frames import expected_frames, other_frame
 from tam_calibration.messages.missing import Missing
 from tam_calibration.messages.point_cloud import SampleLayout, is_channel
 from tam_calibration.messages.run import Run
@@ -21,6 +22,7 @@ from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.limits import largest_of
+from tam_calibration.model.mounting import Mounting
 from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.recordings.channel_map import CHANNEL_WIDTHS, Clock, FieldUnit, Pick
 from tam_calibration.recordings.intake import Intake
@@ -59,6 +61,16 @@ class Streams:
     clock: Clock
     doubtful: Mapping[str, FieldUnit] = field(default_factory=dict)
     taken: str = ""
+
+    def other_frames(self, mounting: Mounting) -> tuple[str, ...]:
+        """Return a warning of each stream whose messages are of another frame than the array file states."""
+        return tuple(
+            other_frame(stream, frame, stated)
+            for stream, stated in expected_frames(mounting).items()
+            if stream in self.wanted
+            for frame in self.wanted[stream].table.frames
+            if frame != stated
+        )
 
     def intakes(self, reading: Reading, array: Array | None) -> dict[str, Intake]:
         """Return what takes the values of each stream."""
@@ -108,6 +120,7 @@ class Joining:
         self.source, self.streams, self._with_partial = source, streams, with_partial
         self._window = reading.window
         self._turns = {} if array is None else turns_of(array.mounting)
+        self._other_frames = () if array is None else streams.other_frames(array.mounting)
         self.intakes = streams.intakes(reading, array)
         self._missing, self._first_ns, self._run = Missing(), None, Run()
         self._synchroniser = BatchSynchroniser(
@@ -264,7 +277,12 @@ class Joining:
         return stamps_ns, np.column_stack([seconds_of(times_ns), values])
 
     def _samples(self, stamps_ns: IntArray, rows: FloatArray) -> Samples:
-        usage = replace(self._synchroniser.usage, unfinished=self.source.unfinished, missing=self._missing.sentences())
+        usage = replace(
+            self._synchroniser.usage,
+            unfinished=self.source.unfinished,
+            missing=self._missing.sentences(),
+            other_frames=self._other_frames,
+        )
         return samples_of(self.streams.layout, stamps_ns, rows, usage)
 
 
