@@ -115,7 +115,8 @@ def command(
         advice = f"tam calibrate {recording} --array {array} --effects {effects}" if effects else ""
         used = [] if usage is None else [Text(sentence(str(usage)))]
         summary, tables = [*summary_blocks(gap), *used], [*_blocks(gap), *used]
-        terminal.print_answer(gap.headline, summary, tables, detail, outputs.values(), advice)
+        answer = " ".join((gap.headline, *gap.remarks[:1]))
+        terminal.print_answer(answer, summary, tables, detail, outputs.values(), advice)
     ctx.exit(0 if gap.verdict in _ANSWERS else 1)
 
 

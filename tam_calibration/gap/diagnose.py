@@ -13,6 +13,7 @@ import numpy as np
 from numpy.linalg import LinAlgError
 
 from tam_calibration.effects.library import installed_effects, shown_by
+from tam_calibration.fit.attitude_convention import misread_attitude
 from tam_calibration.gap.conclude import conclude
 from tam_calibration.gap.floor import floor_of
 from tam_calibration.gap.refusal import (
@@ -138,6 +139,8 @@ def judge(
         *(f"tam calibrate would refuse this recording{alone}: {refusal}." for refusal in refusals),
     ]
     remarks += [f"The channels: {fault.sentence}." for fault in faults if fault.severity == "warning"]
+    if misread := misread_attitude(seen):
+        remarks.append(f"{misread[:1].upper()}{misread[1:]}.")
     gap, found = _judged(seen, array, without, progress)
     return Judgement(replace(gap, remarks=(*remarks, *gap.remarks)), seen, found)
 

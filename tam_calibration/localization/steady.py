@@ -6,6 +6,7 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.fit.attitude_convention import misread_attitude
 from tam_calibration.localization.euler import DIPOLE_INDEX, require_index
 from tam_calibration.localization.line_fit import DIPOLES_INDEX
 from tam_calibration.localization.one_source import locate_run
@@ -210,10 +211,12 @@ def locate_steady(
     InputError
         When there is no attitude, the calibration is of another array, or a track is asked for what is no dipole.
     Refused
-        When no sample can be located, the samples are not those of one source, or the readings do not determine the
-        dipoles of the track or are none's.
+        When the attitude was written otherwise than expected, no sample can be located, the samples are not those of
+        one source, or the readings do not determine the dipoles of the track or are none's.
     """
     require_index(index)
+    if misread := misread_attitude(recording, calibration.errors):
+        raise Refused(misread)
     if recording.attitude is None:
         raise InputError(
             "the recording has no attitude, without which the regional field cannot be taken off; of an alternating "

@@ -26,9 +26,9 @@ def verdict_blocks(gap: Gap) -> list[Block]:
 
 
 def summary_blocks(gap: Gap) -> list[Block]:
-    """Return remarks, the size of the gap, its causes and what to record next, in a few lines."""
+    """Return remarks behind the first, the size of the gap, its causes and what to record next, in a few lines."""
     size, sensor_count = gap.size, len(gap.residue.floor_T) // 3
-    blocks: list[Block] = [Text(remark, "doubt") for remark in gap.remarks]
+    blocks: list[Block] = [Text(remark, "doubt") for remark in gap.remarks[1:]]
     if gap.verdict != "not_identifiable":
         before, after = (number(to_nanotesla(value)) for value in (size.before_T, size.after_T))
         blocks.append(
