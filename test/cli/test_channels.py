@@ -103,7 +103,5 @@ def test_ten_rows_are_refused(folder, recording):
 def test_an_unknown_finding_is_bad_input(folder, recording, command):
     """Those that there are are listed."""
     result = run(recording, lambda readings: None, command, "--accept", "everything")
-    assert (
-        result.exit_code == 2
-        and "no finding 'everything' to accept: choose among alternating, few_samples" in result.stderr
-    )
+    told = "no finding 'everything' to accept: choose among alternating, few_samples"
+    assert result.exit_code == 2 and told in result.stderr
