@@ -365,7 +365,8 @@ def _reason(count: int, misfit: Misfit) -> str:
     return (
         f"the readings are not those of {what} beside a regional field with a constant gradient: what is left is "
         f"{np.sqrt(misfit.colour):.3g} times the noise where it is slow. Take a shorter stretch about one source, "
-        "state the noise of the attitude or a larger error of the velocity, or calibrate the array anew"
+        "state the noise of the attitude or a larger error of the velocity; where sensor 1 may be mounted askew, "
+        "calibrate with --method integrated, which takes the axes of the array from recorded attitude"
     )
 
 

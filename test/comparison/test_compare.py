@@ -6,6 +6,8 @@ import pytest
 from tam_calibration.comparison import compare
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
+from tam_calibration.results.scenario import read_scenario
+from tam_calibration.simulation import simulate
 
 
 def test_two_runs_of_one_simulator_are_the_same(run, cross):
@@ -70,3 +72,17 @@ def test_a_recording_in_another_unit_is_bad_input(run, cross, times):
     wrong = Recording(one.time_s, times * one.readings_T, times * one.scalar_T)
     with pytest.raises(InputError, match=r"^the recording: "):
         compare(run(2), wrong, cross)
+
+
+def test_other_errors_of_the_sensors_are_no_difference_and_are_told():
+    """A calibration removes them: the verdict stays, and its sentence says by how much they differ."""
+    scenario = read_scenario("tumble_100_hz")
+    errors = replace(
+        scenario.errors, bias_T=scenario.errors.bias_T + np.array([[0.0] * 3, [6e-7, 0, 0]] + [[0.0] * 3] * 2)
+    )
+    one, other = (
+        simulate(replace(each, sample_count=2000, seed=seed)).recording
+        for seed, each in ((1, scenario), (2, replace(scenario, errors=errors)))
+    )
+    told = compare(one, other, scenario.array).statement
+    assert told.startswith("The same: effects and noise") and "biases by up to 600 nT (sensor 2 x)" in told
