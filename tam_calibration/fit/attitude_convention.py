@@ -29,8 +29,9 @@ _MOST_SAMPLES = 2000
 _INVERSE, _SCALAR_FIRST = np.array([-1.0, -1.0, -1.0, 1.0]), [1, 2, 3, 0]
 """Signs of the inverse of a quaternion x, y, z, w, and the order that makes one of w, x, y, z."""
 
-_FORWARD_RIGHT_DOWN = Rotation.from_quat([1.0, 0.0, 0.0, 0.0])
-"""From axes forward, right, down to forward, left, up."""
+_HALF_TURNS = {axis: Rotation.from_rotvec(np.pi * unit) for axis, unit in zip("xyz", np.eye(3), strict=True)}
+"""Of the IMU against the array. That about x makes forward, right, down of forward, left, up. Readings with that axis
+reversed in all sensors look the same, as the field may point either way."""
 
 
 @dataclass(frozen=True)
@@ -41,13 +42,13 @@ class _Convention:
     mend: str
     is_inverse: bool = False
     is_scalar_first: bool = False
-    is_frd: bool = False
+    half_turn: str = ""
 
     def to_world(self, quaternions: FloatArray) -> Rotation:
         """Return the turns from the array's axes to the world of quaternions that were written so."""
         ordered = quaternions[:, _SCALAR_FIRST] if self.is_scalar_first else quaternions
         turns = Rotation.from_quat(ordered * _INVERSE if self.is_inverse else ordered)
-        return turns * _FORWARD_RIGHT_DOWN if self.is_frd else turns
+        return turns * _HALF_TURNS[self.half_turn] if self.half_turn else turns
 
 
 _FRD = "state imu_rotation_deg: [180, 0, 0] in the array file"
@@ -62,12 +63,23 @@ _CONVENTIONS = (
         is_inverse=True,
         is_scalar_first=True,
     ),
-    _Convention("is that of axes forward, right, down (NED)", _FRD, is_frd=True),
+    _Convention(
+        "is that of axes forward, right, down (NED), or axis x of all sensors is reversed", _FRD, half_turn="x"
+    ),
     _Convention(
         "is that of axes forward, right, down (NED), and turns the world into the array",
         f"write the inverse, and {_FRD}",
         is_inverse=True,
-        is_frd=True,
+        half_turn="x",
+    ),
+    *(
+        _Convention(
+            f"and the readings agree only where axis {axis} of all sensors is reversed, which are left-handed then, or "
+            f"the IMU is turned by 180° about {axis}",
+            f"reverse that axis in the driver, or state imu_rotation_deg about {axis} in the array file",
+            half_turn=axis,
+        )
+        for axis in "yz"
     ),
 )
 _AS_EXPECTED = _Convention("", "")

@@ -6,6 +6,13 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.consistency import residual_that_changes
 from tam_calibration.fit.coverage import field_of, measure_coverage
 from tam_calibration.model.recording import SKETCH, SampleSource
+from tam_calibration.model.units import FloatArray, from_degrees, to_degrees, to_nanotesla
+
+_ASKEW = from_degrees(5.0)
+"""Turn of all other sensors against sensor 1 that no mounting makes by accident: sensors are aligned to degrees."""
+
+_LARGEST_BIAS = 2.0
+"""Bias over the field: phones, whose magnetometers sit beside loudspeakers, have less."""
 
 LOOK_FOR_CAUSE = "look for the cause with tam diagnose"
 """What to do about a residual."""
@@ -38,6 +45,8 @@ def doubts_of(recording: SampleSource, calibration: Calibration) -> tuple[str, .
         "" if calibration.update else _coverage(some, calibration),
         _standard_errors(calibration),
         _geometry(calibration),
+        _first_sensor(calibration),
+        _bias(calibration),
     )
     return tuple(filter(None, found))
 
@@ -99,3 +108,38 @@ def _geometry(calibration: Calibration) -> str:
     if calibration.array.sensor_count < _FEWEST_FOR_GRADIENT or calibration.array.has_gradient:
         return ""
     return "the sensors stand in one line, so that the outputs have no gradient: place one sensor beside that line"
+
+
+def _first_sensor(calibration: Calibration) -> str:
+    """Compare the turns of the other sensors, which all lie askew in the axes of a sensor 1 that does itself."""
+    left, _, right = np.linalg.svd(calibration.errors.matrix)
+    turns = left @ right
+    if calibration.errors.sensor_count < _FEWEST_FOR_GRADIENT or (np.linalg.det(turns) < 0).any():
+        return ""
+    sizes = _angles(turns[1:])
+    size = float(sizes.min())
+    if size < _ASKEW or _angles(turns[2:] @ turns[1].T).max() > size / 3:
+        return ""
+    return (
+        f"all other sensors are turned by {to_degrees(size):.2g}° against sensor 1, whose axes are those of the array: "
+        "state how sensor 1 is mounted (rotations_deg in the array file), or record attitude and use --method "
+        "integrated"
+    )
+
+
+def _angles(turns: FloatArray) -> FloatArray:
+    """Return the angles (n,) of rotation matrices (n, 3, 3), radians."""
+    angles: FloatArray = np.arccos(np.clip((np.trace(turns, axis1=1, axis2=2) - 1) / 2, -1, 1))
+    return angles
+
+
+def _bias(calibration: Calibration) -> str:
+    bias_T = np.abs(calibration.errors.bias_T)
+    sensor, axis = divmod(int(np.argmax(bias_T)), 3)
+    ratio = float(bias_T[sensor, axis]) / calibration.intensity_T
+    if ratio <= _LARGEST_BIAS:
+        return ""
+    return (
+        f"the bias of sensor {sensor + 1} {'xyz'[axis]} is {to_nanotesla(float(bias_T[sensor, axis])):.6g} nT, "
+        f"{ratio:.2g} times the field: look for a magnet at the sensor, and for an offset of its driver"
+    )

@@ -58,5 +58,5 @@ def _in_words(gap: Gap) -> str:
     causes = " and ".join(name.replace("_", " ") for name in names)
     sensors = sorted({str(sensor) for cause in gap.causes for sensor in cause.sensors})
     where = f" in sensor {', '.join(sensors)}" if len(sensors) < len(gap.residue.floor_T) // 3 else ""
-    part = "" if gap.verdict == "explained" else " part of"
-    return f"; {causes}{where} explains{part} it: fit it too, with --effects {','.join(names)}"
+    verb = f"explain{'s' if len(names) == 1 else ''}{'' if gap.verdict == 'explained' else ' part of'}"
+    return f"; {causes}{where} {verb} it: fit that too, with --effects {','.join(names)}"

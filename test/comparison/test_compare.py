@@ -77,9 +77,9 @@ def test_a_recording_in_another_unit_is_bad_input(run, cross, times):
 def test_other_errors_of_the_sensors_are_no_difference_and_are_told():
     """A calibration removes them: the verdict stays, and its sentence says by how much they differ."""
     scenario = read_scenario("tumble_100_hz")
-    errors = replace(
-        scenario.errors, bias_T=scenario.errors.bias_T + np.array([[0.0] * 3, [6e-7, 0, 0]] + [[0.0] * 3] * 2)
-    )
+    bias_T = scenario.errors.bias_T.copy()
+    bias_T[1, 0] += 6e-7
+    errors = replace(scenario.errors, bias_T=bias_T)
     one, other = (
         simulate(replace(each, sample_count=2000, seed=seed)).recording
         for seed, each in ((1, scenario), (2, replace(scenario, errors=errors)))

@@ -31,7 +31,7 @@ WRITTEN = {
     "turns the world into the array: write": lambda attitude: inverse(attitude),
     "has its quaternions in the order w, x, y, z": lambda attitude: attitude[:, [3, 0, 1, 2]],
     "turns the world into the array, and is in the order w": lambda attitude: inverse(attitude)[:, [3, 0, 1, 2]],
-    "is that of axes forward, right, down (NED): state imu_rotation_deg": as_ned,
+    "is that of axes forward, right, down (NED), or axis x of all sensors is reversed: state imu_rotation_deg": as_ned,
     "forward, right, down (NED), and turns the world": lambda attitude: inverse(as_ned(attitude)),
     "hardly changes while the readings turn": lambda attitude: attitude[:1].repeat(len(attitude), axis=0),
 }
@@ -71,3 +71,11 @@ def test_a_vehicle_that_hardly_pitches_is_right(limit_deg):
     scenario = replace(read_scenario("wu_table_1"), motion=Manoeuvre(limit, limit, 60.0), sample_count=300, rate_hz=5.0)
     made = simulate(replace(scenario, attitude=AttitudeChannel(from_degrees(1.0))))
     assert misread_attitude(made.recording) == misread_attitude(made.recording, made.scenario.errors) == ""
+
+
+@pytest.mark.parametrize("axis", "xyz")
+def test_left_handed_sensors_are_told(made, axis):
+    """All alike, so that no sensor contradicts another."""
+    signs = np.where(np.array(list("xyz")) == axis, -1.0, 1.0)
+    told = misread_attitude(replace(made.recording, readings_T=made.recording.readings_T * signs))
+    assert f"axis {axis} of all sensors is reversed" in told

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.doubts import doubts_of
@@ -102,3 +103,22 @@ def test_a_residual_that_had_to_be_accepted_is_bad(calibration):
     """It was refused, and somebody overruled that."""
     accepted = replace(calibration, accepted=("residual",), warnings=("the fit leaves 5000 nT of sensor 1",))
     assert str(accepted.quality).startswith("Bad: tensor residual")
+
+
+@pytest.mark.parametrize("angle_deg", [3.0, 30.0, 90.0, 180.0])
+def test_a_sensor_1_that_is_mounted_askew_is_told(wu_run, wu_scenario, angle_deg):
+    """All others then are turned by as much; a few degrees are usual."""
+    turn = Rotation.from_euler("z", angle_deg, degrees=True)
+    readings_T = wu_run.recording.readings_T.copy()
+    readings_T[:, 0] = turn.inv().apply(readings_T[:, 0])
+    told = calibrate(replace(wu_run.recording, readings_T=readings_T), wu_scenario.array).warnings
+    assert any(f"turned by {angle_deg:.2g}° against sensor 1" in one for one in told) is (angle_deg > 5)
+
+
+@pytest.mark.parametrize(("bias_T", "doubted"), [(100e-6, False), (150e-6, True)])
+def test_a_bias_of_more_than_twice_the_field_is_told(wu_run, wu_scenario, bias_T, doubted):
+    """It is a magnet, or an offset of a driver."""
+    readings_T = wu_run.recording.readings_T.copy()
+    readings_T[:, 2, 1] += bias_T
+    told = calibrate(replace(wu_run.recording, readings_T=readings_T), wu_scenario.array).warnings
+    assert any("the bias of sensor 3 y is" in one for one in told) is doubted

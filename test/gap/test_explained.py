@@ -32,7 +32,7 @@ def test_a_jump_is_named_with_the_command_that_takes_it_off(made):
     readings_T[700:, 1, 0] += 60e-9
     quality = reasons_of(made, readings_T)
     assert quality.grade == "doubtful" and "bias jump in sensor 2 explains it" in quality.reasons[0]
-    assert quality.next[0] == "fit it too, with --effects bias_jump"
+    assert quality.next[0] == "fit that too, with --effects bias_jump"
 
 
 def test_noise_that_was_stated_too_small_is_told_with_its_size(made):
