@@ -247,9 +247,15 @@ def statement(verdict: Verdict, size: Size, where: Where, causes: tuple[Cause, .
     size_of_gap = f"A gap of {size.before:.2g} times the noise floor in {_named(where)}"
     if verdict == "unexplained":
         return f"{size_of_gap} that no effect of the library explains."
-    names = " and ".join(dict.fromkeys(cause.fitted.effect.replace("_", " ") for cause in causes))
+    names = " and ".join(dict.fromkeys(map(_cause_in_words, causes)))
     part = "explained" if verdict == "explained" else "partly explained"
     return f"{size_of_gap}, {part} by {names}: {100 * size.closed:.0f} % of it closes."
+
+
+def _cause_in_words(cause: Cause) -> str:
+    matched = cause.surrogate_test is not None and cause.surrogate_test.is_matched
+    rival = " (or by anything else that changes as slowly)" if matched else ""
+    return f"{cause.fitted.effect.replace('_', ' ')}{rival}"
 
 
 def _named(where: Where) -> str:

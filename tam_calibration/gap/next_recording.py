@@ -247,6 +247,11 @@ def _of_gap(found: Search, verdict: Verdict, causes: Sequence[Cause], variance: 
     if ambiguity is not None:
         return _told_apart(setting, ambiguity)
     missing = {one.effect for one in found.considered if one.status in ("channel_missing", "not_identifiable")}
+    if matched := [one.fitted.effect for one in causes if one.surrogate_test and one.surrogate_test.is_matched]:
+        return (
+            f"Let the channel of {matched[0].replace('_', ' ')} rise and fall several times in the run: in this one "
+            "any other slow drift explains as much."
+        )
     if verdict == "explained":
         hidden = _hidden(found, causes, missing)
         return (hidden and _shown(setting, *hidden)) or _CONFIRMED

@@ -54,6 +54,15 @@ class SurrogateTest:
         """Gain over that of the best surrogate."""
         return self.gain / max(self.largest, 1.0)
 
+    @property
+    def is_matched(self) -> bool:
+        """Whether some surrogate explains nearly as much: of a channel that only rises, any slow course does."""
+        return self.ratio < _MATCHED
+
+
+_MATCHED = 1.5
+"""Gain over that of the best surrogate below which the course of the form is not what makes it explain."""
+
 
 _MOVES = 150
 """Time shifts of a residual, each forwards and reversed: a rank among 300."""

@@ -104,6 +104,12 @@ def cause_words(cause: Cause) -> list[str]:
 def _surrogate_words(test: SurrogateTest) -> str:
     """Return the result of a surrogate test in words."""
     gains = f"its gain is {number(test.gain)}, that of the best surrogate {number(test.largest)}"
+    if test.gain > test.largest and test.is_matched:
+        return (
+            f"A course that has nothing to do with it explains nearly as much: {gains}. The channel hardly does more "
+            "than rise or fall, and any other slow drift would be taken for its effect; the probability is that among "
+            "the effects of the library."
+        )
     if test.gain <= test.largest:
         return f"{percent(test.rank)} of its surrogates explain as much or more: {gains}."
     others = round(1 / test.rank) - 1

@@ -110,3 +110,9 @@ def test_an_intensity_that_drifts_stands_above_other_rows(run):
     made, course = run(900), 5e-9 * slow(900, 3)
     assert surrogate_test(made.with_row(12, course), "geomagnetic_drift").ratio > 1.5
     assert surrogate_test(made.with_row(4, course), "geomagnetic_drift").ratio < 1
+
+
+@pytest.mark.parametrize(("largest", "matched"), [(38_362.0, True), (20_000.0, False)])
+def test_a_course_that_surrogates_nearly_have_is_matched(largest, matched):
+    """A channel that only rises: any slow course explains as much."""
+    assert SurrogateTest(39_349.0, largest, 0.02).is_matched is matched
