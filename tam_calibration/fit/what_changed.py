@@ -1,0 +1,210 @@
+"""What changed within a recording: sensors or axes that are exchanged, a bias, a gain, or the field of all sensors.
+
+The longer part is calibrated. Each hypothesis says how the readings of the other part would have looked without the
+change. The one whose sensors then agree best with each other and with the intensity is named; parameters that it has
+free count against it (Schwarz 1978).
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tam_calibration.core.variance_factors import WHITE
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.fit.change_hypotheses import PartModel, hypotheses
+from tam_calibration.fit.change_within import Span, find_change
+from tam_calibration.fit.maximum_likelihood import estimate
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.recording import SampleSource
+from tam_calibration.model.units import FloatArray
+
+_EXPLAINED = 4.0
+"""Largest variance of the residuals under a hypothesis over that of the calibrated part: its directions may differ."""
+
+_LEFT = 1e-3
+"""Part of the residuals' energy that a hypothesis may leave in any case: 3 % of their size, which are side effects."""
+
+_BEYOND = 6.0
+"""Standard deviations of the residuals' variance by which it must exceed that of the calibrated part."""
+
+_FEW = 3.0
+"""Standard errors by which the calibration of all readings may differ from that of the longer part."""
+
+_ROUNDING = 1e-3
+"""Least variance of the residuals over that of the noise."""
+
+_PRICE = 3.0
+"""Times the price of a free parameter by Schwarz 1978: the calibrated part has errors of its own."""
+
+_WORSE = 16.0
+"""Ratio of the residuals' variances from which the shorter part is calibrated: readings that are none fit nothing."""
+
+_NOISE_ALONE = 2.0
+"""Variance of the calibrated part's residuals over that of the noise, from which chance is not that of white noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """What changed, and when.
+
+    Parameters
+    ----------
+    what : str
+        In one clause, with the time: "sensors 1 and 3 are exchanged from 100.0 s on".
+    todo : str
+        What to do.
+    is_calibrated : (N,) array of bool
+        Samples of the recording, which one calibration describes; those of the longer part where two are possible.
+    is_explained : bool
+        Whether both parts are calibrations: no sensor fails in one of them.
+    """
+
+    what: str
+    todo: str
+    is_calibrated: NDArray[np.bool_]
+    is_explained: bool = True
+
+    @property
+    def sentence(self) -> str:
+        """What changed when, and what to do."""
+        return f"{self.what}: {self.todo}"
+
+
+@contextmanager
+def naming_changes(recording: SampleSource, array: Array) -> Iterator[None]:
+    """Say of a failing fit what changed within the recording, where something did.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        Raw readings of K sensors in a uniform field.
+    array : Array
+        Of these sensors; a noise that is not stated is estimated.
+    """
+    try:
+        yield
+    except (InputError, Refused) as problem:
+        if change := what_changed(recording, array):
+            raise Refused(change.sentence) from problem
+        raise
+
+
+def change_beside(recording: SampleSource, array: Array, calibration: Calibration) -> Change | None:
+    """Return what changed within a recording whose calibration leaves more than white noise.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        That was calibrated, an ambient gradient taken off.
+    array : Array
+        Of its sensors, as it was given.
+    calibration : Calibration
+        Made from the recording.
+    """
+    left = calibration.reduced_chi_square.values()
+    if max(left, default=1.0) < _NOISE_ALONE and calibration.variance_factors == WHITE:
+        return None
+    return what_changed(recording, array)
+
+
+def is_harmless(change: Change, recording: SampleSource, calibration: Calibration) -> bool:
+    """Whether the calibration of a whole recording is that of its longer part, within three of its standard errors.
+
+    Parameters
+    ----------
+    change : Change
+        Within the recording.
+    recording : SampleSource
+        Raw readings.
+    calibration : Calibration
+        Made from all of them, or by a method that tells no covariance.
+    """
+    if calibration.covariance is None:
+        return False
+    try:
+        alone = estimate(recording.take(change.is_calibrated), calibration.array)
+    except (InputError, Refused):
+        return False
+    off, errors = calibration.errors.to_vector() - alone.to_vector(), calibration.standard_errors
+    return bool(np.all(np.abs(off) <= _FEW * errors))
+
+
+def what_changed(recording: SampleSource, array: Array) -> Change | None:
+    """Return what changed within a recording; None where nothing did at one time, or by no more than chance.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        Raw readings of K sensors in a uniform field; a large recording is thinned.
+    array : Array
+        Of these sensors; a noise that is not stated is estimated.
+    """
+    span = find_change(recording, array)
+    if span is None:
+        return None
+    parts = sorted((span.is_inside, ~span.is_inside), key=np.mean)
+    models = [PartModel.of(span.some.take(part), span.array) for part in parts]
+    variances = [model.variance(model.fields(model.samples.readings_T)) if model else np.inf for model in models]
+    calibrated = int(variances[1] < _WORSE * variances[0])
+    model = models[calibrated]
+    if model is None:
+        return None
+    level, is_inside = max(variances[calibrated], _ROUNDING), bool(parts[1 - calibrated][span.first])
+    other = replace(model, samples=span.some.take(parts[1 - calibrated]))
+    unchanged_T = other.fields(other.samples.readings_T)
+    before, count = other.variance(unchanged_T) / level, unchanged_T.size
+    if before < (1 + _BEYOND * np.sqrt(2 / count) if level < _NOISE_ALONE else _EXPLAINED):
+        return None
+    tried = [
+        (other.variance(each.fields_T) / level + _PRICE * each.free * np.log(count) / count, place, each)
+        for place, each in enumerate(hypotheses(other, unchanged_T, 1 if is_inside else -1))
+    ]
+    after, _, best = min(tried)
+    is_calibrated = span.of_all(parts[calibrated], recording.sample_count)
+    if after < max(min(_EXPLAINED, (1 + before) / 2), _LEFT * before):
+        return Change(*_in_words(span, best.words), is_calibrated)
+    if words := _unexplained(other, unchanged_T, level):
+        return Change(*_failing_in_words(span, words, is_inside), is_calibrated, is_explained=False)
+    if max(variances) < _EXPLAINED * level and before > _EXPLAINED:
+        return Change(*_in_words(span, "the readings follow another calibration"), is_calibrated)
+    return None
+
+
+def _in_words(span: Span, words: str) -> tuple[str, str]:
+    """Say what is otherwise within a span, and what to do."""
+    first, last = _times(span)
+    when = f"from {first} s on" if last is None else f"between {first} and {last} s"
+    return f"{words} {when}", f"calibrate the parts apart (--until {first}, --from {last or first})"
+
+
+def _failing_in_words(span: Span, words: str, is_inside: bool) -> tuple[str, str]:
+    """Say what fails within a span, or at all other times, and what to do."""
+    first, last = _times(span)
+    if is_inside:
+        when = f"from {first} s on" if last is None else f"between {first} and {last} s"
+        return f"{words} {when}", f"leave that time out (--until {first}{f', or --from {last}' if last else ''})"
+    when = f"until {first} s" if last is None else f"but for the time between {first} and {last} s"
+    return f"{words} {when}", f"leave that time out (--from {first}{f' --until {last}' if last else ''})"
+
+
+def _times(span: Span) -> tuple[str, str | None]:
+    """Return in seconds from the first sample when a span begins, and when it ends unless it lasts."""
+    time_s = span.some.time_s - span.some.time_s[0]
+    return f"{time_s[span.first]:.1f}", f"{time_s[span.last]:.1f}" if span.last < len(time_s) else None
+
+
+def _unexplained(model: PartModel, unchanged_T: FloatArray, level: float) -> str:
+    """Say which sensor contradicts the others, or that none does, where no hypothesis explains how."""
+    count = unchanged_T.shape[1]
+    without = [model.variance(np.delete(unchanged_T, sensor, axis=1)) for sensor in range(count if count > 1 else 0)]
+    if without and min(without) < _EXPLAINED * level:
+        return f"sensor {int(np.argmin(without)) + 1} contradicts the others"
+    mean_T = unchanged_T.mean(axis=1, keepdims=True)
+    between = np.mean((unchanged_T - mean_T) ** 2) / np.mean(model.array.vector_noise_T**2)
+    if count > 1 and between < _EXPLAINED * level:
+        return "all sensors feel something magnetic alike"
+    return ""
