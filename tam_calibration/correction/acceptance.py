@@ -52,7 +52,7 @@ _LARGEST_RESIDUAL = 0.05
 _ROBUST = "robust"
 """Method whose residuals hold the outliers that it held down."""
 
-_LARGEST_PART, _LARGEST_EXCESS = 0.005, 30.0
+_LARGEST_PART, _LARGEST_EXCESS = 0.005, 100.0
 """The same of sensors whose noise is stated, 250 nT, as large as the errors that are to be found; and ratio to the
 noise floor from which that counts: a room's gradient or a vehicle's currents leave ten times the noise of good sensors.
 """
@@ -131,20 +131,25 @@ def _bias(bias_T: FloatArray) -> str:
 
 
 def _residual(calibration: Calibration) -> str:
-    residual_T, floor_T = calibration.in_sample.sensor_intensity_T, calibration.floor.sensor_intensity_T
+    """Compare the intensities, and the fields between the sensors, with the noise and with the field."""
+    residual_T, array = calibration.in_sample.sensor_intensity_T, calibration.array
     sensor = int(np.argmax(residual_T))
-    part, excess = float(residual_T[sensor]) / calibration.intensity_T, float(residual_T[sensor] / floor_T[sensor])
-    if calibration.noise_is_estimated or calibration.method == _ROBUST or excess <= _LARGEST_EXCESS:
-        limit, noise = _LARGEST_RESIDUAL, ""
-    else:
-        limit, noise = _LARGEST_PART, f" and {excess:.3g} times its noise"
-    if part <= limit:
-        return ""
-    return (
-        f"the fit leaves {to_nanotesla(float(residual_T[sensor])):.4g} nT of sensor {sensor + 1}, more than "
-        f"{100 * limit:g}% of the field{noise}: its readings are not those of one sensor turned in one field, look for "
-        "the cause with tam diagnose"
-    )
+    between = float(np.sqrt(calibration.reduced_chi_square.get("differential", 0.0)))
+    found = [
+        (float(residual_T[sensor]), float(residual_T[sensor] / calibration.floor.sensor_intensity_T[sensor])),
+        (between * float(np.sqrt(np.mean(array.vector_noise_T**2))), between),
+    ]
+    whose = f"of sensor {sensor + 1}", "between the sensors"
+    for (size_T, excess), words in zip(found, whose, strict=True):
+        is_noisy = calibration.noise_is_estimated or calibration.method == _ROBUST or excess <= _LARGEST_EXCESS
+        limit = _LARGEST_RESIDUAL if is_noisy else _LARGEST_PART
+        if size_T > limit * calibration.intensity_T:
+            return (
+                f"the fit leaves {to_nanotesla(size_T):.4g} nT {words}, more than {100 * limit:g}% of the field"
+                f"{'' if is_noisy else f' and {excess:.3g} times the noise'}: its readings are not those of one sensor "
+                "turned in one field, look for the cause with tam diagnose"
+            )
+    return ""
 
 
 def _one_sensor(calibration: Calibration) -> str:

@@ -57,12 +57,16 @@ class Span:
         With the noise that is left in short stretches where it is not stated.
     first, last : int
         ``last`` is N where the change lasts until the end.
+    inside_is_steady, outside_is_steady : bool
+        Whether no further change is in these samples, and in the others: one of both at least, and both where it ends.
     """
 
     some: Recording
     array: KnownNoiseArray
     first: int
     last: int
+    inside_is_steady: bool
+    outside_is_steady: bool
 
     def of_all(self, is_some: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
         """Return which of all (N,) samples are those of a part of the thinned ones."""
@@ -79,7 +83,7 @@ class Span:
 def find_change(recording: SampleSource, array: Array) -> Span | None:
     """Return the span of samples that differ from the others, the span until the end before any other; None without.
 
-    Slow drifts are no change: of these a further change explains nearly as much as the first.
+    Slow drifts are no change: in both parts a further change explains nearly as much as the first.
 
     Parameters
     ----------
@@ -108,15 +112,17 @@ def find_change(recording: SampleSource, array: Array) -> Span | None:
             if best[end] < count:
                 moved = np.where(np.arange(2) == end, best[end] + np.arange(-reach, reach + 1)[:, None], best)
                 best, gain = sums.best(moved)
-    edges = [0, *dict.fromkeys(best.tolist()), count]
-    further = max(
-        sums.best(np.column_stack([bounds, np.full_like(bounds, stop)]), start)[1]
-        for start, stop in pairwise(edges)
-        if stop > start
-    )
-    if gain < _CHANCE * sums.parameters or further > max(_FURTHER * gain, _CHANCE * sums.parameters):
+    chance = _CHANCE * sums.parameters
+    if gain < chance:
         return None
-    return Span(some, noisy, int(best[0]), int(best[1]))
+    edges = np.unique([0, *best, count])
+    further = [
+        sums.best(np.column_stack([bounds, np.full_like(bounds, stop)]), start)[1] for start, stop in pairwise(edges)
+    ]
+    is_steady = np.array(further) <= max(_FURTHER * gain, chance)
+    if not (is_steady.any() if best[1] == count else is_steady.all()):
+        return None
+    return Span(some, noisy, int(best[0]), int(best[1]), bool(is_steady[1]), bool(is_steady[::2].all()))
 
 
 @dataclass(frozen=True, eq=False)

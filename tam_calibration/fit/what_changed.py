@@ -43,6 +43,9 @@ _PRICE = 3.0
 _WORSE = 16.0
 """Ratio of the residuals' variances from which the shorter part is calibrated: readings that are none fit nothing."""
 
+_LOUD = 100.0
+"""Variance of the residuals over that of the calibrated part from which readings fail that follow no calibration."""
+
 _NOISE_ALONE = 2.0
 """Variance of the calibrated part's residuals over that of the noise, from which chance is not that of white noise."""
 
@@ -149,7 +152,8 @@ def what_changed(recording: SampleSource, array: Array) -> Change | None:
     parts = sorted((span.is_inside, ~span.is_inside), key=np.mean)
     models = [PartModel.of(span.some.take(part), span.array) for part in parts]
     variances = [model.variance(model.fields(model.samples.readings_T)) if model else np.inf for model in models]
-    calibrated = int(variances[1] < _WORSE * variances[0])
+    steady = [span.inside_is_steady if part[span.first] else span.outside_is_steady for part in parts]
+    calibrated = int(variances[1] < _WORSE * variances[0]) if all(steady) else steady.index(True)
     model = models[calibrated]
     if model is None:
         return None
@@ -165,11 +169,11 @@ def what_changed(recording: SampleSource, array: Array) -> Change | None:
     ]
     after, _, best = min(tried)
     is_calibrated = span.of_all(parts[calibrated], recording.sample_count)
-    if after < max(min(_EXPLAINED, (1 + before) / 2), _LEFT * before):
+    if all(steady) and after < max(min(_EXPLAINED, (1 + before) / 2), _LEFT * before):
         return Change(*_in_words(span, best.words), is_calibrated)
-    if words := _unexplained(other, unchanged_T, level):
+    if words := _unexplained(other, unchanged_T, level) if all(steady) or before > _LOUD else "":
         return Change(*_failing_in_words(span, words, is_inside), is_calibrated, is_explained=False)
-    if max(variances) < _EXPLAINED * level and before > _EXPLAINED:
+    if all(steady) and max(variances) < _EXPLAINED * level and before > _EXPLAINED:
         return Change(*_in_words(span, "the readings follow another calibration"), is_calibrated)
     return None
 
