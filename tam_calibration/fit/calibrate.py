@@ -20,10 +20,10 @@ from tam_calibration.fit.published import artificial_vector, fast_rotation, simp
 from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.fit.screening import without_bad_readings
 from tam_calibration.fit.slow_residuals import widened
-from tam_calibration.fit.what_changed import change_beside, is_harmless, naming_changes, what_changed
+from tam_calibration.fit.what_changed import despite_changes, naming_changes, what_changed
 from tam_calibration.integrity import require_enough, require_sound
 from tam_calibration.model.array import Array
-from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import SKETCH, SampleSource
 from tam_calibration.model.residuals import Residuals, measure_residuals
 from tam_calibration.model.units import FloatArray
@@ -125,20 +125,19 @@ def calibrate(
         elif left_out is not None:
             notes = tuple(left_out.sentences())
         recording = used
-    require_enough(recording.sample_count, accept)
     with nullcontext() if ambient_gradient or prior is not None else naming_changes(recording, array):
+        if not is_joint:
+            require_determined(recording, array, is_uniform=not ambient_gradient)
+        require_enough(recording.sample_count, accept)
         if is_joint:
             calibration, recording, array, fit = calibrate_jointly(recording, array, prior, main_field_T)
         else:
-            require_determined(recording, array, is_uniform=not ambient_gradient)
             calibration = accepted(recording, array, fit)
     uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient)
     if not is_joint and method in _OURS:
         calibration = widened(calibration, uniform, is_robust=method == "robust")
-    if prior is None and (change := change_beside(uniform, array, calibration)):
-        if "residual" not in accept and not is_harmless(change, recording, calibration):
-            raise Refused(change.sentence)
-        found.append(change.sentence)
+    if prior is None:
+        calibration = despite_changes(calibration, uniform, array, accept)
     warnings = (*found, *calibration.warnings, *find_warnings(uniform, calibration))
     calibration = within_limits(replace(calibration, warnings=warnings, notes=notes), accept)
     return replace(calibration, held_out=_held_out(recording, array, fit))

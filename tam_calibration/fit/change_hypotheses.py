@@ -63,6 +63,11 @@ class PartModel:
             return None
         return cls(inv(matrix), data.origin_T + data.radius_T * bias, recording, data.radius_T, array)
 
+    @property
+    def channels(self) -> int:
+        """Channels of a sample in which sensors contradict each other or the intensity."""
+        return 3 * len(self.unmix) - 2
+
     def fields(self, readings_T: FloatArray) -> FloatArray:
         """Return the fields (N, K, 3) of readings, tesla."""
         return np.asarray(np.einsum("kij,nkj->nki", self.unmix, readings_T - self.bias_T))
@@ -106,7 +111,8 @@ def hypotheses(model: PartModel, unchanged_T: FloatArray, sign: int) -> Iterator
     """
     readings_T = model.samples.readings_T
     for order in _orders(readings_T.shape[1]):
-        yield Hypothesis(_of_order(order), model.fields(readings_T[:, order]), 0)
+        told = order if sign < 0 else np.argsort(order).tolist()
+        yield Hypothesis(_of_order(told), model.fields(readings_T[:, order]), 0)
     distance = np.median(norm(unchanged_T - np.median(unchanged_T, axis=1, keepdims=True), axis=2), axis=0)
     for sensor in np.argsort(-distance)[:_MOST_ORDERED].tolist():
         for words, own_T, free in _of_sensor(model, unchanged_T, sensor, sign):
@@ -173,8 +179,8 @@ def _of_bias(whose: str, jump_T: FloatArray) -> str:
 
 
 def _in_nanotesla(tesla: float) -> str:
-    """Return a number with three digits."""
-    return f"{float(f'{to_nanotesla(tesla):.3g}'):g}"
+    """Return a number with two digits."""
+    return f"{float(f'{to_nanotesla(tesla):.2g}'):g}"
 
 
 def _of_gain(whose: str, factor: float) -> str:
@@ -185,7 +191,7 @@ def _of_matrix(matrix: FloatArray) -> str:
     left, _, right = np.linalg.svd(matrix)
     turn = left @ right
     if np.abs(matrix - turn).max() > _IS_ROTATION or np.linalg.det(turn) < 0:
-        return "{} responds in another way: gains and axes change"
+        return "the gains and axes of {} change"
     return f"{{}} is turned by {to_degrees(float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))):.2g}°"
 
 

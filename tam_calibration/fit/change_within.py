@@ -32,11 +32,11 @@ _ROUNDS = 2
 _FURTHER = 0.05
 """Largest gain of a further change that is no chance, as a part of the first: of a ramp it is a half."""
 
-_CHANCE = 3.0
-"""Least gain of a change for each of its parameters: chance makes one, and the best of all times two."""
+_CHANCE = 1e-6
+"""Probability that chance gains as much at given times, of which thousands are tried."""
 
 _STRETCH = 60
-"""Samples of the stretches in which a noise that is not stated is looked for: a change is in one of many."""
+"""Samples of the stretches in which a noise that is not stated is looked for: a change is in one of them."""
 
 _RIDGE = 1e-13
 """Part of the trace of normal equations below which lies the rounding of cumulative sums."""
@@ -100,7 +100,7 @@ def find_change(recording: SampleSource, array: Array) -> Span | None:
     noisy, _ = complete_noise(array, some)
     sums = _Sums.of(some, noisy)
     if array.vector_noise_T is None:
-        noisy = array.with_noise(noisy.vector_noise_T * np.sqrt(sums.least_variance()), noisy.scalar_noise_T)
+        noisy = array.with_noise(noisy.vector_noise_T * np.sqrt(sums.usual_variance()), noisy.scalar_noise_T)
         sums = _Sums.of(some, noisy)
     blocks = max(_FEWEST_BLOCKS, int(_BLOCKS * min(1.0, (4 / array.sensor_count) ** 1.5)))
     bounds = np.unique(np.linspace(0, count, min(blocks, count // 10) + 1).astype(int))
@@ -112,14 +112,15 @@ def find_change(recording: SampleSource, array: Array) -> Span | None:
             if best[end] < count:
                 moved = np.where(np.arange(2) == end, best[end] + np.arange(-reach, reach + 1)[:, None], best)
                 best, gain = sums.best(moved)
-    chance = _CHANCE * sums.parameters
+    # No χ² exceeds its freedom by more, but with that probability: Laurent and Massart 2000, lemma 1.
+    chance = 2 * np.sqrt(-np.log(_CHANCE) * sums.parameters) - 2 * np.log(_CHANCE)
     if gain < chance:
         return None
     edges = np.unique([0, *best, count])
     further = [
         sums.best(np.column_stack([bounds, np.full_like(bounds, stop)]), start)[1] for start, stop in pairwise(edges)
     ]
-    is_steady = np.array(further) <= max(_FURTHER * gain, chance)
+    is_steady = np.array(further) <= max(_FURTHER * gain, min(chance, gain / 2))
     if not (is_steady.any() if best[1] == count else is_steady.all()):
         return None
     return Span(some, noisy, int(best[0]), int(best[1]), bool(is_steady[1]), bool(is_steady[::2].all()))
@@ -183,8 +184,8 @@ class _Sums:
         ends = np.array([[low, whole]]) if start is None else np.column_stack([np.full(len(spans), low), spans[:, 1]])
         gain = self._deviance(ends, None) - self._deviance(spans, None) - self._deviance(ends, spans)
         # The change that lasts is preferred to one that ends by so little that chance decides.
-        gain = gain + (spans[:, 1] == whole) * self.parameters
-        return spans[int(gain.argmax())], float(gain.max())
+        best = int(np.argmax(gain + (spans[:, 1] == whole) * self.parameters))
+        return spans[best], float(gain[best])
 
     def _deviance(self, spans: NDArray[np.intp], without: NDArray[np.intp] | None) -> FloatArray:
         """Return -2 log likelihood (S,) of one calibration of the samples of spans, without those of others in them."""
@@ -199,14 +200,14 @@ class _Sums:
         freedom = joint[:, -1, -1] * (channels - 3 + channels // 3)
         return np.asarray(freedom * np.log(energy / (freedom - self.parameters) + _SMALLEST))
 
-    def least_variance(self) -> float:
-        """Return the least variance over the noise that is left between sensors, or of a single one, in a stretch."""
+    def usual_variance(self) -> float:
+        """Return the median variance over the noise that short stretches leave between sensors, or of a single one."""
         bounds = np.linspace(0, len(self.joint) - 1, (len(self.joint) - 1) // _STRETCH + 1).astype(int)
         between, own = _energies(np.diff(self.joint[bounds], axis=0), np.diff(self.quartic[bounds], axis=0))
         channels, terms = self.joint.shape[1] - 1, self.quartic.shape[2] - 1
         if channels == 3:
-            return float(np.min(own[:, 0] / (np.diff(bounds) - terms)))
-        return float(np.min(between / ((channels - 3) * (np.diff(bounds) - 4))))
+            return float(np.median(own[:, 0] / (np.diff(bounds) - terms)))
+        return float(np.median(between / ((channels - 3) * (np.diff(bounds) - 4))))
 
 
 def _energies(joint: FloatArray, quartic: FloatArray) -> tuple[FloatArray, FloatArray]:

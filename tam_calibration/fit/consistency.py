@@ -61,7 +61,7 @@ class _Parts:
         loud, quiet = int(self.residual_T.argmax()), int(self.residual_T.argmin())
         return (
             f"the residual of the intensity is {self._describe(quiet)} but {self._describe(loud)}: "
-            "something magnetic came near or was attached"
+            "something magnetic came near, or a sensor changed"
         )
 
     def _describe(self, part: int) -> str:

@@ -5,7 +5,7 @@ change. The one whose sensors then agree best with each other and with the inten
 free count against it (Schwarz 1978).
 """
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
@@ -28,14 +28,17 @@ _EXPLAINED = 4.0
 _LEFT = 1e-3
 """Part of the residuals' energy that a hypothesis may leave in any case: 3 % of their size, which are side effects."""
 
-_BEYOND = 6.0
-"""Standard deviations of the residuals' variance by which it must exceed that of the calibrated part."""
+_LEAST = 50.0
+"""Least energy that a hypothesis explains beyond its price where noise is white: chance makes less than its price."""
 
 _FEW = 3.0
 """Standard errors by which the calibration of all readings may differ from that of the longer part."""
 
 _ROUNDING = 1e-3
 """Least variance of the residuals over that of the noise."""
+
+_LARGE = 3.0
+"""Change of a reading, over its noise, from which a recording is refused: smaller ones widen the standard errors."""
 
 _PRICE = 3.0
 """Times the price of a free parameter by Schwarz 1978: the calibrated part has errors of its own."""
@@ -62,6 +65,8 @@ class Change:
         What to do.
     is_calibrated : (N,) array of bool
         Samples of the recording, which one calibration describes; those of the longer part where two are possible.
+    is_large : bool
+        Whether readings change by more than three times their noise.
     is_explained : bool
         Whether both parts are calibrations: no sensor fails in one of them.
     """
@@ -69,6 +74,7 @@ class Change:
     what: str
     todo: str
     is_calibrated: NDArray[np.bool_]
+    is_large: bool = True
     is_explained: bool = True
 
     @property
@@ -96,44 +102,55 @@ def naming_changes(recording: SampleSource, array: Array) -> Iterator[None]:
         raise
 
 
-def change_beside(recording: SampleSource, array: Array, calibration: Calibration) -> Change | None:
-    """Return what changed within a recording whose calibration leaves more than white noise.
+def despite_changes(
+    calibration: Calibration, recording: SampleSource, array: Array, accept: Collection[str]
+) -> Calibration:
+    """Return a calibration with a warning of what changed within its recording, and with wider standard errors.
+
+    Nothing is looked for where the residual is white noise of the stated size.
 
     Parameters
     ----------
+    calibration : Calibration
+        Of the whole recording.
     recording : SampleSource
-        That was calibrated, an ambient gradient taken off.
+        Raw readings, an ambient gradient taken off.
     array : Array
-        Of its sensors, as it was given.
-    calibration : Calibration
-        Made from the recording.
+        Of the sensors, as it was given.
+    accept : collection of str
+        Names of findings that shall refuse nothing: with "residual" a change is a warning, however large.
+
+    Raises
+    ------
+    Refused
+        When readings change by more than three times their noise, and the calibration is more than three standard
+        errors from that of the longer part.
     """
-    left = calibration.reduced_chi_square.values()
-    if max(left, default=1.0) < _NOISE_ALONE and calibration.variance_factors == WHITE:
-        return None
-    return what_changed(recording, array)
+    left = max(calibration.reduced_chi_square.values(), default=1.0)
+    if left < _NOISE_ALONE and calibration.variance_factors == WHITE:
+        return calibration
+    change = what_changed(recording, array)
+    if change is None:
+        return calibration
+    off = _distance(calibration, recording.take(change.is_calibrated))
+    is_wrong = off is None or bool(np.any(np.abs(off) > _FEW * calibration.standard_errors.ravel()))
+    if change.is_large and is_wrong and "residual" not in accept:
+        raise Refused(change.sentence)
+    calibration = replace(calibration, warnings=(change.sentence, *calibration.warnings))
+    if off is None or calibration.covariance is None:
+        return calibration
+    return replace(calibration, covariance=calibration.covariance + np.outer(off, off))
 
 
-def is_harmless(change: Change, recording: SampleSource, calibration: Calibration) -> bool:
-    """Whether the calibration of a whole recording is that of its longer part, within three of its standard errors.
-
-    Parameters
-    ----------
-    change : Change
-        Within the recording.
-    recording : SampleSource
-        Raw readings.
-    calibration : Calibration
-        Made from all of them, or by a method that tells no covariance.
-    """
+def _distance(calibration: Calibration, part: SampleSource) -> FloatArray | None:
+    """Return by how much errors (12 K,) differ from those of a part of the samples; None where that tells none."""
     if calibration.covariance is None:
-        return False
+        return None
     try:
-        alone = estimate(recording.take(change.is_calibrated), calibration.array)
+        alone = estimate(part, calibration.array)
     except (InputError, Refused):
-        return False
-    off, errors = calibration.errors.to_vector() - alone.to_vector(), calibration.standard_errors
-    return bool(np.all(np.abs(off) <= _FEW * errors))
+        return None
+    return (calibration.errors.to_vector() - alone.to_vector()).ravel()
 
 
 def what_changed(recording: SampleSource, array: Array) -> Change | None:
@@ -160,17 +177,19 @@ def what_changed(recording: SampleSource, array: Array) -> Change | None:
     level, is_inside = max(variances[calibrated], _ROUNDING), bool(parts[1 - calibrated][span.first])
     other = replace(model, samples=span.some.take(parts[1 - calibrated]))
     unchanged_T = other.fields(other.samples.readings_T)
-    before, count = other.variance(unchanged_T) / level, unchanged_T.size
-    if before < (1 + _BEYOND * np.sqrt(2 / count) if level < _NOISE_ALONE else _EXPLAINED):
-        return None
+    before, count = other.variance(unchanged_T) / level, len(unchanged_T) * other.channels
     tried = [
         (other.variance(each.fields_T) / level + _PRICE * each.free * np.log(count) / count, place, each)
         for place, each in enumerate(hypotheses(other, unchanged_T, 1 if is_inside else -1))
     ]
     after, _, best = min(tried)
+    if count * (before - after) < _LEAST if level < _NOISE_ALONE else before < _EXPLAINED:
+        return None
     is_calibrated = span.of_all(parts[calibrated], recording.sample_count)
     if all(steady) and after < max(min(_EXPLAINED, (1 + before) / 2), _LEFT * before):
-        return Change(*_in_words(span, best.words), is_calibrated)
+        size_T = np.sqrt(np.mean(np.sum((best.fields_T - unchanged_T) ** 2, axis=2), axis=0)).max()
+        noise_T = np.sqrt(max(level, 1.0)) * span.array.vector_noise_T.max()
+        return Change(*_in_words(span, best.words), is_calibrated, bool(size_T > _LARGE * noise_T))
     if words := _unexplained(other, unchanged_T, level) if all(steady) or before > _LOUD else "":
         return Change(*_failing_in_words(span, words, is_inside), is_calibrated, is_explained=False)
     if all(steady) and max(variances) < _EXPLAINED * level and before > _EXPLAINED:

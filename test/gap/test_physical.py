@@ -61,8 +61,9 @@ def test_the_score_is_the_slope_of_the_energy(has_scalar):
 
 
 def test_bounds_lie_at_three_and_a_half_deviations():
-    """Axes 15 degrees off the right angle, and the field at the ends of the Earth's, each cost 3.5²."""
-    assert prior_at(errors_of(skewed(15)), None, EARTH_FIELD).energy == pytest.approx(3.5**2, rel=0.01)
+    """An axis at the widest cosine, and the field at the ends of the Earth's, each cost 3.5²."""
+    angle = np.degrees(np.arcsin(0.35))
+    assert prior_at(errors_of(skewed(angle)), None, EARTH_FIELD).energy == pytest.approx(3.5**2, rel=0.01)
     assert prior_at(errors_of(np.eye(3)), 15e-6, EARTH_FIELD).energy == pytest.approx(3.5**2, rel=0.01)
     assert prior_at(errors_of(np.eye(3)), np.sqrt(15 * 100) * 1e-6, EARTH_FIELD).energy == pytest.approx(0, abs=1e-9)
 
