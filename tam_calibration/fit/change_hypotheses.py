@@ -1,7 +1,7 @@
 """What may have changed between two parts of a recording, and the fields that the readings show if it did."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, permutations, product
 
 import numpy as np
@@ -18,8 +18,8 @@ from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
 _IS_ROTATION = 0.02
 """Largest difference of a matrix from a rotation, which is then said to be one."""
 
-_ALIKE = 0.3
-"""Largest difference of the sensors' jumps from their mean, over that, which is said to be one field."""
+_ALIKE = 0.9
+"""Cosine of the jumps of all sensors and their mean from which one magnet makes them."""
 
 _ALONG = 0.1
 """Largest part of a jump across an axis that is said to be along it."""
@@ -72,6 +72,10 @@ class PartModel:
         """Return the fields (N, K, 3) of readings, tesla."""
         return np.asarray(np.einsum("kij,nkj->nki", self.unmix, readings_T - self.bias_T))
 
+    def field(self, sensor: int, readings_T: FloatArray) -> FloatArray:
+        """Return the field (N, 3) of readings of one sensor, tesla."""
+        return np.asarray((readings_T - self.bias_T[sensor]) @ self.unmix[sensor].T)
+
     def readings(self, sensor: int, fields_T: FloatArray) -> FloatArray:
         """Return what a sensor reads (N, 3) in the mean field of the other sensors."""
         others = (fields_T.sum(axis=1) - fields_T[:, sensor]) / (fields_T.shape[1] - 1)
@@ -117,8 +121,12 @@ def hypotheses(model: PartModel, unchanged_T: FloatArray, sign: int) -> Iterator
     for sensor in np.argsort(-distance)[:_MOST_ORDERED].tolist():
         for words, own_T, free in _of_sensor(model, unchanged_T, sensor, sign):
             changed = unchanged_T.copy()
-            changed[:, sensor] = (own_T - model.bias_T[sensor]) @ model.unmix[sensor].T
+            changed[:, sensor] = model.field(sensor, own_T)
             yield Hypothesis(words.format(f"sensor {sensor + 1}"), changed, free)
+        for other in set(range(unchanged_T.shape[1])) - {sensor}:
+            changed = unchanged_T.copy()
+            changed[:, sensor] = model.field(other, readings_T[:, sensor])
+            yield Hypothesis(f"sensor {sensor + 1} reads what sensor {other + 1} reads", changed, 0)
     yield from _of_all(model, unchanged_T, sign)
 
 
@@ -191,7 +199,7 @@ def _of_matrix(matrix: FloatArray) -> str:
     left, _, right = np.linalg.svd(matrix)
     turn = left @ right
     if np.abs(matrix - turn).max() > _IS_ROTATION or np.linalg.det(turn) < 0:
-        return "the gains and axes of {} change"
+        return "the gains, axes and biases of {} change"
     return f"{{}} is turned by {to_degrees(float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))):.2g}°"
 
 
@@ -211,6 +219,13 @@ def _of_all(model: PartModel, unchanged_T: FloatArray, sign: int) -> Iterator[Hy
     )
     jumps_T = sphere_center(np.swapaxes(unchanged_T, 0, 1))
     yield Hypothesis(_of_biases(jumps_T), unchanged_T - jumps_T, 3 * count)
+    together = PartModel.of(
+        replace(model.samples, readings_T=mean_T[:, None]),
+        KnownNoiseArray(np.zeros((1, 3)), model.array.vector_noise_T[:1], model.array.scalar_noise_T),
+    )
+    if count > 1 and together is not None:
+        fields_T = (unchanged_T - together.bias_T) @ together.unmix[0].T
+        yield Hypothesis("iron that moves with the array changes the field of all sensors", fields_T, 9)
 
 
 def _of_field(whose: str, jump_T: FloatArray) -> str:
@@ -219,8 +234,8 @@ def _of_field(whose: str, jump_T: FloatArray) -> str:
 
 def _of_biases(jumps_T: FloatArray) -> str:
     mean_T, size_T = jumps_T.mean(axis=0), norm(jumps_T, axis=1)
-    if norm(jumps_T - mean_T, axis=1).max() < _ALIKE * norm(mean_T):
-        return _of_field("all sensors", mean_T)
+    if np.all(jumps_T @ mean_T > _ALIKE * size_T * norm(mean_T)):
+        return f"something magnetic adds up to {_in_nanotesla(float(size_T.max()))} nT to all sensors"
     many = [str(sensor + 1) for sensor in np.flatnonzero(size_T > size_T.max() / 10)]
     whose = "all sensors" if len(many) == len(size_T) else f"sensors {', '.join(many)}"
     return f"the biases of {whose} change by up to {_in_nanotesla(float(size_T.max()))} nT"

@@ -190,7 +190,7 @@ def what_changed(recording: SampleSource, array: Array) -> Change | None:
         size_T = np.sqrt(np.mean(np.sum((best.fields_T - unchanged_T) ** 2, axis=2), axis=0)).max()
         noise_T = np.sqrt(max(level, 1.0)) * span.array.vector_noise_T.max()
         return Change(*_in_words(span, best.words), is_calibrated, bool(size_T > _LARGE * noise_T))
-    if words := _unexplained(other, unchanged_T, level) if all(steady) or before > _LOUD else "":
+    if words := _unexplained(other, unchanged_T, level) if before > _LOUD else "":
         return Change(*_failing_in_words(span, words, is_inside), is_calibrated, is_explained=False)
     if all(steady) and max(variances) < _EXPLAINED * level and before > _EXPLAINED:
         return Change(*_in_words(span, "the readings follow another calibration"), is_calibrated)

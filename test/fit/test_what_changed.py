@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from tam_calibration import read_scenario
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.what_changed import what_changed
 from tam_calibration.model.array import Array
@@ -48,10 +49,29 @@ def swapped(readings_T):
     return readings_T
 
 
+def replaced(readings_T):
+    """Put another sensor in the place of sensor 2."""
+    matrix = np.eye(3) + 0.03 * np.random.default_rng(4).normal(size=(3, 3))
+    readings_T[:, 1] = readings_T[:, 1] @ matrix + 500e-9
+    return readings_T
+
+
 def bytes_of(readings_T):
     """Exchange the two bytes of the counts of sensor 4."""
     readings_T[:, 3] = np.round(readings_T[:, 3] / 2e-9).astype(np.int16).byteswap() * 2e-9
     return readings_T
+
+
+def magnet(readings_T):
+    """Attach a magnet that is nearer to some sensors than to others."""
+    return readings_T + 1e-6 * np.outer([1.6, 1.0, 0.8, 1.2], [2, 1, -2])
+
+
+def iron(readings_T):
+    """Attach soft iron, which makes another field of each."""
+    errors = read_scenario("wu_table_1").errors
+    change = np.array([[1.02, 0.01, 0.0], [0.01, 0.97, -0.01], [0.0, -0.01, 1.01]])
+    return np.einsum("kij,nkj->nki", errors.matrix @ change, errors.restore(readings_T)) + errors.bias_T
 
 
 def offsets_of_all(readings_T):
@@ -69,7 +89,10 @@ CHANGES = {
     "the gain of sensor 3 y changes by a factor of 0.98": scaled(0.98, 2, 1),
     "the gain of all sensors changes by a factor of 1.1": scaled(1.1),
     "sensor 3 is turned by 2°": turned,
-    "something magnetic adds 1400 nT to all sensors": lambda readings_T: readings_T + np.array([1e-6, 0, -1e-6]),
+    "the gains, axes and biases of sensor 2 change": replaced,
+    "something magnetic adds up to 1500 nT to all sensors": lambda readings_T: readings_T + np.array([1e-6, 0, -1e-6]),
+    "something magnetic adds up to 4800 nT to all sensors": magnet,
+    "iron that moves with the array changes the field of all sensors": iron,
     "the biases of all sensors change by up to": offsets_of_all,
     "sensor 4 contradicts the others": bytes_of,
 }
@@ -99,6 +122,18 @@ def test_it_is_the_first_that_a_calibration_says(wu_scenario, words):
     """Nothing is said of turning the array, which was turned all round."""
     with pytest.raises(Refused, match=f"^{words}.* from 30.0 s on: "):
         calibrate(run_of(wu_scenario, CHANGES[words], 300), wu_scenario.array)
+
+
+def test_a_multiplexer_that_stops_is_named(wu_scenario):
+    """Each channel has noise of its own."""
+    noise_T = 1e-9 * np.random.default_rng(3).normal(size=(COUNT, 3))
+
+    def stopped(readings_T):
+        readings_T[:, 2] = readings_T[:, 1] + noise_T[: len(readings_T)]
+        return readings_T
+
+    told = what_changed(run_of(wu_scenario, stopped, 400), wu_scenario.array)
+    assert told.what == "sensor 3 reads what sensor 2 reads from 40.0 s on"
 
 
 def test_what_ends_has_two_times(wu_scenario):
