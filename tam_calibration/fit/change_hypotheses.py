@@ -68,6 +68,11 @@ class PartModel:
         """Channels of a sample in which sensors contradict each other or the intensity."""
         return 3 * len(self.unmix) - 2
 
+    @property
+    def intensities_T(self) -> FloatArray | float:
+        """Intensity of the field in each sample (N,), or in all, tesla."""
+        return self.intensity_T if self.samples.scalar_T is None else steady_intensity(self.samples)
+
     def fields(self, readings_T: FloatArray) -> FloatArray:
         """Return the fields (N, K, 3) of readings, tesla."""
         return np.asarray(np.einsum("kij,nkj->nki", self.unmix, readings_T - self.bias_T))
@@ -86,9 +91,8 @@ class PartModel:
         noise_T2 = float(np.mean(self.array.vector_noise_T**2))
         mean_T = fields_T.mean(axis=1)
         scalar_T2 = self.array.scalar_noise_T**2 if self.samples.scalar_T is not None else 0.0
-        own_T = self.intensity_T if self.samples.scalar_T is None else steady_intensity(self.samples)
         energy = np.sum((fields_T - mean_T[:, None]) ** 2) / noise_T2
-        energy += np.sum((norm(mean_T, axis=1) - own_T) ** 2) / (noise_T2 / fields_T.shape[1] + scalar_T2)
+        energy += np.sum((norm(mean_T, axis=1) - self.intensities_T) ** 2) / (noise_T2 / fields_T.shape[1] + scalar_T2)
         return float(energy / (len(fields_T) * (3 * fields_T.shape[1] - 2)))
 
 
@@ -119,14 +123,10 @@ def hypotheses(model: PartModel, unchanged_T: FloatArray, sign: int) -> Iterator
         yield Hypothesis(_of_order(told), model.fields(readings_T[:, order]), 0)
     distance = np.median(norm(unchanged_T - np.median(unchanged_T, axis=1, keepdims=True), axis=2), axis=0)
     for sensor in np.argsort(-distance)[:_MOST_ORDERED].tolist():
-        for words, own_T, free in _of_sensor(model, unchanged_T, sensor, sign):
-            changed = unchanged_T.copy()
-            changed[:, sensor] = model.field(sensor, own_T)
-            yield Hypothesis(words.format(f"sensor {sensor + 1}"), changed, free)
-        for other in set(range(unchanged_T.shape[1])) - {sensor}:
-            changed = unchanged_T.copy()
-            changed[:, sensor] = model.field(other, readings_T[:, sensor])
-            yield Hypothesis(f"sensor {sensor + 1} reads what sensor {other + 1} reads", changed, 0)
+        for words, field_T, free in _of_sensor(model, unchanged_T, sensor, sign):
+            changed_T = unchanged_T.copy()
+            changed_T[:, sensor] = field_T
+            yield Hypothesis(words.format(f"sensor {sensor + 1}"), changed_T, free)
     yield from _of_all(model, unchanged_T, sign)
 
 
@@ -148,26 +148,27 @@ def _of_order(order: list[int]) -> str:
 def _of_sensor(
     model: PartModel, unchanged_T: FloatArray, sensor: int, sign: int
 ) -> Iterator[tuple[str, FloatArray, int]]:
-    """Yield what may have changed in one sensor, the readings (N, 3) without it, and the number of free parameters."""
+    """Yield what may have changed in one sensor, its field (N, 3) if it did, and the number of free parameters."""
     own_T = model.samples.readings_T[:, sensor]
     for order, signs in product(permutations(range(3)), product((1, -1), repeat=3)):
         if order != (0, 1, 2) or -1 in signs:
-            yield _of_axes(order, signs), own_T[:, order] * signs, 0
+            yield _of_axes(order, signs), model.field(sensor, own_T[:, order] * signs), 0
+    for other in set(range(unchanged_T.shape[1])) - {sensor}:
+        yield f"{{}} reads what sensor {other + 1} reads", model.field(other, own_T), 0
     if unchanged_T.shape[1] == 1:
         return
     expected_T = model.readings(sensor, unchanged_T)
     jump_T = (own_T - expected_T).mean(axis=0)
     slope = np.sum(own_T * expected_T, axis=0) / np.sum(expected_T**2, axis=0)
     for axis, name in enumerate("xyz"):
-        is_axis = np.arange(3) == axis
-        yield _of_gain(f"{{}} {name}", slope[axis] ** sign), own_T / np.where(is_axis, slope, 1), 1
+        divisor = np.where(np.arange(3) == axis, slope, 1)
+        yield _of_gain(f"{{}} {name}", slope[axis] ** sign), model.field(sensor, own_T / divisor), 1
     gain = float(np.sum(own_T * expected_T) / np.sum(expected_T**2))
-    yield _of_gain("{}", gain**sign), own_T / gain, 1
-    yield _of_bias("{}", sign * jump_T), own_T - jump_T, 3
-    yield "the gains of the axes of {} change", own_T / slope, 3
+    yield _of_gain("{}", gain**sign), model.field(sensor, own_T / gain), 1
+    yield _of_bias("{}", sign * jump_T), model.field(sensor, own_T - jump_T), 3
     design = np.column_stack([own_T, np.ones(len(own_T))])
     affine = np.linalg.lstsq(design, expected_T, rcond=None)[0]
-    yield _of_matrix(affine[:3]), design @ affine, 12
+    yield _of_matrix(affine[:3]), model.field(sensor, design @ affine), 12
 
 
 def _of_axes(order: tuple[int, ...], signs: tuple[int, ...]) -> str:
@@ -204,38 +205,26 @@ def _of_matrix(matrix: FloatArray) -> str:
 
 
 def _of_all(model: PartModel, unchanged_T: FloatArray, sign: int) -> Iterator[Hypothesis]:
-    """Yield what may have changed in all sensors: a field, a gain, or the bias of each."""
-    count = unchanged_T.shape[1]
-    all_ = "all sensors" if count > 1 else "sensor 1"
-    mean_T = unchanged_T.mean(axis=1)
-    own_T = model.intensity_T if model.samples.scalar_T is None else steady_intensity(model.samples)
-    factor = float(np.mean(norm(mean_T, axis=1) / own_T))
-    yield Hypothesis(_of_gain(all_, factor**sign), model.fields(model.samples.readings_T / factor), 1)
-    jump_T = sphere_center(mean_T)
-    yield Hypothesis(
-        _of_field(all_, jump_T) if count > 1 else _of_bias(all_, sign * inv(model.unmix[0]) @ jump_T),
-        unchanged_T - jump_T,
-        3,
-    )
+    """Yield what may have changed in all sensors: the gain, the bias of each, or the iron around them."""
+    count, mean_T = unchanged_T.shape[1], unchanged_T.mean(axis=1)
+    factor = float(np.mean(norm(mean_T, axis=1) / model.intensities_T))
+    words = _of_gain("all sensors" if count > 1 else "sensor 1", factor**sign)
+    yield Hypothesis(words, model.fields(model.samples.readings_T / factor), 1)
     jumps_T = sphere_center(np.swapaxes(unchanged_T, 0, 1))
-    yield Hypothesis(_of_biases(jumps_T), unchanged_T - jumps_T, 3 * count)
-    together = PartModel.of(
-        replace(model.samples, readings_T=mean_T[:, None]),
-        KnownNoiseArray(np.zeros((1, 3)), model.array.vector_noise_T[:1], model.array.scalar_noise_T),
-    )
+    alone = _of_bias("sensor 1", sign * inv(model.unmix[0]) @ jumps_T[0])
+    yield Hypothesis(_of_biases(jumps_T) if count > 1 else alone, unchanged_T - jumps_T, 3 * count)
+    noise = KnownNoiseArray(np.zeros((1, 3)), model.array.vector_noise_T[:1], model.array.scalar_noise_T)
+    together = PartModel.of(replace(model.samples, readings_T=mean_T[:, None]), noise)
     if count > 1 and together is not None:
         fields_T = (unchanged_T - together.bias_T) @ together.unmix[0].T
         yield Hypothesis("iron that moves with the array changes the field of all sensors", fields_T, 9)
 
 
-def _of_field(whose: str, jump_T: FloatArray) -> str:
-    return f"something magnetic adds {_in_nanotesla(float(norm(jump_T)))} nT to {whose}"
-
-
 def _of_biases(jumps_T: FloatArray) -> str:
     mean_T, size_T = jumps_T.mean(axis=0), norm(jumps_T, axis=1)
+    largest = _in_nanotesla(float(size_T.max()))
     if np.all(jumps_T @ mean_T > _ALIKE * size_T * norm(mean_T)):
-        return f"something magnetic adds up to {_in_nanotesla(float(size_T.max()))} nT to all sensors"
+        return f"something magnetic adds up to {largest} nT to all sensors"
     many = [str(sensor + 1) for sensor in np.flatnonzero(size_T > size_T.max() / 10)]
     whose = "all sensors" if len(many) == len(size_T) else f"sensors {', '.join(many)}"
-    return f"the biases of {whose} change by up to {_in_nanotesla(float(size_T.max()))} nT"
+    return f"the biases of {whose} change by up to {largest} nT"

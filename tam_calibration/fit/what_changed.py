@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.core.variance_factors import WHITE
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.change_hypotheses import PartModel, hypotheses
+from tam_calibration.fit.change_hypotheses import Hypothesis, PartModel, hypotheses
 from tam_calibration.fit.change_within import Span, find_change
 from tam_calibration.fit.maximum_likelihood import estimate
 from tam_calibration.model.array import Array
@@ -164,43 +164,94 @@ def what_changed(recording: SampleSource, array: Array) -> Change | None:
         Of these sensors; a noise that is not stated is estimated.
     """
     span = find_change(recording, array)
-    if span is None:
+    parts = None if span is None else _Parts.of(span)
+    if span is None or parts is None:
         return None
-    parts = sorted((span.is_inside, ~span.is_inside), key=np.mean)
-    models = [PartModel.of(span.some.take(part), span.array) for part in parts]
-    variances = [model.variance(model.fields(model.samples.readings_T)) if model else np.inf for model in models]
-    steady = [span.inside_is_steady if part[span.first] else span.outside_is_steady for part in parts]
-    calibrated = int(variances[1] < _WORSE * variances[0]) if all(steady) else steady.index(True)
-    model = models[calibrated]
-    if model is None:
+    unchanged_T = parts.model.fields(parts.model.samples.readings_T)
+    before = parts.ratio(unchanged_T)
+    after, best = parts.best_hypothesis(unchanged_T)
+    gained = (before - after) * len(unchanged_T) * parts.model.channels
+    if gained < _LEAST if parts.level < _NOISE_ALONE else before < _EXPLAINED:
         return None
-    level, is_inside = max(variances[calibrated], _ROUNDING), bool(parts[1 - calibrated][span.first])
-    other = replace(model, samples=span.some.take(parts[1 - calibrated]))
-    unchanged_T = other.fields(other.samples.readings_T)
-    before, count = other.variance(unchanged_T) / level, len(unchanged_T) * other.channels
-    tried = [
-        (other.variance(each.fields_T) / level + _PRICE * each.free * np.log(count) / count, place, each)
-        for place, each in enumerate(hypotheses(other, unchanged_T, 1 if is_inside else -1))
-    ]
-    after, _, best = min(tried)
-    if count * (before - after) < _LEAST if level < _NOISE_ALONE else before < _EXPLAINED:
-        return None
-    is_calibrated = span.of_all(parts[calibrated], recording.sample_count)
-    if all(steady) and after < max(min(_EXPLAINED, (1 + before) / 2), _LEFT * before):
+    is_calibrated = span.of_all(parts.is_calibrated, recording.sample_count)
+    if parts.are_steady and after < max(min(_EXPLAINED, (1 + before) / 2), _LEFT * before):
         size_T = np.sqrt(np.mean(np.sum((best.fields_T - unchanged_T) ** 2, axis=2), axis=0)).max()
-        noise_T = np.sqrt(max(level, 1.0)) * span.array.vector_noise_T.max()
+        noise_T = np.sqrt(max(parts.level, 1.0)) * span.array.vector_noise_T.max()
         return Change(*_in_words(span, best.words), is_calibrated, bool(size_T > _LARGE * noise_T))
-    if words := _unexplained(other, unchanged_T, level) if before > _LOUD else "":
-        return Change(*_failing_in_words(span, words, is_inside), is_calibrated, is_explained=False)
-    if all(steady) and max(variances) < _EXPLAINED * level and before > _EXPLAINED:
+    if before > _LOUD and (sensor := parts.failing_sensor(unchanged_T)):
+        words = f"sensor {sensor} contradicts the others"
+        return Change(*_failing_in_words(span, words, parts.is_inside), is_calibrated, is_explained=False)
+    if parts.are_steady and parts.are_calibrations and before > _EXPLAINED:
         return Change(*_in_words(span, "the readings follow another calibration"), is_calibrated)
     return None
+
+
+@dataclass(frozen=True, eq=False)
+class _Parts:
+    """The part of a recording that is calibrated, and the other one that is compared with it.
+
+    Parameters
+    ----------
+    is_calibrated : (N,) array of bool
+        Samples of the thinned recording that are calibrated.
+    level : float
+        Variance of their residuals over that of the noise.
+    model : PartModel
+        Their calibration, with the other samples.
+    is_inside : bool
+        Whether the other samples are those within the span.
+    are_steady, are_calibrations : bool
+        Whether neither part holds a further change, and whether each of them is one calibration.
+    """
+
+    is_calibrated: NDArray[np.bool_]
+    level: float
+    model: PartModel
+    is_inside: bool
+    are_steady: bool
+    are_calibrations: bool
+
+    @classmethod
+    def of(cls, span: Span) -> "_Parts | None":
+        """Calibrate the longer part, or the other where that is no calibration; None where that cannot be done."""
+        parts = sorted((span.is_inside, ~span.is_inside), key=np.mean)
+        models = [PartModel.of(span.some.take(part), span.array) for part in parts]
+        variances = [model.variance(model.fields(model.samples.readings_T)) if model else np.inf for model in models]
+        steady = [span.inside_is_steady if part[span.first] else span.outside_is_steady for part in parts]
+        best = int(variances[1] < _WORSE * variances[0]) if all(steady) else steady.index(True)
+        model, level = models[best], max(variances[best], _ROUNDING)
+        if model is None:
+            return None
+        other = replace(model, samples=span.some.take(parts[1 - best]))
+        is_inside = bool(parts[1 - best][span.first])
+        return cls(parts[best], level, other, is_inside, all(steady), max(variances) < _EXPLAINED * level)
+
+    def ratio(self, fields_T: FloatArray) -> float:
+        """Return the variance of the other part's residuals over that of the calibrated one's."""
+        return self.model.variance(fields_T) / self.level
+
+    def best_hypothesis(self, unchanged_T: FloatArray) -> tuple[float, Hypothesis]:
+        """Return the hypothesis that leaves the least ratio, with the price of its free parameters, and that ratio."""
+        count = len(unchanged_T) * self.model.channels
+        price = _PRICE * np.log(count) / count
+        tried = [
+            (self.ratio(each.fields_T) + price * each.free, place, each)
+            for place, each in enumerate(hypotheses(self.model, unchanged_T, 1 if self.is_inside else -1))
+        ]
+        after, _, best = min(tried)
+        return after, best
+
+    def failing_sensor(self, unchanged_T: FloatArray) -> int:
+        """Return the number of the sensor that contradicts the others, where these agree; 0 where they do not."""
+        count = unchanged_T.shape[1]
+        without = [self.ratio(np.delete(unchanged_T, sensor, axis=1)) for sensor in range(count)] if count > 1 else []
+        return int(np.argmin(without)) + 1 if min(without, default=np.inf) < _EXPLAINED else 0
 
 
 def _in_words(span: Span, words: str) -> tuple[str, str]:
     """Say what is otherwise within a span, and what to do."""
     first, last = _times(span)
-    when = f"from {first} s on" if last is None else f"between {first} and {last} s"
+    when = f"between {first} and {last} s" if last else f"from {first} s on"
     return f"{words} {when}", f"calibrate the parts apart (--until {first}, --from {last or first})"
 
 
@@ -208,26 +259,14 @@ def _failing_in_words(span: Span, words: str, is_inside: bool) -> tuple[str, str
     """Say what fails within a span, or at all other times, and what to do."""
     first, last = _times(span)
     if is_inside:
-        when = f"from {first} s on" if last is None else f"between {first} and {last} s"
-        return f"{words} {when}", f"leave that time out (--until {first}{f', or --from {last}' if last else ''})"
-    when = f"until {first} s" if last is None else f"but for the time between {first} and {last} s"
+        return _in_words(span, words)[
+            0
+        ], f"leave that time out (--until {first}{f', or --from {last}' if last else ''})"
+    when = f"but for the time between {first} and {last} s" if last else f"until {first} s"
     return f"{words} {when}", f"leave that time out (--from {first}{f' --until {last}' if last else ''})"
 
 
-def _times(span: Span) -> tuple[str, str | None]:
-    """Return in seconds from the first sample when a span begins, and when it ends unless it lasts."""
+def _times(span: Span) -> tuple[str, str]:
+    """Return in seconds from the first sample when a span begins, and when it ends; empty where it lasts."""
     time_s = span.some.time_s - span.some.time_s[0]
-    return f"{time_s[span.first]:.1f}", f"{time_s[span.last]:.1f}" if span.last < len(time_s) else None
-
-
-def _unexplained(model: PartModel, unchanged_T: FloatArray, level: float) -> str:
-    """Say which sensor contradicts the others, or that none does, where no hypothesis explains how."""
-    count = unchanged_T.shape[1]
-    without = [model.variance(np.delete(unchanged_T, sensor, axis=1)) for sensor in range(count if count > 1 else 0)]
-    if without and min(without) < _EXPLAINED * level:
-        return f"sensor {int(np.argmin(without)) + 1} contradicts the others"
-    mean_T = unchanged_T.mean(axis=1, keepdims=True)
-    between = np.mean((unchanged_T - mean_T) ** 2) / np.mean(model.array.vector_noise_T**2)
-    if count > 1 and between < _EXPLAINED * level:
-        return "all sensors feel something magnetic alike"
-    return ""
+    return f"{time_s[span.first]:.1f}", f"{time_s[span.last]:.1f}" if span.last < len(time_s) else ""
