@@ -25,7 +25,10 @@ LIMITS = {
 _SCALE_FACTORS = (0.5, 2.0)
 """Least and largest: chips are within 30 % of their data sheets, and the nearest other unit is ten times away."""
 
-_LARGEST_NON_ORTHOGONALITY = from_degrees(15.0)
+LARGEST_RATIO = 2.0
+"""Of the scale factors of two axes of a sensor. Data sheets allow some per cent, soft iron some ten per cent."""
+
+LARGEST_NON_ORTHOGONALITY = from_degrees(15.0)
 """Of two axes, radians: ten times that of the worst chips; axes that are glued by hand are within it."""
 
 _LARGEST_BIAS_T = 2e-3
@@ -46,6 +49,14 @@ _OTHER_ERRORS = 100.0
 _LARGEST_RESIDUAL = 0.05
 """Part of the intensity, some 2.5 µT, that the fit may leave: twice what a phone's chip leaves beside its currents."""
 
+_ROBUST = "robust"
+"""Method whose residuals hold the outliers that it held down."""
+
+_LARGEST_PART, _LARGEST_EXCESS = 0.005, 100.0
+"""The same of sensors whose noise is stated, 250 nT, as large as the errors that are to be found; and ratio to the
+noise floor from which that counts: a room's gradient or a vehicle's currents leave ten times the noise of good sensors.
+"""
+
 
 def beyond_limits(calibration: Calibration) -> dict[str, str]:
     """Return what is beyond the limits: by the name of each, a sentence on the sensor that is worst."""
@@ -55,7 +66,7 @@ def beyond_limits(calibration: Calibration) -> dict[str, str]:
         "non_orthogonality": _non_orthogonality(errors.non_orthogonality),
         "bias": _bias(errors.bias_T),
         "one_sensor": _one_sensor(calibration),
-        "residual": _residual(calibration.in_sample.sensor_intensity_T, calibration.intensity_T),
+        "residual": _residual(calibration),
     }
     return {name: sentence for name, sentence in found.items() if sentence}
 
@@ -85,6 +96,12 @@ def within_limits(calibration: Calibration, accept: Collection[str]) -> Calibrat
 def _scale_factor(factor: FloatArray) -> str:
     sensor, axis, value = _worst(factor, np.abs(np.log(factor)))
     least, most = _SCALE_FACTORS
+    ratio = factor.max(axis=1) / factor.min(axis=1)
+    if least <= value <= most and ratio.max() > LARGEST_RATIO:
+        return (
+            f"the scale factors of sensor {int(ratio.argmax()) + 1} differ by a factor of {ratio.max():.3g}, more than "
+            f"{LARGEST_RATIO:g}: an axis has another unit or gain than the others"
+        )
     if least <= value <= most:
         return ""
     return (
@@ -95,11 +112,11 @@ def _scale_factor(factor: FloatArray) -> str:
 
 def _non_orthogonality(angle: FloatArray) -> str:
     sensor, _, value = _worst(angle, np.abs(angle))
-    if abs(value) <= _LARGEST_NON_ORTHOGONALITY:
+    if abs(value) <= LARGEST_NON_ORTHOGONALITY:
         return ""
     return (
         f"the axes of sensor {sensor} are {abs(to_degrees(value)):.3g}° from being orthogonal, more than "
-        f"{to_degrees(_LARGEST_NON_ORTHOGONALITY):.0f}°: the readings do not cover the sphere, or two axes are one"
+        f"{to_degrees(LARGEST_NON_ORTHOGONALITY):.0f}°: the readings do not cover the sphere, or two axes are one"
     )
 
 
@@ -113,14 +130,26 @@ def _bias(bias_T: FloatArray) -> str:
     )
 
 
-def _residual(residual_T: FloatArray, intensity_T: float) -> str:
-    sensor, value = int(np.argmax(residual_T)), float(np.max(residual_T))
-    if value <= _LARGEST_RESIDUAL * intensity_T:
-        return ""
-    return (
-        f"the fit leaves {to_nanotesla(value):.4g} nT of sensor {sensor + 1}, more than {_LARGEST_RESIDUAL:.0%} of the "
-        "field: its readings are not those of one sensor turned in one field"
-    )
+def _residual(calibration: Calibration) -> str:
+    """Compare the intensities, and the fields between the sensors, with the noise and with the field."""
+    residual_T, array = calibration.in_sample.sensor_intensity_T, calibration.array
+    sensor = int(np.argmax(residual_T))
+    between = float(np.sqrt(calibration.reduced_chi_square.get("differential", 0.0)))
+    found = [
+        (float(residual_T[sensor]), float(residual_T[sensor] / calibration.floor.sensor_intensity_T[sensor])),
+        (between * float(np.sqrt(np.mean(array.vector_noise_T**2))), between),
+    ]
+    whose = f"of sensor {sensor + 1}", "between the sensors"
+    for (size_T, excess), words in zip(found, whose, strict=True):
+        is_noisy = calibration.noise_is_estimated or calibration.method == _ROBUST or excess <= _LARGEST_EXCESS
+        limit = _LARGEST_RESIDUAL if is_noisy else _LARGEST_PART
+        if size_T > limit * calibration.intensity_T:
+            return (
+                f"the fit leaves {to_nanotesla(size_T):.4g} nT {words}, more than {100 * limit:g}% of the field"
+                f"{'' if is_noisy else f' and {excess:.3g} times the noise'}: its readings are not those of one sensor "
+                "turned in one field, look for the cause with tam diagnose"
+            )
+    return ""
 
 
 def _one_sensor(calibration: Calibration) -> str:

@@ -1,6 +1,7 @@
 """One call from a recording to a calibration that was checked before, after, and on samples it has not seen."""
 
 from collections.abc import Collection
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 
@@ -20,6 +21,7 @@ from tam_calibration.fit.published import artificial_vector, fast_rotation, simp
 from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.fit.screening import without_bad_readings
 from tam_calibration.fit.slow_residuals import widened
+from tam_calibration.fit.what_changed import despite_changes, naming_changes, what_changed
 from tam_calibration.integrity import require_enough, require_sound
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
@@ -117,18 +119,26 @@ def calibrate(
     notes: tuple[str, ...] = ()
     recording.thinned(SKETCH).check_plausible(array.field)
     if not (is_joint or ambient_gradient or method == "robust"):
-        recording, left_out = without_bad_readings(recording, array)
-        notes = () if left_out is None else tuple(left_out.sentences())
-    if not is_joint:
-        require_determined(recording, array, is_uniform=not ambient_gradient)
-    require_enough(recording.sample_count, accept)
-    if is_joint:
-        calibration, recording, array, fit = calibrate_jointly(recording, array, prior, main_field_T)
-    else:
-        calibration = accepted(recording, array, fit)
+        used, left_out = without_bad_readings(recording, array)
+        change = what_changed(recording, array) if left_out is not None and left_out.is_lasting else None
+        if change is not None and change.is_explained:
+            found.append(f"{change.what}, and this is the calibration of the longer part: {change.todo}")
+        elif left_out is not None:
+            notes = tuple(left_out.sentences())
+        recording = used
+    with nullcontext() if ambient_gradient or prior is not None else naming_changes(recording, array):
+        if not is_joint:
+            require_determined(recording, array, is_uniform=not ambient_gradient)
+        require_enough(recording.sample_count, accept)
+        if is_joint:
+            calibration, recording, array, fit = calibrate_jointly(recording, array, prior, main_field_T)
+        else:
+            calibration = accepted(recording, array, fit)
     uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient)
     if not is_joint and method in _OURS:
         calibration = widened(calibration, uniform, is_robust=method == "robust")
+    if prior is None:
+        calibration = despite_changes(calibration, uniform, array, accept)
     calibration = replace(calibration, held_out=_held_out(recording, array, fit))
     warnings = (*found, *calibration.warnings, *doubts_of(uniform, calibration))
     return within_limits(replace(calibration, warnings=warnings, notes=notes), accept)

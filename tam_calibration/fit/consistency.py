@@ -38,7 +38,7 @@ _LARGEST_DISTANCE = 0.05
 """Part of the radius of a sphere that most readings are near; errors of scale and angles make readings miss it too."""
 
 
-SOMETHING_MAGNETIC = "something magnetic came near or was attached"
+SOMETHING_MAGNETIC = "something magnetic came near, or a sensor changed"
 """What is suspected of a residual that changes, as long as no diagnosis finds another cause."""
 
 

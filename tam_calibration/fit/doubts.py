@@ -12,7 +12,7 @@ _ASKEW = from_degrees(5.0)
 """Turn of all other sensors against sensor 1 that no mounting makes by accident: sensors are aligned to degrees."""
 
 _LARGEST_BIAS = 2.0
-"""Bias over the field: phones, whose magnetometers sit beside loudspeakers, have less."""
+"""Bias over the field from which a magnet or an offset of the driver is told: it uses up most of a usual range."""
 
 LOOK_FOR_CAUSE = "look for the cause with tam diagnose"
 """What to do about a residual."""
@@ -46,7 +46,7 @@ def doubts_of(recording: SampleSource, calibration: Calibration) -> tuple[str, .
         _standard_errors(calibration),
         _geometry(calibration),
         _first_sensor(calibration),
-        _bias(calibration),
+        "" if calibration.update else _bias(calibration),
     )
     return tuple(filter(None, found))
 

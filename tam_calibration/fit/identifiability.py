@@ -10,7 +10,7 @@ from tam_calibration.fit.coverage import CELLS, cell_directions, field_of, measu
 from tam_calibration.fit.information import InformationModel, bound
 from tam_calibration.fit.scale import Normalized, normalize
 from tam_calibration.model.array import Array, KnownNoiseArray
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import SKETCH, Recording, SampleSource
 from tam_calibration.model.sensor_errors import PARAMETER_NAMES, SensorErrors
 from tam_calibration.model.units import FloatArray, to_nanotesla
@@ -23,6 +23,9 @@ LARGEST_ANGLE_ERROR = 0.01
 
 _LARGEST_RELATIVE_ERROR = 0.005
 """The same of a scale factor, and of a bias over the intensity: 250 nT, as large as what is to be found."""
+
+_CONTRADICTED = 10.0
+"""Residual over the noise from which no noise that is stated too small explains it: data sheets are within twice."""
 
 _SAMPLES = 5000
 """From which the bound is taken: of more it hardly depends on which."""
@@ -47,6 +50,8 @@ def require_determined(recording: SampleSource, array: Array, is_uniform: bool =
     ------
     InputError
         When there are too few samples, or parameters stay open; it names them.
+    Refused
+        When the directions are enough, and sensors in one field do not read so.
     """
     count = recording.sample_count
     if count < FEWEST_SAMPLES:
@@ -65,7 +70,20 @@ def require_determined(recording: SampleSource, array: Array, is_uniform: bool =
     some = field[:: -(-len(field) // _SAMPLES)]
     covariance = bound(some, SensorErrors.none(recording.sensor_count), noisy, data.has_scalar)
     excess = _noise_excess(data, noisy) if is_uniform else 1.0
-    refuse_open(excess * np.sqrt(np.diag(covariance)), data.radius_T)
+    # Noise in a plane passes for directions outside it, but not for enough of them.
+    may_contradict = measure_coverage(some).enough
+    _require_small(np.sqrt(np.diag(covariance)), excess, data.radius_T, may_contradict)
+
+
+def _require_small(errors: FloatArray, excess: float, intensity_T: float, may_contradict: bool = True) -> None:
+    """Refuse standard errors that an excess of the residual over the noise makes too large, and say what it is."""
+    names = open_parameters(excess * errors, intensity_T)
+    if names and may_contradict and excess > _CONTRADICTED and not open_parameters(errors, intensity_T):
+        raise Refused(
+            f"the residual is {excess:.3g} times the noise, which leaves {names} open, although the directions are "
+            "enough: look for the cause with tam diagnose"
+        )
+    refuse_open(excess * errors, intensity_T)
 
 
 def require_accurate(calibration: Calibration) -> None:
@@ -78,10 +96,12 @@ def require_accurate(calibration: Calibration) -> None:
     ------
     InputError
         It names the parameters.
+    Refused
+        When noise alone would have left none open.
     """
     left = (calibration.reduced_chi_square.get(channel, 1.0) for channel in ("differential", "common_mode"))
     excess = np.sqrt(max(1.0, *left) / calibration.variance_factors.largest)
-    refuse_open(excess * calibration.standard_errors.ravel(), calibration.intensity_T)
+    _require_small(calibration.standard_errors.ravel(), float(excess), calibration.intensity_T)
 
 
 def _noise_excess(data: Normalized, array: KnownNoiseArray) -> float:

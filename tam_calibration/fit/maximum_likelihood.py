@@ -42,7 +42,19 @@ _SMALLEST_SPREAD = 1e-12
 
 
 def closed_form(data: Normalized, vector_noise: FloatArray, scalar_noise: float) -> tuple[FloatArray, FloatArray]:
-    """Return what principal components and an ellipsoid tell of the sensors: the start of ``maximum_likelihood``.
+    """Return what ``principal_form`` tells in the frame of sensor 1: the start of ``maximum_likelihood``.
+
+    Raises
+    ------
+    InputError
+        When the readings determine no ellipsoid, or sensors are mirror images of others.
+    """
+    matrix, bias = principal_form(data, vector_noise, scalar_noise)
+    return into_frame_of_first(matrix[None])[0], bias
+
+
+def principal_form(data: Normalized, vector_noise: FloatArray, scalar_noise: float) -> tuple[FloatArray, FloatArray]:
+    """Return what principal components and an ellipsoid tell of the sensors, in any common frame.
 
     The ellipsoid is fitted twice, the second time with the variance that the sensors' scale factors give each
     direction. In a uniform field of steady intensity what is left to the iteration is far below the standard errors.
@@ -81,7 +93,7 @@ def closed_form(data: Normalized, vector_noise: FloatArray, scalar_noise: float)
     bias = mean + components @ center / weight
     if np.linalg.det(matrix[0]) < 0:
         matrix = -matrix
-    return into_frame_of_first(matrix[None])[0], bias.reshape(-1, 3)
+    return matrix, bias.reshape(-1, 3)
 
 
 @dataclass(frozen=True, eq=False)

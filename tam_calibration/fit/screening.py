@@ -52,6 +52,9 @@ _MEDIANS = {1: 0.45494, 3: 2.36597}
 _LEAST_SCALE = 1e-2
 """Median square of the residuals over that of an estimated noise: below lies only rounding."""
 
+_LASTING = 0.9
+"""Least part of the samples of a time that are left out where a sensor changed: some are by chance what they were."""
+
 _ALONE = 0.9
 """Least part of the bad samples that belong to a sensor that fails alone; noise attributes a few to others."""
 
@@ -89,6 +92,13 @@ class LeftOut:
         own = self.sensor[begin : begin + counts[begin]]
         fails_alone = _COMPARED <= self.sensor_count != own[0] and bool((own == own[0]).mean() > _ALONE)
         return bool(counts[begin] > width / 2) and not fails_alone
+
+    @property
+    def is_lasting(self) -> bool:
+        """Whether nearly all samples from the beginning, or until the end, are left out, and no others."""
+        first, last = int(self.place[0]), int(self.place[-1])
+        reaches_end = first == 0 or last == self.sample_count - 1
+        return reaches_end and len(self.place) > _LASTING * (last + 1 - first)
 
     def sentences(self) -> Iterator[str]:
         """Yield one sentence for each sensor, the worst first."""

@@ -4,6 +4,7 @@ Their uncertainty is that of both together, from the residual as it is.
 """
 
 from collections.abc import Collection, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -262,7 +263,8 @@ def calibrate_with_effects(
     )
     recording.check_plausible(array.field)
     if recording.sensor_count > 1 or recording.attitude is None:  # else the attitude may determine what these do not
-        require_determined(recording, array)
+        with suppress(Refused):  # where readings contradict each other, effects may explain it
+            require_determined(recording, array)
     if _AUTO in effects:
         found = search(recording, array)
         told = [fault.sentence for fault in faults]

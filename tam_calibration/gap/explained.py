@@ -18,6 +18,10 @@ from tam_calibration.model.recording import SampleSource
 from tam_calibration.model.units import to_nanotesla
 
 
+_MOST_SAMPLES = 10_000
+"""Of a diagnosis that nobody asked for: some seconds."""
+
+
 def explained(
     calibration: Calibration,
     samples: SampleSource,
@@ -33,12 +37,12 @@ def explained(
     calibration : Calibration
         As ``is_unexplained`` finds it.
     samples : SampleSource
-        That it was made from; a diagnosis looks at 100 000 of them at most, and takes some seconds for these.
+        That it was made from; of more than 10 000 every n-th one is looked at, which takes some seconds.
     array, progress, accept
         As of ``diagnose``.
     """
     with suppress(InputError, Refused):
-        gap = diagnose(samples, array, progress=progress, accept=accept)
+        gap = diagnose(samples.thinned(_MOST_SAMPLES), array, progress=progress, accept=accept)
         kept = [one for one in calibration.warnings if not gap.causes or SOMETHING_MAGNETIC not in one]
         found = _in_words(gap)
         return replace(calibration, warnings=tuple(one.replace(f": {LOOK_FOR_CAUSE}", found) for one in kept))

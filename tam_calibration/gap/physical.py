@@ -8,20 +8,18 @@ they do not matter where the recording determines the parameters itself.
 
 from dataclasses import dataclass
 from itertools import combinations
-from math import log, sqrt
+from math import log, sin, sqrt
 
 import numpy as np
 from numpy.linalg import norm
 
+from tam_calibration.correction.acceptance import LARGEST_NON_ORTHOGONALITY, LARGEST_RATIO
 from tam_calibration.model.geomagnetic_field import FieldBounds
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, to_degrees
 
-LARGEST_RATIO = 2.0
-"""Ratio of the scale factors of two axes of a sensor. Data sheets allow some per cent, soft iron some ten per cent."""
-
-LARGEST_COSINE = 0.35
-"""Cosine between two axes of a sensor: 20 degrees off the right angle. Data sheets allow one, soft iron a few."""
+_WIDEST_COSINE = 0.35
+"""Cosine between two axes at which the prior has its deviations: beyond the limit of 15 degrees, so that it is wide."""
 
 _DEVIATIONS = 3.5
 """Bounds in standard deviations of the prior: normal deviates exceed them once in two thousand times."""
@@ -67,7 +65,7 @@ def objection_to(errors: SensorErrors, intensity_T: float, field: FieldBounds) -
         return f"scale factors of sensor {worst + 1} that differ by a factor of {ratio[worst]:.3g}"
     cosine = np.abs([_cosines(matrix) for matrix in errors.matrix]).max(axis=1)
     worst = int(cosine.argmax())
-    if cosine[worst] > LARGEST_COSINE:
+    if cosine[worst] > sin(LARGEST_NON_ORTHOGONALITY):
         degrees = float(to_degrees(np.arcsin(min(cosine[worst], 1.0))))
         return f"axes of sensor {worst + 1} that stand {degrees:.0f} degrees off the right angle"
     return None
@@ -141,7 +139,7 @@ def _of_axes(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
         of_cosine[index, other] = (unit[one] - cosine[index] * unit[other]) / length[other]
     # The logarithms of two equally uncertain scale factors differ by √2 times the deviation of each.
     scale = sqrt(2) * _DEVIATIONS / log(LARGEST_RATIO)
-    angle = _DEVIATIONS / LARGEST_COSINE
+    angle = _DEVIATIONS / _WIDEST_COSINE
     logarithm = np.log(length)
     deviates = np.concatenate([scale * (logarithm - logarithm.mean()), angle * cosine])
     return np.concatenate([scale * (of_length - of_length.mean(axis=0)), angle * of_cosine]), deviates

@@ -33,6 +33,8 @@ def open_parameters(recording: Recording, array: Array) -> str | None:
         require_determined(recording, array)
     except (InputError, LinAlgError) as problem:
         return str(problem)
+    except Refused:
+        return None  # the readings contradict each other: effects may explain it
     return None
 
 

@@ -37,7 +37,7 @@ class Refused(RuntimeError):
     ...     calibrate(replace(made.recording, readings_T=readings_T), made.scenario.array)
     ... except Refused as reason:
     ...     print(str(reason).split(":")[0])
-    the recording is not one calibration
+    something magnetic adds up to 3500 nT to all sensors from 300.0 s on
     """
 
 

@@ -1,6 +1,7 @@
 """What no calibration is beyond, unless somebody accepts it."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -25,11 +26,19 @@ def changed(calibration, part, value):
     return replace(calibration, errors=replace(calibration.errors, **{part: values}))
 
 
-def with_residual(calibration, share):
+def with_residual(calibration, share, is_estimated=False):
     """Return a calibration that left a share of the intensity of sensor 2."""
+    calibration = replace(calibration, noise_is_estimated=is_estimated)
     left = calibration.in_sample.sensor_intensity_T.copy()
     left[1] = share * calibration.intensity_T
     return replace(calibration, in_sample=replace(calibration.in_sample, sensor_intensity_T=left))
+
+
+def with_gains(calibration, value):
+    """Return a calibration whose sensor 2 reads 1.4 times too much along x, and a value along z."""
+    factors = calibration.errors.scale_factor.copy()
+    factors[1] = 1.4, 1.0, value
+    return replace(calibration, errors=replace(calibration.errors, scale_factor=factors))
 
 
 def with_errors_of_first(calibration, distance):
@@ -45,12 +54,22 @@ CASES = {
     "scale_factor": [
         (changed, "scale_factor", 0.51, 0.49, "scale factor of sensor 2 y is 0.49, not between 0.5 and 2"),
         (changed, "scale_factor", 1.99, 2.01, "scale factor of sensor 2 y is 2.01"),
+        (with_gains, None, 0.71, 0.69, "scale factors of sensor 2 differ by a factor of 2.03, more than 2"),
     ],
     "non_orthogonality": [
         (changed, "non_orthogonality", np.radians(-14.9), np.radians(-15.1), "axes of sensor 2 are 15.1° from"),
     ],
     "bias": [(changed, "bias_T", -1.99e-3, -2.01e-3, "bias of sensor 2 y is -2.01e\\+06 nT, more than 2000000 nT")],
-    "residual": [(with_residual, None, 0.0499, 0.0501, "leaves 2505 nT of sensor 2, more than 5% of the field")],
+    "residual": [
+        (with_residual, None, 0.0049, 0.0051, "leaves 255 nT of sensor 2, more than 0.5% of the field and .* times"),
+        (
+            partial(with_residual, is_estimated=True),
+            None,
+            0.0499,
+            0.0501,
+            "leaves 2505 nT of sensor 2, more than 5% of",
+        ),
+    ],
 }
 
 

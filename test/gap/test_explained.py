@@ -26,13 +26,13 @@ def reasons_of(made, readings_T):
     return explained(calibration, recording, array).quality
 
 
-def test_a_jump_is_named_with_the_command_that_takes_it_off(made):
+def test_a_tone_is_named_with_the_command_that_takes_it_off(made):
     """The effect, the sensor, and what to do."""
     readings_T = made.recording.readings_T.copy()
-    readings_T[700:, 1, 0] += 60e-9
+    readings_T[:, 1, 0] += 20e-9 * np.sin(2 * np.pi * 7.3 * made.recording.time_s)
     quality = reasons_of(made, readings_T)
-    assert quality.grade == "doubtful" and "bias jump in sensor 2 explains it" in quality.reasons[0]
-    assert quality.next[0] == "fit that too, with --effects bias_jump"
+    assert quality.grade == "doubtful" and "periodic interference in sensor 2 explains it" in quality.reasons[0]
+    assert quality.next[0] == "fit that too, with --effects periodic_interference"
 
 
 def test_noise_that_was_stated_too_small_is_told_with_its_size(made):
