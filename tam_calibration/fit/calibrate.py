@@ -129,7 +129,7 @@ def calibrate(
     if not is_joint and method in _OURS:
         calibration = widened(calibration, uniform, is_robust=method == "robust")
     warnings = (*found, *calibration.warnings, *find_warnings(uniform, calibration))
-    calibration = within_limits(replace(calibration, warnings=warnings, notes=notes), accept)
+    calibration = within_limits(replace(calibration, warnings=warnings, notes=(*notes, *calibration.notes)), accept)
     return replace(calibration, held_out=_held_out(recording, array, fit))
 
 

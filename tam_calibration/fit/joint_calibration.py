@@ -21,6 +21,7 @@ from tam_calibration.core.variance_factors import WHITE, VarianceFactors
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.correction.update import SEVERAL, Moved, Update, in_words
 from tam_calibration.effects.removal import of_array
+from tam_calibration.fit.attitude_check import REMEDY, judge_attitude
 from tam_calibration.fit.consistency import Fit, accepted, require_one_field
 from tam_calibration.fit.contradiction import SIGNIFICANT
 from tam_calibration.fit.estimate import Estimate, make_calibration, mean_temperature, measure_chi_square
@@ -248,14 +249,14 @@ def calibrate_jointly(
     """
     if prior is None:
         given = None if array.tolerances is None else prior_of_tolerances(recording, array)
-        return _beside(recording, array, given, main_field_T)
+        return _beside_attitude(recording, array, Known(given, main_field_T))
     given = prior_for(recording, array, prior)
     kept = _of_array(given.calibration)
     if kept.effects:
         recording = kept.without_effects(recording.whole())
     if kept.known_source is not None:
         array = replace(array, positions_m=kept.array.positions_m, axis_offsets_m=kept.array.axis_offsets_m)
-    joint = _beside(recording, array, given, main_field_T)
+    joint = _beside_attitude(recording, array, Known(given, main_field_T))
     calibration = replace(
         joint.calibration, effects=kept.effects, effect_sizes=kept.effect_sizes, known_source=kept.known_source
     )
@@ -304,22 +305,37 @@ def prior_for(recording: SampleSource, array: Array, prior: Prior | Calibration)
     return prior_of(calibration, (first_s + last_s) / 2, temperature_C, array.change_rates)
 
 
-def _beside(
-    recording: SampleSource, array: Array, given: Prior | None, main_field_T: FloatArray | None
-) -> JointCalibration:
-    if given is not None and is_wide(given):
-        return _beside_wide_prior(recording, array, given, main_field_T)
-    return _beside_prior(recording, array, given, main_field_T)
+def _beside_attitude(recording: SampleSource, array: Array, known: Known) -> JointCalibration:
+    """Return the calibration with the attitude as far as it agrees with all else, and depends on no sensor."""
+    if array.attitude_noise is None or recording.whole().attitude is None:
+        return _beside(recording, array, known)
+    judged = judge_attitude(recording, array, known)
+    array = replace(array, attitude_noise=judged.attitude_noise)
+    kept = "heading of the attitude" if judged.attitude_noise else "attitude"
+    try:
+        joint = _beside(recording, array, replace(known, uses_heading=judged.uses_heading))
+    except (InputError, Refused) as problem:
+        if not judged.reason:
+            raise
+        raise Refused(f"{judged.reason}: {REMEDY}; without the {kept} {problem}") from problem
+    notes = (f"{judged.reason}: the {kept} is left out; {REMEDY}",) if judged.reason else ()
+    warnings = (judged.doubt, *joint.calibration.warnings) if judged.doubt else joint.calibration.warnings
+    return joint._replace(calibration=replace(joint.calibration, notes=notes, warnings=warnings))
 
 
-def _beside_prior(
-    recording: SampleSource, array: Array, given: Prior | None, main_field_T: FloatArray | None
-) -> JointCalibration:
+def _beside(recording: SampleSource, array: Array, known: Known) -> JointCalibration:
+    if known.prior is not None and is_wide(known.prior):
+        return _beside_wide_prior(recording, array, known)
+    return _beside_prior(recording, array, known)
+
+
+def _beside_prior(recording: SampleSource, array: Array, beside: Known) -> JointCalibration:
     """Return the calibration beside a prior that leaves no error open, what moved since then learned anew."""
+    given = beside.prior
     # What was slow on this vehicle is taken for slow again: little of it passes for a change of a sensor.
     factors = WHITE if given is None else given.calibration.variance_factors
     for attempt in range(_MOST_ROUNDS):
-        known = Known(given, main_field_T, factors)
+        known = replace(beside, variance_factors=factors)
         resolved, (*before, last) = _resolved(recording, array, known)
         is_slow_before = any(each.exceed(factors, _SETTLED) for each in before)
         if attempt == 0 and before and last.exceed(factors, _SETTLED) and not is_slow_before:
@@ -391,11 +407,9 @@ def _telling(moved: tuple[Moved, ...]) -> Iterator[None]:
         raise type(problem)(f"{' and '.join(what)} moved since the prior, and {problem}") from problem
 
 
-def _beside_wide_prior(
-    recording: SampleSource, array: Array, given: Prior, main_field_T: FloatArray | None
-) -> JointCalibration:
+def _beside_wide_prior(recording: SampleSource, array: Array, known: Known) -> JointCalibration:
     """Return the calibration beside a prior that leaves errors open, or that of readings that contradict it, alone."""
-    calibration, fit = beside_wide_prior(recording, array, Known(given, main_field_T))
+    calibration, fit = beside_wide_prior(recording, array, known)
     update = calibration.update
     assert update is not None
     if update.probability >= SIGNIFICANT:
@@ -406,7 +420,7 @@ def _beside_wide_prior(
     )
     try:
         require_determined(recording, array)
-        alone = _beside_prior(recording, array, None, main_field_T)
+        alone = _beside_prior(recording, array, replace(known, prior=None))
     except (InputError, Refused):
         mend = "faster change_rates"
         if update.rates is None:

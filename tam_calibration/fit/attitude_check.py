@@ -1,0 +1,305 @@
+"""Whether recorded attitude may be believed beside the readings, and how large its errors are.
+
+Most attitudes of robots come from an AHRS that takes its heading from the very magnetometer that is calibrated. Such a
+heading repeats the errors of that sensor, and the fit finds them too small, with small standard errors. Attitude is
+therefore used only where four tests pass:
+
+- What it tells agrees with what all else tells (Hausman 1978).
+- Its heading error contains neither the errors of a sensor's raw readings nor their low-pass, as a filter with a
+  gyroscope leaves them: both are columns beside the errors of the sensors (a score test).
+- Where the recording tells too little for that, the raw readings of no sensor stand still in the heading as well as the
+  calibrated field does: good sensors would, so the sizes of the errors by which the sensors differ are the measure.
+
+Roll and pitch come from gravity. Where only the heading fails they are kept, if they agree with all else.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.linalg import norm
+
+from tam_calibration.core.least_squares import whitening
+from tam_calibration.core.slow_cosines import BLOCKS
+from tam_calibration.fit.contradiction import SIGNIFICANT, probability_of
+from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, with_noise
+from tam_calibration.fit.posterior import Known, Place, Problem
+from tam_calibration.fit.recorded_attitude import likely_turn
+from tam_calibration.fit.slow_residuals import slow_factor, variance_factors
+from tam_calibration.model.array import Array, KnownNoiseArray
+from tam_calibration.model.limits import ATTITUDE_NOISE
+from tam_calibration.model.recording import SampleSource
+from tam_calibration.model.units import FloatArray, to_degrees
+
+REMEDY = "record an attitude of gyroscope and accelerometer only, without the magnetometer"
+
+_MOST_ROUNDS, _SETTLED = 12, 0.05
+"""To find the noise of attitude from above, and the part by which it may change in the last of them."""
+
+_TOO_FAR = 2.0
+"""Stated noise over that of the residuals, or the reverse, from which the stated one is not used: a factor of two in
+standard errors. Both counted are the size of the errors and how long they last."""
+
+_LEAST_TOLD = 1e-3
+"""Part of the information on a direction that both sides have at least where they can contradict."""
+
+_SEEN = 1e-12
+"""Part of the largest eigenvalue of a scaled information below which a direction is open."""
+
+_MOST_SAMPLES = 5000
+"""Whose headings are compared: more would not change the judgement."""
+
+_DIMENSIONS, _CONVINCING, _LARGEST_RATIO = 2.0, float(np.log(10.0)), 1e4
+"""Least number of errors of a compass (a hard iron's), logarithm of the evidence from which its heading is believed to
+be that of raw readings, and the largest ratio of what sensors' errors make of a heading to its noise that is counted."""
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """What attitude may be used for.
+
+    Parameters
+    ----------
+    attitude_noise : float, optional
+        To fit with, radians; None where attitude is left out.
+    uses_heading : bool
+        Whether the heading counts too.
+    reason : str
+        Why something is left out, by name and size; empty where nothing is.
+    doubt : str
+        What is wrong with the stated noise; empty where it is right, or none is stated.
+    """
+
+    attitude_noise: float | None
+    uses_heading: bool = True
+    reason: str = ""
+    doubt: str = ""
+
+
+def judge_attitude(recording: SampleSource, array: Array, known: Known) -> Judgement:
+    """Return what the recorded attitude may be used for.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        Raw readings of K sensors in a uniform field, with attitude.
+    array : Array
+        Its noise of attitude is infinite where it is to be estimated.
+    known : Known
+        What is known beside the recording.
+
+    Raises
+    ------
+    InputError, Refused
+        As of ``posterior_of``.
+    """
+    assert array.attitude_noise is not None
+    noisy, _, _ = with_noise(recording, replace(array, attitude_noise=None), known)
+    reasons = []
+    for uses_heading in (True, False):
+        fit = _Fit.settled_from_above(recording, noisy, replace(known, uses_heading=uses_heading))
+        used, doubt = fit.noise, ""
+        if np.isfinite(array.attitude_noise):
+            if 1 / _TOO_FAR < array.attitude_noise / fit.noise < _TOO_FAR:
+                used = max(array.attitude_noise, fit.noise)
+            else:
+                doubt = _doubt(array.attitude_noise, fit)
+        fit = fit.with_noise(used)
+        reason = (fit.followed(recording) if uses_heading else "") or fit.contradiction()
+        if not reason:
+            return Judgement(used, uses_heading, reasons[0] if reasons else "", doubt)
+        reasons.append(reason)
+    return Judgement(None, False, reasons[0])
+
+
+def _doubt(stated: float, fit: "_Fit") -> str:
+    size = "small" if stated < fit.noise else "large"
+    lasting = f", lasting for {fit.lasting:.2g} samples," if fit.lasting > 1 else ""
+    return (
+        f"attitude_noise_deg, stated as {to_degrees(stated):.3g}, is too {size}: the attitude scatters by "
+        f"{to_degrees(fit.noise / np.sqrt(fit.lasting)):.3g}°{lasting} which was used; state "
+        f"{to_degrees(fit.noise):.3g}, or estimate"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """A fit beside attitude: the noise that its residuals show, radians, and for how many samples they last."""
+
+    problem: Problem
+    place: Place
+    noise: float
+    lasting: float
+
+    @classmethod
+    def settled_from_above(cls, recording: SampleSource, array: KnownNoiseArray, known: Known) -> "_Fit":
+        """Return the fit whose noise is that of the residuals, from attitudes that hardly weigh to what they are worth.
+
+        The readings are weighed by what they leave before attitude can pull them.
+        """
+        noisy = replace(array, attitude_noise=ATTITUDE_NOISE.most)
+        factors = variance_factors(maximum_a_posteriori(recording, noisy, known), recording)
+        known = replace(known, variance_factors=known.variance_factors.at_least(factors))
+        problem = Problem.of(recording, noisy, known)
+        fit = cls(problem, problem.start, ATTITUDE_NOISE.most, 1.0)
+        for _ in range(_MOST_ROUNDS):
+            before = fit.noise
+            fit = fit.with_noise(before).measured()
+            if abs(fit.noise - before) <= _SETTLED * before:
+                break
+        return fit
+
+    def with_noise(self, noise: float) -> "_Fit":
+        """Return the fit of attitudes of another noise."""
+        assert self.problem.attitude is not None
+        problem = replace(self.problem, attitude=replace(self.problem.attitude, attitude_noise=noise))
+        place, _ = problem.most_probable()
+        return replace(self, problem=problem, place=place, noise=noise)
+
+    def measured(self) -> "_Fit":
+        """Return the fit with the noise that its residuals show."""
+        own = self.problem.attitude_at(self.place)
+        taken = float(np.sum(self._shares()[0]))
+        variance = (self.noise**2 + own.field_variance) * own.energy / max(own.channels - taken, 1.0)
+        lasting = self._lasting()
+        variance = max(variance - own.field_variance, ATTITUDE_NOISE.least**2) * lasting
+        return replace(self, noise=float(np.sqrt(min(variance, ATTITUDE_NOISE.most**2))), lasting=lasting)
+
+    def _lasting(self) -> float:
+        """Return by how much what attitude tells varies more than by white noise."""
+        assert self.problem.attitude is not None
+        count = len(self.problem.attitude.to_world)
+        if count < BLOCKS:
+            return 1.0
+        edges = np.linspace(0, count, BLOCKS + 1).astype(int)
+        parts = [
+            self.problem.attitude_at(self.place, slice(*span)) for span in zip(edges[:-1], edges[1:], strict=True)
+        ]
+        basis = self.problem.basis_at(self.place)
+        information = np.array([basis.T @ part.information @ basis for part in parts])
+        white = whitening(information.sum(axis=0), _SEEN)
+        score = np.array([white.T @ basis.T @ part.gradient for part in parts])
+        return slow_factor(white.T @ information @ white, score)
+
+    def _total(self) -> tuple[FloatArray, FloatArray]:
+        """Return the information of all over the free unknowns, whitened directions of it."""
+        information, gradient = self.problem.data_at(self.place)
+        self.problem.add_known(self.place, information, gradient)
+        basis = self.problem.basis_at(self.place)
+        return basis, basis @ whitening(basis.T @ information @ basis, _SEEN)
+
+    def _shares(self) -> tuple[FloatArray, FloatArray]:
+        """Return the attitude's part of the information on each direction, and its score along them."""
+        _, white = self._total()
+        own = self.problem.attitude_at(self.place)
+        shares, directions = np.linalg.eigh(white.T @ own.information @ white)
+        return np.clip(shares, 0, 1), directions.T @ white.T @ own.gradient
+
+    def contradiction(self) -> str:
+        """Return how attitude contradicts all else, or nothing.
+
+        At the best errors its score is what the others' balances. Its variance there is the parallel sum of both
+        informations, which makes χ² that of the difference between the estimates with and without attitude.
+        """
+        shares, score = self._shares()
+        told = (shares > _LEAST_TOLD) & (1 - shares > _LEAST_TOLD)
+        chi_square, freedom = float(np.sum(score[told] ** 2 / (shares * (1 - shares))[told])), int(told.sum())
+        if probability_of(chi_square, freedom) >= SIGNIFICANT:
+            return ""
+        what = "heading" if self.problem.known.uses_heading else "roll and pitch"
+        return (
+            f"the {what} of the recorded attitude contradicts the readings, χ² {chi_square:.3g} of {freedom} errors "
+            f"with {to_degrees(self.noise):.2g}° of noise"
+        )
+
+    def followed(self, recording: SampleSource) -> str:
+        """Return which readings the heading follows, or nothing."""
+        headings = _Headings.of(self, recording)
+        _, white = self._total()
+        for name, columns, raw in headings.candidates():
+            own = self.problem.attitude_at(self.place, headings=columns)
+            size = len(white)
+            coupled = white.T @ own.information[:size, size:]
+            scale = np.sqrt(np.diag(own.information)[size:])
+            left = own.information[size:, size:] - coupled.T @ coupled
+            inverse = np.linalg.pinv(left / np.outer(scale, scale), rcond=1e-6, hermitian=True)
+            score = own.gradient[size:] / scale
+            if probability_of(float(score @ inverse @ score), len(scale)) < SIGNIFICANT / len(headings.raw):
+                return f"the heading of the recorded attitude follows the errors of {name}, {headings.size(raw):.2g}°"
+            if headings.is_raw(raw, self.noise):
+                return (
+                    f"the heading of the recorded attitude is that of the raw readings of {name}, to "
+                    f"{to_degrees(float(np.sqrt(np.mean(raw**2)))):.2g}°"
+                )
+        return ""
+
+
+@dataclass(frozen=True, eq=False)
+class _Headings:
+    """Headings of the calibrated field and of raw readings in the world of the attitude, about their means, radians.
+
+    Parameters
+    ----------
+    calibrated : (N,) array
+        Of the field that the sensors agree on.
+    raw : dict of str to (N,) array
+        Of the readings of each sensor and of their mean, each in its best mounting.
+    level : float
+        Mean cosine of the dip: an angle of heading turns the field by as much less.
+    """
+
+    calibrated: FloatArray
+    raw: dict[str, FloatArray]
+    level: float
+
+    @classmethod
+    def of(cls, fit: _Fit, recording: SampleSource) -> "_Headings":
+        attitude = fit.problem.attitude
+        assert attitude is not None
+        samples = recording.whole()
+        assert samples.attitude is not None
+        readings = samples.readings_T[np.isfinite(samples.attitude).all(axis=1)]
+        fields = {f"sensor {sensor + 1}": readings[:, sensor] for sensor in range(readings.shape[1])}
+        if readings.shape[1] > 1:
+            fields["all sensors"] = readings.mean(axis=1)
+        calibrated, level = _heading(attitude.field(*fit.problem.rows_at(fit.place)), attitude.to_world)
+        return cls(calibrated, {name: _heading(field, attitude.to_world)[0] for name, field in fields.items()}, level)
+
+    def candidates(self) -> Iterator[tuple[str, FloatArray, FloatArray]]:
+        """Yield each name, the errors of heading that an AHRS of it makes, without and with a filter, and its heading."""
+        time = np.linspace(-1, 1, len(self.calibrated))
+        for name, raw in sorted(self.raw.items(), key=lambda item: float(np.sum(item[1] ** 2))):
+            filtered = np.append(0.0, -np.cumsum(raw)[:-1])
+            filtered -= np.polyval(np.polyfit(time, filtered, 1), time)
+            yield name, np.array([self.calibrated - raw, filtered]), raw
+
+    def size(self, raw: FloatArray) -> float:
+        """Return the root mean square of what the errors of readings make of a heading, degrees."""
+        return float(to_degrees(np.std(self.calibrated - raw)))
+
+    def is_raw(self, raw: FloatArray, noise: float) -> bool:
+        """Return whether it is more probable that the heading is that of raw readings than that these have few errors.
+
+        Their errors are as large as those by which sensors differ, and of a single sensor large.
+        """
+        precision = (self.level / noise) ** 2
+        others = [each for each in self.raw.values() if each is not raw]
+        ratio = _LARGEST_RATIO
+        if others:
+            ratio = min(ratio, precision * float(np.median([np.sum((each - raw) ** 2) for each in others])) / 2)
+        likelihood = precision * float(np.sum(self.calibrated**2) - np.sum(raw**2)) / 2
+        return likelihood + _DIMENSIONS / 2 * np.log1p(ratio / _DIMENSIONS) > _CONVINCING
+
+
+def _heading(field: FloatArray, to_world: FloatArray) -> tuple[FloatArray, float]:
+    """Return how headings (N,) of fields (N, 3) differ from their mean in the best mounting, and the cosine of the dip."""
+    unit = field / norm(field, axis=1, keepdims=True)
+    turned = to_world @ likely_turn(unit, to_world)
+    world = np.einsum("nij,nj->ni", turned, unit)
+    level = norm(world[:, :2], axis=1)
+    mean = world[:, :2].mean(axis=0)
+    angle = np.arctan2(mean[0] * world[:, 1] - mean[1] * world[:, 0], world[:, :2] @ mean)
+    by_mount = np.einsum("nij,njk->nik", turned, np.cross(np.eye(3)[None], unit[:, None]).swapaxes(1, 2))
+    slope = (world[:, 0, None] * by_mount[:, 1] - world[:, 1, None] * by_mount[:, 0]) / level[:, None] ** 2
+    columns = np.column_stack([slope, np.ones(len(angle))])
+    return angle - columns @ np.linalg.lstsq(columns, angle, rcond=1e-3)[0], float(level.mean())
