@@ -14,6 +14,7 @@ Roll and pitch come from gravity. Where only the heading fails they are kept, if
 """
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,19 +23,25 @@ from numpy.linalg import norm
 from tam_calibration.core.least_squares import whitening
 from tam_calibration.core.slow_cosines import BLOCKS
 from tam_calibration.fit.contradiction import SIGNIFICANT, probability_of
-from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, with_noise
+from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
 from tam_calibration.fit.posterior import Known, Place, Problem
 from tam_calibration.fit.recorded_attitude import likely_turn
 from tam_calibration.fit.slow_residuals import slow_factor, variance_factors
-from tam_calibration.model.array import Array, KnownNoiseArray
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.limits import ATTITUDE_NOISE
 from tam_calibration.model.recording import SampleSource
-from tam_calibration.model.units import FloatArray, to_degrees
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.tolerances import Tolerances
+from tam_calibration.model.units import FloatArray, from_degrees, to_degrees
 
 REMEDY = "record an attitude of gyroscope and accelerometer only, without the magnetometer"
 
 _MOST_ROUNDS, _SETTLED = 12, 0.05
 """To find the noise of attitude from above, and the part by which it may change in the last of them."""
+
+_NOISES = (ATTITUDE_NOISE.most, 0.05, 0.005, 5e-4)
+"""Noise of attitude to begin with, radians: the first with which a recording that tells little alone is calibrated."""
 
 _TOO_FAR = 2.0
 """Stated noise over that of the residuals, or the reverse, from which the stated one is not used: a factor of two in
@@ -52,6 +59,10 @@ _MOST_SAMPLES = 5000
 _DIMENSIONS, _CONVINCING, _LARGEST_RATIO = 2.0, float(np.log(10.0)), 1e4
 """Least number of errors of a compass (a hard iron's), logarithm of the evidence from which its heading is believed to
 be that of raw readings, and the largest ratio of what sensors' errors make of a heading to its noise that is counted."""
+
+
+_USUAL, _DRAWS = Tolerances(0.01, from_degrees(0.5), 300e-9, from_degrees(0.5)), 9
+"""Errors of a chip, by which a single sensor's heading is judged, and how many are drawn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,10 +105,9 @@ def judge_attitude(recording: SampleSource, array: Array, known: Known) -> Judge
         As of ``posterior_of``.
     """
     assert array.attitude_noise is not None
-    noisy, _, _ = with_noise(recording, replace(array, attitude_noise=None), known)
-    reasons = []
+    reasons: list[str] = []
     for uses_heading in (True, False):
-        fit = _Fit.settled_from_above(recording, noisy, replace(known, uses_heading=uses_heading))
+        fit = _Fit.settled_from_above(recording, array, replace(known, uses_heading=uses_heading))
         used, doubt = fit.noise, ""
         if np.isfinite(array.attitude_noise):
             if 1 / _TOO_FAR < array.attitude_noise / fit.noise < _TOO_FAR:
@@ -132,22 +142,29 @@ class _Fit:
     lasting: float
 
     @classmethod
-    def settled_from_above(cls, recording: SampleSource, array: KnownNoiseArray, known: Known) -> "_Fit":
+    def settled_from_above(cls, recording: SampleSource, array: Array, known: Known) -> "_Fit":
         """Return the fit whose noise is that of the residuals, from attitudes that hardly weigh to what they are worth.
 
         The readings are weighed by what they leave before attitude can pull them.
         """
-        noisy = replace(array, attitude_noise=ATTITUDE_NOISE.most)
-        factors = variance_factors(maximum_a_posteriori(recording, noisy, known), recording)
-        known = replace(known, variance_factors=known.variance_factors.at_least(factors))
-        problem = Problem.of(recording, noisy, known)
-        fit = cls(problem, problem.start, ATTITUDE_NOISE.most, 1.0)
-        for _ in range(_MOST_ROUNDS):
-            before = fit.noise
-            fit = fit.with_noise(before).measured()
-            if abs(fit.noise - before) <= _SETTLED * before:
+        for noise in _NOISES[:-1]:
+            with suppress(Refused):
+                calibration = maximum_a_posteriori(recording, replace(array, attitude_noise=noise), known)
                 break
-        return fit
+        else:
+            noise = _NOISES[-1]
+            calibration = maximum_a_posteriori(recording, replace(array, attitude_noise=noise), known)
+        factors = known.variance_factors.at_least(variance_factors(calibration, recording))
+        problem = Problem.of(recording, calibration.array, replace(known, variance_factors=factors))
+        fit = cls(problem, problem.start, noise, 1.0)
+        for _ in range(_MOST_ROUNDS):
+            fit = fit.with_noise(fit.noise)
+            noise = fit.scatter()
+            if abs(noise - fit.noise) <= _SETTLED * fit.noise:
+                break
+            fit = replace(fit, noise=noise)
+        lasting = fit.measure_lasting()
+        return replace(fit, noise=float(min(np.sqrt(lasting) * noise, ATTITUDE_NOISE.most)), lasting=lasting)
 
     def with_noise(self, noise: float) -> "_Fit":
         """Return the fit of attitudes of another noise."""
@@ -156,16 +173,14 @@ class _Fit:
         place, _ = problem.most_probable()
         return replace(self, problem=problem, place=place, noise=noise)
 
-    def measured(self) -> "_Fit":
-        """Return the fit with the noise that its residuals show."""
+    def scatter(self) -> float:
+        """Return the standard deviation of attitude that the residuals show, radians."""
         own = self.problem.attitude_at(self.place)
         taken = float(np.sum(self._shares()[0]))
         variance = (self.noise**2 + own.field_variance) * own.energy / max(own.channels - taken, 1.0)
-        lasting = self._lasting()
-        variance = max(variance - own.field_variance, ATTITUDE_NOISE.least**2) * lasting
-        return replace(self, noise=float(np.sqrt(min(variance, ATTITUDE_NOISE.most**2))), lasting=lasting)
+        return float(np.clip(np.sqrt(max(variance - own.field_variance, 0.0)), ATTITUDE_NOISE.least, ATTITUDE_NOISE.most))
 
-    def _lasting(self) -> float:
+    def measure_lasting(self) -> float:
         """Return by how much what attitude tells varies more than by white noise."""
         assert self.problem.attitude is not None
         count = len(self.problem.attitude.to_world)
@@ -246,11 +261,14 @@ class _Headings:
         Of the readings of each sensor and of their mean, each in its best mounting.
     level : float
         Mean cosine of the dip: an angle of heading turns the field by as much less.
+    usual : float
+        Sum of squares of what the usual errors of a sensor make of a heading.
     """
 
     calibrated: FloatArray
     raw: dict[str, FloatArray]
     level: float
+    usual: float
 
     @classmethod
     def of(cls, fit: _Fit, recording: SampleSource) -> "_Headings":
@@ -262,20 +280,26 @@ class _Headings:
         fields = {f"sensor {sensor + 1}": readings[:, sensor] for sensor in range(readings.shape[1])}
         if readings.shape[1] > 1:
             fields["all sensors"] = readings.mean(axis=1)
-        calibrated, level = _heading(attitude.field(*fit.problem.rows_at(fit.place)), attitude.to_world)
-        return cls(calibrated, {name: _heading(field, attitude.to_world)[0] for name, field in fields.items()}, level)
+        field = attitude.field(*fit.problem.rows_at(fit.place))
+        calibrated, level = _heading(field, attitude.to_world)
+        raw = {name: _heading(each, attitude.to_world)[0] for name, each in fields.items()}
+        errors = np.random.default_rng(0).normal(size=(_DRAWS, 12)) * np.sqrt(_USUAL.variances())
+        errors[:, 6:9] /= fit.place.intensity_T
+        wrong = SensorErrors.from_vector(errors + np.repeat([1.0, 0.0], [3, 9])).distort(field)
+        usual = [np.sum((_heading(each, attitude.to_world)[0] - calibrated) ** 2) for each in wrong.swapaxes(0, 1)]
+        return cls(calibrated, raw, level, float(np.median(usual)))
 
     def candidates(self) -> Iterator[tuple[str, FloatArray, FloatArray]]:
         """Yield each name, the errors of heading that an AHRS of it makes, without and with a filter, and its heading."""
         time = np.linspace(-1, 1, len(self.calibrated))
         for name, raw in sorted(self.raw.items(), key=lambda item: float(np.sum(item[1] ** 2))):
-            filtered = np.append(0.0, -np.cumsum(raw)[:-1])
+            filtered = raw / 2 - np.cumsum(raw)
             filtered -= np.polyval(np.polyfit(time, filtered, 1), time)
             yield name, np.array([self.calibrated - raw, filtered]), raw
 
     def size(self, raw: FloatArray) -> float:
         """Return the root mean square of what the errors of readings make of a heading, degrees."""
-        return float(to_degrees(np.std(self.calibrated - raw)))
+        return to_degrees(float(np.std(self.calibrated - raw)))
 
     def is_raw(self, raw: FloatArray, noise: float) -> bool:
         """Return whether it is more probable that the heading is that of raw readings than that these have few errors.
@@ -284,11 +308,10 @@ class _Headings:
         """
         precision = (self.level / noise) ** 2
         others = [each for each in self.raw.values() if each is not raw]
-        ratio = _LARGEST_RATIO
-        if others:
-            ratio = min(ratio, precision * float(np.median([np.sum((each - raw) ** 2) for each in others])) / 2)
+        size = np.median([np.sum((each - raw) ** 2) for each in others]) / 2 if others else self.usual
+        ratio = min(precision * float(size), _LARGEST_RATIO)
         likelihood = precision * float(np.sum(self.calibrated**2) - np.sum(raw**2)) / 2
-        return likelihood + _DIMENSIONS / 2 * np.log1p(ratio / _DIMENSIONS) > _CONVINCING
+        return bool(likelihood + _DIMENSIONS / 2 * np.log1p(ratio / _DIMENSIONS) > _CONVINCING)
 
 
 def _heading(field: FloatArray, to_world: FloatArray) -> tuple[FloatArray, float]:

@@ -21,7 +21,7 @@ from tam_calibration.fit.screening import without_bad_readings
 from tam_calibration.fit.slow_residuals import widened
 from tam_calibration.integrity import require_enough, require_sound
 from tam_calibration.model.array import Array
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import SKETCH, SampleSource
 from tam_calibration.model.residuals import Residuals, measure_residuals
 from tam_calibration.model.units import FloatArray
@@ -156,7 +156,7 @@ def _held_out(recording: SampleSource, array: Array, fit: Fit) -> Residuals | No
             return None
         try:
             fitted = fit(recording.take(~test), array)
-        except InputError:
+        except (InputError, Refused):
             return None
         seen = as_if_uniform(recording.take(test), fitted.errors, array, fitted.ambient_gradient)
         parts.append(measure_residuals(fitted.errors, array, seen, fitted.intensity_T))
