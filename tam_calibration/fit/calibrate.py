@@ -17,6 +17,7 @@ from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.prior import Prior
 from tam_calibration.fit.published import artificial_vector, fast_rotation, simplified_linear, two_step_linear
 from tam_calibration.fit.recorded_attitude import as_if_uniform
+from tam_calibration.fit.scalar_check import without_turning_scalar
 from tam_calibration.fit.screening import without_bad_readings
 from tam_calibration.fit.slow_residuals import widened
 from tam_calibration.integrity import require_enough, require_sound
@@ -121,8 +122,13 @@ def calibrate(
     if not is_joint:
         require_determined(recording, array, is_uniform=not ambient_gradient)
     require_enough(recording.sample_count, accept)
+    intensity = None
+    if takes_priors:
+        recording, intensity, note = without_turning_scalar(recording, array)
+        notes = (*notes, note) if note else notes
+        is_joint |= intensity is not None
     if is_joint:
-        calibration, recording, array, fit = calibrate_jointly(recording, array, prior, main_field_T)
+        calibration, recording, array, fit = calibrate_jointly(recording, array, prior, main_field_T, intensity)
     else:
         calibration = accepted(recording, array, fit)
     uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient)

@@ -29,7 +29,7 @@ from tam_calibration.fit.identifiability import open_parameters, require_accurat
 from tam_calibration.fit.information import inverted
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, noise_left_in, update_of
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.posterior import Known, Place, Problem
+from tam_calibration.fit.posterior import Intensity, Known, Place, Problem
 from tam_calibration.fit.prior import Prior, has_date, in_first_frame, prior_of
 from tam_calibration.fit.resolved_prior import MOST_TIMES, Resolved, resolve
 from tam_calibration.fit.slow_residuals import variance_factors
@@ -218,7 +218,11 @@ class JointCalibration(NamedTuple):
 
 
 def calibrate_jointly(
-    recording: SampleSource, array: Array, prior: Prior | Calibration | None, main_field_T: FloatArray | None
+    recording: SampleSource,
+    array: Array,
+    prior: Prior | Calibration | None,
+    main_field_T: FloatArray | None,
+    intensity: Intensity | None,
 ) -> JointCalibration:
     """Return the calibration of a recording with what is known beside it.
 
@@ -232,6 +236,8 @@ def calibrate_jointly(
         Of the same sensors.
     main_field_T : (3,) array, optional
         The world's field, east, north, up, tesla.
+    intensity : Intensity, optional
+        Of the field, where no scalar reads it in the samples.
 
     Returns
     -------
@@ -249,14 +255,14 @@ def calibrate_jointly(
     """
     if prior is None:
         given = None if array.tolerances is None else prior_of_tolerances(recording, array)
-        return _beside_attitude(recording, array, Known(given, main_field_T))
+        return _beside_attitude(recording, array, Known(given, main_field_T, intensity=intensity))
     given = prior_for(recording, array, prior)
     kept = _of_array(given.calibration)
     if kept.effects:
         recording = kept.without_effects(recording.whole())
     if kept.known_source is not None:
         array = replace(array, positions_m=kept.array.positions_m, axis_offsets_m=kept.array.axis_offsets_m)
-    joint = _beside_attitude(recording, array, Known(given, main_field_T))
+    joint = _beside_attitude(recording, array, Known(given, main_field_T, intensity=intensity))
     calibration = replace(
         joint.calibration, effects=kept.effects, effect_sizes=kept.effect_sizes, known_source=kept.known_source
     )

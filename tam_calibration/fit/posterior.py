@@ -50,6 +50,13 @@ _ANY_TURN = np.pi
 """Standard deviation of an angle of which nothing is known, radians: it keeps the normal equations regular."""
 
 
+class Intensity(NamedTuple):
+    """Intensity of a constant field, and its standard error, tesla."""
+
+    value_T: float
+    standard_error_T: float
+
+
 @dataclass(frozen=True, eq=False)
 class Known:
     """What is known before a recording.
@@ -71,6 +78,8 @@ class Known:
         Where the iteration begins; by default at the prior, and without one at the closed form.
     uses_heading : bool
         Whether of a recorded attitude the heading counts beside roll and pitch.
+    intensity : Intensity, optional
+        Of the field, where no scalar reads it in the samples.
     """
 
     prior: Prior | None = None
@@ -79,6 +88,14 @@ class Known:
     curvature: FloatArray | None = None
     start: Calibration | None = None
     uses_heading: bool = True
+    intensity: Intensity | None = None
+
+    @property
+    def intensities(self) -> tuple[Intensity, ...]:
+        """What is known of the intensity, without any scalar reading in the samples."""
+        of_model = self.main_field_T
+        model = () if of_model is None else (Intensity(float(norm(of_model)), LOCAL_STANDARD_ERROR_T),)
+        return model if self.intensity is None else (self.intensity, *model)
 
     @property
     def knows_frame(self) -> bool:
@@ -88,7 +105,7 @@ class Known:
     @property
     def knows_scale(self) -> bool:
         """Whether the absolute scale is known without a scalar reference."""
-        return self.main_field_T is not None or (self.prior is not None and self.prior.knows_scale)
+        return bool(self.intensities) or (self.prior is not None and self.prior.knows_scale)
 
 
 @dataclass(frozen=True, eq=False)
@@ -302,11 +319,10 @@ class Problem:
             terms = self.known.prior.terms(place.errors)
             information[:size, :size] += terms.information
             gradient[:size] += terms.gradient
-        main_field_T = self.known.main_field_T
-        if main_field_T is not None and not self.has_scalar:
-            precision = (self.unit_T / LOCAL_STANDARD_ERROR_T) ** 2
+        for intensity in () if self.has_scalar else self.known.intensities:
+            precision = (self.unit_T / intensity.standard_error_T) ** 2
             information[size, size] += precision
-            gradient[size] += precision * (float(norm(main_field_T)) - place.intensity_T) / self.unit_T
+            gradient[size] += precision * (intensity.value_T - place.intensity_T) / self.unit_T
         if place.view is not None:
             self._add_known_view(place.view, information[-5:, -5:], gradient[-5:])
 
