@@ -220,7 +220,9 @@ def _beside_current(rng: Generator) -> Case:
 def _wrong_place(rng: Generator) -> Case:
     """The field of a place some hundred or thousand kilometres away, beside a scalar and a sound attitude."""
     case = sound_attitude(rng)
-    return replace(case, main_field_T=Rotation.from_rotvec(rng.normal(0, 0.3, 3)).apply(WORLD_T) * rng.uniform(0.8, 1.2))
+    return replace(
+        case, main_field_T=Rotation.from_rotvec(rng.normal(0, 0.3, 3)).apply(WORLD_T) * rng.uniform(0.8, 1.2)
+    )
 
 
 def _replaced(rng: Generator) -> Case:

@@ -54,9 +54,6 @@ def _blocks(
     words.append(f"Coverage: {calibration.coverage:.0%} of the sphere.{'' if update else advice}")
     if weakness.parameters and update is None:
         words.append(str(weakness))
-    is_data = calibration.array.attitude_noise is not None or calibration.ambient_gradient is not None
-    if recording.attitude is not None and calibration.method == DEFAULT_METHOD and not is_data:
-        words.append(_UNUSED_ATTITUDE)
     notes = [*map(sentence, calibration.notes), *calibration.statements, f"By hand: {FORMULA}"]
     if usage is not None:
         notes.append(sentence(str(usage)))
@@ -71,12 +68,6 @@ def _blocks(
         *(Text(f"Warning: {sentence(warning)}", "doubt") for warning in calibration.warnings),
         *(Text(each) for each in notes),
     ]
-
-
-_UNUSED_ATTITUDE = (
-    "The recorded attitude is not used: --attitude-noise-deg, or attitude_noise_deg in the array file, makes it data "
-    "of the fit. It must not come from the magnetometers that are calibrated."
-)
 
 
 def _gradient(gradient: AmbientGradientEstimate) -> str:
@@ -109,8 +100,9 @@ _Fit = Callable[[SampleSource, Array], Calibration]
 )
 @click.option(
     "--attitude-noise-deg",
-    type=terminal.Number(1e-4, 28),
-    help="Standard deviation of the recorded attitude about each axis: attitude is then data of the fit.",
+    type=terminal.NumberOrEstimate(1e-4, 28),
+    help="Standard deviation of the recorded attitude about each axis, or estimate: attitude is then data of the fit. It "
+    "must come from gyroscope and accelerometer: an AHRS that uses the magnetometer is left out.",
 )
 @click.option(
     "--ambient-gradient",

@@ -22,6 +22,7 @@ from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import whitening
 from tam_calibration.core.slow_cosines import BLOCKS
+from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.contradiction import SIGNIFICANT, probability_of
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
 from tam_calibration.fit.posterior import Known, Place, Problem
@@ -31,14 +32,15 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.limits import ATTITUDE_NOISE
 from tam_calibration.model.recording import SampleSource
-from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.sensor_errors import PARAMETER_NAMES, SensorErrors
 from tam_calibration.model.tolerances import Tolerances
-from tam_calibration.model.units import FloatArray, from_degrees, to_degrees
+from tam_calibration.model.units import FloatArray, from_degrees, to_degrees, to_nanotesla
 
 REMEDY = "record an attitude of gyroscope and accelerometer only, without the magnetometer"
 
-_MOST_ROUNDS, _SETTLED = 12, 0.05
-"""To find the noise of attitude from above, and the part by which it may change in the last of them."""
+_MOST_ROUNDS, _LARGEST_FALL, _SETTLED = 12, 10.0, 0.05
+"""To find the noise of attitude from above, by how much it falls in one at most, and the part by which it may change in
+the last of them."""
 
 _NOISES = (ATTITUDE_NOISE.most, 0.05, 0.005, 5e-4)
 """Noise of attitude to begin with, radians: the first with which a recording that tells little alone is calibrated."""
@@ -46,6 +48,9 @@ _NOISES = (ATTITUDE_NOISE.most, 0.05, 0.005, 5e-4)
 _TOO_FAR = 2.0
 """Stated noise over that of the residuals, or the reverse, from which the stated one is not used: a factor of two in
 standard errors. Both counted are the size of the errors and how long they last."""
+
+_LARGEST_SCATTER = from_degrees(10.0)
+"""Of the field in the world of the attitude, radians; more is another convention, or another attitude."""
 
 _LEAST_TOLD = 1e-3
 """Part of the information on a direction that both sides have at least where they can contradict."""
@@ -60,6 +65,12 @@ _DIMENSIONS, _CONVINCING, _LARGEST_RATIO = 2.0, float(np.log(10.0)), 1e4
 """Least number of errors of a compass (a hard iron's), logarithm of the evidence from which its heading is believed to
 be that of raw readings, and the largest ratio of what sensors' errors make of a heading to its noise that is counted."""
 
+
+_WORTHLESS = 0.95
+"""Ratio of standard errors with attitude to those without, above which it is not worth its risk."""
+
+_UNITS = (("", 1.0), ("°", to_degrees(1.0)), (" nT", to_nanotesla(1.0)), ("°", to_degrees(1.0)))
+"""Of scale factor, non-orthogonality, bias and misalignment in a sentence, and of one SI unit in it."""
 
 _USUAL, _DRAWS = Tolerances(0.01, from_degrees(0.5), 300e-9, from_degrees(0.5)), 9
 """Errors of a chip, by which a single sensor's heading is judged, and how many are drawn."""
@@ -79,12 +90,15 @@ class Judgement:
         Why something is left out, by name and size; empty where nothing is.
     doubt : str
         What is wrong with the stated noise; empty where it is right, or none is stated.
+    place : str
+        Why the main field of a model is left out; empty where it agrees, or is not given.
     """
 
     attitude_noise: float | None
     uses_heading: bool = True
     reason: str = ""
     doubt: str = ""
+    place: str = ""
 
 
 def judge_attitude(recording: SampleSource, array: Array, known: Known) -> Judgement:
@@ -107,7 +121,7 @@ def judge_attitude(recording: SampleSource, array: Array, known: Known) -> Judge
     assert array.attitude_noise is not None
     reasons: list[str] = []
     for uses_heading in (True, False):
-        fit = _Fit.settled_from_above(recording, array, replace(known, uses_heading=uses_heading))
+        fit = _Fit.settled_from_above(recording, array, replace(known, uses_heading=uses_heading, main_field_T=None))
         used, doubt = fit.noise, ""
         if np.isfinite(array.attitude_noise):
             if 1 / _TOO_FAR < array.attitude_noise / fit.noise < _TOO_FAR:
@@ -115,11 +129,58 @@ def judge_attitude(recording: SampleSource, array: Array, known: Known) -> Judge
             else:
                 doubt = _doubt(array.attitude_noise, fit)
         fit = fit.with_noise(used)
-        reason = (fit.followed(recording) if uses_heading else "") or fit.contradiction()
+        reason = fit.strayed() or (fit.followed(recording) if uses_heading else "") or fit.contradiction()
         if not reason:
-            return Judgement(used, uses_heading, reasons[0] if reasons else "", doubt)
+            place = "" if known.main_field_T is None else fit.contradiction_of_place(known.main_field_T)
+            return Judgement(used, uses_heading, reasons[0] if reasons else "", doubt, place)
         reasons.append(reason)
     return Judgement(None, False, reasons[0])
+
+
+def worth_of(recording: SampleSource, calibration: Calibration) -> str:
+    """Return what recorded attitude would add to a calibration that was made without it; nothing where there is none.
+
+    The information of its directions, with the scatter that they have about the corrected field, is added to that of
+    the calibration: no fit is needed.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        Raw readings that the calibration was made from.
+    calibration : Calibration
+        With a covariance.
+    """
+    some = recording.thinned(_MOST_SAMPLES)
+    if some.attitude is None or not np.isfinite(some.attitude).all(axis=1).any() or calibration.covariance is None:
+        return ""
+    array = replace(calibration.array, attitude_noise=ATTITUDE_NOISE.most)
+    problem = Problem.of(some, array, Known(start=calibration))
+    fit = _Fit(problem, problem.start, ATTITUDE_NOISE.most, 1.0)
+    noise = fit.scatter()
+    if strayed := replace(fit, noise=noise).strayed():
+        return f"recorded attitude is not used: {strayed}"
+    assert problem.attitude is not None
+    beside = replace(problem, attitude=replace(problem.attitude, attitude_noise=noise))
+    information = beside.attitude_at(fit.place).information * recording.sample_count / some.sample_count
+    size = len(calibration.covariance)
+    cross, view = information[:size, -5:], information[-5:, -5:] + np.eye(5)
+    information = information[:size, :size] - cross @ np.linalg.solve(view, cross.T)
+    root = calibration.covariance @ whitening(calibration.covariance, _SEEN)
+    after = root @ np.linalg.solve(np.eye(root.shape[1]) + root.T @ information @ root, root.T)
+    before = calibration.standard_errors
+    errors = np.sqrt(np.diag(after)).reshape(before.shape)
+    ratio = np.divide(errors, before, out=np.ones_like(before), where=before > 0)
+    sensor, parameter = np.unravel_index(int(np.argmin(ratio)), ratio.shape)
+    words = f"recorded attitude, which scatters by {to_degrees(noise):.2g}°, is not used: "
+    if ratio[sensor, parameter] > _WORTHLESS:
+        return f"{words}it would reduce no standard error by more than {1 - _WORTHLESS:.0%}"
+    unit, factor = _UNITS[parameter // 3]
+    one, other = (factor * float(each[sensor, parameter]) for each in (before, errors))
+    return (
+        f"{words}it would reduce the standard error of {PARAMETER_NAMES[parameter]} of sensor {sensor + 1} from "
+        f"{one:.2g} to {other:.2g}{unit}; if it comes from gyroscope and accelerometer only, set attitude_noise_deg: "
+        "estimate in the array file"
+    )
 
 
 def _doubt(stated: float, fit: "_Fit") -> str:
@@ -156,15 +217,18 @@ class _Fit:
             calibration = maximum_a_posteriori(recording, replace(array, attitude_noise=noise), known)
         factors = known.variance_factors.at_least(variance_factors(calibration, recording))
         problem = Problem.of(recording, calibration.array, replace(known, variance_factors=factors))
-        fit = cls(problem, problem.start, noise, 1.0)
+        fit = cls(problem, problem.start, noise, 1.0).with_noise(noise)
         for _ in range(_MOST_ROUNDS):
-            fit = fit.with_noise(fit.noise)
-            noise = fit.scatter()
+            noise = max(fit.scatter(), fit.noise / _LARGEST_FALL)
             if abs(noise - fit.noise) <= _SETTLED * fit.noise:
                 break
-            fit = replace(fit, noise=noise)
+            try:
+                fit = fit.with_noise(noise)
+            except Refused:
+                # At rest, an attitude that is all but exact leaves its mounting open and the steps small.
+                break
         lasting = fit.measure_lasting()
-        return replace(fit, noise=float(min(np.sqrt(lasting) * noise, ATTITUDE_NOISE.most)), lasting=lasting)
+        return replace(fit, noise=float(min(np.sqrt(lasting) * fit.noise, ATTITUDE_NOISE.most)), lasting=lasting)
 
     def with_noise(self, noise: float) -> "_Fit":
         """Return the fit of attitudes of another noise."""
@@ -176,9 +240,11 @@ class _Fit:
     def scatter(self) -> float:
         """Return the standard deviation of attitude that the residuals show, radians."""
         own = self.problem.attitude_at(self.place)
-        taken = float(np.sum(self._shares()[0]))
+        taken = float(np.sum(self._shares(own.information, own.gradient)[0]))
         variance = (self.noise**2 + own.field_variance) * own.energy / max(own.channels - taken, 1.0)
-        return float(np.clip(np.sqrt(max(variance - own.field_variance, 0.0)), ATTITUDE_NOISE.least, ATTITUDE_NOISE.most))
+        # A scatter that is less than that of the field's direction is not told from none.
+        variance = max(variance - own.field_variance, own.field_variance)
+        return float(np.clip(np.sqrt(variance), ATTITUDE_NOISE.least, ATTITUDE_NOISE.most))
 
     def measure_lasting(self) -> float:
         """Return by how much what attitude tells varies more than by white noise."""
@@ -187,50 +253,75 @@ class _Fit:
         if count < BLOCKS:
             return 1.0
         edges = np.linspace(0, count, BLOCKS + 1).astype(int)
-        parts = [
-            self.problem.attitude_at(self.place, slice(*span)) for span in zip(edges[:-1], edges[1:], strict=True)
-        ]
+        parts = [self.problem.attitude_at(self.place, slice(*span)) for span in zip(edges[:-1], edges[1:], strict=True)]
         basis = self.problem.basis_at(self.place)
         information = np.array([basis.T @ part.information @ basis for part in parts])
         white = whitening(information.sum(axis=0), _SEEN)
         score = np.array([white.T @ basis.T @ part.gradient for part in parts])
         return slow_factor(white.T @ information @ white, score)
 
-    def _total(self) -> tuple[FloatArray, FloatArray]:
-        """Return the information of all over the free unknowns, whitened directions of it."""
+    def _white(self) -> FloatArray:
+        """Return directions of the free unknowns on which the information of all is one."""
         information, gradient = self.problem.data_at(self.place)
         self.problem.add_known(self.place, information, gradient)
         basis = self.problem.basis_at(self.place)
-        return basis, basis @ whitening(basis.T @ information @ basis, _SEEN)
+        return np.asarray(basis @ whitening(basis.T @ information @ basis, _SEEN))
 
-    def _shares(self) -> tuple[FloatArray, FloatArray]:
-        """Return the attitude's part of the information on each direction, and its score along them."""
-        _, white = self._total()
-        own = self.problem.attitude_at(self.place)
-        shares, directions = np.linalg.eigh(white.T @ own.information @ white)
-        return np.clip(shares, 0, 1), directions.T @ white.T @ own.gradient
+    def _shares(self, information: FloatArray, gradient: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the part that some information is of all on each direction, and its gradient along them."""
+        white = self._white()
+        shares, directions = np.linalg.eigh(white.T @ information @ white)
+        return np.clip(shares, 0, 1), directions.T @ white.T @ gradient
+
+    def strayed(self) -> str:
+        """Return by how much the field turns in the world of the attitude, where that is no noise, or nothing."""
+        if self.noise / np.sqrt(self.lasting) < _LARGEST_SCATTER:
+            return ""
+        degrees = to_degrees(self.noise / np.sqrt(self.lasting))
+        return (
+            f"the field of the readings does not stand still in the world of the recorded attitude but turns by "
+            f"{degrees:.0f}°, which must be the turn from the array to the world, x y z w, at the time of the sample"
+        )
 
     def contradiction(self) -> str:
-        """Return how attitude contradicts all else, or nothing.
+        """Return how attitude contradicts all else, or nothing."""
+        own = self.problem.attitude_at(self.place)
+        sizes = self._difference(own.information, own.gradient)
+        what = "heading" if self.problem.known.uses_heading else "roll and pitch"
+        noise = f"with {to_degrees(self.noise):.2g}° of noise"
+        return f"the {what} of the recorded attitude contradicts the readings, {sizes} {noise}" if sizes else ""
 
-        At the best errors its score is what the others' balances. Its variance there is the parallel sum of both
-        informations, which makes χ² that of the difference between the estimates with and without attitude.
+    def contradiction_of_place(self, main_field_T: FloatArray) -> str:
+        """Return how the main field of a model contradicts readings and attitude, or nothing."""
+        known = replace(self.problem.known, main_field_T=main_field_T)
+        beside = replace(self, problem=replace(self.problem, known=known)).with_noise(self.noise)
+        size = len(beside.problem.basis_at(beside.place))
+        added = []
+        for problem in (beside.problem, self.problem):
+            own = np.zeros((size, size)), np.zeros(size)
+            problem.add_known(beside.place, *own)
+            added.append(own)
+        (information, gradient), (less, downhill) = added
+        sizes = beside._difference(information - less, gradient - downhill)
+        return f"the field of the place contradicts readings and attitude, {sizes}" if sizes else ""
+
+    def _difference(self, information: FloatArray, gradient: FloatArray) -> str:
+        """Return χ² of the difference that some information makes to the estimate, where chance hardly makes as much.
+
+        At the best errors its score is what the others' balances, and has the variance of the parallel sum of both
+        informations (Hausman 1978): no fit without it is needed.
         """
-        shares, score = self._shares()
+        shares, score = self._shares(information, gradient)
         told = (shares > _LEAST_TOLD) & (1 - shares > _LEAST_TOLD)
         chi_square, freedom = float(np.sum(score[told] ** 2 / (shares * (1 - shares))[told])), int(told.sum())
         if probability_of(chi_square, freedom) >= SIGNIFICANT:
             return ""
-        what = "heading" if self.problem.known.uses_heading else "roll and pitch"
-        return (
-            f"the {what} of the recorded attitude contradicts the readings, χ² {chi_square:.3g} of {freedom} errors "
-            f"with {to_degrees(self.noise):.2g}° of noise"
-        )
+        return f"χ² {chi_square:.3g} of {freedom} errors"
 
     def followed(self, recording: SampleSource) -> str:
         """Return which readings the heading follows, or nothing."""
         headings = _Headings.of(self, recording)
-        _, white = self._total()
+        white = self._white()
         for name, columns, raw in headings.candidates():
             own = self.problem.attitude_at(self.place, headings=columns)
             size = len(white)

@@ -8,6 +8,7 @@ import numpy as np
 
 from tam_calibration.correction.acceptance import within_limits
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.fit.attitude_check import worth_of
 from tam_calibration.fit.consistency import Fit, accepted, find_warnings
 from tam_calibration.fit.identifiability import FEWEST_SAMPLES, require_determined
 from tam_calibration.fit.integrated import integrated
@@ -122,18 +123,16 @@ def calibrate(
     if not is_joint:
         require_determined(recording, array, is_uniform=not ambient_gradient)
     require_enough(recording.sample_count, accept)
-    intensity = None
-    if takes_priors:
-        recording, intensity, note = without_turning_scalar(recording, array)
-        notes = (*notes, note) if note else notes
-        is_joint |= intensity is not None
+    is_joint |= takes_priors and without_turning_scalar(recording, array)[1] is not None
     if is_joint:
-        calibration, recording, array, fit = calibrate_jointly(recording, array, prior, main_field_T, intensity)
+        calibration, recording, array, fit = calibrate_jointly(recording, array, prior, main_field_T)
     else:
         calibration = accepted(recording, array, fit)
     uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient)
     if not is_joint and method in _OURS:
         calibration = widened(calibration, uniform, is_robust=method == "robust")
+    if takes_priors and not attitude_is_data and (worth := worth_of(recording, calibration)):
+        notes = (*notes, worth)
     warnings = (*found, *calibration.warnings, *find_warnings(uniform, calibration))
     calibration = within_limits(replace(calibration, warnings=warnings, notes=(*notes, *calibration.notes)), accept)
     return replace(calibration, held_out=_held_out(recording, array, fit))

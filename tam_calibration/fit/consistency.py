@@ -43,6 +43,9 @@ _FEWEST_FOR_GRADIENT = 3
 _LARGEST_CHI_SQUARE = 2.0
 """Square of 1.4 times the stated noise: data sheets are hardly more exact."""
 
+_SMALLEST_CHI_SQUARE = 0.25
+"""Square of half the stated noise: data sheets guarantee more than sensors make."""
+
 
 @dataclass(frozen=True, eq=False)
 class _Parts:
@@ -137,6 +140,11 @@ def find_warnings(recording: SampleSource, calibration: Calibration) -> tuple[st
         if value > max(_LARGEST_CHI_SQUARE, 1 + chance):
             warnings.append(
                 f"the residual {words} is {np.sqrt(value):.3g} times the stated noise: the model or the noise is wrong"
+            )
+        elif value < min(_SMALLEST_CHI_SQUARE, 1 - chance):
+            warnings.append(
+                f"the residual {words} is only {np.sqrt(value):.2g} times the stated noise, so that standard errors are "
+                f"{1 / np.sqrt(value):.2g} times too large: state less, or leave the noise out, and it is estimated"
             )
     factors = calibration.variance_factors
     for words, factor in zip(names.values(), (factors.differential, factors.common_mode), strict=True):

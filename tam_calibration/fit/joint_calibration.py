@@ -32,12 +32,14 @@ from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.posterior import Intensity, Known, Place, Problem
 from tam_calibration.fit.prior import Prior, has_date, in_first_frame, prior_of
 from tam_calibration.fit.resolved_prior import MOST_TIMES, Resolved, resolve
+from tam_calibration.fit.scalar_check import without_turning_scalar
 from tam_calibration.fit.slow_residuals import variance_factors
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.geomagnetic_field import LOCAL_STANDARD_ERROR_T
 from tam_calibration.model.recording import SKETCH, SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
-from tam_calibration.model.units import FloatArray
+from tam_calibration.model.units import FloatArray, to_nanotesla
 
 NAME = "tolerances"
 """Method of the calibration that tolerances make: of sensors without errors."""
@@ -218,11 +220,7 @@ class JointCalibration(NamedTuple):
 
 
 def calibrate_jointly(
-    recording: SampleSource,
-    array: Array,
-    prior: Prior | Calibration | None,
-    main_field_T: FloatArray | None,
-    intensity: Intensity | None,
+    recording: SampleSource, array: Array, prior: Prior | Calibration | None, main_field_T: FloatArray | None
 ) -> JointCalibration:
     """Return the calibration of a recording with what is known beside it.
 
@@ -236,8 +234,6 @@ def calibrate_jointly(
         Of the same sensors.
     main_field_T : (3,) array, optional
         The world's field, east, north, up, tesla.
-    intensity : Intensity, optional
-        Of the field, where no scalar reads it in the samples.
 
     Returns
     -------
@@ -255,14 +251,14 @@ def calibrate_jointly(
     """
     if prior is None:
         given = None if array.tolerances is None else prior_of_tolerances(recording, array)
-        return _beside_attitude(recording, array, Known(given, main_field_T, intensity=intensity))
+        return _as_far_as_they_agree(recording, array, Known(given, main_field_T))
     given = prior_for(recording, array, prior)
     kept = _of_array(given.calibration)
     if kept.effects:
         recording = kept.without_effects(recording.whole())
     if kept.known_source is not None:
         array = replace(array, positions_m=kept.array.positions_m, axis_offsets_m=kept.array.axis_offsets_m)
-    joint = _beside_attitude(recording, array, Known(given, main_field_T, intensity=intensity))
+    joint = _as_far_as_they_agree(recording, array, Known(given, main_field_T))
     calibration = replace(
         joint.calibration, effects=kept.effects, effect_sizes=kept.effect_sizes, known_source=kept.known_source
     )
@@ -311,22 +307,49 @@ def prior_for(recording: SampleSource, array: Array, prior: Prior | Calibration)
     return prior_of(calibration, (first_s + last_s) / 2, temperature_C, array.change_rates)
 
 
-def _beside_attitude(recording: SampleSource, array: Array, known: Known) -> JointCalibration:
-    """Return the calibration with the attitude as far as it agrees with all else, and depends on no sensor."""
+def _as_far_as_they_agree(recording: SampleSource, array: Array, known: Known) -> JointCalibration:
+    """Return the calibration with scalar, place and attitude as far as they agree, and depend on no sensor."""
+    recording, intensity, reason = without_turning_scalar(recording, array)
+    known, notes = _without_wrong_place(recording, replace(known, intensity=intensity))
+    notes = (reason, *notes) if reason else notes
     if array.attitude_noise is None or recording.whole().attitude is None:
-        return _beside(recording, array, known)
+        joint = _beside(recording, array, known)
+        return joint._replace(calibration=replace(joint.calibration, notes=notes))
     judged = judge_attitude(recording, array, known)
     array = replace(array, attitude_noise=judged.attitude_noise)
     kept = "heading of the attitude" if judged.attitude_noise else "attitude"
+    if judged.place:
+        known, notes = replace(known, main_field_T=None), (*notes, f"{judged.place}: {_WITHOUT_PLACE}")
     try:
         joint = _beside(recording, array, replace(known, uses_heading=judged.uses_heading))
     except (InputError, Refused) as problem:
         if not judged.reason:
             raise
         raise Refused(f"{judged.reason}: {REMEDY}; without the {kept} {problem}") from problem
-    notes = (f"{judged.reason}: the {kept} is left out; {REMEDY}",) if judged.reason else ()
+    if judged.reason:
+        notes = (*notes, f"{judged.reason}: the {kept} is left out; {REMEDY}")
     warnings = (judged.doubt, *joint.calibration.warnings) if judged.doubt else joint.calibration.warnings
     return joint._replace(calibration=replace(joint.calibration, notes=notes, warnings=warnings))
+
+
+_WITHOUT_PLACE = "it is left out; check latitude, longitude and date, and that attitude counts from true north"
+
+_FAR_OFF = 4.0
+"""Standard errors of a model's field by which its intensity may differ from the scalar's: by chance one in 16 000."""
+
+
+def _without_wrong_place(recording: SampleSource, known: Known) -> tuple[Known, tuple[str, ...]]:
+    """Return what is known without a main field of another intensity than the scalar reads, and a note of that."""
+    read, scalar_T = known.intensity, recording.thinned(SKETCH).scalar_T
+    if scalar_T is not None and recording.scalar_count is not None:
+        read = Intensity(float(np.nanmean(scalar_T)), 0.0)
+    if known.main_field_T is None or read is None:
+        return known, ()
+    value_T, (read_T, error_T) = float(norm(known.main_field_T)), read
+    if abs(read_T - value_T) <= _FAR_OFF * np.hypot(LOCAL_STANDARD_ERROR_T, error_T):
+        return known, ()
+    sizes = f"{to_nanotesla(read_T):.0f} nT, the field of the place is {to_nanotesla(value_T):.0f} nT"
+    return replace(known, main_field_T=None), (f"the scalar reads {sizes}: {_WITHOUT_PLACE}",)
 
 
 def _beside(recording: SampleSource, array: Array, known: Known) -> JointCalibration:

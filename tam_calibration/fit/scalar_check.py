@@ -13,7 +13,6 @@ from numpy.linalg import norm
 
 from tam_calibration.core.noise import complete_noise
 from tam_calibration.core.slow_cosines import BLOCKS, slow_cosines
-from tam_calibration.fit.contradiction import SIGNIFICANT, probability_of
 from tam_calibration.fit.coverage import ellipsoid_rows
 from tam_calibration.fit.posterior import Intensity
 from tam_calibration.fit.slow_residuals import slow_factor
@@ -26,6 +25,9 @@ _FEWEST = 10 * BLOCKS
 
 _SEEN = 1e-3
 """Part of the largest singular value below which a column is the noise of the readings."""
+
+_BEYOND = 3.72
+"""Standard deviations of a normal law: once in ten thousand sound recordings."""
 
 _HARMLESS = 4.0
 """Squared standard errors by which the dependence moves the errors, and which are not worth losing a scalar."""
@@ -72,7 +74,10 @@ def _turning_part(scalar_T: FloatArray, field: FloatArray, recording: SampleSour
     information = np.add.reduceat(columns[:, :, None] * columns[:, None], edges)
     lasting = slow_factor(information, np.add.reduceat(columns * residual_T[:, None] / noise_T, edges))
     energy = float(explained @ explained)
-    if probability_of(energy / (noise_T**2 * lasting), len(explained)) > SIGNIFICANT:
+    # The cube root of a χ² is nearly normal (Wilson and Hilferty 1931).
+    variance = 2 / 9 / len(explained)
+    ratio = energy / (len(explained) * noise_T**2 * lasting)
+    if np.cbrt(ratio) - 1 + variance < _BEYOND * np.sqrt(variance):
         return 0.0
     noisy, _ = complete_noise(array, recording)
     variance_T2 = noise_T**2 + 1 / float(np.sum(1 / noisy.vector_noise_T**2))

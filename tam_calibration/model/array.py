@@ -165,7 +165,11 @@ class Array:
             ("the offset of an axis", LENGTH, self.axis_offsets_m),
             ("the delay of a sensor", DELAY, self.delay_s),
             ("the delay of the scalar magnetometer", DELAY, self.scalar_delay_s),
-            ("the noise of the attitude", ATTITUDE_NOISE, None if self.attitude_noise == np.inf else self.attitude_noise),
+            (
+                "the noise of the attitude",
+                ATTITUDE_NOISE,
+                None if self.attitude_noise == np.inf else self.attitude_noise,
+            ),
             ("the error of the attitude's mounting", MOUNTING_ERROR, self.mounting_error),
         ):
             if values is not None:
