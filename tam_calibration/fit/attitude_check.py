@@ -24,12 +24,13 @@ from tam_calibration.core.least_squares import whitening
 from tam_calibration.core.slow_cosines import BLOCKS
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.contradiction import SIGNIFICANT, probability_of
+from tam_calibration.fit.identifiability import require_accurate
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
 from tam_calibration.fit.posterior import Known, Place, Problem
 from tam_calibration.fit.recorded_attitude import likely_turn
 from tam_calibration.fit.slow_residuals import slow_factor, variance_factors
 from tam_calibration.model.array import Array
-from tam_calibration.model.exceptions import Refused
+from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.limits import ATTITUDE_NOISE
 from tam_calibration.model.recording import SampleSource
 from tam_calibration.model.sensor_errors import PARAMETER_NAMES, SensorErrors
@@ -61,7 +62,7 @@ _SEEN = 1e-12
 _MOST_SAMPLES = 5000
 """Whose headings are compared: more would not change the judgement."""
 
-_DIMENSIONS, _CONVINCING, _LARGEST_RATIO = 2.0, float(np.log(10.0)), 1e4
+_DIMENSIONS, _CONVINCING, _LARGEST_RATIO = 2.0, float(np.log(1000.0)), 1e4
 """Least number of errors of a compass (a hard iron's), logarithm of the evidence from which its heading is believed to
 be that of raw readings, and the largest ratio of what sensors' errors make of a heading to its noise that is counted."""
 
@@ -209,8 +210,9 @@ class _Fit:
         The readings are weighed by what they leave before attitude can pull them.
         """
         for noise in _NOISES[:-1]:
-            with suppress(Refused):
+            with suppress(InputError, Refused):
                 calibration = maximum_a_posteriori(recording, replace(array, attitude_noise=noise), known)
+                require_accurate(calibration)
                 break
         else:
             noise = _NOISES[-1]
@@ -330,7 +332,9 @@ class _Fit:
             left = own.information[size:, size:] - coupled.T @ coupled
             inverse = np.linalg.pinv(left / np.outer(scale, scale), rcond=1e-6, hermitian=True)
             score = own.gradient[size:] / scale
-            if probability_of(float(score @ inverse @ score), len(scale)) < SIGNIFICANT / len(headings.raw):
+            sizes = inverse @ score
+            chance = probability_of(float(score @ sizes), len(sizes))
+            if chance < SIGNIFICANT / len(headings.raw) and sizes.max() > 0:
                 return f"the heading of the recorded attitude follows the errors of {name}, {headings.size(raw):.2g}°"
             if headings.is_raw(raw, self.noise):
                 return (
