@@ -114,9 +114,9 @@ def heading(field_T: FloatArray) -> FloatArray:
 
 
 def compass(rng: Generator, case: Case, readings_T: FloatArray, filter_s: float = 0.0, delay_s: float = 0.0) -> Case:
-    """Return the case with the attitude of an AHRS: level by gravity, heading from readings (N, 3) of a magnetometer."""
+    """Return the case with the attitude of an AHRS: level by gravity, its heading from readings (N, 3)."""
     tilt = np.radians(10 ** rng.uniform(-1.5, -0.3))
-    yaw, pitch, roll = noisy(rng, case.rotation, tilt).as_euler("ZYX").T
+    _, pitch, roll = noisy(rng, case.rotation, tilt).as_euler("ZYX").T
     level = Rotation.from_euler("YX", np.column_stack([pitch, roll]))
     true_yaw = case.rotation.as_euler("ZYX")[:, 0]
     wrong = heading(WORLD_T[None])[0] - heading(level.apply(readings_T)) - true_yaw
@@ -156,7 +156,7 @@ def _late(rng: Generator) -> Case:
 
 
 def _beside_magnet(rng: Generator) -> Case:
-    """A constant field at the scalar: what it reads depends on the direction of the Earth's field."""
+    """Return a case with a constant field at the scalar, which then depends on the direction of the Earth's field."""
     case = sound(rng, int(rng.choice([0, 2])))
     magnet_T = 10 ** rng.uniform(-9, -7) * rng.normal(size=3)
     field_T = case.rotation.inv().apply(WORLD_T)
@@ -165,7 +165,7 @@ def _beside_magnet(rng: Generator) -> Case:
 
 
 def _knocked(rng: Generator) -> Case:
-    """A prior of the day before, since when the biases of one sensor have moved."""
+    """Return a case with a prior of the day before, since when the biases of one sensor have moved."""
     pier = sound(rng, 2)
     before = calibrate(pier.recording, pier.array)
     vector = pier.errors.to_vector()
@@ -194,7 +194,7 @@ def _mean(rng: Generator) -> Case:
 
 
 def _precorrected(rng: Generator) -> Case:
-    """An AHRS that takes off horizontal biases of an earlier day."""
+    """Return a case with an AHRS that takes off horizontal biases of an earlier day."""
     case = sound(rng)
     known_T = case.errors.bias_T[0] * [1.0, 1.0, 0.0] * rng.uniform(0.7, 1.1)
     return compass(rng, case, case.recording.readings_T[:, 0] - known_T, filter_s=float(rng.choice([0.0, 1.0])))
@@ -208,7 +208,7 @@ def _late_compass(rng: Generator) -> Case:
 
 
 def _beside_current(rng: Generator) -> Case:
-    """The field of a load at the scalar, which is switched as the vehicle turns."""
+    """Return a case with the field of a load at the scalar, which is switched as the vehicle turns."""
     case = sound(rng, int(rng.choice([0, 2])))
     field_T = case.rotation.inv().apply(WORLD_T)
     is_on = heading(field_T) > rng.uniform(-1, 1)
@@ -218,7 +218,7 @@ def _beside_current(rng: Generator) -> Case:
 
 
 def _wrong_place(rng: Generator) -> Case:
-    """The field of a place some hundred or thousand kilometres away, beside a scalar and a sound attitude."""
+    """Return a case with the field of a place far away, beside a scalar and a sound attitude."""
     case = sound_attitude(rng)
     return replace(
         case, main_field_T=Rotation.from_rotvec(rng.normal(0, 0.3, 3)).apply(WORLD_T) * rng.uniform(0.8, 1.2)
@@ -226,14 +226,14 @@ def _wrong_place(rng: Generator) -> Case:
 
 
 def _replaced(rng: Generator) -> Case:
-    """A prior of other sensors."""
+    """Return a case with a prior of other sensors."""
     pier = sound(rng, 2)
     before = calibrate(pier.recording, pier.array)
     return _next_day(rng, pier, before, random_errors(rng, pier.array.sensor_count))
 
 
 def _leaking(rng: Generator) -> Case:
-    """A temperature that follows the readings of sensor 1, beside a prior and its change by the kelvin."""
+    """Return a case with a temperature that follows the readings of sensor 1, beside a prior."""
     pier = sound(rng, 2)
     before = calibrate(replace(pier.recording, temperature_C=np.full(pier.recording.sample_count, 20.0)), pier.array)
     dive = _next_day(rng, pier, before, pier.errors)

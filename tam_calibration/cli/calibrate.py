@@ -101,8 +101,8 @@ _Fit = Callable[[SampleSource, Array], Calibration]
 @click.option(
     "--attitude-noise-deg",
     type=terminal.NumberOrEstimate(1e-4, 28),
-    help="Standard deviation of the recorded attitude about each axis, or estimate: attitude is then data of the fit. It "
-    "must come from gyroscope and accelerometer: an AHRS that uses the magnetometer is left out.",
+    help="Standard deviation of the recorded attitude about each axis, or estimate: attitude is then data of the fit. "
+    "It must come from gyroscope and accelerometer: the heading of an AHRS with a magnetometer is left out.",
 )
 @click.option(
     "--ambient-gradient",

@@ -13,35 +13,42 @@ therefore used only where four tests pass:
 Roll and pitch come from gravity. Where only the heading fails they are kept, if they agree with all else.
 """
 
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
-from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import whitening
+from tam_calibration.core.noise import complete_noise
 from tam_calibration.core.slow_cosines import BLOCKS
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.fit.attitude_likelihood import AttitudeEquations
 from tam_calibration.fit.contradiction import SIGNIFICANT, probability_of
 from tam_calibration.fit.identifiability import require_accurate
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
 from tam_calibration.fit.posterior import Known, Place, Problem
-from tam_calibration.fit.recorded_attitude import likely_turn
+from tam_calibration.fit.raw_headings import RawHeadings
 from tam_calibration.fit.slow_residuals import slow_factor, variance_factors
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.limits import ATTITUDE_NOISE
 from tam_calibration.model.recording import SampleSource
-from tam_calibration.model.sensor_errors import PARAMETER_NAMES, SensorErrors
-from tam_calibration.model.tolerances import Tolerances
+from tam_calibration.model.sensor_errors import PARAMETER_NAMES
 from tam_calibration.model.units import FloatArray, from_degrees, to_degrees, to_nanotesla
 
-REMEDY = "record an attitude of gyroscope and accelerometer only, without the magnetometer"
+_REMEDY = "record an attitude of gyroscope and accelerometer only, without the magnetometer"
+
+USE_IT = (
+    "set attitude_noise_deg: estimate in the array file if the recorded attitude comes from gyroscope and "
+    "accelerometer only"
+)
 
 _MOST_ROUNDS, _LARGEST_FALL, _SETTLED = 12, 10.0, 0.05
 """To find the noise of attitude from above, by how much it falls in one at most, and the part by which it may change in
 the last of them."""
+
+_NO_FIT = "the recorded attitude and the readings make no calibration together: look at its frames and stamps"
 
 _NOISES = (ATTITUDE_NOISE.most, 0.05, 0.005, 5e-4)
 """Noise of attitude to begin with, radians: the first with which a recording that tells little alone is calibrated."""
@@ -59,22 +66,14 @@ _LEAST_TOLD = 1e-3
 _SEEN = 1e-12
 """Part of the largest eigenvalue of a scaled information below which a direction is open."""
 
-_MOST_SAMPLES = 5000
-"""Whose headings are compared: more would not change the judgement."""
-
-_DIMENSIONS, _CONVINCING, _LARGEST_RATIO = 2.0, float(np.log(1000.0)), 1e4
-"""Least number of errors of a compass (a hard iron's), logarithm of the evidence from which its heading is believed to
-be that of raw readings, and the largest ratio of what sensors' errors make of a heading to its noise that is counted."""
-
+_MOST_SAMPLES = 1000
+"""By which the worth of attitude is judged."""
 
 _WORTHLESS = 0.95
 """Ratio of standard errors with attitude to those without, above which it is not worth its risk."""
 
 _UNITS = (("", 1.0), ("°", to_degrees(1.0)), (" nT", to_nanotesla(1.0)), ("°", to_degrees(1.0)))
 """Of scale factor, non-orthogonality, bias and misalignment in a sentence, and of one SI unit in it."""
-
-_USUAL, _DRAWS = Tolerances(0.01, from_degrees(0.5), 300e-9, from_degrees(0.5)), 9
-"""Errors of a chip, by which a single sensor's heading is judged, and how many are drawn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,23 +113,25 @@ def judge_attitude(recording: SampleSource, array: Array, known: Known) -> Judge
     known : Known
         What is known beside the recording.
 
-    Raises
-    ------
-    InputError, Refused
-        As of ``posterior_of``.
+    Returns
+    -------
+    Judgement
+        Of an attitude that makes no fit with the readings nothing is used.
     """
     assert array.attitude_noise is not None
     reasons: list[str] = []
     for uses_heading in (True, False):
-        fit = _Fit.settled_from_above(recording, array, replace(known, uses_heading=uses_heading, main_field_T=None))
-        used, doubt = fit.noise, ""
-        if np.isfinite(array.attitude_noise):
-            if 1 / _TOO_FAR < array.attitude_noise / fit.noise < _TOO_FAR:
-                used = max(array.attitude_noise, fit.noise)
-            else:
-                doubt = _doubt(array.attitude_noise, fit)
-        fit = fit.with_noise(used)
-        reason = fit.strayed() or (fit.followed(recording) if uses_heading else "") or fit.contradiction()
+        beside = replace(known, uses_heading=uses_heading, main_field_T=None)
+        try:
+            fit = _Fit.settled_from_above(recording, array, beside)
+            used, doubt = _used_noise(array.attitude_noise, fit)
+            fit = fit.with_noise(used)
+        except (InputError, Refused):
+            reasons.append(_strayed(_scatter_at_start(recording, array, beside)) or _NO_FIT)
+            continue
+        reason = _strayed(fit.scatter)
+        if not reason and (found := (fit.followed(recording) if uses_heading else "") or fit.contradiction()):
+            reason = f"{found}: {_REMEDY}"
         if not reason:
             place = "" if known.main_field_T is None else fit.contradiction_of_place(known.main_field_T)
             return Judgement(used, uses_heading, reasons[0] if reasons else "", doubt, place)
@@ -156,13 +157,12 @@ def worth_of(recording: SampleSource, calibration: Calibration) -> str:
         return ""
     array = replace(calibration.array, attitude_noise=ATTITUDE_NOISE.most)
     problem = Problem.of(some, array, Known(start=calibration))
-    fit = _Fit(problem, problem.start, ATTITUDE_NOISE.most, 1.0)
-    noise = fit.scatter()
-    if strayed := replace(fit, noise=noise).strayed():
-        return f"recorded attitude is not used: {strayed}"
     assert problem.attitude is not None
+    noise = _scatter(problem.attitude_at(problem.start), ATTITUDE_NOISE.most)
+    if strayed := _strayed(noise):
+        return f"recorded attitude is not used: {strayed}"
     beside = replace(problem, attitude=replace(problem.attitude, attitude_noise=noise))
-    information = beside.attitude_at(fit.place).information * recording.sample_count / some.sample_count
+    information = beside.attitude_at(problem.start).information * recording.sample_count / some.sample_count
     size = len(calibration.covariance)
     cross, view = information[:size, -5:], information[-5:, -5:] + np.eye(5)
     information = information[:size, :size] - cross @ np.linalg.solve(view, cross.T)
@@ -179,33 +179,65 @@ def worth_of(recording: SampleSource, calibration: Calibration) -> str:
     one, other = (factor * float(each[sensor, parameter]) for each in (before, errors))
     return (
         f"{words}it would reduce the standard error of {PARAMETER_NAMES[parameter]} of sensor {sensor + 1} from "
-        f"{one:.2g} to {other:.2g}{unit}; if it comes from gyroscope and accelerometer only, set attitude_noise_deg: "
-        "estimate in the array file"
+        f"{one:.2g} to {other:.2g}{unit}; {USE_IT}"
     )
 
 
-def _doubt(stated: float, fit: "_Fit") -> str:
-    size = "small" if stated < fit.noise else "large"
-    lasting = f", lasting for {fit.lasting:.2g} samples," if fit.lasting > 1 else ""
+def _scatter(found: AttitudeEquations, noise: float, taken: float = 0.0) -> float:
+    """Return the standard deviation of attitude, radians, that residuals show which were whitened by another noise.
+
+    So many of the channels are taken by what was fitted.
+    """
+    variance = (noise**2 + found.field_variance) * found.energy / max(found.channels - taken, 1.0)
+    # A scatter that is less than that of the field's direction is not told from none.
+    variance = max(variance - found.field_variance, found.field_variance)
+    return float(np.clip(np.sqrt(variance), ATTITUDE_NOISE.least, ATTITUDE_NOISE.most))
+
+
+def _scatter_at_start(recording: SampleSource, array: Array, known: Known) -> float:
+    noisy, _ = complete_noise(replace(array, attitude_noise=ATTITUDE_NOISE.most), recording)
+    problem = Problem.of(recording, noisy, known)
+    return _scatter(problem.attitude_at(problem.start), ATTITUDE_NOISE.most)
+
+
+def _strayed(scatter: float) -> str:
+    """Return by how much the field turns in the world of the attitude, where that is no noise, or nothing."""
+    if scatter < _LARGEST_SCATTER:
+        return ""
     return (
-        f"attitude_noise_deg, stated as {to_degrees(stated):.3g}, is too {size}: the attitude scatters by "
-        f"{to_degrees(fit.noise / np.sqrt(fit.lasting)):.3g}°{lasting} which was used; state "
-        f"{to_degrees(fit.noise):.3g}, or estimate"
+        f"the field of the readings does not stand still in the world of the recorded attitude but turns by "
+        f"{to_degrees(scatter):.0f}°: attitude must be the turn from the array to the world, x y z w, at the time of "
+        "the sample"
+    )
+
+
+def _used_noise(stated: float, fit: "_Fit") -> tuple[float, str]:
+    """Return the noise to fit with, radians, and what is wrong with the stated one; infinite where it is estimated."""
+    if np.isinf(stated):
+        return fit.noise, ""
+    if 1 / _TOO_FAR < stated / fit.noise < _TOO_FAR:
+        return max(stated, fit.noise), ""
+    size = "small" if stated < fit.noise else "large"
+    lasting = (fit.noise / fit.scatter) ** 2
+    words = f" for {lasting:.2g} samples at a time" if lasting > 1 else ""
+    return fit.noise, (
+        f"attitude_noise_deg, stated as {to_degrees(stated):.3g}, is too {size}: the attitude is off by "
+        f"{to_degrees(fit.scatter):.3g}°{words}, which was used; state {to_degrees(fit.noise):.3g}, or estimate"
     )
 
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """A fit beside attitude: the noise that its residuals show, radians, and for how many samples they last."""
+    """A fit beside attitude: its noise, and the scatter of the residuals, which is less where they last; radians."""
 
     problem: Problem
     place: Place
     noise: float
-    lasting: float
+    scatter: float
 
     @classmethod
     def settled_from_above(cls, recording: SampleSource, array: Array, known: Known) -> "_Fit":
-        """Return the fit whose noise is that of the residuals, from attitudes that hardly weigh to what they are worth.
+        """Return the fit with the noise of its residuals, from attitudes that hardly weigh to what they are worth.
 
         The readings are weighed by what they leave before attitude can pull them.
         """
@@ -219,9 +251,9 @@ class _Fit:
             calibration = maximum_a_posteriori(recording, replace(array, attitude_noise=noise), known)
         factors = known.variance_factors.at_least(variance_factors(calibration, recording))
         problem = Problem.of(recording, calibration.array, replace(known, variance_factors=factors))
-        fit = cls(problem, problem.start, noise, 1.0).with_noise(noise)
+        fit = cls(problem, problem.start, noise, noise).with_noise(noise)
         for _ in range(_MOST_ROUNDS):
-            noise = max(fit.scatter(), fit.noise / _LARGEST_FALL)
+            noise = max(fit.measure_scatter(), fit.noise / _LARGEST_FALL)
             if abs(noise - fit.noise) <= _SETTLED * fit.noise:
                 break
             try:
@@ -229,8 +261,8 @@ class _Fit:
             except Refused:
                 # At rest, an attitude that is all but exact leaves its mounting open and the steps small.
                 break
-        lasting = fit.measure_lasting()
-        return replace(fit, noise=float(min(np.sqrt(lasting) * fit.noise, ATTITUDE_NOISE.most)), lasting=lasting)
+        noise = min(float(np.sqrt(fit.measure_lasting())) * fit.noise, ATTITUDE_NOISE.most)
+        return replace(fit, noise=noise, scatter=fit.noise)
 
     def with_noise(self, noise: float) -> "_Fit":
         """Return the fit of attitudes of another noise."""
@@ -239,14 +271,10 @@ class _Fit:
         place, _ = problem.most_probable()
         return replace(self, problem=problem, place=place, noise=noise)
 
-    def scatter(self) -> float:
+    def measure_scatter(self) -> float:
         """Return the standard deviation of attitude that the residuals show, radians."""
         own = self.problem.attitude_at(self.place)
-        taken = float(np.sum(self._shares(own.information, own.gradient)[0]))
-        variance = (self.noise**2 + own.field_variance) * own.energy / max(own.channels - taken, 1.0)
-        # A scatter that is less than that of the field's direction is not told from none.
-        variance = max(variance - own.field_variance, own.field_variance)
-        return float(np.clip(np.sqrt(variance), ATTITUDE_NOISE.least, ATTITUDE_NOISE.most))
+        return _scatter(own, self.noise, float(np.sum(self._shares(own.information, own.gradient)[0])))
 
     def measure_lasting(self) -> float:
         """Return by how much what attitude tells varies more than by white noise."""
@@ -255,7 +283,7 @@ class _Fit:
         if count < BLOCKS:
             return 1.0
         edges = np.linspace(0, count, BLOCKS + 1).astype(int)
-        parts = [self.problem.attitude_at(self.place, slice(*span)) for span in zip(edges[:-1], edges[1:], strict=True)]
+        parts = [self.problem.attitude_at(self.place, slice(*span)) for span in pairwise(edges)]
         basis = self.problem.basis_at(self.place)
         information = np.array([basis.T @ part.information @ basis for part in parts])
         white = whitening(information.sum(axis=0), _SEEN)
@@ -274,16 +302,6 @@ class _Fit:
         white = self._white()
         shares, directions = np.linalg.eigh(white.T @ information @ white)
         return np.clip(shares, 0, 1), directions.T @ white.T @ gradient
-
-    def strayed(self) -> str:
-        """Return by how much the field turns in the world of the attitude, where that is no noise, or nothing."""
-        if self.noise / np.sqrt(self.lasting) < _LARGEST_SCATTER:
-            return ""
-        degrees = to_degrees(self.noise / np.sqrt(self.lasting))
-        return (
-            f"the field of the readings does not stand still in the world of the recorded attitude but turns by "
-            f"{degrees:.0f}°, which must be the turn from the array to the world, x y z w, at the time of the sample"
-        )
 
     def contradiction(self) -> str:
         """Return how attitude contradicts all else, or nothing."""
@@ -322,102 +340,27 @@ class _Fit:
 
     def followed(self, recording: SampleSource) -> str:
         """Return which readings the heading follows, or nothing."""
-        headings = _Headings.of(self, recording)
-        white = self._white()
-        for name, columns, raw in headings.candidates():
-            own = self.problem.attitude_at(self.place, headings=columns)
-            size = len(white)
-            coupled = white.T @ own.information[:size, size:]
-            scale = np.sqrt(np.diag(own.information)[size:])
-            left = own.information[size:, size:] - coupled.T @ coupled
-            inverse = np.linalg.pinv(left / np.outer(scale, scale), rcond=1e-6, hermitian=True)
-            score = own.gradient[size:] / scale
-            sizes = inverse @ score
-            chance = probability_of(float(score @ sizes), len(sizes))
-            if chance < SIGNIFICANT / len(headings.raw) and sizes.max() > 0:
-                return f"the heading of the recorded attitude follows the errors of {name}, {headings.size(raw):.2g}°"
-            if headings.is_raw(raw, self.noise):
-                return (
-                    f"the heading of the recorded attitude is that of the raw readings of {name}, to "
-                    f"{to_degrees(float(np.sqrt(np.mean(raw**2)))):.2g}°"
-                )
-        return ""
-
-
-@dataclass(frozen=True, eq=False)
-class _Headings:
-    """Headings of the calibrated field and of raw readings in the world of the attitude, about their means, radians.
-
-    Parameters
-    ----------
-    calibrated : (N,) array
-        Of the field that the sensors agree on.
-    raw : dict of str to (N,) array
-        Of the readings of each sensor and of their mean, each in its best mounting.
-    level : float
-        Mean cosine of the dip: an angle of heading turns the field by as much less.
-    usual : float
-        Sum of squares of what the usual errors of a sensor make of a heading.
-    """
-
-    calibrated: FloatArray
-    raw: dict[str, FloatArray]
-    level: float
-    usual: float
-
-    @classmethod
-    def of(cls, fit: _Fit, recording: SampleSource) -> "_Headings":
-        attitude = fit.problem.attitude
-        assert attitude is not None
-        samples = recording.whole()
-        assert samples.attitude is not None
-        readings = samples.readings_T[np.isfinite(samples.attitude).all(axis=1)]
-        fields = {f"sensor {sensor + 1}": readings[:, sensor] for sensor in range(readings.shape[1])}
-        if readings.shape[1] > 1:
-            fields["all sensors"] = readings.mean(axis=1)
-        field = attitude.field(*fit.problem.rows_at(fit.place))
-        calibrated, level = _heading(field, attitude.to_world)
-        raw = {name: _heading(each, attitude.to_world)[0] for name, each in fields.items()}
-        errors = np.random.default_rng(0).normal(size=(_DRAWS, 12)) * np.sqrt(_USUAL.variances())
-        errors[:, 6:9] /= fit.place.intensity_T
-        wrong = SensorErrors.from_vector(errors + np.repeat([1.0, 0.0], [3, 9])).distort(field)
-        usual = [np.sum((_heading(each, attitude.to_world)[0] - calibrated) ** 2) for each in wrong.swapaxes(0, 1)]
-        return cls(calibrated, raw, level, float(np.median(usual)))
-
-    def candidates(self) -> Iterator[tuple[str, FloatArray, FloatArray]]:
-        """Yield each name, the errors of heading that an AHRS of it makes, without and with a filter, and its heading."""
-        time = np.linspace(-1, 1, len(self.calibrated))
-        for name, raw in sorted(self.raw.items(), key=lambda item: float(np.sum(item[1] ** 2))):
-            filtered = raw / 2 - np.cumsum(raw)
-            filtered -= np.polyval(np.polyfit(time, filtered, 1), time)
-            yield name, np.array([self.calibrated - raw, filtered]), raw
-
-    def size(self, raw: FloatArray) -> float:
-        """Return the root mean square of what the errors of readings make of a heading, degrees."""
-        return to_degrees(float(np.std(self.calibrated - raw)))
-
-    def is_raw(self, raw: FloatArray, noise: float) -> bool:
-        """Return whether it is more probable that the heading is that of raw readings than that these have few errors.
-
-        Their errors are as large as those by which sensors differ, and of a single sensor large.
-        """
-        precision = (self.level / noise) ** 2
-        others = [each for each in self.raw.values() if each is not raw]
-        size = np.median([np.sum((each - raw) ** 2) for each in others]) / 2 if others else self.usual
-        ratio = min(precision * float(size), _LARGEST_RATIO)
-        likelihood = precision * float(np.sum(self.calibrated**2) - np.sum(raw**2)) / 2
-        return bool(likelihood + _DIMENSIONS / 2 * np.log1p(ratio / _DIMENSIONS) > _CONVINCING)
-
-
-def _heading(field: FloatArray, to_world: FloatArray) -> tuple[FloatArray, float]:
-    """Return how headings (N,) of fields (N, 3) differ from their mean in the best mounting, and the cosine of the dip."""
-    unit = field / norm(field, axis=1, keepdims=True)
-    turned = to_world @ likely_turn(unit, to_world)
-    world = np.einsum("nij,nj->ni", turned, unit)
-    level = norm(world[:, :2], axis=1)
-    mean = world[:, :2].mean(axis=0)
-    angle = np.arctan2(mean[0] * world[:, 1] - mean[1] * world[:, 0], world[:, :2] @ mean)
-    by_mount = np.einsum("nij,njk->nik", turned, np.cross(np.eye(3)[None], unit[:, None]).swapaxes(1, 2))
-    slope = (world[:, 0, None] * by_mount[:, 1] - world[:, 1, None] * by_mount[:, 0]) / level[:, None] ** 2
-    columns = np.column_stack([slope, np.ones(len(angle))])
-    return angle - columns @ np.linalg.lstsq(columns, angle, rcond=1e-3)[0], float(level.mean())
+        samples, attitude, view = recording.whole(), self.problem.attitude, self.place.view
+        assert attitude is not None and view is not None and samples.attitude is not None
+        readings_T = samples.readings_T[np.isfinite(samples.attitude).all(axis=1)]
+        field = attitude.field(*self.problem.rows_at(self.place))
+        turned = attitude.to_world @ view.mount
+        raw = RawHeadings.of(readings_T, field, turned, view.direction, self.place.intensity_T)
+        white, size = self._white(), len(self.problem.basis_at(self.place))
+        own = self.problem.attitude_at(self.place, headings=raw.columns)
+        coupled = white.T @ own.information[:size, size:]
+        left, score = own.information[size:, size:] - coupled.T @ coupled, own.gradient[size:]
+        followed, is_raw = {}, {}
+        for index, name in enumerate(raw.names):
+            both = slice(2 * index, 2 * index + 2)
+            own_white = whitening(left[both, both], _SEEN)
+            along = own_white.T @ score[both]
+            chi_square = float(along @ along)
+            chance = probability_of(chi_square, len(along))
+            if chance < SIGNIFICANT / len(raw.names) and (own_white @ along).max() > 0:
+                followed[-chi_square] = f"follows the errors of {name}, {raw.size_deg(index):.2g}°"
+            if raw.is_raw(index, self.noise):
+                size_deg = raw.variation_deg(index)
+                is_raw[size_deg] = f"is that of the raw readings of {name}, to {size_deg:.2g}°"
+        found = followed or is_raw
+        return f"the heading of the recorded attitude {found[min(found)]}" if found else ""

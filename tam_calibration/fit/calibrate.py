@@ -1,6 +1,7 @@
 """One call from a recording to a calibration that was checked before, after, and on samples it has not seen."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 
@@ -8,7 +9,7 @@ import numpy as np
 
 from tam_calibration.correction.acceptance import within_limits
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.attitude_check import worth_of
+from tam_calibration.fit.attitude_check import USE_IT, worth_of
 from tam_calibration.fit.consistency import Fit, accepted, find_warnings
 from tam_calibration.fit.identifiability import FEWEST_SAMPLES, require_determined
 from tam_calibration.fit.integrated import integrated
@@ -121,13 +122,15 @@ def calibrate(
         recording, left_out = without_bad_readings(recording, array)
         notes = () if left_out is None else tuple(left_out.sentences())
     if not is_joint:
-        require_determined(recording, array, is_uniform=not ambient_gradient)
+        with _naming_attitude(recording, takes_priors):
+            require_determined(recording, array, is_uniform=not ambient_gradient)
     require_enough(recording.sample_count, accept)
     is_joint |= takes_priors and without_turning_scalar(recording, array)[1] is not None
     if is_joint:
         calibration, recording, array, fit = calibrate_jointly(recording, array, prior, main_field_T)
     else:
-        calibration = accepted(recording, array, fit)
+        with _naming_attitude(recording, takes_priors):
+            calibration = accepted(recording, array, fit)
     uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient)
     if not is_joint and method in _OURS:
         calibration = widened(calibration, uniform, is_robust=method == "robust")
@@ -136,6 +139,17 @@ def calibrate(
     warnings = (*found, *calibration.warnings, *find_warnings(uniform, calibration))
     calibration = within_limits(replace(calibration, warnings=warnings, notes=(*notes, *calibration.notes)), accept)
     return replace(calibration, held_out=_held_out(recording, array, fit))
+
+
+@contextmanager
+def _naming_attitude(recording: SampleSource, may_be_used: bool) -> Iterator[None]:
+    """Say of readings that do not suffice that recorded attitude may help."""
+    try:
+        yield
+    except InputError as problem:
+        if not may_be_used or recording.thinned(SKETCH).attitude is None:
+            raise
+        raise InputError(f"{problem}; or {USE_IT}") from problem
 
 
 def _fit_of(method: str, ambient_gradient: bool) -> Fit:

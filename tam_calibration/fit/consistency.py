@@ -143,8 +143,8 @@ def find_warnings(recording: SampleSource, calibration: Calibration) -> tuple[st
             )
         elif value < min(_SMALLEST_CHI_SQUARE, 1 - chance):
             warnings.append(
-                f"the residual {words} is only {np.sqrt(value):.2g} times the stated noise, so that standard errors are "
-                f"{1 / np.sqrt(value):.2g} times too large: state less, or leave the noise out, and it is estimated"
+                f"the residual {words} is only {np.sqrt(value):.2g} times the stated noise: standard errors are "
+                f"{1 / np.sqrt(value):.2g} times too large; state less noise, or leave it out to have it estimated"
             )
     factors = calibration.variance_factors
     for words, factor in zip(names.values(), (factors.differential, factors.common_mode), strict=True):

@@ -21,7 +21,7 @@ from tam_calibration.core.variance_factors import WHITE, VarianceFactors
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.correction.update import SEVERAL, Moved, Update, in_words
 from tam_calibration.effects.removal import of_array
-from tam_calibration.fit.attitude_check import REMEDY, judge_attitude
+from tam_calibration.fit.attitude_check import judge_attitude
 from tam_calibration.fit.consistency import Fit, accepted, require_one_field
 from tam_calibration.fit.contradiction import SIGNIFICANT
 from tam_calibration.fit.estimate import Estimate, make_calibration, mean_temperature, measure_chi_square
@@ -323,11 +323,11 @@ def _as_far_as_they_agree(recording: SampleSource, array: Array, known: Known) -
     try:
         joint = _beside(recording, array, replace(known, uses_heading=judged.uses_heading))
     except (InputError, Refused) as problem:
-        if not judged.reason:
-            raise
-        raise Refused(f"{judged.reason}: {REMEDY}; without the {kept} {problem}") from problem
+        if judged.reason:
+            raise Refused(f"{judged.reason}; without the {kept} {problem}") from problem
+        raise type(problem)(f"{problem}; {judged.doubt}" if judged.doubt else str(problem)) from problem
     if judged.reason:
-        notes = (*notes, f"{judged.reason}: the {kept} is left out; {REMEDY}")
+        notes = (*notes, f"{judged.reason}; the {kept} is left out")
     warnings = (judged.doubt, *joint.calibration.warnings) if judged.doubt else joint.calibration.warnings
     return joint._replace(calibration=replace(joint.calibration, notes=notes, warnings=warnings))
 

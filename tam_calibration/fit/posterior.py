@@ -238,7 +238,7 @@ class Problem:
     def most_probable(self) -> tuple[Place, tuple[FloatArray, FloatArray]]:
         """Return the most probable place, and what ``settled`` returns beside it."""
         end, kept = self.settled(self.start, is_corrected=False)
-        # Noise that is stated larger than it is, beside a turn that tells little more than the prior, has no such place.
+        # Noise that is stated larger than it is, in a turn that tells little more than the prior, has no such place.
         for length in (1.0, _SHORTER):
             with suppress(Refused):
                 return self.settled(end, is_corrected=True, length=length)
@@ -290,7 +290,7 @@ class Problem:
     def attitude_at(
         self, place: Place, samples: slice = slice(None), headings: FloatArray | None = None
     ) -> AttitudeEquations:
-        """Return the normal equations of attitude over the unknowns at a place, and over ``headings`` of ``linearize``."""
+        """Return the normal equations of attitude at a place, over the unknowns and ``headings`` of ``linearize``."""
         assert self.attitude is not None and place.view is not None
         rows = rows_by_unknowns(place.errors, self.unit_T, None if self.has_scalar else place.intensity_T)
         found = self.attitude.part(samples).linearize(*self.rows_at(place), place.view, headings)

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.linalg import norm
 
+from tam_calibration.core.least_squares import whitening
 from tam_calibration.core.noise import complete_noise
 from tam_calibration.core.slow_cosines import BLOCKS, slow_cosines
 from tam_calibration.fit.coverage import ellipsoid_rows
@@ -23,8 +24,8 @@ from tam_calibration.model.units import FloatArray, to_nanotesla
 _FEWEST = 10 * BLOCKS
 """Scalar readings: ten for each block of time."""
 
-_SEEN = 1e-3
-"""Part of the largest singular value below which a column is the noise of the readings."""
+_SEEN = 1e-6
+"""Part of the largest eigenvalue below which a column is the noise of the readings."""
 
 _BEYOND = 3.72
 """Standard deviations of a normal law: once in ten thousand sound recordings."""
@@ -59,20 +60,20 @@ def without_turning_scalar(recording: SampleSource, array: Array) -> tuple[Sampl
 
 
 def _turning_part(scalar_T: FloatArray, field: FloatArray, recording: SampleSource, array: Array) -> float:
-    """Return the size of the field that turns with the array at the scalar, tesla; 0 where there is none that counts."""
+    """Return the size of the field that turns with the array at the scalar, tesla; 0 where it does not count."""
     count = len(scalar_T)
     block = np.arange(count) * BLOCKS // count
     slow = np.linalg.qr(np.column_stack([np.ones(count), slow_cosines()[block]]))[0]
     left_T = scalar_T - slow @ (slow.T @ scalar_T)
     rows = ellipsoid_rows(field)
-    left, size, _ = np.linalg.svd(rows - slow @ (slow.T @ rows), full_matrices=False)
-    columns = left[:, size > _SEEN * size[0]]
+    rows = rows - slow @ (slow.T @ rows)
+    columns = rows @ whitening(rows.T @ rows, _SEEN)
     explained = columns.T @ left_T
     residual_T = left_T - columns @ explained
     noise_T = float(np.sqrt(np.sum(residual_T**2) / (count - columns.shape[1] - slow.shape[1])))
-    edges = np.searchsorted(block, np.arange(BLOCKS))
-    information = np.add.reduceat(columns[:, :, None] * columns[:, None], edges)
-    lasting = slow_factor(information, np.add.reduceat(columns * residual_T[:, None] / noise_T, edges))
+    edges = np.searchsorted(block, np.arange(1, BLOCKS))
+    parts = list(zip(np.split(columns, edges), np.split(residual_T / noise_T, edges), strict=True))
+    lasting = slow_factor(np.array([own.T @ own for own, _ in parts]), np.array([own.T @ left for own, left in parts]))
     energy = float(explained @ explained)
     # The cube root of a χ² is nearly normal (Wilson and Hilferty 1931).
     variance = 2 / 9 / len(explained)
