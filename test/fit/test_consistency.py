@@ -56,6 +56,17 @@ def test_a_residual_beyond_the_stated_noise_is_a_warning(wu_run, wu_scenario, sa
     assert any("times the stated noise" in one for one in find_warnings(wu_run.recording, told)) == warns
 
 
+@pytest.mark.parametrize(
+    ("samples", "value", "warns"), [(1000, 0.24, True), (1000, 0.26, False), (80, 0.24, False), (9000, 1.0, False)]
+)
+def test_a_stated_noise_twice_too_large_is_a_warning(wu_run, wu_scenario, samples, value, warns):
+    """It says what to do; where samples are few, six deviations of χ² are more than there can be."""
+    calibration = calibrate(wu_run.recording, wu_scenario.array)
+    told = replace(calibration, samples=samples, reduced_chi_square={"common_mode": value})
+    found = [one for one in find_warnings(wu_run.recording, told) if "standard errors are" in one]
+    assert bool(found) == warns and all("leave it out to have it estimated" in one for one in found)
+
+
 def test_an_intensity_that_is_not_of_the_earth_is_told_in_microtesla(wu_run, wu_scenario):
     """Beside the range that it should lie in."""
     calibration = replace(calibrate(wu_run.recording, wu_scenario.array), intensity_T=250e-6)
