@@ -101,7 +101,8 @@ class ArrayFile:
         ``non_orthogonality_deg``, ``bias_nT`` and ``misalignment_deg``, of a data sheet and the mounting. Where they
         are stated they are known before a fit, unless a calibration is its prior.
     attitude_noise_deg : float or "estimate", optional
-        Standard deviation of the recorded attitude about each axis; where it is stated, attitude is data of a fit.
+        Standard deviation of the recorded attitude about each axis; where it is stated, attitude is data of a fit. It
+        must not come from an AHRS that uses these magnetometers.
     mounting_error_deg : float, optional
         Standard deviation of how the attitude's sensor is turned against the array beside what ``imu_rotation_deg``
         states; left out where that turn may be any.
