@@ -2,7 +2,7 @@
 
 Most attitudes of robots come from an AHRS that takes its heading from the very magnetometer that is calibrated. Such a
 heading repeats the errors of that sensor, and the fit finds them too small, with small standard errors. Attitude is
-therefore used only where four tests pass:
+therefore used only where these tests pass:
 
 - What it tells agrees with what all else tells (Hausman 1978).
 - Its heading error contains neither the errors of a sensor's raw readings nor their low-pass, as a filter with a
@@ -22,27 +22,20 @@ import numpy as np
 from tam_calibration.core.least_squares import whitening
 from tam_calibration.core.noise import complete_noise
 from tam_calibration.core.slow_cosines import BLOCKS
-from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.attitude_likelihood import AttitudeEquations
 from tam_calibration.fit.contradiction import SIGNIFICANT, probability_of
 from tam_calibration.fit.identifiability import require_accurate
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
 from tam_calibration.fit.posterior import Known, Place, Problem
 from tam_calibration.fit.raw_headings import RawHeadings
+from tam_calibration.fit.recorded_attitude import strayed
 from tam_calibration.fit.slow_residuals import slow_factor, variance_factors
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.limits import ATTITUDE_NOISE
 from tam_calibration.model.recording import SampleSource
-from tam_calibration.model.sensor_errors import PARAMETER_NAMES
-from tam_calibration.model.units import FloatArray, from_degrees, to_degrees, to_nanotesla
+from tam_calibration.model.units import FloatArray, to_degrees
 
 _REMEDY = "record an attitude of gyroscope and accelerometer only, without the magnetometer"
-
-USE_IT = (
-    "set attitude_noise_deg: estimate in the array file if the recorded attitude comes from gyroscope and "
-    "accelerometer only"
-)
 
 _MOST_ROUNDS, _LARGEST_FALL, _SETTLED = 12, 10.0, 0.05
 """To find the noise of attitude from above, by how much it falls in one at most, and the part by which it may change in
@@ -57,23 +50,11 @@ _TOO_FAR = 2.0
 """Stated noise over that of the residuals, or the reverse, from which the stated one is not used: a factor of two in
 standard errors. Both counted are the size of the errors and how long they last."""
 
-_LARGEST_SCATTER = from_degrees(10.0)
-"""Of the field in the world of the attitude, radians; more is another convention, or another attitude."""
-
 _LEAST_TOLD = 1e-3
 """Part of the information on a direction that both sides have at least where they can contradict."""
 
 _SEEN = 1e-12
 """Part of the largest eigenvalue of a scaled information below which a direction is open."""
-
-_MOST_SAMPLES = 1000
-"""By which the worth of attitude is judged."""
-
-_WORTHLESS = 0.95
-"""Ratio of standard errors with attitude to those without, above which it is not worth its risk."""
-
-_UNITS = (("", 1.0), ("°", to_degrees(1.0)), (" nT", to_nanotesla(1.0)), ("°", to_degrees(1.0)))
-"""Of scale factor, non-orthogonality, bias and misalignment in a sentence, and of one SI unit in it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,9 +108,9 @@ def judge_attitude(recording: SampleSource, array: Array, known: Known) -> Judge
             used, doubt = _used_noise(array.attitude_noise, fit)
             fit = fit.with_noise(used)
         except (InputError, Refused):
-            reasons.append(_strayed(_scatter_at_start(recording, array, beside)) or _NO_FIT)
+            reasons.append(strayed(_scatter_at_start(recording, array, beside)) or _NO_FIT)
             continue
-        reason = _strayed(fit.scatter)
+        reason = strayed(fit.scatter)
         if not reason and (found := (fit.followed(recording) if uses_heading else "") or fit.contradiction()):
             reason = f"{found}: {_REMEDY}"
         if not reason:
@@ -139,76 +120,10 @@ def judge_attitude(recording: SampleSource, array: Array, known: Known) -> Judge
     return Judgement(None, False, reasons[0])
 
 
-def worth_of(recording: SampleSource, calibration: Calibration) -> str:
-    """Return what recorded attitude would add to a calibration that was made without it; nothing where there is none.
-
-    The information of its directions, with the scatter that they have about the corrected field, is added to that of
-    the calibration: no fit is needed.
-
-    Parameters
-    ----------
-    recording : SampleSource
-        Raw readings that the calibration was made from.
-    calibration : Calibration
-        With a covariance.
-    """
-    some = recording.thinned(_MOST_SAMPLES)
-    if some.attitude is None or not np.isfinite(some.attitude).all(axis=1).any() or calibration.covariance is None:
-        return ""
-    array = replace(calibration.array, attitude_noise=ATTITUDE_NOISE.most)
-    problem = Problem.of(some, array, Known(start=calibration))
-    assert problem.attitude is not None
-    noise = _scatter(problem.attitude_at(problem.start), ATTITUDE_NOISE.most)
-    if strayed := _strayed(noise):
-        return f"recorded attitude is not used: {strayed}"
-    beside = replace(problem, attitude=replace(problem.attitude, attitude_noise=noise))
-    information = beside.attitude_at(problem.start).information * recording.sample_count / some.sample_count
-    size = len(calibration.covariance)
-    cross, view = information[:size, -5:], information[-5:, -5:] + np.eye(5)
-    information = information[:size, :size] - cross @ np.linalg.solve(view, cross.T)
-    root = calibration.covariance @ whitening(calibration.covariance, _SEEN)
-    after = root @ np.linalg.solve(np.eye(root.shape[1]) + root.T @ information @ root, root.T)
-    before = calibration.standard_errors
-    errors = np.sqrt(np.diag(after)).reshape(before.shape)
-    ratio = np.divide(errors, before, out=np.ones_like(before), where=before > 0)
-    sensor, parameter = np.unravel_index(int(np.argmin(ratio)), ratio.shape)
-    words = f"recorded attitude, which scatters by {to_degrees(noise):.2g}°, is not used: "
-    if ratio[sensor, parameter] > _WORTHLESS:
-        return f"{words}it would reduce no standard error by more than {1 - _WORTHLESS:.0%}"
-    unit, factor = _UNITS[parameter // 3]
-    one, other = (factor * float(each[sensor, parameter]) for each in (before, errors))
-    return (
-        f"{words}it would reduce the standard error of {PARAMETER_NAMES[parameter]} of sensor {sensor + 1} from "
-        f"{one:.2g} to {other:.2g}{unit}; {USE_IT}"
-    )
-
-
-def _scatter(found: AttitudeEquations, noise: float, taken: float = 0.0) -> float:
-    """Return the standard deviation of attitude, radians, that residuals show which were whitened by another noise.
-
-    So many of the channels are taken by what was fitted.
-    """
-    variance = (noise**2 + found.field_variance) * found.energy / max(found.channels - taken, 1.0)
-    # A scatter that is less than that of the field's direction is not told from none.
-    variance = max(variance - found.field_variance, found.field_variance)
-    return float(np.clip(np.sqrt(variance), ATTITUDE_NOISE.least, ATTITUDE_NOISE.most))
-
-
 def _scatter_at_start(recording: SampleSource, array: Array, known: Known) -> float:
     noisy, _ = complete_noise(replace(array, attitude_noise=ATTITUDE_NOISE.most), recording)
     problem = Problem.of(recording, noisy, known)
-    return _scatter(problem.attitude_at(problem.start), ATTITUDE_NOISE.most)
-
-
-def _strayed(scatter: float) -> str:
-    """Return by how much the field turns in the world of the attitude, where that is no noise, or nothing."""
-    if scatter < _LARGEST_SCATTER:
-        return ""
-    return (
-        f"the field of the readings does not stand still in the world of the recorded attitude but turns by "
-        f"{to_degrees(scatter):.0f}°: attitude must be the turn from the array to the world, x y z w, at the time of "
-        "the sample"
-    )
+    return problem.attitude_at(problem.start).scatter(ATTITUDE_NOISE.most)
 
 
 def _used_noise(stated: float, fit: "_Fit") -> tuple[float, str]:
@@ -274,7 +189,7 @@ class _Fit:
     def measure_scatter(self) -> float:
         """Return the standard deviation of attitude that the residuals show, radians."""
         own = self.problem.attitude_at(self.place)
-        return _scatter(own, self.noise, float(np.sum(self._shares(own.information, own.gradient)[0])))
+        return own.scatter(self.noise, float(np.sum(self._shares(own.information, own.gradient)[0])))
 
     def measure_lasting(self) -> float:
         """Return by how much what attitude tells varies more than by white noise."""

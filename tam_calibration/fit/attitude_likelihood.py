@@ -19,6 +19,7 @@ from tam_calibration.core.normal_equations import gram
 from tam_calibration.fit.channel_maps import ChannelMaps
 from tam_calibration.fit.likelihood import UNIFORM
 from tam_calibration.fit.recorded_attitude import likely_turn
+from tam_calibration.model.limits import ATTITUDE_NOISE
 from tam_calibration.model.units import FloatArray
 
 _PIECE = 8192
@@ -49,6 +50,21 @@ class AttitudeEquations(NamedTuple):
     energy: float
     channels: int
     field_variance: float
+
+    def scatter(self, noise: float, taken: float = 0.0) -> float:
+        """Return the standard deviation of attitude, radians, that the residuals show.
+
+        Parameters
+        ----------
+        noise : float
+            By which they were whitened, radians.
+        taken : float
+            Number of channels that the fit has taken.
+        """
+        variance = (noise**2 + self.field_variance) * self.energy / max(self.channels - taken, 1.0)
+        # A scatter that is less than that of the field's direction is not told from none.
+        variance = max(variance - self.field_variance, self.field_variance)
+        return float(np.clip(np.sqrt(variance), ATTITUDE_NOISE.least, ATTITUDE_NOISE.most))
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ import numpy as np
 
 from tam_calibration.correction.acceptance import within_limits
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.attitude_check import USE_IT, worth_of
+from tam_calibration.fit.attitude_worth import USE_IT, worth_of
 from tam_calibration.fit.consistency import Fit, accepted, find_warnings
 from tam_calibration.fit.identifiability import FEWEST_SAMPLES, require_determined
 from tam_calibration.fit.integrated import integrated

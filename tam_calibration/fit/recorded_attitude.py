@@ -114,13 +114,20 @@ def aligned(attitude: FloatArray, field: FloatArray) -> FloatArray:
     mean = seen.mean(axis=0) / norm(seen.mean(axis=0))
     back = turns_between(seen, mean)
     angle = norm(back, axis=1)
-    if np.median(angle) > _LARGEST_ANGLE:
-        degrees = to_degrees(float(np.median(angle)))
-        raise InputError(
-            f"the field of the readings does not stand still in the world of the attitude but turns by {degrees:.0f}°: "
-            "attitude must be the turn from the array to the world, x y z w, at the time of the sample"
-        )
+    if reason := strayed(float(np.median(angle))):
+        raise InputError(reason)
     return np.asarray((Rotation.from_rotvec(back) * to_world).as_quat())
+
+
+def strayed(angle: float) -> str:
+    """Return why attitudes in whose world the field turns by an angle, radians, are wrong; nothing where it is small."""
+    if angle < _LARGEST_ANGLE:
+        return ""
+    return (
+        f"the field of the readings does not stand still in the world of the attitude but turns by "
+        f"{to_degrees(angle):.0f}°: attitude must be the turn from the array to the world, x y z w, at the time of the "
+        "sample"
+    )
 
 
 def turns_between(seen: FloatArray, direction: FloatArray) -> FloatArray:
