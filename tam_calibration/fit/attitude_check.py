@@ -41,7 +41,8 @@ _MOST_ROUNDS, _LARGEST_FALL, _SETTLED = 12, 10.0, 0.05
 """To find the noise of attitude from above, by how much it falls in one at most, and the part by which it may change in
 the last of them."""
 
-_NO_FIT = "the recorded attitude and the readings make no calibration together: look at its frames and stamps"
+_LOOK = "look at its stamps and frames, at whether the field is uniform, and that no magnetometer is in it"
+_NO_FIT = f"the recorded attitude and the readings make no calibration together: {_LOOK}"
 
 _NOISES = (ATTITUDE_NOISE.most, 0.05, 0.005, 5e-4)
 """Noise of attitude to begin with, radians: the first with which a recording that tells little alone is calibrated."""
@@ -110,14 +111,38 @@ def judge_attitude(recording: SampleSource, array: Array, known: Known) -> Judge
         except (InputError, Refused):
             reasons.append(strayed(_scatter_at_start(recording, array, beside)) or _NO_FIT)
             continue
-        reason = strayed(fit.scatter)
-        if not reason and (found := (fit.followed(recording) if uses_heading else "") or fit.contradiction()):
-            reason = f"{found}: {_REMEDY}"
+        reason = strayed(fit.scatter) or (fit.followed(recording) if uses_heading else "") or fit.contradiction()
         if not reason:
             place = "" if known.main_field_T is None else fit.contradiction_of_place(known.main_field_T)
             return Judgement(used, uses_heading, reasons[0] if reasons else "", doubt, place)
         reasons.append(reason)
     return Judgement(None, False, reasons[0])
+
+
+def lasting_of(
+    problem: Problem, place: Place, along: FloatArray | None = None, headings: FloatArray | None = None
+) -> float:
+    """Return by how much what attitude tells varies more than by white noise: for how many samples its errors last.
+
+    Parameters
+    ----------
+    problem, place : Problem, Place
+        The likelihood, and where it is taken.
+    along : (P, Q) array, optional
+        Directions of the unknowns that count; by default all that are free.
+    headings : (M, N) array, optional
+        As of ``AttitudeLikelihood.linearize``: their sizes are the last unknowns.
+    """
+    assert problem.attitude is not None
+    count = len(problem.attitude.to_world)
+    if count < BLOCKS:
+        return 1.0
+    along = problem.basis_at(place) if along is None else along
+    spans = [slice(*span) for span in pairwise(np.linspace(0, count, BLOCKS + 1).astype(int))]
+    parts = [problem.attitude_at(place, span, None if headings is None else headings[:, span]) for span in spans]
+    information = np.array([along.T @ part.information @ along for part in parts])
+    white = whitening(information.sum(axis=0), _SEEN)
+    return slow_factor(white.T @ information @ white, np.array([white.T @ along.T @ part.gradient for part in parts]))
 
 
 def _scatter_at_start(recording: SampleSource, array: Array, known: Known) -> float:
@@ -176,7 +201,7 @@ class _Fit:
             except Refused:
                 # At rest, an attitude that is all but exact leaves its mounting open and the steps small.
                 break
-        noise = min(float(np.sqrt(fit.measure_lasting())) * fit.noise, ATTITUDE_NOISE.most)
+        noise = min(float(np.sqrt(lasting_of(fit.problem, fit.place))) * fit.noise, ATTITUDE_NOISE.most)
         return replace(fit, noise=noise, scatter=fit.noise)
 
     def with_noise(self, noise: float) -> "_Fit":
@@ -190,20 +215,6 @@ class _Fit:
         """Return the standard deviation of attitude that the residuals show, radians."""
         own = self.problem.attitude_at(self.place)
         return own.scatter(self.noise, float(np.sum(self._shares(own.information, own.gradient)[0])))
-
-    def measure_lasting(self) -> float:
-        """Return by how much what attitude tells varies more than by white noise."""
-        assert self.problem.attitude is not None
-        count = len(self.problem.attitude.to_world)
-        if count < BLOCKS:
-            return 1.0
-        edges = np.linspace(0, count, BLOCKS + 1).astype(int)
-        parts = [self.problem.attitude_at(self.place, slice(*span)) for span in pairwise(edges)]
-        basis = self.problem.basis_at(self.place)
-        information = np.array([basis.T @ part.information @ basis for part in parts])
-        white = whitening(information.sum(axis=0), _SEEN)
-        score = np.array([white.T @ basis.T @ part.gradient for part in parts])
-        return slow_factor(white.T @ information @ white, score)
 
     def _white(self) -> FloatArray:
         """Return directions of the free unknowns on which the information of all is one."""
@@ -224,7 +235,8 @@ class _Fit:
         sizes = self._difference(own.information, own.gradient)
         what = "heading" if self.problem.known.uses_heading else "roll and pitch"
         noise = f"with {to_degrees(self.noise):.2g}° of noise"
-        return f"the {what} of the recorded attitude contradicts the readings, {sizes} {noise}" if sizes else ""
+        words = f"the {what} of the recorded attitude contradicts the readings, {sizes} {noise}: {_LOOK}"
+        return words if sizes else ""
 
     def contradiction_of_place(self, main_field_T: FloatArray) -> str:
         """Return how the main field of a model contradicts readings and attitude, or nothing."""
@@ -263,19 +275,21 @@ class _Fit:
         raw = RawHeadings.of(readings_T, field, turned, view.direction, self.place.intensity_T)
         white, size = self._white(), len(self.problem.basis_at(self.place))
         own = self.problem.attitude_at(self.place, headings=raw.columns)
-        coupled = white.T @ own.information[:size, size:]
-        left, score = own.information[size:, size:] - coupled.T @ coupled, own.gradient[size:]
+        # Each error of the heading less what errors of the sensors make that are as probable.
+        alone = np.vstack([-white @ white.T @ own.information[:size, size:], np.eye(len(raw.columns))])
+        left = own.information[size:] @ alone
         followed, is_raw = {}, {}
         for index, name in enumerate(raw.names):
             both = slice(2 * index, 2 * index + 2)
             own_white = whitening(left[both, both], _SEEN)
-            along = own_white.T @ score[both]
-            chi_square = float(along @ along)
-            chance = probability_of(chi_square, len(along))
-            if chance < SIGNIFICANT / len(raw.names) and (own_white @ along).max() > 0:
-                followed[-chi_square] = f"follows the errors of {name}, {raw.size_deg(index):.2g}°"
+            along = own_white.T @ own.gradient[size:][both]
+            chi_square, limit = float(along @ along), SIGNIFICANT / len(raw.names)
+            if probability_of(chi_square, len(along)) < limit and (own_white @ along).max() > 0:
+                chi_square /= lasting_of(self.problem, self.place, alone[:, both], raw.columns)
+                if probability_of(chi_square, len(along)) < limit:
+                    followed[-chi_square] = f"follows the errors of {name}, {raw.size_deg(index):.2g}°"
             if raw.is_raw(index, self.noise):
                 size_deg = raw.variation_deg(index)
                 is_raw[size_deg] = f"is that of the raw readings of {name}, to {size_deg:.2g}°"
         found = followed or is_raw
-        return f"the heading of the recorded attitude {found[min(found)]}" if found else ""
+        return f"the heading of the recorded attitude {found[min(found)]}: {_REMEDY}" if found else ""

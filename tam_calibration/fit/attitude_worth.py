@@ -6,6 +6,7 @@ import numpy as np
 
 from tam_calibration.core.least_squares import whitening
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.fit.attitude_check import lasting_of
 from tam_calibration.fit.posterior import Known, Problem
 from tam_calibration.fit.recorded_attitude import strayed
 from tam_calibration.model.limits import ATTITUDE_NOISE
@@ -54,7 +55,9 @@ def worth_of(recording: SampleSource, calibration: Calibration) -> str:
     if reason := strayed(noise):
         return f"recorded attitude is not used: {reason}"
     beside = replace(problem, attitude=replace(problem.attitude, attitude_noise=noise))
-    information = beside.attitude_at(problem.start).information * recording.sample_count / some.sample_count
+    lasting = lasting_of(beside, beside.start)
+    information = beside.attitude_at(beside.start).information
+    information *= recording.sample_count / some.sample_count / lasting
     size = len(calibration.covariance)
     cross, view = information[:size, -5:], information[-5:, -5:] + np.eye(5)
     information = information[:size, :size] - cross @ np.linalg.solve(view, cross.T)

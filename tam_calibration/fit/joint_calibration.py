@@ -22,7 +22,7 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.correction.update import SEVERAL, Moved, Update, in_words
 from tam_calibration.effects.removal import of_array
 from tam_calibration.fit.attitude_check import judge_attitude
-from tam_calibration.fit.consistency import Fit, accepted, require_one_field
+from tam_calibration.fit.consistency import Fit, accepted, require_one_field, require_one_sphere
 from tam_calibration.fit.contradiction import SIGNIFICANT
 from tam_calibration.fit.estimate import Estimate, make_calibration, mean_temperature, measure_chi_square
 from tam_calibration.fit.identifiability import open_parameters, require_accurate, require_determined
@@ -323,6 +323,7 @@ def _as_far_as_they_agree(recording: SampleSource, array: Array, known: Known) -
     try:
         joint = _beside(recording, array, replace(known, uses_heading=judged.uses_heading))
     except (InputError, Refused) as problem:
+        require_one_sphere(recording)
         if judged.reason:
             raise Refused(f"{judged.reason}; without the {kept} {problem}") from problem
         raise type(problem)(f"{problem}; {judged.doubt}" if judged.doubt else str(problem)) from problem

@@ -120,7 +120,7 @@ def aligned(attitude: FloatArray, field: FloatArray) -> FloatArray:
 
 
 def strayed(angle: float) -> str:
-    """Return why attitudes in whose world the field turns by an angle, radians, are wrong; nothing where it is small."""
+    """Return why attitudes in whose world the field turns by an angle, radians, are wrong; nothing if it is small."""
     if angle < _LARGEST_ANGLE:
         return ""
     return (
