@@ -196,11 +196,7 @@ class _Fit:
             noise = max(fit.measure_scatter(), fit.noise / _LARGEST_FALL)
             if abs(noise - fit.noise) <= _SETTLED * fit.noise:
                 break
-            try:
-                fit = fit.with_noise(noise)
-            except Refused:
-                # At rest, an attitude that is all but exact leaves its mounting open and the steps small.
-                break
+            fit = fit.with_noise(noise)
         noise = min(float(np.sqrt(lasting_of(fit.problem, fit.place))) * fit.noise, ATTITUDE_NOISE.most)
         return replace(fit, noise=noise, scatter=fit.noise)
 
