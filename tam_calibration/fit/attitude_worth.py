@@ -12,7 +12,7 @@ from tam_calibration.fit.recorded_attitude import strayed
 from tam_calibration.model.limits import ATTITUDE_NOISE
 from tam_calibration.model.recording import SampleSource
 from tam_calibration.model.sensor_errors import PARAMETER_NAMES
-from tam_calibration.model.units import to_degrees, to_nanotesla
+from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
 
 USE_IT = (
     "set attitude_noise_deg: estimate in the array file if the recorded attitude comes from gyroscope and "
@@ -55,24 +55,29 @@ def worth_of(recording: SampleSource, calibration: Calibration) -> str:
     if reason := strayed(noise):
         return f"recorded attitude is not used: {reason}"
     beside = replace(problem, attitude=replace(problem.attitude, attitude_noise=noise))
-    lasting = lasting_of(beside, beside.start)
-    information = beside.attitude_at(beside.start).information
-    information *= recording.sample_count / some.sample_count / lasting
-    size = len(calibration.covariance)
+    information = beside.attitude_at(beside.start).information * recording.sample_count / some.sample_count
+    words = f"recorded attitude, which scatters by {to_degrees(noise):.2g}°, is not used: "
+    if _ratio(calibration, information).min() < _WORTHLESS:
+        information /= lasting_of(beside, beside.start)
+    ratio = _ratio(calibration, information)
+    if ratio.min() > _WORTHLESS:
+        return f"{words}it would reduce no standard error by more than {1 - _WORTHLESS:.0%}"
+    sensor, parameter = np.unravel_index(int(np.argmin(ratio)), ratio.shape)
+    unit, factor = _UNITS[parameter // 3]
+    before = factor * float(calibration.standard_errors[sensor, parameter])
+    return (
+        f"{words}it would reduce the standard error of {PARAMETER_NAMES[parameter]} of sensor {sensor + 1} from "
+        f"{before:.2g} to {ratio.min() * before:.2g}{unit}; {USE_IT}"
+    )
+
+
+def _ratio(calibration: Calibration, information: FloatArray) -> FloatArray:
+    """Return the (K, 12) standard errors with more information over those without; its last unknowns are the view."""
+    assert calibration.covariance is not None
+    size, before = len(calibration.covariance), calibration.standard_errors
     cross, view = information[:size, -5:], information[-5:, -5:] + np.eye(5)
     information = information[:size, :size] - cross @ np.linalg.solve(view, cross.T)
     root = calibration.covariance @ whitening(calibration.covariance, _SEEN)
     after = root @ np.linalg.solve(np.eye(root.shape[1]) + root.T @ information @ root, root.T)
-    before = calibration.standard_errors
     errors = np.sqrt(np.diag(after)).reshape(before.shape)
-    ratio = np.divide(errors, before, out=np.ones_like(before), where=before > 0)
-    sensor, parameter = np.unravel_index(int(np.argmin(ratio)), ratio.shape)
-    words = f"recorded attitude, which scatters by {to_degrees(noise):.2g}°, is not used: "
-    if ratio[sensor, parameter] > _WORTHLESS:
-        return f"{words}it would reduce no standard error by more than {1 - _WORTHLESS:.0%}"
-    unit, factor = _UNITS[parameter // 3]
-    one, other = (factor * float(each[sensor, parameter]) for each in (before, errors))
-    return (
-        f"{words}it would reduce the standard error of {PARAMETER_NAMES[parameter]} of sensor {sensor + 1} from "
-        f"{one:.2g} to {other:.2g}{unit}; {USE_IT}"
-    )
+    return np.asarray(np.divide(errors, before, out=np.ones_like(before), where=before > 0))
