@@ -72,19 +72,11 @@ def _remarks(calibration: Calibration, recording: Recording, usage: Usage | None
     from tam_calibration.fit.identifiability import find_weakness
 
     weakness = "" if calibration.update else str(find_weakness(recording, calibration))
-    is_data = calibration.array.attitude_noise is not None or calibration.ambient_gradient is not None
-    is_unused = recording.attitude is not None and calibration.method == DEFAULT_METHOD and not is_data
     return [
-        *filter(None, (weakness, _UNUSED_ATTITUDE if is_unused else "")),
+        *([weakness] if weakness else []),
         *([] if usage is None else [str(usage)]),
         *([] if delays is None else [_delays_in_words(delays)]),
     ]
-
-
-_UNUSED_ATTITUDE = (
-    "The recorded attitude is not used: --attitude-noise-deg, or attitude_noise_deg in the array file, makes it data "
-    "of the fit. It must not come from the magnetometers that are calibrated."
-)
 
 
 def _gradient(gradient: AmbientGradientEstimate) -> str:
@@ -117,8 +109,9 @@ _Fit = Callable[[SampleSource, Array], Calibration]
 )
 @click.option(
     "--attitude-noise-deg",
-    type=terminal.Number(1e-4, 28),
-    help="Standard deviation of the recorded attitude about each axis: attitude is then data of the fit.",
+    type=terminal.NumberOrEstimate(1e-4, 28),
+    help="Standard deviation of the recorded attitude about each axis, or estimate: attitude is then data of the fit. "
+    "It must come from gyroscope and accelerometer: the heading of an AHRS with a magnetometer is left out.",
 )
 @click.option(
     "--ambient-gradient",

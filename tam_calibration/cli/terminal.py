@@ -86,6 +86,14 @@ class Number(click.FloatRange):
         return number
 
 
+class NumberOrEstimate(Number):
+    """A finite number within a range, or ``estimate``, which is infinity: nothing is known of it."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return the number, as of ``Number``, or infinity."""
+        return math.inf if value == "estimate" else super().convert(value, param, ctx)
+
+
 MAP_HELP = "Map YAML: which topics or columns are sensors and channels (`tam inspect --write-map` writes one)."
 
 _READING_OPTIONS = (

@@ -1,7 +1,7 @@
 """One call from a recording to a calibration that was checked before, after, and on samples it has not seen."""
 
-from collections.abc import Collection
-from contextlib import nullcontext
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from tam_calibration.correction.acceptance import within_limits
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.fit.attitude_worth import USE_IT, worth_of
 from tam_calibration.fit.consistency import Fit, accepted
 from tam_calibration.fit.doubts import doubts_of
 from tam_calibration.fit.identifiability import FEWEST_SAMPLES, require_determined
@@ -19,12 +20,13 @@ from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.prior import Prior
 from tam_calibration.fit.published import artificial_vector, fast_rotation, simplified_linear, two_step_linear
 from tam_calibration.fit.recorded_attitude import as_if_uniform
+from tam_calibration.fit.scalar_check import without_turning_scalar
 from tam_calibration.fit.screening import without_bad_readings
 from tam_calibration.fit.slow_residuals import widened
 from tam_calibration.fit.what_changed import despite_changes, naming_changes, what_changed
 from tam_calibration.integrity import require_enough, require_sound
 from tam_calibration.model.array import Array
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import SKETCH, SampleSource
 from tam_calibration.model.residuals import Residuals, measure_residuals
 from tam_calibration.model.units import FloatArray
@@ -128,20 +130,36 @@ def calibrate(
         recording = used
     with nullcontext() if ambient_gradient or prior is not None else naming_changes(recording, array):
         if not is_joint:
-            require_determined(recording, array, is_uniform=not ambient_gradient)
+            with _naming_attitude(recording, takes_priors):
+                require_determined(recording, array, is_uniform=not ambient_gradient)
         require_enough(recording.sample_count, accept)
+        is_joint |= takes_priors and without_turning_scalar(recording, array)[1] is not None
         if is_joint:
             calibration, recording, array, fit = calibrate_jointly(recording, array, prior, main_field_T)
         else:
-            calibration = accepted(recording, array, fit)
+            with _naming_attitude(recording, takes_priors):
+                calibration = accepted(recording, array, fit)
     uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient)
     if not is_joint and method in _OURS:
         calibration = widened(calibration, uniform, is_robust=method == "robust")
     if prior is None:
         calibration = despite_changes(calibration, uniform, array, accept)
+    if takes_priors and not attitude_is_data and (worth := worth_of(recording, calibration)):
+        notes = (*notes, worth)
     calibration = replace(calibration, held_out=_held_out(recording, array, fit))
     warnings = (*found, *calibration.warnings, *doubts_of(uniform, calibration))
-    return within_limits(replace(calibration, warnings=warnings, notes=notes), accept)
+    return within_limits(replace(calibration, warnings=warnings, notes=(*notes, *calibration.notes)), accept)
+
+
+@contextmanager
+def _naming_attitude(recording: SampleSource, may_be_used: bool) -> Iterator[None]:
+    """Say of readings that do not suffice that recorded attitude may help."""
+    try:
+        yield
+    except InputError as problem:
+        if not may_be_used or recording.thinned(SKETCH).attitude is None:
+            raise
+        raise InputError(f"{problem}; or {USE_IT}") from problem
 
 
 def _fit_of(method: str, ambient_gradient: bool) -> Fit:
@@ -167,7 +185,7 @@ def _held_out(recording: SampleSource, array: Array, fit: Fit) -> Residuals | No
             return None
         try:
             fitted = fit(recording.take(~test), array)
-        except InputError:
+        except (InputError, Refused):
             return None
         seen = as_if_uniform(recording.take(test), fitted.errors, array, fitted.ambient_gradient)
         parts.append(measure_residuals(fitted.errors, array, seen, fitted.intensity_T))

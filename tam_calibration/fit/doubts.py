@@ -5,6 +5,7 @@ import numpy as np
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.consistency import residual_that_changes
 from tam_calibration.fit.coverage import field_of, measure_coverage
+from tam_calibration.fit.identifiability import FEWEST_SAMPLES
 from tam_calibration.model.recording import SKETCH, SampleSource
 from tam_calibration.model.units import FloatArray, from_degrees, to_degrees, to_nanotesla
 
@@ -23,6 +24,9 @@ _FEWEST_FOR_GRADIENT = 3
 _ACCEPTED_RATIO = 1.1
 """Largest residual over noise floor, apart from chance: data sheets are hardly more exact."""
 
+_SMALLEST = 0.25
+"""Smallest reduced χ², of half the stated noise: data sheets guarantee more than sensors make."""
+
 _ACCEPTED_GROWTH = np.sqrt(2)
 """Largest standard error of a corrected sample over what sensor noise alone makes: both have an equal part in it."""
 
@@ -37,13 +41,14 @@ def doubts_of(recording: SampleSource, calibration: Calibration) -> tuple[str, .
     calibration : Calibration
         What was fitted to them, with its residuals of held-out samples where there are any.
     """
-    some = recording.thinned(SKETCH)
+    some, has_attitude = recording.thinned(SKETCH), calibration.array.attitude_noise is not None
     found = (
         _residual(calibration),
+        _small_residual(calibration),
         residual_that_changes(some, calibration),
-        # What a prior tells need not be visited again: the standard errors say whether both are enough.
-        "" if calibration.update else _coverage(some, calibration),
-        _standard_errors(calibration),
+        # What a prior or attitude tells need not be visited: the standard errors say whether both are enough.
+        "" if calibration.update or has_attitude else _coverage(some, calibration),
+        "" if has_attitude else _standard_errors(calibration),
         _geometry(calibration),
         _first_sensor(calibration),
         "" if calibration.update else _bias(calibration),
@@ -83,6 +88,21 @@ def _residual(calibration: Calibration) -> str:
     if widened:
         return f"the residual lasts longer than white noise does{widened}: {LOOK_FOR_CAUSE}"
     return ""
+
+
+def _small_residual(calibration: Calibration) -> str:
+    """Say where less than half of the stated noise is left, six standard deviations of χ² below that."""
+    chance = 6 * np.sqrt(2 / max(1, calibration.samples - FEWEST_SAMPLES))
+    chi_square = calibration.reduced_chi_square
+    small = {name: chi_square[name] for name in _CHANNELS if chi_square.get(name, 1.0) < min(_SMALLEST, 1 - chance)}
+    if not small:
+        return ""
+    ratio = float(np.sqrt(max(small.values())))
+    words = " and ".join(_CHANNELS[name] for name in small)
+    return (
+        f"the residual {words} is only {ratio:.2g} times the stated noise, so that standard errors are {1 / ratio:.2g} "
+        "times too large: state less noise, or leave it out to have it estimated"
+    )
 
 
 def _coverage(recording: SampleSource, calibration: Calibration) -> str:

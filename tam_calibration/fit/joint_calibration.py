@@ -21,22 +21,25 @@ from tam_calibration.core.variance_factors import WHITE, VarianceFactors
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.correction.update import SEVERAL, Moved, Update, in_words
 from tam_calibration.effects.removal import of_array
-from tam_calibration.fit.consistency import Fit, accepted, require_one_field
+from tam_calibration.fit.attitude_check import judge_attitude
+from tam_calibration.fit.consistency import Fit, accepted, require_one_field, require_one_sphere
 from tam_calibration.fit.contradiction import SIGNIFICANT
 from tam_calibration.fit.estimate import Estimate, make_calibration, mean_temperature, measure_chi_square
 from tam_calibration.fit.identifiability import open_parameters, require_accurate, require_determined
 from tam_calibration.fit.information import inverted
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, noise_left_in, update_of
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.posterior import Known, Place, Problem
+from tam_calibration.fit.posterior import Intensity, Known, Place, Problem
 from tam_calibration.fit.prior import Prior, has_date, in_first_frame, prior_of
 from tam_calibration.fit.resolved_prior import MOST_TIMES, Resolved, resolve
+from tam_calibration.fit.scalar_check import without_turning_scalar
 from tam_calibration.fit.slow_residuals import variance_factors
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.geomagnetic_field import LOCAL_STANDARD_ERROR_T
 from tam_calibration.model.recording import SKETCH, SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
-from tam_calibration.model.units import FloatArray
+from tam_calibration.model.units import FloatArray, to_nanotesla
 
 NAME = "tolerances"
 """Method of the calibration that tolerances make: of sensors without errors."""
@@ -248,14 +251,14 @@ def calibrate_jointly(
     """
     if prior is None:
         given = None if array.tolerances is None else prior_of_tolerances(recording, array)
-        return _beside(recording, array, given, main_field_T)
+        return _as_far_as_they_agree(recording, array, Known(given, main_field_T))
     given = prior_for(recording, array, prior)
     kept = _of_array(given.calibration)
     if kept.effects:
         recording = kept.without_effects(recording.whole())
     if kept.known_source is not None:
         array = replace(array, positions_m=kept.array.positions_m, axis_offsets_m=kept.array.axis_offsets_m)
-    joint = _beside(recording, array, given, main_field_T)
+    joint = _as_far_as_they_agree(recording, array, Known(given, main_field_T))
     calibration = replace(
         joint.calibration, effects=kept.effects, effect_sizes=kept.effect_sizes, known_source=kept.known_source
     )
@@ -304,22 +307,65 @@ def prior_for(recording: SampleSource, array: Array, prior: Prior | Calibration)
     return prior_of(calibration, (first_s + last_s) / 2, temperature_C, array.change_rates)
 
 
-def _beside(
-    recording: SampleSource, array: Array, given: Prior | None, main_field_T: FloatArray | None
-) -> JointCalibration:
-    if given is not None and is_wide(given):
-        return _beside_wide_prior(recording, array, given, main_field_T)
-    return _beside_prior(recording, array, given, main_field_T)
+def _as_far_as_they_agree(recording: SampleSource, array: Array, known: Known) -> JointCalibration:
+    """Return the calibration with scalar, place and attitude as far as they agree, and depend on no sensor."""
+    recording, intensity, reason = without_turning_scalar(recording, array)
+    known, notes = _without_wrong_place(recording, replace(known, intensity=intensity))
+    notes = (reason, *notes) if reason else notes
+    if array.attitude_noise is None or recording.whole().attitude is None:
+        joint = _beside(recording, array, known)
+        return joint._replace(calibration=replace(joint.calibration, notes=notes))
+    judged = judge_attitude(recording, array, known)
+    array = replace(array, attitude_noise=judged.attitude_noise)
+    kept = "heading of the attitude" if judged.attitude_noise else "attitude"
+    if judged.place:
+        known, notes = replace(known, main_field_T=None), (*notes, f"{judged.place}: {_WITHOUT_PLACE}")
+    try:
+        joint = _beside(recording, array, replace(known, uses_heading=judged.uses_heading))
+    except (InputError, Refused) as problem:
+        require_one_sphere(recording)
+        if judged.reason:
+            raise Refused(f"{judged.reason}; without the {kept} {problem}") from problem
+        raise type(problem)(f"{problem}; {judged.doubt}" if judged.doubt else str(problem)) from problem
+    if judged.reason:
+        notes = (*notes, f"{judged.reason}; the {kept} is left out")
+    warnings = (judged.doubt, *joint.calibration.warnings) if judged.doubt else joint.calibration.warnings
+    return joint._replace(calibration=replace(joint.calibration, notes=notes, warnings=warnings))
 
 
-def _beside_prior(
-    recording: SampleSource, array: Array, given: Prior | None, main_field_T: FloatArray | None
-) -> JointCalibration:
+_WITHOUT_PLACE = "it is left out; check latitude, longitude and date, and that attitude counts from true north"
+
+_FAR_OFF = 4.0
+"""Standard errors of a model's field by which its intensity may differ from the scalar's: by chance one in 16 000."""
+
+
+def _without_wrong_place(recording: SampleSource, known: Known) -> tuple[Known, tuple[str, ...]]:
+    """Return what is known without a main field of another intensity than the scalar reads, and a note of that."""
+    read, scalar_T = known.intensity, recording.thinned(SKETCH).scalar_T
+    if scalar_T is not None and recording.scalar_count is not None:
+        read = Intensity(float(np.nanmean(scalar_T)), 0.0)
+    if known.main_field_T is None or read is None:
+        return known, ()
+    value_T, (read_T, error_T) = float(norm(known.main_field_T)), read
+    if abs(read_T - value_T) <= _FAR_OFF * np.hypot(LOCAL_STANDARD_ERROR_T, error_T):
+        return known, ()
+    sizes = f"{to_nanotesla(read_T):.0f} nT, the field of the place is {to_nanotesla(value_T):.0f} nT"
+    return replace(known, main_field_T=None), (f"the scalar reads {sizes}: {_WITHOUT_PLACE}",)
+
+
+def _beside(recording: SampleSource, array: Array, known: Known) -> JointCalibration:
+    if known.prior is not None and is_wide(known.prior):
+        return _beside_wide_prior(recording, array, known)
+    return _beside_prior(recording, array, known)
+
+
+def _beside_prior(recording: SampleSource, array: Array, beside: Known) -> JointCalibration:
     """Return the calibration beside a prior that leaves no error open, what moved since then learned anew."""
+    given = beside.prior
     # What was slow on this vehicle is taken for slow again: little of it passes for a change of a sensor.
     factors = WHITE if given is None else given.calibration.variance_factors
     for attempt in range(_MOST_ROUNDS):
-        known = Known(given, main_field_T, factors)
+        known = replace(beside, variance_factors=factors)
         resolved, (*before, last) = _resolved(recording, array, known)
         is_slow_before = any(each.exceed(factors, _SETTLED) for each in before)
         if attempt == 0 and before and last.exceed(factors, _SETTLED) and not is_slow_before:
@@ -391,11 +437,9 @@ def _telling(moved: tuple[Moved, ...]) -> Iterator[None]:
         raise type(problem)(f"{' and '.join(what)} moved since the prior, and {problem}") from problem
 
 
-def _beside_wide_prior(
-    recording: SampleSource, array: Array, given: Prior, main_field_T: FloatArray | None
-) -> JointCalibration:
+def _beside_wide_prior(recording: SampleSource, array: Array, known: Known) -> JointCalibration:
     """Return the calibration beside a prior that leaves errors open, or that of readings that contradict it, alone."""
-    calibration, fit = beside_wide_prior(recording, array, Known(given, main_field_T))
+    calibration, fit = beside_wide_prior(recording, array, known)
     update = calibration.update
     assert update is not None
     if update.probability >= SIGNIFICANT:
@@ -406,7 +450,7 @@ def _beside_wide_prior(
     )
     try:
         require_determined(recording, array)
-        alone = _beside_prior(recording, array, None, main_field_T)
+        alone = _beside_prior(recording, array, replace(known, prior=None))
     except (InputError, Refused):
         mend = "faster change_rates"
         if update.rates is None:

@@ -19,7 +19,7 @@ from numpy.linalg import norm
 from tam_calibration.core.least_squares import whitening
 from tam_calibration.core.variance_factors import WHITE, VarianceFactors
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.attitude_likelihood import AttitudeLikelihood, WorldView
+from tam_calibration.fit.attitude_likelihood import AttitudeEquations, AttitudeLikelihood, WorldView
 from tam_calibration.fit.gauss_newton import descend
 from tam_calibration.fit.information import inverted, keeping, rows_by_unknowns
 from tam_calibration.fit.likelihood import Likelihood, UniformLikelihood
@@ -50,6 +50,13 @@ _ANY_TURN = np.pi
 """Standard deviation of an angle of which nothing is known, radians: it keeps the normal equations regular."""
 
 
+class Intensity(NamedTuple):
+    """Intensity of a constant field, and its standard error, tesla."""
+
+    value_T: float
+    standard_error_T: float
+
+
 @dataclass(frozen=True, eq=False)
 class Known:
     """What is known before a recording.
@@ -69,6 +76,10 @@ class Known:
         uncertain; it widens the covariance, and does not move the errors.
     start : Calibration, optional
         Where the iteration begins; by default at the prior, and without one at the closed form.
+    uses_heading : bool
+        Whether of a recorded attitude the heading counts beside roll and pitch.
+    intensity : Intensity, optional
+        Of the field, where no scalar reads it in the samples.
     """
 
     prior: Prior | None = None
@@ -76,6 +87,15 @@ class Known:
     variance_factors: VarianceFactors = WHITE
     curvature: FloatArray | None = None
     start: Calibration | None = None
+    uses_heading: bool = True
+    intensity: Intensity | None = None
+
+    @property
+    def intensities(self) -> tuple[Intensity, ...]:
+        """What is known of the intensity, without any scalar reading in the samples."""
+        of_model = self.main_field_T
+        model = () if of_model is None else (Intensity(float(norm(of_model)), LOCAL_STANDARD_ERROR_T),)
+        return model if self.intensity is None else (self.intensity, *model)
 
     @property
     def knows_frame(self) -> bool:
@@ -85,7 +105,7 @@ class Known:
     @property
     def knows_scale(self) -> bool:
         """Whether the absolute scale is known without a scalar reference."""
-        return self.main_field_T is not None or (self.prior is not None and self.prior.knows_scale)
+        return bool(self.intensities) or (self.prior is not None and self.prior.knows_scale)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,12 +154,7 @@ def posterior_of(recording: SampleSource, array: KnownNoiseArray, known: Known |
         When the iteration does not settle, or leads to sensors that cannot be.
     """
     problem = Problem.of(recording, array, known if isinstance(known, Known) else Known(known))
-    end, kept = problem.settled(problem.start, is_corrected=False)
-    # Noise that is stated larger than it is, beside a turn that tells little more than the prior, has no such place.
-    for length in (1.0, _SHORTER):
-        with suppress(Refused):
-            end, kept = problem.settled(end, is_corrected=True, length=length)
-            break
+    end, kept = problem.most_probable()
     if problem.known.curvature is not None:
         kept = problem.information_beside(problem.known.curvature, end), problem.basis_at(end)
     covariance, size = inverted(*kept), 12 * array.sensor_count
@@ -200,7 +215,7 @@ class Problem:
             start, unit_T = begun.errors, begun.intensity_T
         data = Normalized(recording, start.bias_T, unit_T, has_scalar)
         likelihood = likelihood_of(recording, array, data)
-        attitude = _attitude_of(data, array)
+        attitude = _attitude_of(data, array, known.uses_heading)
         return cls(
             known,
             start,
@@ -219,6 +234,15 @@ class Problem:
         if self.attitude is not None:
             view = self.attitude.view(errors.matrix, np.zeros_like(errors.bias_T))
         return Place(errors, self.unit_T, view)
+
+    def most_probable(self) -> tuple[Place, tuple[FloatArray, FloatArray]]:
+        """Return the most probable place, and what ``settled`` returns beside it."""
+        end, kept = self.settled(self.start, is_corrected=False)
+        # Noise that is stated larger than it is, in a turn that tells little more than the prior, has no such place.
+        for length in (1.0, _SHORTER):
+            with suppress(Refused):
+                return self.settled(end, is_corrected=True, length=length)
+        return end, kept
 
     def settled(
         self, start: Place, is_corrected: bool, length: float = 1.0
@@ -257,15 +281,26 @@ class Problem:
         information, gradient = rows.T @ here.information @ rows, rows.T @ downhill
         if self.attitude is None or place.view is None:
             return information, gradient
-        count = len(rows)
-        extended = np.zeros((count + 5, rows.shape[1] + 5))
-        extended[:count, :-5] = rows
-        extended[count:, -5:] = np.eye(5)
-        of_attitude, by_attitude = self.attitude.linearize(matrix, bias, place.view)
-        both, towards = extended.T @ of_attitude @ extended, extended.T @ by_attitude
+        of_attitude = self.attitude_at(place)
+        both, towards = of_attitude.information, of_attitude.gradient
         both[:-5, :-5] += information
         towards[:-5] += gradient
         return both, towards
+
+    def attitude_at(
+        self, place: Place, samples: slice = slice(None), headings: FloatArray | None = None
+    ) -> AttitudeEquations:
+        """Return the normal equations of attitude at a place, over the unknowns and ``headings`` of ``linearize``."""
+        assert self.attitude is not None and place.view is not None
+        rows = rows_by_unknowns(place.errors, self.unit_T, None if self.has_scalar else place.intensity_T)
+        found = self.attitude.part(samples).linearize(*self.rows_at(place), place.view, headings)
+        count, more = len(rows), len(found.gradient) - len(rows)
+        extended = np.zeros((count + more, rows.shape[1] + more))
+        extended[:count, :-more] = rows
+        extended[count:, -more:] = np.eye(more)
+        return found._replace(
+            information=extended.T @ found.information @ extended, gradient=extended.T @ found.gradient
+        )
 
     def information_beside(self, curvature: FloatArray, place: Place) -> FloatArray:
         """Return the information at a place of what is known, and of data whose score varies by curvature besides."""
@@ -284,11 +319,10 @@ class Problem:
             terms = self.known.prior.terms(place.errors)
             information[:size, :size] += terms.information
             gradient[:size] += terms.gradient
-        main_field_T = self.known.main_field_T
-        if main_field_T is not None and not self.has_scalar:
-            precision = (self.unit_T / LOCAL_STANDARD_ERROR_T) ** 2
+        for intensity in () if self.has_scalar else self.known.intensities:
+            precision = (self.unit_T / intensity.standard_error_T) ** 2
             information[size, size] += precision
-            gradient[size] += precision * (float(norm(main_field_T)) - place.intensity_T) / self.unit_T
+            gradient[size] += precision * (intensity.value_T - place.intensity_T) / self.unit_T
         if place.view is not None:
             self._add_known_view(place.view, information[-5:, -5:], gradient[-5:])
 
@@ -350,7 +384,7 @@ _LEAST_ANGLE = 1e-8
 """Of a mounting that is stated to be exact, radians."""
 
 
-def _attitude_of(data: Normalized, array: KnownNoiseArray) -> AttitudeLikelihood | None:
+def _attitude_of(data: Normalized, array: KnownNoiseArray, uses_heading: bool) -> AttitudeLikelihood | None:
     """Return the samples with attitude, where the array states how good that is."""
     if array.attitude_noise is None:
         return None
@@ -362,4 +396,4 @@ def _attitude_of(data: Normalized, array: KnownNoiseArray) -> AttitudeLikelihood
     known = np.flatnonzero(np.isfinite(recording.attitude).all(axis=1))
     rows = data.points[known].reshape(len(known), -1).T
     to_world = Rotation.from_quat(recording.attitude[known]).as_matrix()
-    return AttitudeLikelihood(rows, to_world, array.vector_noise_T / data.radius_T, array.attitude_noise)
+    return AttitudeLikelihood(rows, to_world, array.vector_noise_T / data.radius_T, array.attitude_noise, uses_heading)

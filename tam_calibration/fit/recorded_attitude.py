@@ -112,17 +112,29 @@ def aligned(attitude: FloatArray, field: FloatArray) -> FloatArray:
     to_world = recorded * Rotation.from_matrix(find_turn(field, recorded.as_matrix()))
     seen = to_world.apply(field)
     mean = seen.mean(axis=0) / norm(seen.mean(axis=0))
-    axis = np.cross(seen, mean)
-    sine = norm(axis, axis=1)
-    angle = np.arctan2(sine, seen @ mean)
-    if np.median(angle) > _LARGEST_ANGLE:
-        degrees = to_degrees(float(np.median(angle)))
-        raise InputError(
-            f"the field of the readings does not stand still in the world of the attitude but turns by {degrees:.0f}°: "
-            "attitude must be the turn from the array to the world, x y z w, at the time of the sample"
-        )
-    back = axis * (angle / np.maximum(sine, np.finfo(float).tiny))[:, None]
+    back = turns_between(seen, mean)
+    angle = norm(back, axis=1)
+    if reason := strayed(float(np.median(angle))):
+        raise InputError(reason)
     return np.asarray((Rotation.from_rotvec(back) * to_world).as_quat())
+
+
+def strayed(angle: float) -> str:
+    """Return why attitudes in whose world the field turns by an angle, radians, are wrong; nothing if it is small."""
+    if angle < _LARGEST_ANGLE:
+        return ""
+    return (
+        f"the field of the readings does not stand still in the world of the attitude but turns by "
+        f"{to_degrees(angle):.0f}°: attitude must be the turn from the array to the world, x y z w, at the time of the "
+        "sample"
+    )
+
+
+def turns_between(seen: FloatArray, direction: FloatArray) -> FloatArray:
+    """Return the shortest rotation vectors (N, 3) that turn unit vectors (N, 3) into another (3,)."""
+    axis = np.cross(seen, direction)
+    sine = norm(axis, axis=1)
+    return np.asarray(axis * (np.arctan2(sine, seen @ direction) / np.maximum(sine, np.finfo(float).tiny))[:, None])
 
 
 def turning_of(recording: Recording, array: Array, field: FloatArray) -> Turning:

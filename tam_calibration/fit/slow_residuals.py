@@ -70,7 +70,7 @@ def variance_factors(
         return WHITE
     information, score = _by_block(calibration, recording, student)
     white = whitening(information.sum(axis=(0, 1)), _SEEN)
-    return VarianceFactors(*map(_factor, white.T @ information @ white, score @ white))
+    return VarianceFactors(*map(slow_factor, white.T @ information @ white, score @ white))
 
 
 def widened(calibration: Calibration, recording: SampleSource, is_robust: bool = False) -> Calibration:
@@ -131,7 +131,7 @@ def _sandwich(covariance: FloatArray, differential: FloatArray, factors: Varianc
     return np.asarray(least * covariance + directions * more @ directions.T)
 
 
-def _factor(information: FloatArray, score: FloatArray) -> float:
+def slow_factor(information: FloatArray, score: FloatArray) -> float:
     """Return the variance of a channel's slow sums over that of white noise; 1 where that makes as much by chance.
 
     Parameters

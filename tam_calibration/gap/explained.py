@@ -17,7 +17,6 @@ from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import SampleSource
 from tam_calibration.model.units import to_nanotesla
 
-
 _MOST_SAMPLES = 10_000
 """Of a diagnosis that nobody asked for: some seconds."""
 

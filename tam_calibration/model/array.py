@@ -71,7 +71,7 @@ class Array:
         How fast the errors of the sensors change; None where the defaults hold.
     attitude_noise : float, optional
         Standard deviation of the recorded attitude about each axis, radians, its errors independent from sample to
-        sample; None where attitude is no data of a fit.
+        sample; infinite where it is to be estimated, and None where attitude is no data of a fit.
     mounting_error : float, optional
         Standard deviation of the turn, about each axis, of the attitude's frame against the array's, radians; None
         where that turn may be any.
@@ -165,7 +165,11 @@ class Array:
             ("the offset of an axis", LENGTH, self.axis_offsets_m),
             ("the delay of a sensor", DELAY, self.delay_s),
             ("the delay of the scalar magnetometer", DELAY, self.scalar_delay_s),
-            ("the noise of the attitude", ATTITUDE_NOISE, self.attitude_noise),
+            (
+                "the noise of the attitude",
+                ATTITUDE_NOISE,
+                None if self.attitude_noise == np.inf else self.attitude_noise,
+            ),
             ("the error of the attitude's mounting", MOUNTING_ERROR, self.mounting_error),
         ):
             if values is not None:

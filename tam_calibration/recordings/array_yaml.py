@@ -2,8 +2,9 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from math import inf
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -99,8 +100,9 @@ class ArrayFile:
         How far the errors of new sensors may be from none, as standard deviations: ``scale_factor_percent``,
         ``non_orthogonality_deg``, ``bias_nT`` and ``misalignment_deg``, of a data sheet and the mounting. Where they
         are stated they are known before a fit, unless a calibration is its prior.
-    attitude_noise_deg : float, optional
-        Standard deviation of the recorded attitude about each axis; where it is stated, attitude is data of a fit.
+    attitude_noise_deg : float or "estimate", optional
+        Standard deviation of the recorded attitude about each axis; where it is stated, attitude is data of a fit. It
+        must not come from an AHRS that uses these magnetometers.
     mounting_error_deg : float, optional
         Standard deviation of how the attitude's sensor is turned against the array beside what ``imu_rotation_deg``
         states; left out where that turn may be any.
@@ -127,7 +129,7 @@ class ArrayFile:
     imu_frame_id: str | None = None
     change_rates: RatesFile | None = None
     tolerances: TolerancesFile | None = None
-    attitude_noise_deg: float | None = None
+    attitude_noise_deg: float | Literal["estimate"] | None = None
     mounting_error_deg: float | None = None
     further_channels: list[str] = field(default_factory=list)
     notes: Any = None
@@ -194,11 +196,15 @@ class ArrayFile:
             self.scalar_delay_s,
             self._mounting(),
             None if self.change_rates is None else self.change_rates.to_rates(),
-            None if self.attitude_noise_deg is None else from_degrees(self.attitude_noise_deg),
+            self._attitude_noise(),
             None if self.mounting_error_deg is None else from_degrees(self.mounting_error_deg),
             tuple(self.further_channels),
             None if self.tolerances is None else self.tolerances.to_tolerances(),
         )
+
+    def _attitude_noise(self) -> float | None:
+        noise = self.attitude_noise_deg
+        return None if noise is None else from_degrees(inf if isinstance(noise, str) else noise)
 
     def _mounting(self) -> Mounting:
         return Mounting(
@@ -289,7 +295,9 @@ def array_to_mapping(array: Array) -> dict[str, Any]:
         "imu_frame_id": mounting.imu_frame_id,
         "change_rates": None if array.change_rates is None else rates_to_mapping(array.change_rates),
         "tolerances": None if array.tolerances is None else _tolerances_to_mapping(array.tolerances),
-        "attitude_noise_deg": _written(degrees_to_write, array.attitude_noise),
+        "attitude_noise_deg": "estimate"
+        if array.attitude_noise == inf
+        else _written(degrees_to_write, array.attitude_noise),
         "mounting_error_deg": _written(degrees_to_write, array.mounting_error),
         "further_channels": list(array.further_channels) or None,
         "intensity_nT": None if array.field == EARTH_FIELD else nanotesla_to_write(bounds),

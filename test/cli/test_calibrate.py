@@ -142,10 +142,10 @@ def test_a_gradient_of_the_site_is_fitted_with_the_flag(folder, undrawn):
     write_recording("site.csv", simulate(scenario).recording)
     write_array("wu.yaml", scenario.array)
     arguments = ("site.csv", "--array", "wu.yaml", "-o", "c.yaml", "--report", "page.html", "--ambient-gradient")
-    assert "The recorded attitude is not used: --attitude-noise-deg" in run("site.csv", "--array", "wu.yaml").stdout
+    assert "Recorded attitude, which scatters by" in run("site.csv", "--array", "wu.yaml").stdout
     told = run(*arguments, "-v").stdout
     assert "Gradient of the field in the world of the attitude (nT/m): gxx 1" in told
-    assert "The recorded attitude is not used" not in told
+    assert "Recorded attitude" not in told
     calibration = read_calibration("c.yaml")
     assert_allclose(calibration.ambient_gradient.tensor_T_per_m, gradient, atol=1e-9)
     assert calibration.in_sample.tensor_rmse_T_per_m < 1.1 * calibration.floor.tensor_rmse_T_per_m
@@ -153,6 +153,17 @@ def test_a_gradient_of_the_site_is_fitted_with_the_flag(folder, undrawn):
     refused = CliRunner().invoke(main, ["calibrate", "run.csv", "--array", "array.yaml", "--ambient-gradient"])
     assert refused.exit_code == 2
     assert "the recording has no attitude: record it" in refused.stderr
+
+
+def test_the_noise_of_attitude_may_be_estimated(folder):
+    """By the option, as by a number; anything else is none."""
+    scenario = replace(read_scenario("wu_table_1"), attitude=AttitudeChannel(0.01))
+    write_recording("turned.csv", simulate(scenario).recording)
+    write_array("wu.yaml", scenario.array)
+    arguments = ("turned.csv", "--array", "wu.yaml", "-o", "c.yaml", "--attitude-noise-deg")
+    run(*arguments, "estimate")
+    assert read_calibration("c.yaml").array.attitude_noise == pytest.approx(0.01, rel=0.1)
+    assert CliRunner().invoke(main, ["calibrate", *arguments, "guess"]).exit_code == 2
 
 
 def write_apart(path, delays_s=(0.0, 0.0, 0.0, 0.0), periods_ms=(10, 10, 10, 10)):

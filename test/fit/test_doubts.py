@@ -122,3 +122,13 @@ def test_a_bias_of_more_than_twice_the_field_is_told(wu_run, wu_scenario, bias_T
     readings_T[:, 2, 1] += bias_T
     told = calibrate(replace(wu_run.recording, readings_T=readings_T), wu_scenario.array).warnings
     assert any("the bias of sensor 3 y is" in one for one in told) is doubted
+
+
+@pytest.mark.parametrize(
+    ("samples", "value", "warns"), [(1000, 0.24, True), (1000, 0.26, False), (80, 0.24, False), (9000, 1.0, False)]
+)
+def test_a_stated_noise_twice_too_large_is_told(wu_run, calibration, samples, value, warns):
+    """It says what to do; where samples are few, six deviations of χ² are more than there can be."""
+    told = replace(calibration, samples=samples, reduced_chi_square={"common_mode": value})
+    found = [one for one in doubts_of(wu_run.recording, told) if "standard errors are" in one]
+    assert bool(found) == warns and all("leave it out to have it estimated" in one for one in found)

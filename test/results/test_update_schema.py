@@ -82,5 +82,9 @@ def test_an_array_states_how_its_sensors_change(cross):
     assert array.attitude_noise == pytest.approx(np.radians(0.1)) and array.mounting_error is None
     again = check(array_to_mapping(array), ArrayFile).to_array()
     assert again.change_rates == array.change_rates and again.attitude_noise == array.attitude_noise
+    estimated = check({"baseline_m": 0.5, "attitude_noise_deg": "estimate"}, ArrayFile).to_array()
+    assert estimated.attitude_noise == np.inf and array_to_mapping(estimated)["attitude_noise_deg"] == "estimate"
+    with pytest.raises(InputError, match="attitude_noise_deg"):
+        check({"baseline_m": 0.5, "attitude_noise_deg": "guess"}, ArrayFile)
     with pytest.raises(InputError, match="bias_per_day"):
         check({"baseline_m": 0.5, "change_rates": {"bias_nT_per_day": 1e9}}, ArrayFile).to_array()

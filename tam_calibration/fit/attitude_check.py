@@ -1,0 +1,299 @@
+"""Whether recorded attitude may be believed beside the readings, and how large its errors are.
+
+Most attitudes of robots come from an AHRS that takes its heading from the very magnetometer that is calibrated. Such a
+heading repeats the errors of that sensor, and the fit finds them too small, with small standard errors. Attitude is
+therefore used only where these tests pass:
+
+- What it tells agrees with what all else tells (Hausman 1978).
+- Its heading error contains neither the errors of a sensor's raw readings nor their low-pass, as a filter with a
+  gyroscope leaves them: both are columns beside the errors of the sensors (a score test).
+- Where the recording tells too little for that, the raw readings of no sensor stand still in the heading as well as the
+  calibrated field does: good sensors would, so the sizes of the errors by which the sensors differ are the measure.
+
+Roll and pitch come from gravity. Where only the heading fails they are kept, if they agree with all else.
+"""
+
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from tam_calibration.core.least_squares import whitening
+from tam_calibration.core.noise import complete_noise
+from tam_calibration.core.slow_cosines import BLOCKS
+from tam_calibration.fit.attitude_convention import misread_attitude
+from tam_calibration.fit.contradiction import SIGNIFICANT, probability_of
+from tam_calibration.fit.identifiability import require_accurate
+from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
+from tam_calibration.fit.posterior import Known, Place, Problem
+from tam_calibration.fit.raw_headings import RawHeadings
+from tam_calibration.fit.recorded_attitude import strayed
+from tam_calibration.fit.slow_residuals import slow_factor, variance_factors
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.limits import ATTITUDE_NOISE
+from tam_calibration.model.recording import SampleSource
+from tam_calibration.model.units import FloatArray, to_degrees
+
+_REMEDY = "record an attitude of gyroscope and accelerometer only, without the magnetometer"
+
+_MOST_ROUNDS, _LARGEST_FALL, _SETTLED = 12, 10.0, 0.05
+"""To find the noise of attitude from above, by how much it falls in one at most, and the part by which it may change in
+the last of them."""
+
+_LOOK = "look at its stamps and frames, at whether the field is uniform, and that no magnetometer is in it"
+_NO_FIT = f"the recorded attitude and the readings make no calibration together: {_LOOK}"
+
+_NOISES = (ATTITUDE_NOISE.most, 0.05, 0.005, 5e-4)
+"""Noise of attitude to begin with, radians: the first with which a recording that tells little alone is calibrated."""
+
+_TOO_FAR = 2.0
+"""Stated noise over that of the residuals, or the reverse, from which the stated one is not used: a factor of two in
+standard errors. Both counted are the size of the errors and how long they last."""
+
+_LEAST_TOLD = 1e-3
+"""Part of the information on a direction that both sides have at least where they can contradict."""
+
+_SEEN = 1e-12
+"""Part of the largest eigenvalue of a scaled information below which a direction is open."""
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """What attitude may be used for.
+
+    Parameters
+    ----------
+    attitude_noise : float, optional
+        To fit with, radians; None where attitude is left out.
+    uses_heading : bool
+        Whether the heading counts too.
+    reason : str
+        Why something is left out, by name and size; empty where nothing is.
+    doubt : str
+        What is wrong with the stated noise; empty where it is right, or none is stated.
+    place : str
+        Why the main field of a model is left out; empty where it agrees, or is not given.
+    """
+
+    attitude_noise: float | None
+    uses_heading: bool = True
+    reason: str = ""
+    doubt: str = ""
+    place: str = ""
+
+
+def judge_attitude(recording: SampleSource, array: Array, known: Known) -> Judgement:
+    """Return what the recorded attitude may be used for.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        Raw readings of K sensors in a uniform field, with attitude.
+    array : Array
+        Its noise of attitude is infinite where it is to be estimated.
+    known : Known
+        What is known beside the recording.
+
+    Returns
+    -------
+    Judgement
+        Of an attitude that makes no fit with the readings nothing is used.
+    """
+    assert array.attitude_noise is not None
+    reasons: list[str] = []
+    for uses_heading in (True, False):
+        beside = replace(known, uses_heading=uses_heading, main_field_T=None)
+        try:
+            fit = _Fit.settled_from_above(recording, array, beside)
+            used, doubt = _used_noise(array.attitude_noise, fit)
+            fit = fit.with_noise(used)
+        except (InputError, Refused):
+            stray = strayed(_scatter_at_start(recording, array, beside)) or _NO_FIT
+            reasons.append(misread_attitude(recording) or stray)
+            continue
+        stray = strayed(fit.scatter)
+        reason = (
+            (stray and misread_attitude(recording))
+            or stray
+            or (fit.followed(recording) if uses_heading else "")
+            or fit.contradiction()
+        )
+        if not reason:
+            place = "" if known.main_field_T is None else fit.contradiction_of_place(known.main_field_T)
+            return Judgement(used, uses_heading, reasons[0] if reasons else "", doubt, place)
+        reasons.append(reason)
+    return Judgement(None, False, reasons[0])
+
+
+def lasting_of(
+    problem: Problem, place: Place, along: FloatArray | None = None, headings: FloatArray | None = None
+) -> float:
+    """Return by how much what attitude tells varies more than by white noise: for how many samples its errors last.
+
+    Parameters
+    ----------
+    problem, place : Problem, Place
+        The likelihood, and where it is taken.
+    along : (P, Q) array, optional
+        Directions of the unknowns that count; by default all that are free.
+    headings : (M, N) array, optional
+        As of ``AttitudeLikelihood.linearize``: their sizes are the last unknowns.
+    """
+    assert problem.attitude is not None
+    count = len(problem.attitude.to_world)
+    if count < BLOCKS:
+        return 1.0
+    along = problem.basis_at(place) if along is None else along
+    spans = [slice(*span) for span in pairwise(np.linspace(0, count, BLOCKS + 1).astype(int))]
+    parts = [problem.attitude_at(place, span, None if headings is None else headings[:, span]) for span in spans]
+    information = np.array([along.T @ part.information @ along for part in parts])
+    white = whitening(information.sum(axis=0), _SEEN)
+    return slow_factor(white.T @ information @ white, np.array([white.T @ along.T @ part.gradient for part in parts]))
+
+
+def _scatter_at_start(recording: SampleSource, array: Array, known: Known) -> float:
+    noisy, _ = complete_noise(replace(array, attitude_noise=ATTITUDE_NOISE.most), recording)
+    problem = Problem.of(recording, noisy, known)
+    return problem.attitude_at(problem.start).scatter(ATTITUDE_NOISE.most)
+
+
+def _used_noise(stated: float, fit: "_Fit") -> tuple[float, str]:
+    """Return the noise to fit with, radians, and what is wrong with the stated one; infinite where it is estimated."""
+    if np.isinf(stated):
+        return fit.noise, ""
+    if 1 / _TOO_FAR < stated / fit.noise < _TOO_FAR:
+        return max(stated, fit.noise), ""
+    size = "small" if stated < fit.noise else "large"
+    lasting = (fit.noise / fit.scatter) ** 2
+    words = f" for {lasting:.2g} samples at a time" if lasting > 1 else ""
+    return fit.noise, (
+        f"attitude_noise_deg, stated as {to_degrees(stated):.3g}, is too {size}: the attitude is off by "
+        f"{to_degrees(fit.scatter):.3g}°{words}, which was used; state {to_degrees(fit.noise):.3g}, or estimate"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """A fit beside attitude: its noise, and the scatter of the residuals, which is less where they last; radians."""
+
+    problem: Problem
+    place: Place
+    noise: float
+    scatter: float
+
+    @classmethod
+    def settled_from_above(cls, recording: SampleSource, array: Array, known: Known) -> "_Fit":
+        """Return the fit with the noise of its residuals, from attitudes that hardly weigh to what they are worth.
+
+        The readings are weighed by what they leave before attitude can pull them.
+        """
+        for noise in _NOISES[:-1]:
+            with suppress(InputError, Refused):
+                calibration = maximum_a_posteriori(recording, replace(array, attitude_noise=noise), known)
+                require_accurate(calibration)
+                break
+        else:
+            noise = _NOISES[-1]
+            calibration = maximum_a_posteriori(recording, replace(array, attitude_noise=noise), known)
+        factors = known.variance_factors.at_least(variance_factors(calibration, recording))
+        problem = Problem.of(recording, calibration.array, replace(known, variance_factors=factors))
+        fit = cls(problem, problem.start, noise, noise).with_noise(noise)
+        for _ in range(_MOST_ROUNDS):
+            noise = max(fit.measure_scatter(), fit.noise / _LARGEST_FALL)
+            if abs(noise - fit.noise) <= _SETTLED * fit.noise:
+                break
+            fit = fit.with_noise(noise)
+        noise = min(float(np.sqrt(lasting_of(fit.problem, fit.place))) * fit.noise, ATTITUDE_NOISE.most)
+        return replace(fit, noise=noise, scatter=fit.noise)
+
+    def with_noise(self, noise: float) -> "_Fit":
+        """Return the fit of attitudes of another noise."""
+        assert self.problem.attitude is not None
+        problem = replace(self.problem, attitude=replace(self.problem.attitude, attitude_noise=noise))
+        place, _ = problem.most_probable()
+        return replace(self, problem=problem, place=place, noise=noise)
+
+    def measure_scatter(self) -> float:
+        """Return the standard deviation of attitude that the residuals show, radians."""
+        own = self.problem.attitude_at(self.place)
+        return own.scatter(self.noise, float(np.sum(self._shares(own.information, own.gradient)[0])))
+
+    def _white(self) -> FloatArray:
+        """Return directions of the free unknowns on which the information of all is one."""
+        information, gradient = self.problem.data_at(self.place)
+        self.problem.add_known(self.place, information, gradient)
+        basis = self.problem.basis_at(self.place)
+        return np.asarray(basis @ whitening(basis.T @ information @ basis, _SEEN))
+
+    def _shares(self, information: FloatArray, gradient: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the part that some information is of all on each direction, and its gradient along them."""
+        white = self._white()
+        shares, directions = np.linalg.eigh(white.T @ information @ white)
+        return np.clip(shares, 0, 1), directions.T @ white.T @ gradient
+
+    def contradiction(self) -> str:
+        """Return how attitude contradicts all else, or nothing."""
+        own = self.problem.attitude_at(self.place)
+        sizes = self._difference(own.information, own.gradient)
+        what = "heading" if self.problem.known.uses_heading else "roll and pitch"
+        noise = f"with {to_degrees(self.noise):.2g}° of noise"
+        words = f"the {what} of the recorded attitude contradicts the readings, {sizes} {noise}: {_LOOK}"
+        return words if sizes else ""
+
+    def contradiction_of_place(self, main_field_T: FloatArray) -> str:
+        """Return how the main field of a model contradicts readings and attitude, or nothing."""
+        known = replace(self.problem.known, main_field_T=main_field_T)
+        beside = replace(self, problem=replace(self.problem, known=known)).with_noise(self.noise)
+        size = len(beside.problem.basis_at(beside.place))
+        added = []
+        for problem in (beside.problem, self.problem):
+            own = np.zeros((size, size)), np.zeros(size)
+            problem.add_known(beside.place, *own)
+            added.append(own)
+        (information, gradient), (less, downhill) = added
+        sizes = beside._difference(information - less, gradient - downhill)
+        return f"the field of the place contradicts readings and attitude, {sizes}" if sizes else ""
+
+    def _difference(self, information: FloatArray, gradient: FloatArray) -> str:
+        """Return χ² of the difference that some information makes to the estimate, where chance hardly makes as much.
+
+        At the best errors its score is what the others' balances, and has the variance of the parallel sum of both
+        informations (Hausman 1978): no fit without it is needed.
+        """
+        shares, score = self._shares(information, gradient)
+        told = (shares > _LEAST_TOLD) & (1 - shares > _LEAST_TOLD)
+        chi_square, freedom = float(np.sum(score[told] ** 2 / (shares * (1 - shares))[told])), int(told.sum())
+        if probability_of(chi_square, freedom) >= SIGNIFICANT:
+            return ""
+        return f"χ² {chi_square:.3g} of {freedom} errors"
+
+    def followed(self, recording: SampleSource) -> str:
+        """Return which readings the heading follows, or nothing."""
+        samples, attitude, view = recording.whole(), self.problem.attitude, self.place.view
+        assert attitude is not None and view is not None and samples.attitude is not None
+        readings_T = samples.readings_T[np.isfinite(samples.attitude).all(axis=1)]
+        field = attitude.field(*self.problem.rows_at(self.place))
+        turned = attitude.to_world @ view.mount
+        raw = RawHeadings.of(readings_T, field, turned, view.direction, self.place.intensity_T)
+        white, size = self._white(), len(self.problem.basis_at(self.place))
+        own = self.problem.attitude_at(self.place, headings=raw.columns)
+        # Each error of the heading less what errors of the sensors make that are as probable.
+        alone = np.vstack([-white @ white.T @ own.information[:size, size:], np.eye(len(raw.columns))])
+        left = own.information[size:] @ alone
+        followed, is_raw = {}, {}
+        for index, name in enumerate(raw.names):
+            both = slice(2 * index, 2 * index + 2)
+            own_white = whitening(left[both, both], _SEEN)
+            along = own_white.T @ own.gradient[size:][both]
+            chi_square, limit = float(along @ along), SIGNIFICANT / len(raw.names)
+            if probability_of(chi_square, len(along)) < limit and (own_white @ along).max() > 0:
+                chi_square /= lasting_of(self.problem, self.place, alone[:, both], raw.columns)
+                if probability_of(chi_square, len(along)) < limit:
+                    followed[-chi_square] = f"follows the errors of {name}, {raw.size_deg(index):.2g}°"
+            if raw.is_raw(index, self.noise):
+                size_deg = raw.variation_deg(index)
+                is_raw[size_deg] = f"is that of the raw readings of {name}, to {size_deg:.2g}°"
+        found = followed or is_raw
+        return f"the heading of the recorded attitude {found[min(found)]}: {_REMEDY}" if found else ""
