@@ -9,8 +9,8 @@ Not here, as they take up to hours, or tell accuracy and not speed: ``large.py``
 ``localization_moving.py``, ``mission.py``, ``changes_within.py``, ``live.py``, ``live_over_dds.py``,
 ``platform_field.py``, ``platform_field_named.py``, ``blind.py``, ``compare_pairs.py``, ``compare_recordings.py``,
 ``wu_table_1.py``, ``ambient_gradient.py``, ``gradient_truth.py``, ``slow_scalar.py``, ``clocks.py``, ``delays.py``,
-``integrity.py`` and ``papers_gap.py``; ``structure.py``, which counts modules and names; and ``mutants.py``: each is a
-command of its own, named in its docstring.
+``integrity.py``, ``dependent_channels.py`` and ``papers_gap.py``; ``structure.py``, which counts modules and names; and
+``mutants.py``: each is a command of its own, named in its docstring.
 """
 
 import csv

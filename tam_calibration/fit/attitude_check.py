@@ -169,8 +169,8 @@ def _used_noise(stated: float, fit: "_Fit") -> tuple[float, str]:
     lasting = (fit.noise / fit.scatter) ** 2
     words = f" for {lasting:.2g} samples at a time" if lasting > 1 else ""
     return fit.noise, (
-        f"attitude_noise_deg, stated as {to_degrees(stated):.3g}, is too {size}: the attitude is off by "
-        f"{to_degrees(fit.scatter):.3g}°{words}, which was used; state {to_degrees(fit.noise):.3g}, or estimate"
+        f"the stated attitude_noise_deg, {to_degrees(stated):.3g}, is too {size}: the attitude is off by "
+        f"{to_degrees(fit.scatter):.3g}°{words}, and counts as that; state {to_degrees(fit.noise):.3g}, or estimate"
     )
 
 

@@ -68,7 +68,7 @@ def test_a_wrong_noise_of_attitude_is_told_and_not_used(stated, size):
     for seed in range(12):
         found = calibrate(recorded(turns, seed, attitude=off_by(turns, 0.5, seed + 100)), stating(stated))
         (warning,) = found.warnings
-        assert f"attitude_noise_deg, stated as {stated:g}, is too {size}" in warning
+        assert f"the stated attitude_noise_deg, {stated:g}, is too {size}" in warning
         free = found.standard_errors > 0
         squares.append(
             np.mean(((found.errors.to_vector() - ERRORS.to_vector())[free] / found.standard_errors[free]) ** 2)
