@@ -6,15 +6,18 @@ of the same numbers makes it stand still, the recording was written in that way.
 """
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.linalg import norm
-from scipy.spatial.transform import Rotation
 
 from tam_calibration.fit.scale import sphere_center
 from tam_calibration.model.recording import SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 _TURNS = from_degrees(10.0)
 """Angle, root mean square, by which the field turns in the world of an attitude that is not the array's: near a source,
@@ -29,9 +32,9 @@ _MOST_SAMPLES = 2000
 _INVERSE, _SCALAR_FIRST = np.array([-1.0, -1.0, -1.0, 1.0]), [1, 2, 3, 0]
 """Signs of the inverse of a quaternion x, y, z, w, and the order that makes one of w, x, y, z."""
 
-_HALF_TURNS = {axis: Rotation.from_rotvec(np.pi * unit) for axis, unit in zip("xyz", np.eye(3), strict=True)}
-"""Of the IMU against the array. That about x makes forward, right, down of forward, left, up. Readings with that axis
-reversed in all sensors look the same, as the field may point either way."""
+_HALF_TURNS = dict(zip("xyz", np.eye(4)[:3], strict=True))
+"""Quaternions of the IMU against the array. That about x makes forward, right, down of forward, left, up. Readings with
+that axis reversed in all sensors look the same, as the field may point either way."""
 
 
 @dataclass(frozen=True)
@@ -44,11 +47,13 @@ class _Convention:
     is_scalar_first: bool = False
     half_turn: str = ""
 
-    def to_world(self, quaternions: FloatArray) -> Rotation:
+    def to_world(self, quaternions: FloatArray) -> "Rotation":
         """Return the turns from the array's axes to the world of quaternions that were written so."""
         ordered = quaternions[:, _SCALAR_FIRST] if self.is_scalar_first else quaternions
+        from scipy.spatial.transform import Rotation  # takes as long to load as a calibration
+
         turns = Rotation.from_quat(ordered * _INVERSE if self.is_inverse else ordered)
-        return turns * _HALF_TURNS[self.half_turn] if self.half_turn else turns
+        return turns * Rotation.from_quat(_HALF_TURNS[self.half_turn]) if self.half_turn else turns
 
 
 _FRD = "state imu_rotation_deg: [180, 0, 0] in the array file"
@@ -109,7 +114,8 @@ def misread_attitude(recording: SampleSource, errors: SensorErrors | None = None
     still, convention = min(((_turning(each, attitude, field), each) for each in _CONVENTIONS), key=lambda one: one[0])
     if _BETTER * still < turning:
         return f"the recorded attitude {convention.what}: {convention.mend}"
-    constant = (Rotation.from_quat(attitude[0]).inv() * Rotation.from_quat(attitude)).magnitude().max()
+    turns = _AS_EXPECTED.to_world(attitude)
+    constant = float((turns[0].inv() * turns).magnitude().max())
     if _BETTER * constant < turning:
         return "the recorded attitude hardly changes while the readings turn: look at its driver"
     return ""

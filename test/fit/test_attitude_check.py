@@ -92,7 +92,7 @@ def test_an_attitude_of_another_convention_is_left_out():
     """The turn from the world to the array is named as what it is not."""
     turns = circles()
     found = calibrate(recorded(turns, 7, attitude=turns.inv()), stating(0.5))
-    assert any("must be the turn from the array to the world" in note for note in found.notes)
+    assert any("turns the world into the array: write the inverse" in note for note in found.notes)
     assert worst(found) < 4
 
 
