@@ -75,8 +75,9 @@ $(READY): setup.py setup.cfg pyproject.toml constraints.txt
 		|| true  # that of Python 3.11 resolves some two hundred packages in twice the time
 	@$(BIN)/pip install -qq --disable-pip-version-check --no-compile --constraint constraints.txt \
 		--editable '.[ros,test]'
+	@echo "$(CURDIR)" > "$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/tam_validation.pth"
 	@touch $@
 
 clean:
 	rm -rf build install log demo_output *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
-	find tam_calibration benchmarks docs examples test launch -name __pycache__ -prune -exec rm -rf {} +
+	find tam_calibration tam_validation benchmarks docs examples test launch -name __pycache__ -prune -exec rm -rf {} +

@@ -20,9 +20,9 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from tam_calibration.files.text_files import write_whole
-from tam_calibration.validation.blind.folder import TIMES, read_json, read_keys, read_outcomes
-from tam_calibration.validation.blind.score import Score
-from tam_calibration.validation.blind.score_table import HEADER, cells, effects, print_score, remarks
+from tam_validation.blind.folder import TIMES, read_json, read_keys, read_outcomes
+from tam_validation.blind.score import Score
+from tam_validation.blind.score_table import HEADER, cells, effects, print_score, remarks
 
 RESULTS = Path(__file__).parent / "results"
 DOCS = Path(__file__).parents[1] / "docs"

@@ -50,7 +50,7 @@ from pairs.world import make_world_pair
 
 from tam_calibration.fleet.processes import processes, submit_all
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.validation.blind.folder import read_json
+from tam_validation.blind.folder import read_json
 
 Task = TypeVar("Task")
 

@@ -29,9 +29,9 @@ from tam_calibration.gap import diagnose
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
 from tam_calibration.recordings import read_array, read_samples
-from tam_calibration.validation.blind.case import make_case
-from tam_calibration.validation.blind.case_plan import CasePlan
-from tam_calibration.validation.blind.folder import write_case
+from tam_validation.blind.case import make_case
+from tam_validation.blind.case_plan import CasePlan
+from tam_validation.blind.folder import write_case
 
 SIZES = (500, 1_000, 2_000, 4_000, 8_000, 16_000)
 ASKED_SIZE, ASKED_SECONDS = 4_000, 3.0

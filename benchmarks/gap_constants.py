@@ -40,11 +40,11 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
 from tam_calibration.recordings import read_array, read_recording
 from tam_calibration.results.results_json import gap_to_mapping
-from tam_calibration.validation.blind.case import make_case
-from tam_calibration.validation.blind.case_plan import CasePlan
-from tam_calibration.validation.blind.figures import is_mixture_found
-from tam_calibration.validation.blind.folder import write_case
-from tam_calibration.validation.blind.outcome import Outcome
+from tam_validation.blind.case import make_case
+from tam_validation.blind.case_plan import CasePlan
+from tam_validation.blind.figures import is_mixture_found
+from tam_validation.blind.folder import write_case
+from tam_validation.blind.outcome import Outcome
 
 RESULTS = Path(__file__).parent / "results" / "gap_constants.csv"
 PAGE = Path(__file__).parents[1] / "docs" / "gap_constants.md"

@@ -18,8 +18,8 @@ from scipy.optimize import minimize
 from tam_calibration.effects.library import installed_effects
 from tam_calibration.gap.conclude import features_of
 from tam_calibration.model.units import FloatArray
-from tam_calibration.validation.blind.folder import read_json, read_keys, read_outcomes
-from tam_calibration.validation.blind.outcome import NO_GAP, UNEXPLAINED, Outcome
+from tam_validation.blind.folder import read_json, read_keys, read_outcomes
+from tam_validation.blind.outcome import NO_GAP, UNEXPLAINED, Outcome
 
 OTHER_NAMES = {
     "late_windows": "stale_samples",

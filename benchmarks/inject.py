@@ -19,8 +19,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from tam_calibration.validation.blind.folder import read_json
-from tam_calibration.validation.blind.injected import INJECTED
+from tam_validation.blind.folder import read_json
+from tam_validation.blind.injected import INJECTED
 
 QUANTITIES = {
     "temperature_drift": (" offset",),

@@ -29,7 +29,7 @@ from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, from_nanotesla
 from tam_calibration.recordings import read_array, read_recording
-from tam_calibration.validation.blind.folder import KEYS, read_json
+from tam_validation.blind.folder import KEYS, read_json
 
 ASKED_NAMED = 0.99
 """Part of the spoiled recordings that are refused by the right name."""

@@ -35,11 +35,11 @@ from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.recording import Recording
 from tam_calibration.recordings import read_array, read_recording
-from tam_calibration.validation.blind.case import make_case
-from tam_calibration.validation.blind.case_plan import CasePlan, plan_cases
-from tam_calibration.validation.blind.folder import write_case
-from tam_calibration.validation.blind.injected import inject
-from tam_calibration.validation.blind.rates import WITHIN_95, Rate
+from tam_validation.blind.case import make_case
+from tam_validation.blind.case_plan import CasePlan, plan_cases
+from tam_validation.blind.folder import write_case
+from tam_validation.blind.injected import inject
+from tam_validation.blind.rates import WITHIN_95, Rate
 
 SIZED = ("bias_jump", "current_interference", "time_skew")
 """Simulated effects whose size is one number for each axis, in key and answer alike."""

@@ -43,7 +43,7 @@ from tam_calibration.model.units import FloatArray
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 from tam_calibration.sources.dipole import Dipole, Loop, dipole_field, loop_field
-from tam_calibration.validation.papers.wu2025_coil import POSITION_M, RADIUS_M
+from tam_validation.papers.wu2025_coil import POSITION_M, RADIUS_M
 
 _TRIED, _REFINED = 200, 20
 """Random directions for each run, and how many of the worst are made worse: more change the worst by less than 2 %."""

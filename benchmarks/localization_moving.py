@@ -29,7 +29,7 @@ from tam_calibration.simulation.attitude import Manoeuvre
 from tam_calibration.sources.demodulation import background_of, demodulate, turning_of
 from tam_calibration.sources.dipole import Dipole, Loop
 from tam_calibration.sources.poses import Poses
-from tam_calibration.validation.papers.wu2025_coil import POSITION_M, RADIUS_M
+from tam_validation.papers.wu2025_coil import POSITION_M, RADIUS_M
 
 
 def source_calibration(generator: np.random.Generator, runs: int) -> Iterable[Figure]:

@@ -33,7 +33,7 @@ from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import Simulation, simulate
 from tam_calibration.sources.dipole import Dipole
-from tam_calibration.validation.papers.wu2025_coil import AXES, Experiment, directions
+from tam_validation.papers.wu2025_coil import AXES, Experiment, directions
 
 RESULTS = Path(__file__).parent / "results" / "papers_gap.csv"
 PRINTED_T, PRINTED_ALIKE = from_nanotesla(95.5), 98.5 / 91.9

@@ -36,7 +36,7 @@ from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.tolerances import Tolerances
 from tam_calibration.model.units import FloatArray, from_nanotesla, to_nanotesla
 from tam_calibration.simulation.attitude import Manoeuvre, Motion, Tumble
-from tam_calibration.validation.blind.vehicle import Body, driven
+from tam_validation.blind.vehicle import Body, driven
 
 RESULTS = Path(__file__).parent / "results" / "platform_field.csv"
 IRON_M2, BODIES, LENGTH_M, PLATE_M, SUSCEPTIBILITY = 20.0, 12, 10.0, 0.004, 150.0

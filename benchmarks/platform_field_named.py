@@ -27,12 +27,12 @@ from tam_calibration.gap import diagnose
 from tam_calibration.model.units import FloatArray
 from tam_calibration.recordings import read_array, read_recording
 from tam_calibration.results.results_json import gap_to_mapping
-from tam_calibration.validation.blind.case import Case, make_case
-from tam_calibration.validation.blind.case_plan import GAPS, CasePlan
-from tam_calibration.validation.blind.folder import write_case
-from tam_calibration.validation.blind.outcome import NO_GAP, Outcome
-from tam_calibration.validation.blind.processes import draw_load, draw_wander
-from tam_calibration.validation.blind.rates import Rate
+from tam_validation.blind.case import Case, make_case
+from tam_validation.blind.case_plan import GAPS, CasePlan
+from tam_validation.blind.folder import write_case
+from tam_validation.blind.outcome import NO_GAP, Outcome
+from tam_validation.blind.processes import draw_load, draw_wander
+from tam_validation.blind.rates import Rate
 
 RESULTS = Path(__file__).parent / "results" / "platform_field_named.csv"
 NAME = "platform_field"

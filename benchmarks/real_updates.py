@@ -29,7 +29,7 @@ from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, from_nanotesla
 from tam_calibration.recordings import read_array, read_recording
-from tam_calibration.validation.blind.rates import WITHIN_95, Rate
+from tam_validation.blind.rates import WITHIN_95, Rate
 
 THIRDS = 3
 """Parts of a recording that update a calibration: turns of some seconds of a phone, in no full circle."""

@@ -36,7 +36,7 @@ from tam_calibration.model.tolerances import Tolerances
 from tam_calibration.model.units import FloatArray
 from tam_calibration.recordings import read_array, read_recording
 from tam_calibration.simulation.attitude import Manoeuvre
-from tam_calibration.validation.blind.rates import WITHIN_95
+from tam_validation.blind.rates import WITHIN_95
 
 RESULTS = Path(__file__).parent / "results" / "tolerances.csv"
 STATED = {

@@ -7,9 +7,9 @@ import csv
 from collections import Counter
 from pathlib import Path
 
-from tam_calibration.validation.papers import PAPERS
-from tam_calibration.validation.papers.not_compared import not_compared
-from tam_calibration.validation.papers.tables import STATUSES
+from tam_validation.papers import PAPERS
+from tam_validation.papers.not_compared import not_compared
+from tam_validation.papers.tables import STATUSES
 
 PAGE = Path(__file__).parent / "papers.md"
 RESULTS = Path(__file__).parents[1] / "benchmarks" / "results"

@@ -171,8 +171,8 @@ def wu2025_sweeps():
     from importlib import import_module
 
     from tam_calibration.results.scenario import read_scenario
-    from tam_calibration.validation.papers.sweep import sweeps_of, tasks_of
-    from tam_calibration.validation.papers.wu2025_sweeps import plans, score
+    from tam_validation.papers.sweep import sweeps_of, tasks_of
+    from tam_validation.papers.wu2025_sweeps import plans, score
 
     planned = plans(read_scenario("wu_table_1"))
     with pytest.MonkeyPatch.context() as patch:

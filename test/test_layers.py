@@ -12,7 +12,7 @@ PACKAGE = Path(__file__).parents[1] / "tam_calibration"
 LAYERS = (
     ("__main__",),
     ("cli",),
-    ("nodes", "validation"),
+    ("nodes",),
     ("fleet",),
     ("report",),
     ("results",),
@@ -35,7 +35,6 @@ SURROUNDINGS = {
     "__main__",
     "cli",
     "nodes",
-    "validation",
     "fleet",
     "report",
     "results",
@@ -93,7 +92,7 @@ def test_every_room_has_a_layer():
 
 
 def test_imports_run_downwards_only():
-    """A module imports its own room and what stands below it: so the nodes never import the validation."""
+    """A module imports its own room and what stands below it."""
     edges = [(module, room(module), other) for module in MODULES for other in own_rooms(module) - {room(module)}]
     assert [(module, other) for module, here, other in edges if RANK[other] <= RANK[here]] == []
 

@@ -11,7 +11,7 @@ import numpy as np
 from pairs.making import Columns, Pair
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.validation.blind.folder import read_json, write_json
+from tam_validation.blind.folder import read_json, write_json
 
 KEY, SEAL, SEALED, ANSWERS, SETTINGS = "key.json", "key.sha256", "sealed", "answers", "settings.json"
 FILES = ("simulation.csv", "recording.csv", "array.yaml")

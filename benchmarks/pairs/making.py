@@ -12,11 +12,11 @@ from pairs.plan import PairPlan
 from pairs.run import Run, draw_field, draw_recording, draw_simulation, draw_vehicle, run_of
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.units import FloatArray, to_nanotesla
-from tam_calibration.validation.blind import case
-from tam_calibration.validation.blind.case_plan import CasePlan
-from tam_calibration.validation.blind.catalogue import CAUSES
-from tam_calibration.validation.blind.disturbance import MOVING
-from tam_calibration.validation.blind.visible import NominalModel, Scaled, scale_to
+from tam_validation.blind import case
+from tam_validation.blind.case_plan import CasePlan
+from tam_validation.blind.catalogue import CAUSES
+from tam_validation.blind.disturbance import MOVING
+from tam_validation.blind.visible import NominalModel, Scaled, scale_to
 
 TIMES = 2.5
 """Amplitude of an effect in the recording over that in the simulation, where its parameters are other ones."""

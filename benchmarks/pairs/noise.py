@@ -5,7 +5,7 @@ from numpy.random import Generator
 from scipy.signal import lfilter
 
 from tam_calibration.model.units import FloatArray, to_nanotesla
-from tam_calibration.validation.blind.disturbance import Signal
+from tam_validation.blind.disturbance import Signal
 
 _SETTLING = 500
 """Samples that a resonance of quality 10 at a twelfth of the rate needs to forget how it began, and more."""

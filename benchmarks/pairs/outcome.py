@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from tam_calibration.comparison.result import UNKNOWN
-from tam_calibration.validation.blind.outcome import Outcome
+from tam_validation.blind.outcome import Outcome
 
 SIDES = {"missing": "missing_in_simulation", "surplus": "surplus_in_simulation"}
 """Keys of the answer by those of the key."""

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.random import Generator
 
-from tam_calibration.validation.blind.catalogue import CATALOGUE
-from tam_calibration.validation.blind.disturbance import MOVING
-from tam_calibration.validation.blind.outside import OUTSIDE
+from tam_validation.blind.catalogue import CATALOGUE
+from tam_validation.blind.disturbance import MOVING
+from tam_validation.blind.outside import OUTSIDE
 
 SHARES = {
     "missing": 60,

@@ -13,12 +13,12 @@ from vehicle import VehicleRun, simulate_vehicle
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
-from tam_calibration.validation.blind import case
-from tam_calibration.validation.blind.continuous_motion import ContinuousMotion
-from tam_calibration.validation.blind.disturbance import Signal
-from tam_calibration.validation.blind.processes import draw_load, draw_weather
-from tam_calibration.validation.blind.scene import Scene, Wish, draw_scene
-from tam_calibration.validation.blind.visible import NominalModel
+from tam_validation.blind import case
+from tam_validation.blind.continuous_motion import ContinuousMotion
+from tam_validation.blind.disturbance import Signal
+from tam_validation.blind.processes import draw_load, draw_weather
+from tam_validation.blind.scene import Scene, Wish, draw_scene
+from tam_validation.blind.visible import NominalModel
 
 CHANNELS = ("temperature", "current", "attitude")
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from pairs.outcome import PairOutcome
 from pairs.plan import GAPS
-from tam_calibration.validation.blind.rates import Rate
+from tam_validation.blind.rates import Rate
 
 NEAR_LEVEL = 0.05
 """Relative error of a noise level that is asked for."""

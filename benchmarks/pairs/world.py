@@ -13,10 +13,10 @@ from pairs.run import CHANNELS, draw_simulation
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, from_nanotesla
-from tam_calibration.validation.blind import case
-from tam_calibration.validation.blind.continuous_motion import ContinuousMotion
-from tam_calibration.validation.blind.processes import draw_load, draw_weather
-from tam_calibration.validation.blind.scene import Scene
+from tam_validation.blind import case
+from tam_validation.blind.continuous_motion import ContinuousMotion
+from tam_validation.blind.processes import draw_load, draw_weather
+from tam_validation.blind.scene import Scene
 
 MOVING = ("tumble", "auv")
 """Its motions in which an array turns all the time."""

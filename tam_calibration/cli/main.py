@@ -6,6 +6,7 @@ It tells notes that are logged at once, and warnings at its end or in the senten
 import logging
 import sys
 from importlib import import_module
+from importlib.util import find_spec
 from types import TracebackType
 from typing import Any
 
@@ -74,9 +75,18 @@ SUBCOMMANDS = {
     "play": "Play a bag onto its topics, to feed the nodes.",
     "call": "Call a service of the nodes, such as calibrator/calibrate.",
     "demo": "Run the whole chain over ROS 2 and show what it gained.",
+}
+
+VALIDATION = {
     "blind": "Check the diagnosis on recordings whose cause is withheld: make, answer, score.",
     "reproduce": "Run the simulations of the papers again, number by number.",
 }
+"""Subcommands of the package `tam_validation`, which lies beside this one in a checkout and is not installed."""
+
+
+def subcommands() -> dict[str, str]:
+    """Return the subcommands that there are, each with what it does."""
+    return SUBCOMMANDS | (VALIDATION if find_spec("tam_validation") else {})
 
 
 class LazyGroup(click.Group):
@@ -102,7 +112,7 @@ class LazyGroup(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names in the order in which they are used."""
-        return list(SUBCOMMANDS)
+        return list(subcommands())
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import and return a subcommand; None where there is none of that name.
@@ -114,9 +124,11 @@ class LazyGroup(click.Group):
         cmd_name : str
             Name as the user typed it.
         """
-        if cmd_name not in SUBCOMMANDS:
+        if cmd_name not in subcommands():
             return None
-        command: click.Command = import_module(f"tam_calibration.cli.{cmd_name}").command
+        of_validation = cmd_name in VALIDATION
+        module = f"tam_validation.{cmd_name}_command" if of_validation else f"tam_calibration.cli.{cmd_name}"
+        command: click.Command = import_module(module).command
         if isinstance(ctx.obj, Ending):
             ctx.obj.loaded()
         return command
@@ -132,7 +144,7 @@ class LazyGroup(click.Group):
             Of the help text, to which the list is added.
         """
         with formatter.section("Commands"):
-            formatter.write_dl(list(SUBCOMMANDS.items()))
+            formatter.write_dl(list(subcommands().items()))
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run a subcommand; what the user can mend becomes one sentence, with what was warned of, and an exit code."""

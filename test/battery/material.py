@@ -135,9 +135,9 @@ def _write_coil(folder: Path) -> None:
 
 def _make_blind(folder: Path) -> None:
     """Make one case of the check on withheld effects, answered."""
-    from tam_calibration.validation.blind.case import make_case
-    from tam_calibration.validation.blind.case_plan import plan_cases
-    from tam_calibration.validation.blind.folder import COMMITMENTS, KEYS, case_name, seal, write_case, write_json
+    from tam_validation.blind.case import make_case
+    from tam_validation.blind.case_plan import plan_cases
+    from tam_validation.blind.folder import COMMITMENTS, KEYS, case_name, seal, write_case, write_json
 
     case, name = make_case(plan_cases(("single",), 1, 5)[0], 5, 1), case_name(1)
     (folder / "cases").mkdir()

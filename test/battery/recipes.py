@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from tam_calibration.cli.main import SUBCOMMANDS
+from tam_calibration.cli.main import subcommands
 from tam_calibration.fit import METHODS
 
 _ARRAY = ("--array", "array.yaml")
@@ -224,5 +224,5 @@ _RECIPES = (
     Recipe("recover", ("recover", "cut.mcap", "-o", "new.mcap"), ("cut.mcap",), ("new.mcap",)),
 )
 
-RECIPES = {recipe.name: recipe for recipe in _RECIPES if recipe.command in SUBCOMMANDS}
+RECIPES = {recipe.name: recipe for recipe in _RECIPES if recipe.command in subcommands()}
 """By their names, of the commands that there are."""

@@ -33,7 +33,7 @@ _FRESH = "import os, sys; from tam_calibration.__main__ import run; os.write(int
 _TOLD_BYTES = 1 << 20
 _PR_SET_CHILD_SUBREAPER = 36
 _MODULES = (
-    *(f"cli.{name}" for name in ("calibrate", "diagnose", "plan", "correct", "locate", "simulate", "blind", "inspect")),
+    *(f"cli.{name}" for name in ("calibrate", "diagnose", "plan", "correct", "locate", "simulate", "inspect")),
     *(
         "recordings.bag_source",
         "recordings.ulog_source",

@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from tam_calibration.cli.main import main
-from tam_calibration.validation.papers import li2018a, wu2025
+from tam_validation.papers import li2018a, wu2025
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ from scipy.optimize import least_squares
 from tam_calibration.fit.published import regress
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.sensor_errors import SensorErrors
-from tam_calibration.validation.papers import li2018a
+from tam_validation.papers import li2018a
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ import pytest
 
 from tam_calibration.fit.published import count_determined, fast_rotation
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.validation.papers import li2018b
+from tam_validation.papers import li2018b
 
 
 @pytest.mark.parametrize("noise_free", [True, False])

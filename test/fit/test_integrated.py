@@ -10,7 +10,7 @@ from tam_calibration.fit.integrated import _nearest, _turns, constrained_ellipso
 from tam_calibration.fit.moments import gather
 from tam_calibration.fit.recorded_attitude import find_turn
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.validation.papers import chi2017
+from tam_validation.papers import chi2017
 
 
 def ellipsoid_moments(axes, center, noise=0.0, part=1.0):

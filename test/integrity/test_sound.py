@@ -13,10 +13,10 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.recordings import read_array, read_recording
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
-from tam_calibration.validation.blind.case import make_case
-from tam_calibration.validation.blind.case_plan import CasePlan
-from tam_calibration.validation.blind.catalogue import CATALOGUE
-from tam_calibration.validation.blind.outside import OUTSIDE
+from tam_validation.blind.case import make_case
+from tam_validation.blind.case_plan import CasePlan
+from tam_validation.blind.catalogue import CATALOGUE
+from tam_validation.blind.outside import OUTSIDE
 
 RECORDINGS = Path(__file__).parents[3] / "shared" / "data" / "recordings"
 

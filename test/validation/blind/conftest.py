@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from tam_calibration.validation.blind.catalogue import CAUSES
-from tam_calibration.validation.blind.continuous_motion import MOTIONS
-from tam_calibration.validation.blind.scene import Wish, draw_scene
+from tam_validation.blind.catalogue import CAUSES
+from tam_validation.blind.continuous_motion import MOTIONS
+from tam_validation.blind.scene import Wish, draw_scene
 
 
 @pytest.fixture

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from tam_calibration.validation.blind.case import make_case
-from tam_calibration.validation.blind.case_plan import GAPS, CasePlan
-from tam_calibration.validation.blind.catalogue import CATALOGUE
+from tam_validation.blind.case import make_case
+from tam_validation.blind.case_plan import GAPS, CasePlan
+from tam_validation.blind.catalogue import CATALOGUE
 
 
 def test_cases_follow_from_their_seed():

@@ -1,8 +1,8 @@
 from collections import Counter
 
-from tam_calibration.validation.blind import KINDS
-from tam_calibration.validation.blind.case_plan import OF_SCALAR, plan_cases
-from tam_calibration.validation.blind.catalogue import CATALOGUE, CAUSES
+from tam_validation.blind import KINDS
+from tam_validation.blind.case_plan import OF_SCALAR, plan_cases
+from tam_validation.blind.catalogue import CATALOGUE, CAUSES
 
 
 def test_a_set_holds_every_kind_and_effect():

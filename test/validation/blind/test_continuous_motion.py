@@ -1,7 +1,7 @@
 import numpy as np
 from numpy.testing import assert_allclose
 
-from tam_calibration.validation.blind.continuous_motion import ContinuousMotion, about, draw_motion
+from tam_validation.blind.continuous_motion import ContinuousMotion, about, draw_motion
 
 
 def test_attitudes_are_rotations(motion):

@@ -3,10 +3,10 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.linalg import solve_banded
 
-from tam_calibration.validation.blind import instrument_faults, surroundings
-from tam_calibration.validation.blind.catalogue import CATALOGUE
-from tam_calibration.validation.blind.material import _bouc_wen, _diffused, _preisach, low_pass
-from tam_calibration.validation.blind.outside import OUTSIDE
+from tam_validation.blind import instrument_faults, surroundings
+from tam_validation.blind.catalogue import CATALOGUE
+from tam_validation.blind.material import _bouc_wen, _diffused, _preisach, low_pass
+from tam_validation.blind.outside import OUTSIDE
 
 DRAWS = {name: entry.draw for name, entry in (CATALOGUE | OUTSIDE).items()}
 AMPLITUDES = {"of the samples": 0.1, "samples a stretch": 8.0, "T of the band": 1e-6}

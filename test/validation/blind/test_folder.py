@@ -1,7 +1,7 @@
 import pytest
 
 from tam_calibration.model.exceptions import Refused
-from tam_calibration.validation.blind.folder import check_seals, seal
+from tam_validation.blind.folder import check_seals, seal
 
 
 def test_a_sealed_key_opens():

@@ -4,8 +4,8 @@ from numpy.testing import assert_allclose
 from scipy.optimize import least_squares
 
 from tam_calibration.model.exceptions import Refused
-from tam_calibration.validation.blind.continuous_motion import about
-from tam_calibration.validation.blind.injected import INJECTED, inject
+from tam_validation.blind.continuous_motion import about
+from tam_validation.blind.injected import INJECTED, inject
 
 NOISE_T = 100e-9
 

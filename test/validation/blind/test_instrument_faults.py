@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tam_calibration.validation.blind import instrument_faults
+from tam_validation.blind import instrument_faults
 
 
 def states(scene, cause, sensor):

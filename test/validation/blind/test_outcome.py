@@ -2,7 +2,7 @@
 
 import pytest
 
-from tam_calibration.validation.blind.outcome import Outcome
+from tam_validation.blind.outcome import Outcome
 
 
 def outcome(kind, truth, answer):

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tam_calibration.validation.blind.case import make_case
-from tam_calibration.validation.blind.case_plan import CasePlan
-from tam_calibration.validation.blind.continuous_motion import ContinuousMotion
-from tam_calibration.validation.blind.disturbance import MOVING
-from tam_calibration.validation.blind.outside import OUTSIDE
+from tam_validation.blind.case import make_case
+from tam_validation.blind.case_plan import CasePlan
+from tam_validation.blind.continuous_motion import ContinuousMotion
+from tam_validation.blind.disturbance import MOVING
+from tam_validation.blind.outside import OUTSIDE
 
 
 @pytest.mark.parametrize("name", OUTSIDE)

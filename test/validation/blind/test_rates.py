@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest, mannwhitneyu
 
-from tam_calibration.validation.blind.rates import (
+from tam_validation.blind.rates import (
     Rate,
     calibration_error,
     constant_log_score,

@@ -1,7 +1,7 @@
 import pytest
 
-from tam_calibration.validation.blind.outcome import Outcome
-from tam_calibration.validation.blind.score import LARGE, SMALL, Score
+from tam_validation.blind.outcome import Outcome
+from tam_validation.blind.score import LARGE, SMALL, Score
 
 
 def key(kind="single", effects=("bias_jump",), gap=1.0, sensors=(2,), axes=(), **other):

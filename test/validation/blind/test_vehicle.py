@@ -5,7 +5,7 @@ import pytest
 from numpy.linalg import norm
 from numpy.testing import assert_allclose
 
-from tam_calibration.validation.blind.vehicle import Body, driven, platform_field
+from tam_validation.blind.vehicle import Body, driven, platform_field
 
 AXIS = np.array([0.0, 0.6, 0.8])
 

@@ -3,8 +3,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import least_squares
 
-from tam_calibration.validation.blind.catalogue import CATALOGUE
-from tam_calibration.validation.blind.visible import NominalModel, scale_to
+from tam_validation.blind.catalogue import CATALOGUE
+from tam_validation.blind.visible import NominalModel, scale_to
 
 
 def fitted_residual(scene, vectors, scalar):

@@ -3,7 +3,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.model.units import to_degrees, to_nanotesla
-from tam_calibration.validation.papers import chi2017
+from tam_validation.papers import chi2017
 
 
 @pytest.fixture(scope="module")

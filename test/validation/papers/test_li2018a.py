@@ -3,7 +3,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.model.units import to_degrees
-from tam_calibration.validation.papers import li2018a
+from tam_validation.papers import li2018a
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,7 @@
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.validation.papers import li2018b
+from tam_validation.papers import li2018b
 
 
 @pytest.fixture(scope="module")

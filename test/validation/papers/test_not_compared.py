@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from tam_calibration.validation.papers import PAPERS
-from tam_calibration.validation.papers.not_compared import not_compared
+from tam_validation.papers import PAPERS
+from tam_validation.papers.not_compared import not_compared
 
 DOCS = Path(__file__).parents[3] / "docs"
 

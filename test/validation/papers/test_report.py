@@ -7,12 +7,12 @@ from html import escape
 
 import pytest
 
-from tam_calibration.validation.papers.not_compared import not_compared
-from tam_calibration.validation.papers.plots import plot_relative_errors, plot_residuals
-from tam_calibration.validation.papers.report import write_reproduction_report
-from tam_calibration.validation.papers.row import PaperNumber
-from tam_calibration.validation.papers.tables import cells, notes, tally
-from tam_calibration.validation.papers.wu2025 import simulated_rows
+from tam_validation.papers.not_compared import not_compared
+from tam_validation.papers.plots import plot_relative_errors, plot_residuals
+from tam_validation.papers.report import write_reproduction_report
+from tam_validation.papers.row import PaperNumber
+from tam_validation.papers.tables import cells, notes, tally
+from tam_validation.papers.wu2025 import simulated_rows
 
 ROWS = [
     PaperNumber("Table 1, TMI", 6685.23, 6685.1912, "nT", "reproduced"),

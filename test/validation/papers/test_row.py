@@ -1,6 +1,6 @@
 import math
 
-from tam_calibration.validation.papers.row import PaperNumber, compare, compare_together, correct_paper
+from tam_validation.papers.row import PaperNumber, compare, compare_together, correct_paper
 
 
 def test_a_number_within_its_tolerance_is_reproduced():

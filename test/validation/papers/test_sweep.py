@@ -3,8 +3,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.results.scenario import read_scenario
-from tam_calibration.validation.papers.sweep import Sweep, SweepPlan, run, sweeps_of, tasks_of
-from tam_calibration.validation.papers.wu2025_sweeps import score
+from tam_validation.papers.sweep import Sweep, SweepPlan, run, sweeps_of, tasks_of
+from tam_validation.papers.wu2025_sweeps import score
 
 PLANS = [SweepPlan("first", "x", "nT", (1, 10), ("a", "b")), SweepPlan("second", "y", "", (5,), ("c",))]
 

@@ -4,8 +4,8 @@ from numpy.testing import assert_allclose
 
 from tam_calibration.model.units import to_nanotesla
 from tam_calibration.results.scenario import read_scenario
-from tam_calibration.validation.papers import wu2025, wu2025_experiment
-from tam_calibration.validation.papers.wu2025_sweeps import (
+from tam_validation.papers import wu2025, wu2025_experiment
+from tam_validation.papers.wu2025_sweeps import (
     BEFORE,
     BEST,
     BOUND,

@@ -4,7 +4,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.results.scenario import read_scenario
-from tam_calibration.validation.papers.wu2025_coil import AXES, KERNELS, Experiment, Fault, directions, printed, rows
+from tam_validation.papers.wu2025_coil import AXES, KERNELS, Experiment, Fault, directions, printed, rows
 
 
 @pytest.fixture(scope="module")

@@ -2,8 +2,8 @@
 
 import pytest
 
-from tam_calibration.validation.papers import wu2025_levels
-from tam_calibration.validation.papers.wu2025_levels import rows
+from tam_validation.papers import wu2025_levels
+from tam_validation.papers.wu2025_levels import rows
 
 
 def test_the_site_is_as_printed_but_for_a_minute(wu2025_sweeps):

@@ -1,0 +1,151 @@
+"""What the simulations of crosses in the papers have in common: the set-up, and the figures by which they judge."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.linalg import norm
+
+from tam_calibration.model.array import Array
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray, from_degrees, to_degrees
+from tam_validation.papers.row import IN_WORDS, OUR_OWN, PaperNumber, correct_paper
+
+SENSORS = tuple(f"sensor {number}" for number in range(1, 5))
+COMPONENTS = ("Bxx", "Bxy", "Bxz", "Byx", "Byy", "Byz")
+"""The six components that Li 2018a and 2018b print, xy and yx apart."""
+
+
+@dataclass(frozen=True, eq=False)
+class SetUp:
+    """A simulated cross in a uniform field.
+
+    Parameters
+    ----------
+    array : Array
+        Geometry and noise.
+    baseline_m : float
+        Distance of opposite sensors, metres.
+    errors : SensorErrors
+        The truth, in the frame of the platform.
+    field_T : (N, 3) array
+        True field in the frame of the platform, tesla.
+    recording : Recording
+        What is read.
+    """
+
+    array: Array
+    baseline_m: float
+    errors: SensorErrors
+    field_T: FloatArray
+    recording: Recording
+
+    @property
+    def intensity_T(self) -> float:
+        """The constant intensity, tesla."""
+        return float(norm(self.field_T[0]))
+
+    def intensity_rms_T(self, fields_T: FloatArray) -> FloatArray:
+        """Return the (4,) root mean square errors of the intensity of fields (N, 4, 3), tesla."""
+        error = norm(fields_T, axis=2) - self.intensity_T
+        return np.asarray(np.sqrt(np.mean(error**2, axis=0)))
+
+    def tensor_rms_T_per_m(self, fields_T: FloatArray) -> FloatArray:
+        """Return the (6,) root mean square components ``COMPONENTS`` of fields (N, 4, 3) in a uniform field, T/m."""
+        along_x, along_y = fields_T[:, 0] - fields_T[:, 2], fields_T[:, 1] - fields_T[:, 3]
+        difference = np.stack(
+            [along_x[:, 0], along_y[:, 0], along_x[:, 2], along_x[:, 1], along_y[:, 1], along_y[:, 2]], axis=1
+        )
+        return np.asarray(np.sqrt(np.mean(difference**2, axis=0)) / self.baseline_m)
+
+
+def turned_frame(
+    name: str, angles: FloatArray, right_deg: Sequence[float], reason: str, absolute: float
+) -> list[PaperNumber]:
+    """Return the rows of the angles of a frame that a paper says to be aligned, judged by our own earlier result.
+
+    Parameters
+    ----------
+    name : str
+        Where the paper says so, and which frame it is.
+    angles : (3,) array
+        α, β, γ, radians.
+    right_deg : sequence of float
+        Those that an earlier run gave, degrees.
+    reason : str
+        Why it is turned.
+    absolute : float
+        Largest difference from those, degrees.
+    """
+    return correct_paper(
+        [f"{name}, {angle}" for angle in "αβγ"],
+        (0.0, 0.0, 0.0),
+        to_degrees(angles),
+        "°",
+        reason,
+        right=right_deg,
+        right_source=OUR_OWN,
+        source=IN_WORDS,
+        absolute=absolute,
+    )
+
+
+def site_field(intensity_T: float, inclination_deg: float, declination_deg: float) -> FloatArray:
+    """Return the field (3,) north, east, down of a site, tesla.
+
+    Parameters
+    ----------
+    intensity_T : float
+        Of the field, tesla.
+    inclination_deg : float
+        Degrees, positive downwards.
+    declination_deg : float
+        Degrees, positive to the east.
+    """
+    inclination, declination = from_degrees(inclination_deg), from_degrees(declination_deg)
+    level = np.cos(inclination)
+    direction = [level * np.cos(declination), level * np.sin(declination), np.sin(inclination)]
+    return intensity_T * np.array(direction)
+
+
+def grid_of_turns(order: str, turns: int, field_T: FloatArray) -> FloatArray:
+    """Return the fields (turns³, 3) in a frame turned about three axes in equal steps, the last axis fastest.
+
+    Parameters
+    ----------
+    order : str
+        The axes from left to right in the product of passive rotations, such as "ZYX".
+    turns : int
+        Steps in a full turn about each axis.
+    field_T : (3,) array
+        The field before.
+    """
+    from scipy.spatial.transform import Rotation
+
+    steps = 2 * np.pi * np.arange(turns) / turns
+    angles = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
+    return np.asarray(Rotation.from_euler(order, -angles).apply(field_T))
+
+
+def observed(errors: SensorErrors, field_T: FloatArray, baseline_m: float, noise_T: float, seed: int) -> SetUp:
+    """Return a cross in a field of constant intensity, with noise before the distortion, one sample a second.
+
+    Parameters
+    ----------
+    errors : SensorErrors
+        The truth, in the frame of the platform.
+    field_T : (N, 3) array
+        True field in the frame of the platform, tesla.
+    baseline_m : float
+        Distance of opposite sensors, metres.
+    noise_T : float
+        Standard deviation of the noise of each axis of each sensor, tesla.
+    seed : int
+        Of the noise.
+    """
+    count = len(field_T)
+    noise = noise_T * np.random.default_rng(seed).normal(size=(count, 4, 3))
+    readings, intensity = errors.distort(field_T[:, None] + noise), np.full(count, norm(field_T[0]))
+    recording = Recording(np.arange(count, dtype=float), readings, intensity)
+    return SetUp(Array.cross(baseline_m, noise_T, 0.0), baseline_m, errors, field_T, recording)
