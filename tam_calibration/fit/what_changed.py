@@ -31,6 +31,9 @@ _LEFT = 1e-3
 _LEAST = 50.0
 """Least energy that a hypothesis explains beyond its price where noise is white: chance makes less than its price."""
 
+_BEYOND = 4.0
+"""Least ratio of the variances of both parts' residuals where the noise is not white: a room leaves a half or twice."""
+
 _FEW = 3.0
 """Standard errors by which the calibration of all readings may differ from that of the longer part."""
 
@@ -167,7 +170,7 @@ def what_changed(recording: SampleSource, array: Array) -> Change | None:
     before = parts.ratio(unchanged_T)
     after, best = parts.best_hypothesis(unchanged_T)
     gained = (before - after) * len(unchanged_T) * parts.model.channels
-    if gained < _LEAST if parts.level < _NOISE_ALONE else before < _EXPLAINED:
+    if gained < _LEAST if parts.level < _NOISE_ALONE else before < _BEYOND:
         return None
     is_calibrated = span.of_all(parts.is_calibrated, recording.sample_count)
     if parts.are_steady and after < max(min(_EXPLAINED, (1 + before) / 2), _LEFT * before):
