@@ -118,10 +118,11 @@ def find_change(recording: SampleSource, array: Array) -> Span | None:
     first, last = (index.ravel() for index in np.meshgrid(bounds[1:-1], bounds[1:], indexing="ij"))
     best, gain = sums.best(np.column_stack([first, last]))
     reach = int(np.diff(bounds).max())
+    steps = np.unique(np.linspace(-reach, reach, 2 * blocks).astype(int))
     for _ in range(_ROUNDS):
         for end in (0, 1):
             if best[end] < count:
-                moved = np.where(np.arange(2) == end, best[end] + np.arange(-reach, reach + 1)[:, None], best)
+                moved = np.where(np.arange(2) == end, best[end] + steps[:, None], best)
                 best, gain = sums.best(moved)
     # No χ² exceeds its freedom by more, but with that probability: Laurent and Massart 2000, lemma 1.
     chance = 2 * np.sqrt(-np.log(_CHANCE) * sums.parameters) - 2 * np.log(_CHANCE)
