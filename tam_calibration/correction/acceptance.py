@@ -52,7 +52,7 @@ _LARGEST_RESIDUAL = 0.05
 _ROBUST = "robust"
 """Method whose residuals hold the outliers that it held down."""
 
-_LARGEST_PART, _LARGEST_EXCESS = 0.005, 100.0
+_LARGEST_PART, _LARGEST_EXCESS = 0.005, 300.0
 """The same of sensors whose noise is stated, 250 nT, as large as the errors that are to be found; and ratio to the
 noise floor from which that counts: a room's gradient or a vehicle's currents leave ten times the noise of good sensors.
 """

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations, permutations, product
 
 import numpy as np
-from numpy.linalg import inv, norm
+from numpy.linalg import LinAlgError, inv, norm
 
 from tam_calibration.fit.change_within import steady_intensity
 from tam_calibration.fit.maximum_likelihood import principal_form
@@ -59,9 +59,10 @@ class PartModel:
         scalar = array.scalar_noise_T / data.radius_T if data.has_scalar else 0.0
         try:
             matrix, bias = principal_form(data, array.vector_noise_T / data.radius_T, scalar)
-        except InputError:
+            unmix = inv(matrix)
+        except (InputError, LinAlgError):
             return None
-        return cls(inv(matrix), data.origin_T + data.radius_T * bias, recording, data.radius_T, array)
+        return cls(unmix, data.origin_T + data.radius_T * bias, recording, data.radius_T, array)
 
     @property
     def channels(self) -> int:
@@ -160,10 +161,11 @@ def _of_sensor(
     expected_T = model.readings(sensor, unchanged_T)
     jump_T = (own_T - expected_T).mean(axis=0)
     slope = np.sum(own_T * expected_T, axis=0) / np.sum(expected_T**2, axis=0)
+    slope[slope == 0] = 1.0  # an axis that reads zero has no gain
     for axis, name in enumerate("xyz"):
         divisor = np.where(np.arange(3) == axis, slope, 1)
         yield _of_gain(f"{{}} {name}", slope[axis] ** sign), model.field(sensor, own_T / divisor), 1
-    gain = float(np.sum(own_T * expected_T) / np.sum(expected_T**2))
+    gain = float(np.sum(own_T * expected_T) / np.sum(expected_T**2)) or 1.0
     yield _of_gain("{}", gain**sign), model.field(sensor, own_T / gain), 1
     yield _of_bias("{}", sign * jump_T), model.field(sensor, own_T - jump_T), 3
     design = np.column_stack([own_T, np.ones(len(own_T))])

@@ -32,6 +32,14 @@ _ROUNDS = 2
 _FURTHER = 0.05
 """Largest gain of a further change that is no chance, as a part of the first: of a ramp it is a half."""
 
+_FURTHER_BY_CHANCE = 0.2
+"""The same of one that chance may have made: slow noise of short recordings looks like steps too."""
+
+_PLAIN = 50.0
+"""Gain for each parameter from which a change is plain: a step of five times the noise in one axis half-way of 1200
+samples. Slow noise of five times the white one gained less in 300 recordings.
+"""
+
 _CHANCE = 1e-6
 """Probability that chance gains as much at given times, of which thousands are tried."""
 
@@ -59,6 +67,8 @@ class Span:
         ``last`` is N where the change lasts until the end.
     inside_is_steady, outside_is_steady : bool
         Whether no further change is in these samples, and in the others: one of both at least, and both where it ends.
+    is_plain : bool
+        Whether it is so large that no slow noise looks like it.
     """
 
     some: Recording
@@ -67,6 +77,7 @@ class Span:
     last: int
     inside_is_steady: bool
     outside_is_steady: bool
+    is_plain: bool
 
     def of_all(self, is_some: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
         """Return which of all (N,) samples are those of a part of the thinned ones."""
@@ -107,10 +118,11 @@ def find_change(recording: SampleSource, array: Array) -> Span | None:
     first, last = (index.ravel() for index in np.meshgrid(bounds[1:-1], bounds[1:], indexing="ij"))
     best, gain = sums.best(np.column_stack([first, last]))
     reach = int(np.diff(bounds).max())
+    steps = np.unique(np.linspace(-reach, reach, 2 * blocks).astype(int))
     for _ in range(_ROUNDS):
         for end in (0, 1):
             if best[end] < count:
-                moved = np.where(np.arange(2) == end, best[end] + np.arange(-reach, reach + 1)[:, None], best)
+                moved = np.where(np.arange(2) == end, best[end] + steps[:, None], best)
                 best, gain = sums.best(moved)
     # No χ² exceeds its freedom by more, but with that probability: Laurent and Massart 2000, lemma 1.
     chance = 2 * np.sqrt(-np.log(_CHANCE) * sums.parameters) - 2 * np.log(_CHANCE)
@@ -120,10 +132,18 @@ def find_change(recording: SampleSource, array: Array) -> Span | None:
     further = [
         sums.best(np.column_stack([bounds, np.full_like(bounds, stop)]), start)[1] for start, stop in pairwise(edges)
     ]
-    is_steady = np.array(further) <= max(_FURTHER * gain, min(chance, gain / 2))
+    is_steady = np.array(further) <= max(_FURTHER * gain, min(chance, _FURTHER_BY_CHANCE * gain))
     if not (is_steady.any() if best[1] == count else is_steady.all()):
         return None
-    return Span(some, noisy, int(best[0]), int(best[1]), bool(is_steady[1]), bool(is_steady[::2].all()))
+    return Span(
+        some,
+        noisy,
+        int(best[0]),
+        int(best[1]),
+        bool(is_steady[1]),
+        bool(is_steady[::2].all()),
+        gain > _PLAIN * sums.parameters,
+    )
 
 
 @dataclass(frozen=True, eq=False)

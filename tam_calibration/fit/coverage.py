@@ -17,7 +17,7 @@ from tam_calibration.model.units import FloatArray, IntArray
 BANDS, SECTORS = 10, 20
 CELLS = BANDS * SECTORS
 
-_ENOUGH_RELATIVE_ERROR = 50.0
+ENOUGH_RELATIVE_ERROR = 50.0
 """Above this ratio to the full sphere's standard errors small flaws of the model would be blown up."""
 
 ENOUGH_STANDARD_ERROR = 2.0
@@ -156,7 +156,7 @@ def _judge(counts: IntArray, sums: FloatArray) -> Coverage:
     else:
         errors = np.sqrt(np.diag((vectors / values) @ vectors.T))
         standard_error, relative = float(errors.max()), float((errors / best).max() * np.sqrt(total))
-    enough = relative <= _ENOUGH_RELATIVE_ERROR and standard_error <= ENOUGH_STANDARD_ERROR
+    enough = relative <= ENOUGH_RELATIVE_ERROR and standard_error <= ENOUGH_STANDARD_ERROR
     target = directions[int(np.argmax(np.abs(full @ vectors[:, 0]) * ~visited))]
     fraction = float(visited.mean())
     missing = "" if visited.all() else describe(target)

@@ -6,7 +6,7 @@ import numpy as np
 
 from tam_calibration.core.noise import complete_noise
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.coverage import CELLS, cell_directions, field_of, measure_coverage
+from tam_calibration.fit.coverage import CELLS, ENOUGH_RELATIVE_ERROR, cell_directions, field_of, measure_coverage
 from tam_calibration.fit.information import InformationModel, bound
 from tam_calibration.fit.scale import Normalized, normalize
 from tam_calibration.model.array import Array, KnownNoiseArray
@@ -71,7 +71,7 @@ def require_determined(recording: SampleSource, array: Array, is_uniform: bool =
     covariance = bound(some, SensorErrors.none(recording.sensor_count), noisy, data.has_scalar)
     excess = _noise_excess(data, noisy) if is_uniform else 1.0
     # Noise in a plane passes for directions outside it, but not for enough of them.
-    may_contradict = measure_coverage(some).enough
+    may_contradict = measure_coverage(some).relative_error <= ENOUGH_RELATIVE_ERROR
     _require_small(np.sqrt(np.diag(covariance)), excess, data.radius_T, may_contradict)
 
 

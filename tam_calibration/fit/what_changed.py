@@ -22,7 +22,7 @@ from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import SampleSource
 from tam_calibration.model.units import FloatArray
 
-_EXPLAINED = 4.0
+_EXPLAINED = 2.0
 """Largest variance of the residuals under a hypothesis over that of the calibrated part: its directions may differ."""
 
 _LEFT = 1e-3
@@ -31,14 +31,14 @@ _LEFT = 1e-3
 _LEAST = 50.0
 """Least energy that a hypothesis explains beyond its price where noise is white: chance makes less than its price."""
 
+_BEYOND = 4.0
+"""Least ratio of the variances of both parts' residuals where the noise is not white: a room leaves a half or twice."""
+
 _FEW = 3.0
 """Standard errors by which the calibration of all readings may differ from that of the longer part."""
 
 _ROUNDING = 1e-3
 """Least variance of the residuals over that of the noise."""
-
-_LARGE = 3.0
-"""Change of a reading, over its noise, from which a recording is refused: smaller ones widen the standard errors."""
 
 _PRICE = 3.0
 """Times the price of a free parameter by Schwarz 1978: the calibrated part has errors of its own."""
@@ -47,7 +47,7 @@ _WORSE = 16.0
 """Ratio of the residuals' variances from which the shorter part is calibrated: readings that are none fit nothing."""
 
 _LOUD = 100.0
-"""Variance of the residuals over that of the calibrated part from which readings fail that follow no calibration."""
+"""Variance of the residuals over that of the calibrated part from which readings fail that nothing explains."""
 
 _NOISE_ALONE = 2.0
 """Variance of the calibrated part's residuals over that of the noise, from which chance is not that of white noise."""
@@ -65,8 +65,8 @@ class Change:
         What to do.
     is_calibrated : (N,) array of bool
         Samples of the recording, which one calibration describes; those of the longer part where two are possible.
-    is_large : bool
-        Whether readings change by more than three times their noise.
+    is_plain : bool
+        Whether it is so large that no slow noise looks like it.
     is_explained : bool
         Whether both parts are calibrations: no sensor fails in one of them.
     """
@@ -74,7 +74,7 @@ class Change:
     what: str
     todo: str
     is_calibrated: NDArray[np.bool_]
-    is_large: bool = True
+    is_plain: bool
     is_explained: bool = True
 
     @property
@@ -123,8 +123,7 @@ def despite_changes(
     Raises
     ------
     Refused
-        When readings change by more than three times their noise, and the calibration is more than three standard
-        errors from that of the longer part.
+        When the change is plain, and the calibration is more than three standard errors from that of the longer part.
     """
     left = max(calibration.reduced_chi_square.values(), default=1.0)
     if left < _NOISE_ALONE and calibration.variance_factors == WHITE:
@@ -134,7 +133,7 @@ def despite_changes(
         return calibration
     off = _distance(calibration, recording.take(change.is_calibrated))
     is_wrong = off is None or bool(np.any(np.abs(off) > _FEW * calibration.standard_errors.ravel()))
-    if change.is_large and is_wrong and "residual" not in accept:
+    if change.is_plain and is_wrong and "residual" not in accept:
         raise Refused(change.sentence)
     calibration = replace(calibration, warnings=(change.sentence, *calibration.warnings))
     if off is None or calibration.covariance is None:
@@ -171,18 +170,18 @@ def what_changed(recording: SampleSource, array: Array) -> Change | None:
     before = parts.ratio(unchanged_T)
     after, best = parts.best_hypothesis(unchanged_T)
     gained = (before - after) * len(unchanged_T) * parts.model.channels
-    if gained < _LEAST if parts.level < _NOISE_ALONE else before < _EXPLAINED:
+    if gained < _LEAST if parts.level < _NOISE_ALONE else before < _BEYOND:
         return None
     is_calibrated = span.of_all(parts.is_calibrated, recording.sample_count)
     if parts.are_steady and after < max(min(_EXPLAINED, (1 + before) / 2), _LEFT * before):
-        size_T = np.sqrt(np.mean(np.sum((best.fields_T - unchanged_T) ** 2, axis=2), axis=0)).max()
-        noise_T = np.sqrt(max(parts.level, 1.0)) * span.array.vector_noise_T.max()
-        return Change(*_in_words(span, best.words), is_calibrated, bool(size_T > _LARGE * noise_T))
-    if before > _LOUD and (sensor := parts.failing_sensor(unchanged_T)):
+        return Change(*_in_words(span, best.words), is_calibrated, span.is_plain)
+    if before < _LOUD:
+        return None
+    if sensor := parts.failing_sensor(unchanged_T):
         words = f"sensor {sensor} contradicts the others"
-        return Change(*_failing_in_words(span, words, parts.is_inside), is_calibrated, is_explained=False)
-    if parts.are_steady and parts.are_calibrations and before > _EXPLAINED:
-        return Change(*_in_words(span, "the readings follow another calibration"), is_calibrated)
+        return Change(*_failing_in_words(span, words, parts.is_inside), is_calibrated, span.is_plain, False)
+    if parts.are_steady and parts.are_calibrations:
+        return Change(*_in_words(span, "the readings follow another calibration"), is_calibrated, span.is_plain)
     return None
 
 

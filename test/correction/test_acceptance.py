@@ -28,7 +28,8 @@ def changed(calibration, part, value):
 
 def with_residual(calibration, share, is_estimated=False):
     """Return a calibration that left a share of the intensity of sensor 2."""
-    calibration = replace(calibration, noise_is_estimated=is_estimated)
+    floor = replace(calibration.floor, sensor_intensity_T=np.full(4, 0.1e-9))
+    calibration = replace(calibration, noise_is_estimated=is_estimated, floor=floor)
     left = calibration.in_sample.sensor_intensity_T.copy()
     left[1] = share * calibration.intensity_T
     return replace(calibration, in_sample=replace(calibration.in_sample, sensor_intensity_T=left))
