@@ -41,7 +41,8 @@ _FEW = 5
 
 def _answer(results: Sequence[Result], points: Sequence[str]) -> str:
     settled = f"{sum(result.is_settled for result in results)} of {len(results)} recordings are settled"
-    return f"{settled}; {len(points)} are open: {points[0]}" if points else f"{settled}."
+    verb = "is" if len(points) == 1 else "are"
+    return f"{settled}; {len(points)} {verb} open: {points[0]}" if points else f"{settled}."
 
 
 @click.command()

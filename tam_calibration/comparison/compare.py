@@ -234,7 +234,7 @@ def _statement(differences: Differences, closing: Closing, sides: tuple[Side, Si
             return "The same: calibration, effects and noise of the simulation are those of the recording."
         return (
             "The same: effects and noise of the simulation are those of the recording. The errors of their sensors "
-            f"differ, {other}: a calibration removes them; --mend writes those of the recording."
+            f"differ, {other}: a calibration removes them."
         )
     words, _ = differences.energies[0] if differences.energies else ("other noise", 0.0)
     if not np.isfinite(closing.after):

@@ -30,6 +30,10 @@ _SEEN = 1e-6
 _BEYOND = 3.72
 """Standard deviations of a normal law: once in ten thousand sound recordings."""
 
+_MOSTLY = 0.5
+"""Part of what is not slow that a magnet beside the scalar explains at least: a field that varies faster may follow the
+direction in part by chance."""
+
 _HARMLESS = 4.0
 """Squared standard errors by which the dependence moves the errors, and which are not worth losing a scalar."""
 
@@ -75,6 +79,8 @@ def _turning_part(scalar_T: FloatArray, field: FloatArray, recording: SampleSour
     parts = list(zip(np.split(columns, edges), np.split(residual_T / noise_T, edges), strict=True))
     lasting = slow_factor(np.array([own.T @ own for own, _ in parts]), np.array([own.T @ left for own, left in parts]))
     energy = float(explained @ explained)
+    if energy < _MOSTLY * float(left_T @ left_T):
+        return 0.0
     # The cube root of a χ² is nearly normal (Wilson and Hilferty 1931).
     variance = 2 / 9 / len(explained)
     ratio = energy / (len(explained) * noise_T**2 * lasting)

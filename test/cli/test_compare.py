@@ -67,6 +67,14 @@ def test_people_see_what_differs_and_what_to_do(folder, asked, name):
     assert [side.sample_count for side in asked["sides"]] == [600, 600]
 
 
+def test_the_first_line_is_the_answer(folder, asked):
+    """A summary of few lines follows, which ends with what to do."""
+    first, *others = run("sim.csv", "real.csv", code=1).stdout.splitlines()
+    assert first.startswith("Different: The simulation lacks")
+    assert len(others) < 20 and others[-1].startswith("next: Write the mend into the simulator")
+    assert run("sim.csv", "real.csv", "-q", code=1).stdout == f"{first}\n"
+
+
 def test_mistakes_come_first(folder, asked, mistaken):
     """In words, with the mend, in the first line; nothing else was compared, and no mend is written."""
     asked["answer"] = mistaken

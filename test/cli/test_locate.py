@@ -54,6 +54,15 @@ def run(folder, name, *words):
     return CliRunner().invoke(main, ["locate", str(folder / name), "--calibration", str(folder / "c.yaml"), *words])
 
 
+@pytest.mark.parametrize("words", [("pass.csv",), ("coil.csv", "--find-frequency")])
+def test_the_first_line_is_the_answer(folder, words):
+    """Where the source is, in one line; few lines follow, unless all are asked for."""
+    first, *others = run(folder, *words).stdout.splitlines()
+    assert first.startswith("A source is ") and len(others) < 20
+    assert run(folder, *words, "-q").stdout == f"{first}\n"
+    assert len(run(folder, *words, "-v").stdout.splitlines()) > len(others)
+
+
 def result_of(folder, name, *words):
     """Return the JSON of the command."""
     result = run(folder, name, *words, "--json")

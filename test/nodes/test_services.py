@@ -155,7 +155,7 @@ def test_channels_that_no_sensor_makes_are_refused_unless_accepted(bench, record
     bench.play(Recording(recording.time_s, readings, recording.scalar_T), publish, samples)
     answer = bench.call("calibrator/calibrate")
     assert not answer.success and answer.message.startswith("sensor 3 axis x reads in steps of 1000 nT")
-    assert "choose among few_samples" in set_parameter(bench, "calibrator", "accept", "all")
+    assert "choose among alternating, few_samples" in set_parameter(bench, "calibrator", "accept", "all")
     assert set_parameter(bench, "calibrator", "accept", "quantised") == ""
     answer = bench.call("calibrator/calibrate")
     assert answer.success and "sensor 3 axis x reads in steps of 1000 nT" in answer.message
@@ -193,7 +193,8 @@ def test_a_loaded_calibration_is_the_prior_where_that_is_asked_for(bench, record
 def test_tolerances_of_the_array_file_are_a_prior_on_board(bench, true_errors, cross, tmp_path):
     """Directions within some degrees of one: refused without, calibrated with them, what is left to them is told."""
     rng = np.random.default_rng(3)
-    field = 50e-6 * np.column_stack([0.05 * rng.normal(size=(200, 2)), np.ones(200)])
+    field = np.column_stack([0.05 * rng.normal(size=(200, 2)), np.ones(200)])
+    field *= 50e-6 / np.linalg.norm(field, axis=1, keepdims=True)
     readings = true_errors.distort(field) + 1e-9 * rng.normal(size=(200, 4, 3))
     intensity = np.linalg.norm(field, axis=1) + 1e-10 * rng.normal(size=200)
     narrow = Recording(1.7e9 + np.arange(200) / 100, readings, intensity)

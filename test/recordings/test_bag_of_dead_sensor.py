@@ -83,7 +83,7 @@ def test_fits_use_whole_samples_and_say_so(tmp_path, recording):
     whole, usage = read_source(write_bag(tmp_path, recording, (3,)))
     assert_array_equal(whole.readings_T, recording.readings_T[np.r_[:DIES, RETURNS:600]])
     with pytest.raises(Refused, match="only 150 of 600 samples of sensor 1 used: 450 found none of tam_3"):
-        usage.warnings()
+        usage.require_enough()
 
 
 def test_a_table_has_nan_where_nothing_is_determined(tmp_path, recording, calibration):
