@@ -90,8 +90,10 @@ def sound(rng: Generator, way: int | None = None) -> Case:
 
 
 def recorded(rng: Generator, array: Array, errors: SensorErrors, rotation: Rotation, time_s: FloatArray) -> Case:
-    """Return what sensors read on a turn, with white noise."""
+    """Return what sensors read on a turn in a field that pulsates by 0.1 to 5 nT, with white noise."""
+    size, period_s = 10 ** rng.uniform(-10, -8.3) / np.linalg.norm(WORLD_T), rng.uniform(10, 200)
     field_T = rotation.inv().apply(WORLD_T)
+    field_T *= 1 + size * np.sin(2 * np.pi * (time_s / period_s + rng.uniform()))[:, None]
     readings_T = errors.distort(field_T)
     readings_T += rng.normal(size=readings_T.shape) * array.vector_noise_T[:, None]
     scalar_T = np.linalg.norm(field_T, axis=1) + rng.normal(0, array.scalar_noise_T, len(field_T))
@@ -288,9 +290,13 @@ def distance(calibration: Calibration, errors: SensorErrors) -> float:
 
 
 def changed(case: Case, given: Calibration | str) -> str:
-    """Return what a sound run loses: why it is refused though its readings suffice, a warning, or a channel."""
+    """Return what a sound run loses: why it is refused though its readings suffice, a warning, or a channel.
+
+    That the run itself saw too little is no loss.
+    """
     if not isinstance(given, str):
-        return "; ".join([*given.warnings, *(note for note in given.notes if "left out" in note)])
+        warnings = (one for one in given.warnings if "of the sphere" not in one and "record longer" not in one)
+        return "; ".join([*warnings, *(note for note in given.notes if "left out" in note or "only its mean" in note)])
     if case.recording.attitude is None:
         return ""
     error = case.rotation.inv() * Rotation.from_quat(case.recording.attitude)
