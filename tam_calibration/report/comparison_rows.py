@@ -45,6 +45,8 @@ def mistake_blocks(comparison: result.Comparison) -> list[Block]:
 def answer(comparison: result.Comparison) -> str:
     """Return the verdict, and the first difference where the verdict does not name it already."""
     verdict, first = headline(comparison), next(_difference_sentences(comparison), "")
+    if comparison.mistakes:
+        return f"{VERDICTS[comparison.verdict]}: {first}"
     return verdict if first.rstrip(".") in verdict else f"{verdict} {first}"
 
 
