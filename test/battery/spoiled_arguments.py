@@ -1,7 +1,6 @@
 """Command lines that a person or a script mistypes."""
 
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 
 import click
@@ -9,6 +8,7 @@ from numpy.random import Generator
 
 from battery.recipes import Recipe
 from battery.trial import May, Trial, pick
+from tam_calibration.cli.main import main
 
 _NO_NUMBERS = (
     "nan",
@@ -50,7 +50,7 @@ _ENDLESS = ("scheduler", "rate")
 
 def command_of(recipe: Recipe) -> click.Command:
     """Return the command of a recipe, the inner one of a group."""
-    command: click.Command = import_module(f"tam_calibration.cli.{recipe.command}").command
+    command: click.Command = main.get_command(click.Context(main), recipe.command)
     if isinstance(command, click.Group):
         return command.commands[recipe.line[1]]
     return command
