@@ -68,7 +68,7 @@ def _bytes(readings_T: FloatArray, rng: Generator) -> FloatArray:
     return np.round(readings_T / 2e-9).astype(np.int16).byteswap() * 2e-9
 
 
-JUDGED: dict[str, Change] = {
+EARLIER: dict[str, Change] = {
     "bytes exchanged": _bytes,
     "half an axis": lambda readings_T, rng: readings_T * np.where(np.arange(3) == rng.integers(3), 0.5, 1),
     "axes rolled": lambda readings_T, rng: np.roll(readings_T, 1, axis=1),
@@ -80,7 +80,23 @@ JUDGED: dict[str, Change] = {
     "without sign": lambda readings_T, rng: np.abs(readings_T),
     "without their mean": lambda readings_T, rng: readings_T - readings_T.mean(axis=0),
 }
-"""Ways that were tried once, when the rules were made."""
+"""Ways that were tried once with the first rules."""
+
+JUDGED: dict[str, Change] = {
+    "all bits inverted": lambda readings_T, rng: -readings_T - 1e-9,
+    "turned by 90°": lambda readings_T, rng: readings_T[:, [1, 0, 2]] * [-1, 1, 1],
+    "x on all axes": lambda readings_T, rng: np.repeat(readings_T[:, :1], 3, axis=1),
+    "a pulse that decays": lambda readings_T, rng: (
+        readings_T + 10e-6 * np.exp(-np.arange(len(readings_T)) / 4)[:, None] * rng.choice([-1, 1], 3)
+    ),
+    "summed up": lambda readings_T, rng: np.cumsum(readings_T, axis=0) + readings_T[-1],
+    "a byte of ones": lambda readings_T, rng: (np.round(readings_T * 1e9).astype(np.int32) | 0xFF00) * 1e-9,
+    "half the range more": lambda readings_T, rng: readings_T + 32.768e-6 * (np.arange(3) == rng.integers(3)),
+    "hum": lambda readings_T, rng: readings_T + 1.5e-6 * np.cos(np.pi * np.arange(len(readings_T)))[:, None],
+    "1000 T": lambda readings_T, rng: np.where(np.arange(3) == rng.integers(3), 1e3, readings_T),
+    "the middle of the range": lambda readings_T, rng: np.full_like(readings_T, 5e-6),
+}
+"""Ways that were tried once, with the present rules."""
 
 
 def recording_of(rng: Generator) -> tuple[Recording, Array, SensorErrors]:
@@ -149,13 +165,16 @@ def is_lost(rng: Generator) -> bool:
 def main(runs: int, first_seed: int) -> None:
     """Print the table, and keep it."""
     rows = []
-    for group, ways in (("seen", SEEN), ("judged", JUDGED)):
+    for group, ways in (("seen", SEEN | EARLIER), ("judged", JUDGED)):
+        all_ratios = []
         for place, (name, change) in enumerate(track(ways.items(), description=group)):
             seeds = ([first_seed, len(group), place, run] for run in range(runs))
             ratios = np.array([ratio_of(change, np.random.default_rng(seed)) for seed in seeds])
-            succeeded = float((ratios <= LARGEST).mean())
-            rows.append(Row(f"{group}, {name}", "part within 1.5 times the error", [succeeded], least=ASKED))
+            all_ratios.append(ratios)
+            rows.append(Row(f"{group}, {name}", "part within 1.5 times the error", [(ratios <= LARGEST).mean()]))
             rows.append(Row(f"{group}, {name}", "error over that of the sound recording", ratios))
+        succeeded = float((np.concatenate(all_ratios) <= LARGEST).mean())
+        rows.append(Row(group, "part within 1.5 times the error", [succeeded], least=ASKED))
     lost = [is_lost(np.random.default_rng([first_seed, run])) for run in track(range(10 * runs), description="sound")]
     rows.append(Row("sound", "part that loses a sample or is refused", [float(np.mean(lost))], most=0.01))
     command = f"python benchmarks/bad_readings.py --runs {runs} --first-seed {first_seed}"

@@ -20,7 +20,7 @@ from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.prior import Prior
 from tam_calibration.fit.published import artificial_vector, fast_rotation, simplified_linear, two_step_linear
 from tam_calibration.fit.recorded_attitude import as_if_uniform
-from tam_calibration.fit.scalar_check import without_turning_scalar
+from tam_calibration.fit.scalar_check import turning_scalar
 from tam_calibration.fit.screening import without_bad_readings
 from tam_calibration.fit.slow_residuals import widened
 from tam_calibration.fit.what_changed import despite_changes, naming_changes, what_changed
@@ -117,15 +117,21 @@ def calibrate(
         raise InputError(f"priors and attitude as data go with {DEFAULT_METHOD} in a uniform field, not with {kind}")
     is_joint |= takes_priors and array.tolerances is not None
     array.require_recording(recording)
-    found = [fault.sentence for fault in require_sound(recording, array, accept)]
+    is_screened = not (ambient_gradient or method == "robust")
+    used, left_out = without_bad_readings(recording, array) if is_screened else (recording, None)
+    found = [
+        fault.sentence
+        for fault in require_sound(
+            recording, array, accept, screened=used if left_out is not None and left_out.is_brief else None
+        )
+    ]
     notes: tuple[str, ...] = ()
     recording.thinned(SKETCH).check_plausible(array.field)
-    if not (is_joint or ambient_gradient or method == "robust"):
-        used, left_out = without_bad_readings(recording, array)
-        change = what_changed(recording, array) if left_out is not None and left_out.is_lasting else None
+    if left_out is not None and not (is_joint and left_out.is_lasting):  # a prior tells itself what has changed
+        change = what_changed(recording, array) if left_out.is_lasting else None
         if change is not None and change.is_explained:
             found.append(f"{change.what}, and this is the calibration of the longer part: {change.todo}")
-        elif left_out is not None:
+        else:
             notes = tuple(left_out.sentences())
         recording = used
     with nullcontext() if ambient_gradient or prior is not None else naming_changes(recording, array):
@@ -133,7 +139,8 @@ def calibrate(
             with _naming_attitude(recording, takes_priors):
                 require_determined(recording, array, is_uniform=not ambient_gradient)
         require_enough(recording.sample_count, accept)
-        is_joint |= takes_priors and without_turning_scalar(recording, array)[1] is not None
+        is_joint |= takes_priors and turning_scalar(recording, array) is not None
+        given = recording
         if is_joint:
             calibration, recording, array, fit = calibrate_jointly(recording, array, prior, main_field_T)
         else:
@@ -143,7 +150,8 @@ def calibrate(
     if not is_joint and method in _OURS:
         calibration = widened(calibration, uniform, is_robust=method == "robust")
     if prior is None:
-        calibration = despite_changes(calibration, uniform, array, accept)
+        # A scalar that was left out still tells changes of the field.
+        calibration = despite_changes(calibration, given if is_joint else uniform, array, accept)
     if takes_priors and not attitude_is_data and (worth := worth_of(recording, calibration)):
         notes = (*notes, worth)
     calibration = replace(calibration, held_out=_held_out(recording, array, fit))

@@ -119,6 +119,9 @@ _NO_CHANGE = 1e-9
 MOST_CHANGES = 3
 """Found one after the other: where more moved, the whole array has, which is one of them."""
 
+_UNNOTICED = 0.01
+"""Probability that something moved since the prior by more than its rates of change say."""
+
 _PLAUSIBLE = 0.05
 """Probability from which a change is told beside the most probable one, and the prior widened for it too."""
 
@@ -256,6 +259,24 @@ def changes_that_explain(difference: Difference, candidates: Sequence[Sequence[C
             break
         difference = difference.without(strongest)
     return found
+
+
+def hinted_covariance(difference: Difference, candidates: Sequence[Sequence[Change]]) -> FloatArray:
+    """Return the covariance (12 K, 12 K) that changes too uncertain to be told add to that of a prior.
+
+    Each adds the square of its estimate times its probability (the law of total variance): a difference that chance
+    makes once in a thousand updates is a small change once in ten.
+
+    Parameters
+    ----------
+    difference, candidates
+        As for ``changes_that_explain``, where that finds none.
+    """
+    every = [change for sizes in candidates for change in sizes]
+    evidence = np.array([difference.evidence(change) + log_odds(change) for change in every])
+    weight = _UNNOTICED / len(every) * np.exp(evidence)
+    moved = np.array([change.directions @ difference.estimated(change).estimate for change in every])
+    return np.asarray(moved.T * (weight / (1 + weight.sum())) @ moved)
 
 
 def log_odds(change: Change) -> float:

@@ -8,7 +8,7 @@ uncertain.
 """
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial, reduce
 from typing import NamedTuple
@@ -32,7 +32,7 @@ from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.posterior import Intensity, Known, Place, Problem
 from tam_calibration.fit.prior import Prior, has_date, in_first_frame, prior_of
 from tam_calibration.fit.resolved_prior import MOST_TIMES, Resolved, resolve
-from tam_calibration.fit.scalar_check import without_turning_scalar
+from tam_calibration.fit.scalar_check import turning_scalar
 from tam_calibration.fit.slow_residuals import variance_factors
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
@@ -308,10 +308,33 @@ def prior_for(recording: SampleSource, array: Array, prior: Prior | Calibration)
 
 
 def _as_far_as_they_agree(recording: SampleSource, array: Array, known: Known) -> JointCalibration:
-    """Return the calibration with scalar, place and attitude as far as they agree, and depend on no sensor."""
-    recording, intensity, reason = without_turning_scalar(recording, array)
-    known, notes = _without_wrong_place(recording, replace(known, intensity=intensity))
-    notes = (reason, *notes) if reason else notes
+    """Return the calibration with scalar, place and attitude as far as they agree, and depend on no sensor.
+
+    A field that pulsates as the array turns cannot be told from a magnet beside the scalar. The standard errors
+    therefore hold by how much the errors differ with and without a scalar that follows the direction of the field.
+    """
+    scalar = turning_scalar(recording, array)
+    if scalar is None:
+        return _beside_attitude(recording, array, known)
+    given = recording, known
+    without = (
+        replace(recording.whole(), scalar_T=None),
+        replace(known, intensity=Intensity(scalar.mean_T, scalar.size_T)),
+    )
+    (taken, beside), (other, other_known) = (without, given) if scalar.is_most else (given, without)
+    joint = _beside_attitude(taken, array, beside)
+    calibration = replace(joint.calibration, notes=(scalar.sentence, *joint.calibration.notes))
+    with suppress(InputError, Refused):
+        compared = _beside(other, array, other_known).calibration
+        moved = calibration.errors.to_vector() - compared.errors.to_vector()
+        assert calibration.covariance is not None
+        calibration = replace(calibration, covariance=calibration.covariance + np.outer(moved, moved))
+    return joint._replace(calibration=calibration)
+
+
+def _beside_attitude(recording: SampleSource, array: Array, known: Known) -> JointCalibration:
+    """Return the calibration with place and attitude as far as they agree, and depend on no sensor."""
+    known, notes = _without_wrong_place(recording, known)
     if array.attitude_noise is None or recording.whole().attitude is None:
         joint = _beside(recording, array, known)
         return joint._replace(calibration=replace(joint.calibration, notes=notes))

@@ -118,7 +118,11 @@ class Prior:
         variance : (M,) array
             Of the unknowns.
         """
-        return replace(self, covariance=self.covariance + changes * variance @ changes.T)
+        return self.with_more(changes * variance @ changes.T)
+
+    def with_more(self, covariance: FloatArray) -> "Prior":
+        """Return the prior with a covariance (12 K, 12 K) added to its own."""
+        return replace(self, covariance=self.covariance + covariance)
 
     def terms(self, errors: SensorErrors) -> PriorTerms:
         """Return what the prior adds at given errors."""

@@ -232,7 +232,8 @@ def resolve(recording: SampleSource, array: Array, known: Known, most_times: int
     noisy, posterior, _ = with_noise(recording, array, known)
     difference, found = _contradiction(recording, noisy, known)
     if not found:
-        return Resolved(recording, known, difference)
+        hints = contradiction.hinted_covariance(difference, _candidates(recording, known))
+        return Resolved(recording, replace(known, prior=known.prior.with_more(hints)), difference)
     beside = replace(known, prior=_widened(known.prior, found))
     resolved = Resolved(recording, beside, None, found, _moved(found, None))
     parts: list[Recording] = []
@@ -283,9 +284,7 @@ def _contradiction(
     large: list[Sequence[contradiction.Change]] = []
     prior = known.prior
     assert prior is not None
-    candidates = contradiction.candidates_of(
-        prior, recording.scalar_count is not None or known.main_field_T is not None
-    )
+    candidates = _candidates(recording, known)
     left = difference = contradiction.Difference.of(prior, posterior_of(recording, array, known))
     with suppress(Refused):
         while left.chi_square > contradiction.FAR_RATIO and len(large) < most:
@@ -307,6 +306,13 @@ def _contradiction(
                 left, [sizes for sizes in candidates if not contradiction.is_everything(sizes[0])]
             )
     return difference, [*large, *found][:most]
+
+
+def _candidates(recording: SampleSource, known: Known) -> list[list[contradiction.Change]]:
+    assert known.prior is not None
+    return contradiction.candidates_of(
+        known.prior, recording.scalar_count is not None or known.main_field_T is not None
+    )
 
 
 def _split(

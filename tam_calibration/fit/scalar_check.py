@@ -6,7 +6,7 @@ sensor's readings, which are an affine map of the field, every such dependence o
 polynomial of second order. What slow cosines of time explain is left to the field of the site.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.linalg import norm
@@ -15,7 +15,6 @@ from tam_calibration.core.least_squares import whitening
 from tam_calibration.core.noise import complete_noise
 from tam_calibration.core.slow_cosines import BLOCKS, slow_cosines
 from tam_calibration.fit.coverage import ellipsoid_rows
-from tam_calibration.fit.posterior import Intensity
 from tam_calibration.fit.slow_residuals import slow_factor
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import SKETCH, SampleSource
@@ -38,8 +37,35 @@ _HARMLESS = 4.0
 """Squared standard errors by which the dependence moves the errors, and which are not worth losing a scalar."""
 
 
-def without_turning_scalar(recording: SampleSource, array: Array) -> tuple[SampleSource, Intensity | None, str]:
-    """Return the recording without a scalar that follows the direction of the field, its mean, and why; else as it is.
+@dataclass(frozen=True)
+class TurningScalar:
+    """A scalar that follows the direction of the field.
+
+    Parameters
+    ----------
+    mean_T : float
+        Mean of its readings, tesla.
+    size_T : float
+        Size of the field that turns with the array at the scalar, tesla.
+    is_most : bool
+        Whether that explains most of what the scalar reads beside slow changes.
+    """
+
+    mean_T: float
+    size_T: float
+    is_most: bool
+
+    @property
+    def sentence(self) -> str:
+        """What it is and what became of it, for people."""
+        follows = f"the scalar follows the direction of the field by {to_nanotesla(self.size_T):.2g} nT, as beside a"
+        if not self.is_most:
+            return f"{follows} magnet or a current in part: standard errors hold what it may do"
+        return f"{follows} magnet or a current: only its mean counts; move it away, or fit its heading error"
+
+
+def turning_scalar(recording: SampleSource, array: Array) -> TurningScalar | None:
+    """Return what a scalar reads that follows the direction of the field; None where it does not.
 
     Parameters
     ----------
@@ -50,21 +76,18 @@ def without_turning_scalar(recording: SampleSource, array: Array) -> tuple[Sampl
     """
     some = recording.thinned(SKETCH)
     if some.scalar_T is None or np.count_nonzero(np.isfinite(some.scalar_T)) < _FEWEST:
-        return recording, None, ""
+        return None
     known = np.isfinite(some.scalar_T)
     scalar_T, field = some.scalar_T[known], some.readings_T[known].mean(axis=1)
-    size_T = _turning_part(scalar_T, field / np.mean(norm(field, axis=1)), recording, array)
-    if not size_T:
-        return recording, None, ""
-    reason = (
-        f"the scalar follows the direction of the field by {to_nanotesla(size_T):.2g} nT, as beside a magnet or a "
-        "current: only its mean counts; move it away, or fit its heading error"
-    )
-    return replace(recording.whole(), scalar_T=None), Intensity(float(scalar_T.mean()), size_T), reason
+    size_T, is_most = _turning_part(scalar_T, field / np.mean(norm(field, axis=1)), recording, array)
+    return TurningScalar(float(scalar_T.mean()), size_T, is_most) if size_T else None
 
 
-def _turning_part(scalar_T: FloatArray, field: FloatArray, recording: SampleSource, array: Array) -> float:
-    """Return the size of the field that turns with the array at the scalar, tesla; 0 where it does not count."""
+def _turning_part(scalar_T: FloatArray, field: FloatArray, recording: SampleSource, array: Array) -> tuple[float, bool]:
+    """Return the size of the field that turns with the array at the scalar, tesla, and whether it explains most.
+
+    The size is 0 where it does not count.
+    """
     count = len(scalar_T)
     block = np.arange(count) * BLOCKS // count
     slow = np.linalg.qr(np.column_stack([np.ones(count), slow_cosines()[block]]))[0]
@@ -79,16 +102,15 @@ def _turning_part(scalar_T: FloatArray, field: FloatArray, recording: SampleSour
     parts = list(zip(np.split(columns, edges), np.split(residual_T / noise_T, edges), strict=True))
     lasting = slow_factor(np.array([own.T @ own for own, _ in parts]), np.array([own.T @ left for own, left in parts]))
     energy = float(explained @ explained)
-    if energy < _MOSTLY * float(left_T @ left_T):
-        return 0.0
     # The cube root of a χ² is nearly normal (Wilson and Hilferty 1931).
     variance = 2 / 9 / len(explained)
     ratio = energy / (len(explained) * noise_T**2 * lasting)
     if np.cbrt(ratio) - 1 + variance < _BEYOND * np.sqrt(variance):
-        return 0.0
+        return 0.0, False
     noisy, _ = complete_noise(array, recording)
     variance_T2 = noise_T**2 + 1 / float(np.sum(1 / noisy.vector_noise_T**2))
     if energy < _HARMLESS * variance_T2 * lasting:
-        return 0.0
+        return 0.0, False
     unit = np.column_stack([slow, field / norm(field, axis=1, keepdims=True)])
-    return float(norm(np.linalg.lstsq(unit, scalar_T, rcond=1e-6)[0][-3:]))
+    size_T = float(norm(np.linalg.lstsq(unit, scalar_T, rcond=1e-6)[0][-3:]))
+    return size_T, energy >= _MOSTLY * float(left_T @ left_T)

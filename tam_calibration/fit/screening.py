@@ -6,6 +6,7 @@ the judgement until it stays the same. Any part of the samples below a third may
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +36,7 @@ The checks of the fit report an event. A single sensor that fails for as long is
 """
 
 _HIDING = 2.0
-"""Median square of the residuals over that of the noise, from which bad readings may hide in a fit of all samples."""
+"""Mean square of the residuals, over the noise or their median, from which bad readings may hide in the fit of all."""
 
 _MOST_ROUNDS = 10
 """Fits of the remaining samples; two or three are usual."""
@@ -43,8 +44,8 @@ _MOST_ROUNDS = 10
 _COMPARED = 3
 """Sensors from which each is compared with the mean of the others; fewer are compared with the intensity."""
 
-_REACH = 3.0
-"""Distance from the median reading, over that of two thirds or over the field: a turned sensor reaches 2."""
+_REACH = 2.2
+"""Distance from the median reading, over its median or over the field: a turned sensor reaches 2."""
 
 _MEDIANS = {1: 0.45494, 3: 2.36597}
 """Of χ² by its degrees of freedom."""
@@ -86,12 +87,22 @@ class LeftOut:
     @property
     def is_event(self) -> bool:
         """Whether most samples of a stretch of time are left out, and not by one sensor that fails alone."""
-        width = int(_STRETCH * self.sample_count)
-        counts = np.searchsorted(self.place, self.place + width) - np.arange(len(self.place))
-        begin = int(counts.argmax())
-        own = self.sensor[begin : begin + counts[begin]]
+        own = self._densest
         fails_alone = _COMPARED <= self.sensor_count != own[0] and bool((own == own[0]).mean() > _ALONE)
-        return bool(counts[begin] > width / 2) and not fails_alone
+        return not self.is_brief and not fails_alone
+
+    @property
+    def is_brief(self) -> bool:
+        """Whether no stretch of time lacks most of its samples."""
+        return len(self._densest) <= int(_STRETCH * self.sample_count) / 2
+
+    @cached_property
+    def _densest(self) -> IntArray:
+        """The sensors of those left out in the stretch that lacks most samples."""
+        counts = np.searchsorted(self.place, self.place + int(_STRETCH * self.sample_count))
+        counts -= np.arange(len(self.place))
+        begin = int(counts.argmax())
+        return self.sensor[begin : begin + counts[begin]]
 
     @property
     def is_lasting(self) -> bool:
@@ -141,7 +152,7 @@ def without_bad_readings(recording: SampleSource, array: Array) -> tuple[SampleS
     is_stated = array.vector_noise_T is not None
     try:
         judge = _Judge(estimate(recording, noisy), noisy, recording.thinned(SKETCH), is_stated)
-        if judge.scale < _HIDING and not judge.is_bad(recording).any():
+        if judge.spread < _HIDING and not judge.is_bad(recording).any():
             return recording, None
     except (InputError, Refused):
         pass  # bad readings may be the reason
@@ -156,7 +167,9 @@ def without_bad_readings(recording: SampleSource, array: Array) -> tuple[SampleS
         for _ in range(_MOST_ROUNDS):
             if not 0 < is_bad.mean() < _MOST:
                 return recording, None
-            judge = _Judge(estimate(recording.take(~is_bad), noisy), noisy, some, is_stated)
+            left = recording.take(~is_bad)
+            noisy, some = complete_noise(array, left)[0], left.thinned(SKETCH)
+            judge = _Judge(estimate(left, noisy), noisy, some, is_stated)
             before, is_bad = is_bad, judge.is_bad(recording)
             if (is_bad == before).all():
                 break
@@ -174,9 +187,8 @@ def _far_off(recording: SampleSource) -> NDArray[np.bool_]:
     """Return which samples (N,) hold a reading so far from most of its sensor that no fit would begin well."""
     some_T = recording.thinned(SKETCH).readings_T
     center_T = np.median(some_T, axis=0)
-    usual_T = np.quantile(_lengths(some_T - center_T), 1 - _MOST, axis=0)
-    reach_T = _REACH * np.maximum(usual_T, np.median(_lengths(some_T), axis=0))
-    far = [(_lengths(block.readings_T - center_T) > reach_T).any(axis=1) for block in recording.blocks()]
+    usual_T = np.median([_lengths(some_T - center_T), _lengths(some_T)], axis=1).max(axis=0)
+    far = [(_lengths(block.readings_T - center_T) > _REACH * usual_T).any(axis=1) for block in recording.blocks()]
     return np.concatenate(far)
 
 
@@ -204,7 +216,7 @@ class _Judge:
         freedom = np.append(np.full(count, 3 if count >= _COMPARED else 1), 1)
         distances = self._distances(some)
         scale = np.nanmedian(distances, axis=0) / [_MEDIANS[each] for each in freedom]
-        self.scale = float(np.max(scale))
+        self.spread = float(np.max(np.nanmean(distances, axis=0) / freedom / np.minimum(scale, 1)))
         exponent = np.log(distances.size / _CHANCE)
         # No χ² is larger with probability exp(-exponent), Laurent and Massart 2000, lemma 1.
         limits = freedom + 2 * np.sqrt(freedom * exponent) + 2 * exponent

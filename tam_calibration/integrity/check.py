@@ -18,6 +18,9 @@ from tam_calibration.model.recording import SampleSource
 ENOUGH_TO_CHECK = 18
 """Samples: two for each of the nine parameters of an ellipsoid, so that one half of them checks the other."""
 
+_SCREENED = ("frozen", "unit", "zero")
+"""Faults that single readings can have."""
+
 
 def faults_of(source: SampleSource, array: Array) -> list[Fault]:
     """Return what a recording holds that no sound sensors read.
@@ -64,7 +67,12 @@ def _new(known: list[Fault], found: Iterable[Fault]) -> list[Fault]:
 
 
 def require_sound(
-    source: SampleSource, array: Array, accept: Collection[str] = (), *, sought: Collection[str] = ()
+    source: SampleSource,
+    array: Array,
+    accept: Collection[str] = (),
+    *,
+    sought: Collection[str] = (),
+    screened: SampleSource | None = None,
 ) -> list[Fault]:
     """Refuse a recording whose channels are not those of sound sensors, and return what is to be known of it.
 
@@ -78,6 +86,8 @@ def require_sound(
         Names of faults that refuse nothing.
     sought : collection of str
         Names of faults that the effects show as which will be fitted beside the errors: those refuse nothing.
+    screened : SampleSource, optional
+        The samples without single bad readings: short holds and zeros are sought in these.
 
     Returns
     -------
@@ -93,6 +103,9 @@ def require_sound(
     """
     require_names(accept)
     faults = faults_of(source, array)
+    if screened is not None and any(fault.name in _SCREENED for fault in faults):
+        left = [fault for fault in faults_of(screened, array) if fault.name in _SCREENED]
+        faults = left + [fault for fault in faults if fault.name not in _SCREENED]
     refuse(
         fault
         for fault in faults

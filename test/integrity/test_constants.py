@@ -5,7 +5,7 @@ import pytest
 from tam_calibration.integrity import check, copies, fault, handedness, holds, overview, units, values
 
 STATED = {
-    check: {"ENOUGH_TO_CHECK": 18},
+    check: {"ENOUGH_TO_CHECK": 18, "_SCREENED": ("frozen", "unit", "zero")},
     copies: {
         **{"SHORTEST": 10, "PROBES": 16, "FOUND": 4, "LATEST": 4096, "COPIED": 1 - 1e-13, "FLAT": 1e-12},
         **{"SURE": 1e-6},
