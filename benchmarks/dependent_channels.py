@@ -5,10 +5,10 @@ Run ``python benchmarks/dependent_channels.py --half made|judged [--runs 200] [-
 Each run is a simulated recording of one to four sensors with random errors, turned in full circles, in swings of a few
 degrees, or all round, and calibrated with one channel that is wrong: an attitude that takes its heading from the raw
 readings, a late attitude, a scalar beside a magnet or a current, a wrong place, a prior of sensors that have changed,
-or a temperature that follows the readings. The rules were made on the kinds of one half (``made``) and are judged on
-those of the other. Counted are runs that are refused, and those whose answer is more than 4 of its standard errors off
-in any parameter, with or without a warning. As many sound runs are counted where a channel is left out, a warning is
-given or the run is refused although it is calibrated from the true attitude.
+or a temperature that follows the readings. The rules were made on the kinds ``made`` and are judged on the others.
+Counted are runs that are refused, and those whose answer is more than 4 of its standard errors off in any parameter,
+with or without a warning. As many sound runs are counted where a channel is left out, a warning is given or the run is
+refused although it is calibrated from the true attitude.
 """
 
 from collections.abc import Callable
@@ -181,15 +181,6 @@ def _next_day(rng: Generator, pier: Case, before: Calibration, errors: SensorErr
     return replace(dive, prior=before)
 
 
-MADE: dict[str, Callable[[Generator], Case]] = {
-    "AHRS of sensor 1": _raw,
-    "filtered AHRS of sensor 1": _filtered,
-    "late attitude": _late,
-    "scalar beside a magnet": _beside_magnet,
-    "prior of one bias ago": _knocked,
-}
-
-
 def _mean(rng: Generator) -> Case:
     case = sound(rng)
     return compass(rng, case, case.recording.readings_T.mean(axis=1))
@@ -243,17 +234,6 @@ def _leaking(rng: Generator) -> Case:
     return replace(dive, recording=replace(dive.recording, temperature_C=leak_C))
 
 
-JUDGED: dict[str, Callable[[Generator], Case]] = {
-    "AHRS of all sensors": _mean,
-    "AHRS with old biases": _precorrected,
-    "late filtered AHRS": _late_compass,
-    "scalar beside a current": _beside_current,
-    "wrong place": _wrong_place,
-    "prior of other sensors": _replaced,
-    "temperature that leaks": _leaking,
-}
-
-
 def sound_attitude(rng: Generator) -> Case:
     """Return a case with a sound attitude, its noise stated or to be estimated."""
     case, size = sound(rng), np.radians(10 ** rng.uniform(-1.3, 0.0))
@@ -261,6 +241,113 @@ def sound_attitude(rng: Generator) -> Case:
     stated = size if rng.random() < 0.5 and not lasting_s else np.inf
     case = case.with_attitude(noisy(rng, case.rotation, size, lasting_s))
     return replace(case, array=replace(case.array, attitude_noise=stated))
+
+
+MADE: dict[str, Callable[[Generator], Case]] = {
+    "AHRS of sensor 1": _raw,
+    "filtered AHRS of sensor 1": _filtered,
+    "AHRS of all sensors": _mean,
+    "AHRS with old biases": _precorrected,
+    "late filtered AHRS": _late_compass,
+    "late attitude": _late,
+    "scalar beside a magnet": _beside_magnet,
+    "scalar beside a current": _beside_current,
+    "wrong place": _wrong_place,
+    "prior of one bias ago": _knocked,
+    "prior of other sensors": _replaced,
+    "temperature that leaks": _leaking,
+}
+
+
+def _circle_fitted(rng: Generator) -> Case:
+    """Return a case with an AHRS that takes off the middle of the levelled readings of sensor 1 over the recording."""
+    case = sound(rng, 0)
+    level = Rotation.from_euler("YX", case.rotation.as_euler("ZYX")[:, 1:])
+    levelled = level.apply(case.recording.readings_T[:, 0])
+    middle_T = (levelled.max(axis=0) + levelled.min(axis=0)) / 2 * [1.0, 1.0, 0.0]
+    return compass(rng, case, level.inv().apply(levelled - middle_T))
+
+
+def _field_first(rng: Generator) -> Case:
+    """Return a case with an attitude that turns the reading of a sensor into the world's field, then levels."""
+    case = sound(rng)
+    reading_T = case.recording.readings_T[:, rng.integers(case.array.sensor_count)]
+    down = case.rotation.inv().apply([0.0, 0.0, -1.0]) + rng.normal(0, 1e-3, reading_T.shape)
+    seen = np.stack([reading_T, np.cross(down, reading_T)], axis=1)
+    seen = np.stack([*np.moveaxis(seen, 1, 0), np.cross(seen[:, 0], seen[:, 1])], axis=2)
+    world = np.stack([WORLD_T, np.cross([0.0, 0.0, -1.0], WORLD_T)], axis=0)
+    world = np.stack([*world, np.cross(*world)], axis=1)
+    turns = (world / np.linalg.norm(world, axis=0)) @ np.swapaxes(seen / np.linalg.norm(seen, axis=1)[:, None], 1, 2)
+    stated = [np.radians(0.1), np.radians(1.0), np.inf][rng.integers(3)]
+    return replace(case.with_attitude(Rotation.from_matrix(turns)), array=replace(case.array, attitude_noise=stated))
+
+
+def _gyroscope_scale(rng: Generator) -> Case:
+    """Return a case with a heading whose gyroscope is wrong by up to some parts in a hundred."""
+    case = sound_attitude(rng)
+    yaw, pitch, roll = Rotation.from_quat(case.recording.attitude).as_euler("ZYX").T
+    yaw = np.unwrap(yaw)
+    yaw = yaw[0] + (yaw - yaw[0]) * (1 + 10 ** rng.uniform(-3.5, -1.5))
+    return case.with_attitude(Rotation.from_euler("ZYX", np.column_stack([yaw, pitch, roll])))
+
+
+def _beside_iron(rng: Generator) -> Case:
+    """Return a case with soft iron beside the scalar."""
+    case = sound(rng, int(rng.choice([0, 2])))
+    along = rng.normal(size=3)
+    field_T = case.rotation.inv().apply(WORLD_T)
+    induced_T = 10 ** rng.uniform(-4.5, -2.5) * (field_T @ along)[:, None] * along
+    added_T = np.linalg.norm(field_T + induced_T, axis=1) - np.linalg.norm(field_T, axis=1)
+    return replace(case, recording=replace(case.recording, scalar_T=case.recording.scalar_T + added_T))
+
+
+def _heading_error(rng: Generator) -> Case:
+    """Return a case with a scalar of optical pumping, which reads otherwise on either side of its axis."""
+    case = sound(rng, int(rng.choice([0, 2])))
+    axis = rng.normal(size=3)
+    cosine = case.rotation.inv().apply(WORLD_T) @ axis / np.linalg.norm(axis) / np.linalg.norm(WORLD_T)
+    added_T = 10 ** rng.uniform(-9.3, -7.5) * np.tanh(cosine / 0.3)
+    return replace(case, recording=replace(case.recording, scalar_T=case.recording.scalar_T + added_T))
+
+
+def _wrong_declination(rng: Generator) -> Case:
+    """Return a case with the field of a place, beside an attitude that counts from another north."""
+    case = sound_attitude(rng)
+    turn = Rotation.from_rotvec([0.0, 0.0, rng.choice([-1, 1]) * rng.uniform(0.05, 0.6)])
+    return replace(case, main_field_T=turn.apply(WORLD_T))
+
+
+def _turned_since(rng: Generator) -> Case:
+    """Return a case with a prior of the day before, since when one sensor was turned, or its gain has changed."""
+    pier = sound(rng, 2)
+    before = calibrate(pier.recording, pier.array)
+    vector, size = pier.errors.to_vector(), 10 ** rng.uniform(-3.5, -1.5)
+    some = np.s_[9:12] if len(vector) > 1 and rng.random() < 0.5 else np.s_[:3]
+    vector[rng.integers(1, len(vector)) if len(vector) > 1 else 0, some] += size * rng.normal(size=3)
+    return _next_day(rng, pier, before, SensorErrors.from_vector(vector))
+
+
+def _exchanged_since(rng: Generator) -> Case:
+    """Return a case with a prior of the day before, since when two sensors were exchanged or all biases have moved."""
+    pier = sound(rng, 2)
+    before, vector = calibrate(pier.recording, pier.array), pier.errors.to_vector()
+    if len(vector) > 1 and rng.random() < 0.5:
+        vector[[0, 1]] = vector[[1, 0]]
+    else:
+        vector[:, 6:9] += 10 ** rng.uniform(-8, -6) * rng.normal(size=(len(vector), 3))
+    return _next_day(rng, pier, before, SensorErrors.from_vector(vector))
+
+
+JUDGED: dict[str, Callable[[Generator], Case]] = {
+    "AHRS that fits a circle": _circle_fitted,
+    "attitude by the field first": _field_first,
+    "gyroscope's scale": _gyroscope_scale,
+    "scalar beside iron": _beside_iron,
+    "scalar's heading error": _heading_error,
+    "wrong declination": _wrong_declination,
+    "prior of a turn or gain ago": _turned_since,
+    "prior of all sensors ago": _exchanged_since,
+}
 
 
 def _sound(rng: Generator) -> Case:

@@ -119,20 +119,17 @@ def calibrate(
     array.require_recording(recording)
     is_screened = not (ambient_gradient or method == "robust")
     used, left_out = without_bad_readings(recording, array) if is_screened else (recording, None)
-    found = [
-        fault.sentence
-        for fault in require_sound(
-            recording, array, accept, screened=used if left_out is not None and left_out.is_brief else None
-        )
-    ]
-    notes: tuple[str, ...] = ()
+    screened = used if left_out is not None and left_out.is_brief else None
+    faults = require_sound(recording, array, accept, screened=screened)
+    found = [fault.sentence for fault in faults if fault.severity != "note"]
+    notes = [fault.sentence for fault in faults if fault.severity == "note"]
     recording.thinned(SKETCH).check_plausible(array.field)
     if left_out is not None and not (is_joint and left_out.is_lasting):  # a prior tells itself what has changed
         change = what_changed(recording, array) if left_out.is_lasting else None
         if change is not None and change.is_explained:
             found.append(f"{change.what}, and this is the calibration of the longer part: {change.todo}")
         else:
-            notes = tuple(left_out.sentences())
+            notes += left_out.sentences()
         recording = used
     with nullcontext() if ambient_gradient or prior is not None else naming_changes(recording, array):
         if not is_joint:
@@ -153,7 +150,7 @@ def calibrate(
         # A scalar that was left out still tells changes of the field.
         calibration = despite_changes(calibration, given if is_joint else uniform, array, accept)
     if takes_priors and not attitude_is_data and (worth := worth_of(recording, calibration)):
-        notes = (*notes, worth)
+        notes.append(worth)
     calibration = replace(calibration, held_out=_held_out(recording, array, fit))
     warnings = (*found, *calibration.warnings, *doubts_of(uniform, calibration))
     return within_limits(replace(calibration, warnings=warnings, notes=(*notes, *calibration.notes)), accept)

@@ -173,7 +173,8 @@ def what_changed(recording: SampleSource, array: Array) -> Change | None:
     if gained < _LEAST if parts.level < _NOISE_ALONE else before < _BEYOND:
         return None
     is_calibrated = span.of_all(parts.is_calibrated, recording.sample_count)
-    if parts.are_steady and after < max(min(_EXPLAINED, (1 + before) / 2), _LEFT * before):
+    is_explained = after < max(min(_EXPLAINED, (1 + before) / 2), _LEFT * before)
+    if is_explained and (parts.are_steady or after < _EXPLAINED):
         return Change(*_in_words(span, best.words), is_calibrated, span.is_plain)
     if before < _LOUD:
         return None

@@ -261,16 +261,16 @@ def calibrate_with_effects(
     faults = require_sound(
         recording, array, accept, sought=shown_by(installed_effects() if _AUTO in effects else effects)
     )
+    told = [fault.sentence for fault in faults if fault.severity != "note"]
     recording.check_plausible(array.field)
     if recording.sensor_count > 1 or recording.attitude is None:  # else the attitude may determine what these do not
         with suppress(Refused):  # where readings contradict each other, effects may explain it
             require_determined(recording, array)
     if _AUTO in effects:
         found = search(recording, array)
-        told = [fault.sentence for fault in faults]
         return calibration_of(recording, found, conclude(found), array, warnings=told, accept=accept)
     model, warnings = _with_named(Model.nominal(recording, array), effects)
-    return _kept(model, array, (*(fault.sentence for fault in faults), *warnings), accept)
+    return _kept(model, array, (*told, *warnings), accept)
 
 
 def calibration_of(

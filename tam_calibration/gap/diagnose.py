@@ -138,7 +138,7 @@ def judge(
         *of_stretches,
         *(f"tam calibrate would refuse this recording{alone}: {refusal}." for refusal in refusals),
     ]
-    remarks += [f"The channels: {fault.sentence}." for fault in faults if fault.severity == "warning"]
+    remarks += [f"The channels: {fault.sentence}." for fault in faults if fault.severity != "refusal"]
     if misread := misread_attitude(seen):
         remarks.append(f"{misread[:1].upper()}{misread[1:]}.")
     gap, found = _judged(seen, array, without, progress)

@@ -13,7 +13,7 @@ from tam_calibration.integrity.overview import Overview
 from tam_calibration.integrity.units import in_other_units
 from tam_calibration.integrity.values import at_ends, in_steps, with_stuck_bits
 from tam_calibration.model.array import Array
-from tam_calibration.model.recording import SampleSource
+from tam_calibration.model.recording import Recording, SampleSource
 
 ENOUGH_TO_CHECK = 18
 """Samples: two for each of the nine parameters of an ellipsoid, so that one half of them checks the other."""
@@ -57,7 +57,17 @@ def faults_of(source: SampleSource, array: Array) -> list[Fault]:
             ),
         )
         faults += _new(faults, left_handed(overview))
-    return faults
+    return faults + _constant(overview.recording)
+
+
+def _constant(some: Recording) -> list[Fault]:
+    """Return a note on each channel beside the magnetometers whose readings never change."""
+    notes = []
+    for name, values, unit in (("temperature", some.temperature_C, "°C"), ("current", some.current_A, "A")):
+        if values is not None and np.ptp(values) == 0:
+            sentence = f"the {name} is {values[0]:g} {unit} in every sample: make sure that it is recorded at all"
+            notes.append(Fault("frozen", None, "", (some.time_s[0], some.time_s[-1]), sentence, "note"))
+    return notes
 
 
 def _new(known: list[Fault], found: Iterable[Fault]) -> list[Fault]:

@@ -28,7 +28,7 @@ ACCEPTABLE = {**CHANNEL_FAULTS, **LIMITS}
 MOST_TOLD = 3
 """Faults that a refusal tells in full: one cause, such as a dead converter, shows in the three axes of a sensor."""
 
-Severity = Literal["refusal", "warning"]
+Severity = Literal["refusal", "warning", "note"]
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Fault:
     sentence : str
         What it is, where and when, for people.
     severity : str
-        Whether the numbers of a fit would be wrong ("refusal") or hardly ("warning").
+        Whether the numbers of a fit would be wrong ("refusal"), hardly ("warning"), or not ("note").
     may_be_effect : bool
         Whether an effect can make it, which a diagnosis then finds: not what lasts all the time, for example.
     """

@@ -12,7 +12,7 @@ from tam_calibration.fit.what_changed import what_changed
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.attitude import Manoeuvre
+from tam_calibration.simulation.attitude import Manoeuvre, Tumble
 
 COUNT, RATE_HZ = 600, 10.0
 
@@ -122,6 +122,18 @@ def test_it_is_the_first_that_a_calibration_says(wu_scenario, words):
     """Nothing is said of turning the array, which was turned all round."""
     with pytest.raises(Refused, match=f"^{words}.* from 30.0 s on: "):
         calibrate(run_of(wu_scenario, CHANGES[words], 300), wu_scenario.array)
+
+
+@pytest.mark.parametrize("first", [200, 400])
+@pytest.mark.parametrize(("lag", "words"), [(2, "0.2 s later"), (-1, "0.1 s earlier")])
+def test_a_clock_that_steps_is_named(wu_scenario, lag, words, first):
+    """The stamps of one driver, against those of the others."""
+    slow = replace(wu_scenario, motion=Tumble(np.radians(20)))
+    made = simulate(replace(slow, sample_count=COUNT + 4, rate_hz=RATE_HZ)).recording
+    readings_T = made.readings_T[2:-2].copy()
+    readings_T[first:, 2] = made.readings_T[2 + first - lag : COUNT + 2 - lag, 2]
+    told = what_changed(replace(made.take(slice(2, -2)), readings_T=readings_T), wu_scenario.array)
+    assert told.what == f"the readings of sensor 3 come {words} from {first / RATE_HZ:.1f} s on"
 
 
 def test_a_multiplexer_that_stops_is_named(wu_scenario):
