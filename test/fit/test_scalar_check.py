@@ -44,3 +44,24 @@ def test_a_sound_scalar_is_kept():
             recording, readings_T=recording.readings_T * factor[:, None, None], scalar_T=recording.scalar_T * factor
         )
         assert not any("the scalar" in note for note in calibrate(drifting, CROSS).notes)
+
+
+@pytest.mark.parametrize("period_s", [15.0, 30.0, 60.0])
+def test_a_field_that_pulsates_as_the_array_turns_misleads_by_no_more_than_is_told(period_s):
+    """It cannot be told from a magnet beside the scalar: the standard errors hold both."""
+    for seed in range(4):
+        recording, phase = recorded(circles(), seed), 2 * np.pi * np.arange(1200) / 10 / period_s
+        factor = 1 + 5e-9 / 48.8e-6 * np.sin(phase + seed)
+        pulsating = replace(
+            recording, readings_T=recording.readings_T * factor[:, None, None], scalar_T=recording.scalar_T * factor
+        )
+        assert worst(calibrate(pulsating, CROSS)) < 4
+
+
+def test_a_scalar_that_turns_in_part_is_kept_with_wider_standard_errors():
+    """Noise that lasts is most of what it reads."""
+    recording = read_beside(circles(), 5, 3e-9 * np.array([0.6, -0.64, 0.48]))
+    lasting_T = 3e-9 * np.random.default_rng(6).normal(size=1200)
+    noisy = replace(CROSS, scalar_noise_T=3e-9)
+    found = calibrate(replace(recording, scalar_T=recording.scalar_T + lasting_T), noisy)
+    assert any("standard errors hold what it may do" in note for note in found.notes) and worst(found) < 4

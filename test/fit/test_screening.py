@@ -10,6 +10,8 @@ from tam_calibration.fit import calibrate, screening
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.screening import without_bad_readings
 from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import Refused
+from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.attitude import Tumble
 
@@ -73,6 +75,39 @@ def test_a_calibration_is_as_good_as_without_them(wu_scenario):
     assert spoilt.warnings == () and spoilt.notes == (
         "75 of 1200 readings of sensor 2 contradict the others and are left out, every 16th between 0.00 and 1184.00 s",
     )
+
+
+@pytest.mark.parametrize("value_T", [0.0, 20e-6, 0.099999, 1e3])
+def test_a_value_that_a_sensor_repeats_for_a_second_is_left_out(wu_scenario, value_T):
+    """On all its axes; a channel that holds for a tenth of the recording is another matter."""
+    recording = run_of(wu_scenario)
+    spoilt = calibrate(
+        changed(recording, slice(300, 312), 2, lambda readings: readings * 0 + value_T), wu_scenario.array
+    )
+    assert spoilt.samples == SAMPLES - 12 and len(spoilt.notes) == 1
+    with pytest.raises(Refused, match="sensor 3"):
+        calibrate(changed(recording, slice(300, 430), 2, lambda readings: readings * 0 + value_T), wu_scenario.array)
+
+
+def test_an_update_is_made_without_them(wu_scenario):
+    """They are no change of the sensor since the prior, and a note names them."""
+    before = calibrate(run_of(wu_scenario), wu_scenario.array)
+    later = run_of(wu_scenario, seed=4)
+    later = replace(later, time_s=later.time_s + 1e5)
+    spoilt = calibrate(changed(later, slice(0, None, 40), 1, CHANGES["off"]), wu_scenario.array, prior=before)
+    assert spoilt.samples == SAMPLES - 30 and spoilt.update.moved == ()
+    assert spoilt.notes[0].startswith("30 of 1200 readings of sensor 2 contradict the others and are left out")
+
+
+def test_bad_readings_that_pass_for_noise_are_found(wu_scenario):
+    """Every tenth reading of a single sensor whose noise is not stated: the fit of all samples is smeared by them."""
+    tumble = run_of(wu_scenario, motion=Tumble(np.radians(40)), rate_hz=10.0)
+    alone = replace(tumble, readings_T=tumble.readings_T[:, :1])
+    array, truth = Array(np.zeros((1, 3))), wu_scenario.errors
+    truth = SensorErrors.from_vector(truth.to_vector()[:1], truth.orientation[:1])
+    clean = deviation_of(calibrate(alone, array), truth)
+    spoilt = calibrate(changed(alone, slice(0, None, 10), 0, lambda readings: readings * 0 - 32768e-9), array)
+    assert deviation_of(spoilt, truth) < 1.5 * clean
 
 
 def test_bad_readings_of_the_scalar_are_its_own(wu_scenario):

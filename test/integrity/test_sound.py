@@ -96,3 +96,12 @@ def test_short_holds_are_stale_samples(run):
         readings[700:708, 2] = readings[700, 2]
 
     assert run.spoiled(hold).told == []
+
+
+def test_a_channel_that_never_changes_is_noted(run):
+    """It refuses nothing, and is no warning: the current may be off."""
+    count = run.recording.sample_count
+    still = run.of(1, 2, 3, 4, temperature_C=np.zeros(count), current_A=np.linspace(0, 1, count))
+    [fault] = still.faults
+    assert fault.severity == "note"
+    assert fault.sentence == "the temperature is 0 °C in every sample: make sure that it is recorded at all"
