@@ -1,0 +1,125 @@
+"""How often 95 % intervals of every method hold the truth: ``python benchmarks/coverage.py [--runs 20]``.
+
+Each run is four sensors with random errors that tumble in a uniform field, with noise that is white, lasts from sample
+to sample (AR(1) 0.5 and 0.9, 1/f), has heavy tails (Student's t of 3 degrees of freedom), drifts, or of whose samples
+3 % are dropped. The noise has its stated size in each sample. A row tells the part of the parameters of all runs that
+are within 1.96 standard errors, without runs that are refused or whose answer says that it may be wrong.
+"""
+
+from collections.abc import Callable
+from itertools import product
+
+import click
+import numpy as np
+from numpy.random import Generator
+from rich.progress import track
+from scipy.fft import irfft, rfft, rfftfreq
+from scipy.signal import lfilter
+from scipy.spatial.transform import Rotation
+from spread import Row, show
+
+from tam_calibration.fit import METHODS, calibrate
+from tam_calibration.fit.prior import in_first_frame
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
+from tam_calibration.simulation.attitude import Tumble
+
+SAMPLES = (20, 60, 600, 3000, 20_000)
+RATE_HZ, NOISE_T, FIELD_T = 10.0, 2e-9, 50e-6
+SIZES = np.repeat([0.02, np.radians(0.5), 300e-9, np.radians(0.5)], 3)
+"""Standard deviations of the twelve errors of a sensor."""
+
+WITHIN, LEAST, MOST = 1.96, 0.93, 0.97
+
+Noise = Callable[[Generator, tuple[int, ...]], FloatArray]
+"""Noise of unit variance (N, ...), the same process in each channel."""
+
+
+def _lasting(part: float) -> Noise:
+    def noise(rng: Generator, shape: tuple[int, ...]) -> FloatArray:
+        white = rng.normal(size=shape)
+        white[0] /= np.sqrt(1 - part**2)
+        return np.sqrt(1 - part**2) * np.asarray(lfilter([1], [1, -part], white, axis=0))
+
+    return noise
+
+
+def _flicker(rng: Generator, shape: tuple[int, ...]) -> FloatArray:
+    spectrum = rfft(rng.normal(size=shape), axis=0)
+    frequency = rfftfreq(shape[0])
+    frequency[0] = frequency[1]
+    values = irfft(spectrum / np.sqrt(frequency).reshape(-1, *[1] * (len(shape) - 1)), shape[0], axis=0)
+    return values / values.std(axis=0)
+
+
+def _drifting(rng: Generator, shape: tuple[int, ...]) -> FloatArray:
+    return rng.normal(size=shape) + 1.5 * rng.normal(size=shape[1:]) * np.linspace(-1, 1, shape[0]).reshape(
+        -1, *[1] * (len(shape) - 1)
+    )
+
+
+NOISES: dict[str, Noise] = {
+    "white": lambda rng, shape: rng.normal(size=shape),
+    "AR(1) 0.5": _lasting(0.5),
+    "AR(1) 0.9": _lasting(0.9),
+    "1/f": _flicker,
+    "heavy tails": lambda rng, shape: rng.standard_t(3, shape) / np.sqrt(3),
+    "drift": _drifting,
+    "3 % dropped": lambda rng, shape: rng.normal(size=shape),
+}
+
+
+def run_of(rng: Generator, name: str, count: int) -> tuple[Recording, Array, SensorErrors]:
+    """Return a recording, its array and the errors in the frame of sensor 1."""
+    errors = rng.normal(size=(4, 12)) * SIZES
+    errors[:, :3] += 1
+    errors[0, 9:] = 0
+    truth = SensorErrors.from_vector(errors)
+    time_s = np.arange(count) / RATE_HZ
+    rate = 2 * np.pi * RATE_HZ / min(count / 2, 200)
+    turns = Tumble(rate).attitudes(time_s + 100 * rng.random(), rng)
+    field_T = Rotation.from_quat(turns).inv().apply(FIELD_T * np.array([0.3, 0.1, -0.95]))
+    readings_T = truth.distort(field_T) + NOISE_T * NOISES[name](rng, (count, 4, 3))
+    scalar_T = np.linalg.norm(field_T, axis=1) + 0.05 * NOISE_T * rng.normal(size=count)
+    recording = Recording(time_s, readings_T, scalar_T)
+    if name == "3 % dropped":
+        recording = recording.take(rng.random(count) > 0.03)
+    return recording, Array(Array.cross(0.5).positions_m, np.full(4, NOISE_T), 0.05 * NOISE_T), truth
+
+
+def pulls_of(recording: Recording, array: Array, truth: SensorErrors, method: str) -> FloatArray | None:
+    """Return by how many standard errors each parameter is off; None where the answer is refused or says so."""
+    try:
+        found = calibrate(recording, array, method)
+    except (InputError, Refused):
+        return None
+    if any("residual" in warning or "standard errors" in warning for warning in found.warnings):
+        return None
+    free = found.standard_errors > 0
+    off = found.errors.to_vector() - in_first_frame(truth)[0].to_vector()
+    return np.asarray(off[free] / found.standard_errors[free])
+
+
+@click.command(help=__doc__)
+@click.option("--runs", default=20, show_default=True, help="Of each method, noise and number of samples.")
+@click.option("--first-seed", default=1, show_default=True)
+def main(runs: int, first_seed: int) -> None:
+    """Print the table, and keep it."""
+    rows = []
+    cases = list(product(METHODS, NOISES, SAMPLES))
+    for method, name, count in track(cases, description="coverage"):
+        seeds = [[first_seed, list(NOISES).index(name), count, run] for run in range(max(runs, 2000 // count))]
+        pulls = [pulls_of(*run_of(np.random.default_rng(seed), name, count), method) for seed in seeds]
+        told = [each for each in pulls if each is not None]
+        held = float(np.mean(np.abs(np.concatenate(told)) < WITHIN)) if told else np.nan
+        figure = f"part of 95 % intervals that hold, {len(told)} of {len(pulls)} answers"
+        rows.append(Row(f"{method}, {name}, {count}", figure, [held], least=LEAST, most=MOST))
+    command = f"python benchmarks/coverage.py --runs {runs} --first-seed {first_seed}"
+    show("Coverage", command, "coverage.csv", rows)
+
+
+if __name__ == "__main__":
+    main()
