@@ -243,22 +243,6 @@ def sound_attitude(rng: Generator) -> Case:
     return replace(case, array=replace(case.array, attitude_noise=stated))
 
 
-MADE: dict[str, Callable[[Generator], Case]] = {
-    "AHRS of sensor 1": _raw,
-    "filtered AHRS of sensor 1": _filtered,
-    "AHRS of all sensors": _mean,
-    "AHRS with old biases": _precorrected,
-    "late filtered AHRS": _late_compass,
-    "late attitude": _late,
-    "scalar beside a magnet": _beside_magnet,
-    "scalar beside a current": _beside_current,
-    "wrong place": _wrong_place,
-    "prior of one bias ago": _knocked,
-    "prior of other sensors": _replaced,
-    "temperature that leaks": _leaking,
-}
-
-
 def _circle_fitted(rng: Generator) -> Case:
     """Return a case with an AHRS that takes off the middle of the levelled readings of sensor 1 over the recording."""
     case = sound(rng, 0)
@@ -338,7 +322,19 @@ def _exchanged_since(rng: Generator) -> Case:
     return _next_day(rng, pier, before, SensorErrors.from_vector(vector))
 
 
-JUDGED: dict[str, Callable[[Generator], Case]] = {
+MADE: dict[str, Callable[[Generator], Case]] = {
+    "AHRS of sensor 1": _raw,
+    "filtered AHRS of sensor 1": _filtered,
+    "AHRS of all sensors": _mean,
+    "AHRS with old biases": _precorrected,
+    "late filtered AHRS": _late_compass,
+    "late attitude": _late,
+    "scalar beside a magnet": _beside_magnet,
+    "scalar beside a current": _beside_current,
+    "wrong place": _wrong_place,
+    "prior of one bias ago": _knocked,
+    "prior of other sensors": _replaced,
+    "temperature that leaks": _leaking,
     "AHRS that fits a circle": _circle_fitted,
     "attitude by the field first": _field_first,
     "gyroscope's scale": _gyroscope_scale,
@@ -347,6 +343,69 @@ JUDGED: dict[str, Callable[[Generator], Case]] = {
     "wrong declination": _wrong_declination,
     "prior of a turn or gain ago": _turned_since,
     "prior of all sensors ago": _exchanged_since,
+}
+
+
+def _another_compass(rng: Generator) -> Case:
+    """Return a case with an AHRS of a magnetometer that is not calibrated."""
+    case = sound(rng)
+    other = random_errors(rng, 1).distort(case.rotation.inv().apply(WORLD_T))
+    return compass(rng, case, other[:, 0], filter_s=float(rng.choice([0.0, 3.0])))
+
+
+def _thrown(rng: Generator) -> Case:
+    """Return a case with an attitude that takes the acceleration of turns for gravity."""
+    case = sound_attitude(rng)
+    rate = np.gradient(np.unwrap(case.rotation.as_euler("ZYX")[:, 0]), 1 / RATE_HZ)
+    tilt = np.radians(10 ** rng.uniform(-1, 0.7)) * rate / np.abs(rate).max()
+    seen = Rotation.from_quat(case.recording.attitude) * Rotation.from_euler("X", tilt[:, None])
+    return case.with_attitude(seen)
+
+
+def _jittering(rng: Generator) -> Case:
+    """Return a case with attitudes of other times than their stamps say."""
+    case = sound_attitude(rng)
+    time_s = np.arange(len(case.rotation)) / RATE_HZ
+    late_s = time_s - rng.uniform(0, rng.uniform(0.02, 0.5), len(time_s))
+    return case.with_attitude(Slerp(time_s, case.rotation)(np.clip(late_s, 0, None)))
+
+
+def _beside_metal(rng: Generator) -> Case:
+    """Return a case with a scalar in a housing that conducts: currents follow the change of the field."""
+    case = sound(rng, int(rng.choice([0, 2])))
+    field_T = case.rotation.inv().apply(WORLD_T)
+    current_T = 10 ** rng.uniform(-3.5, -1.5) * np.gradient(field_T, 1 / RATE_HZ, axis=0) * rng.uniform(0.3, 1, 3)
+    added_T = np.linalg.norm(field_T + current_T, axis=1) - np.linalg.norm(field_T, axis=1)
+    return replace(case, recording=replace(case.recording, scalar_T=case.recording.scalar_T + added_T))
+
+
+def _dead_zone(rng: Generator) -> Case:
+    """Return a case with a scalar that is missing near its axis, and reads too much beside that."""
+    case = sound(rng, int(rng.choice([0, 2])))
+    axis = rng.normal(size=3)
+    cosine = np.abs(case.rotation.inv().apply(WORLD_T) @ axis) / np.linalg.norm(axis) / np.linalg.norm(WORLD_T)
+    added_T = 10 ** rng.uniform(-9.3, -7.5) * np.exp((cosine - 0.8) / 0.1)
+    scalar_T = np.where(cosine > 0.8, np.nan, case.recording.scalar_T + added_T)
+    return replace(case, recording=replace(case.recording, scalar_T=scalar_T))
+
+
+def _heated(rng: Generator) -> Case:
+    """Return a case with a prior since which all sensors have warmed, while no temperature was recorded."""
+    pier = sound(rng, 2)
+    before, vector = calibrate(pier.recording, pier.array), pier.errors.to_vector()
+    warming_K = rng.uniform(2, 30)
+    vector[:, :3] += 20e-6 * warming_K * rng.normal(size=(len(vector), 3))
+    vector[:, 6:9] += 0.3e-9 * warming_K * rng.normal(size=(len(vector), 3))
+    return _next_day(rng, pier, before, SensorErrors.from_vector(vector))
+
+
+JUDGED: dict[str, Callable[[Generator], Case]] = {
+    "AHRS of another compass": _another_compass,
+    "attitude that feels turns": _thrown,
+    "attitude of other times": _jittering,
+    "scalar beside metal": _beside_metal,
+    "scalar with a dead zone": _dead_zone,
+    "prior of a colder day": _heated,
 }
 
 

@@ -26,6 +26,9 @@ _FEWEST = 10 * BLOCKS
 _SEEN = 1e-6
 """Part of the largest eigenvalue below which a column is the noise of the readings."""
 
+_HINTED = 2.33
+"""Standard deviations of a normal law from which standard errors hold what the dependence may do: once in a hundred."""
+
 _BEYOND = 3.72
 """Standard deviations of a normal law: once in ten thousand sound recordings."""
 
@@ -48,7 +51,7 @@ class TurningScalar:
     size_T : float
         Size of the field that turns with the array at the scalar, tesla.
     is_most : bool
-        Whether that explains most of what the scalar reads beside slow changes.
+        Whether that is no chance, and explains most of what the scalar reads beside slow changes.
     """
 
     mean_T: float
@@ -104,13 +107,12 @@ def _turning_part(scalar_T: FloatArray, field: FloatArray, recording: SampleSour
     energy = float(explained @ explained)
     # The cube root of a χ² is nearly normal (Wilson and Hilferty 1931).
     variance = 2 / 9 / len(explained)
-    ratio = energy / (len(explained) * noise_T**2 * lasting)
-    if np.cbrt(ratio) - 1 + variance < _BEYOND * np.sqrt(variance):
+    deviation = (np.cbrt(energy / (len(explained) * noise_T**2 * lasting)) - 1 + variance) / np.sqrt(variance)
+    if deviation < _HINTED:
         return 0.0, False
     noisy, _ = complete_noise(array, recording)
     variance_T2 = noise_T**2 + 1 / float(np.sum(1 / noisy.vector_noise_T**2))
-    if energy < _HARMLESS * variance_T2 * lasting:
-        return 0.0, False
+    is_harmful = energy > _HARMLESS * variance_T2 * lasting
     unit = np.column_stack([slow, field / norm(field, axis=1, keepdims=True)])
     size_T = float(norm(np.linalg.lstsq(unit, scalar_T, rcond=1e-6)[0][-3:]))
-    return size_T, energy >= _MOSTLY * float(left_T @ left_T)
+    return size_T, bool(deviation > _BEYOND and is_harmful and energy >= _MOSTLY * float(left_T @ left_T))

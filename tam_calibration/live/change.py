@@ -27,6 +27,7 @@ from tam_calibration.fit.contradiction import FAR_RATIO, Hypothesis, changes_of_
 from tam_calibration.fit.likelihood import Linearization
 from tam_calibration.fit.posterior import can_be
 from tam_calibration.fit.prior import Prior
+from tam_calibration.live.block_noise import mean_deviations
 from tam_calibration.live.recursion import Belief, MomentLikelihood, SampleMoments, Walk
 from tam_calibration.model.array import UNIT_TENSORS, Array
 from tam_calibration.model.change_rates import DAY_S
@@ -267,6 +268,12 @@ DECIDE_S = 20.0
 """Time from a change to when it is told in any case, seconds: what cannot be told apart by then is told as such. With
 the blocks in which it begins and ends it is told within half a minute."""
 
+MOST_AFTER = int(DECIDE_S / BLOCK_S)
+"""Blocks that are looked at while something passes: once these show nothing it has passed."""
+
+UNSTEADY = 0.01
+"""Probability of what a change leaves, by chance, below which it is none: of a change of the sensors as it came."""
+
 FEWEST_AFTER = 2
 """Blocks after the alarm from which a change is told, or is told to have passed."""
 
@@ -293,6 +300,8 @@ class Step(NamedTuple):
         What was known before it.
     excess : float
         Variance of the residuals of earlier blocks over that which the noise is stated to have.
+    likelihood : MomentLikelihood
+        Of its samples.
     here : Linearization
         What the block says, at the errors of ``before``.
     moments : SampleMoments
@@ -303,6 +312,7 @@ class Step(NamedTuple):
 
     before: Belief
     excess: float
+    likelihood: MomentLikelihood
     here: Linearization
     moments: SampleMoments
     begin_s: float
@@ -334,6 +344,18 @@ class Suspicion(NamedTuple):
         return self.first.begin_s + BLOCK_S
 
 
+def _is_steady(evidence: Evidence, first: Step, after: Sequence[Step]) -> bool:
+    """Return whether the sensors agree as well in all blocks after a change, or as badly: what passes changes that."""
+    vector = (first.before.errors.to_vector().ravel() + evidence.change).reshape(-1, 12)
+    errors = SensorErrors.from_vector(vector, first.before.errors.orientation)
+    weight = np.array([step.moments.count / step.likelihood.factors.differential for step in after])
+    means_T = np.array([step.likelihood.mean_readings(step.moments) for step in after])
+    deviations = mean_deviations(errors, after[0].likelihood.array, means_T)
+    left = deviations - weight @ deviations / weight.sum()
+    freedom = (len(after) - 1) * 3 * (errors.sensor_count - 1)
+    return freedom == 0 or float(np.sum(weight @ left**2)) < chdtri(freedom, UNSTEADY)
+
+
 class _Sums(NamedTuple):
     """What blocks say together at the errors before them, and the number of their samples."""
 
@@ -352,12 +374,10 @@ class ChangeWindow:
         Of the sensors.
     walk : Walk
         How they change without being touched.
-    likelihood : MomentLikelihood
-        That the moments of the blocks are of.
     """
 
-    def __init__(self, prior: Prior, walk: Walk, likelihood: MomentLikelihood) -> None:
-        self._walk, self._likelihood, self._size = walk, likelihood, prior.covariance.shape[0]
+    def __init__(self, prior: Prior, walk: Walk) -> None:
+        self._walk, self._size = walk, prior.covariance.shape[0]
         among = hypotheses(prior.errors, prior.calibration.array)
         self._weighing = Weighing(among, chance_of_test(len(among)))
         self._steps: deque[Step] = deque(maxlen=WINDOW)
@@ -398,6 +418,9 @@ class ChangeWindow:
         found = weigh(self._sums(self._first, self._after)[0])
         if found and found[0].ratio > FAR_RATIO:
             found = self._weigh_far(self._first, self._after, end_s, temperature_C) or found
+        if found and not _is_steady(found[0], self._first, self._after):
+            self._after = self._after[-MOST_AFTER:]
+            return Suspicion(self._first, tuple(self._after), (), False)
         is_late = not 0 <= end_s - self._first.begin_s < DECIDE_S
         is_decided = len(self._after) >= FEWEST_AFTER and (len(found) < 2 or is_late)
         return Suspicion(self._first, tuple(self._after), found, is_decided)
@@ -407,7 +430,7 @@ class ChangeWindow:
         covariance = before.covariance + self._walk.covariance(before, end_s, temperature_C)
         moments = sum((step.moments for step in after), SampleMoments.none(before.errors.sensor_count))
         return self._weighing.weigh_far(
-            partial(self._likelihood.linearize, moments), before.errors, covariance, moments.count, first.excess
+            partial(after[-1].likelihood.linearize, moments), before.errors, covariance, moments.count, first.excess
         )
 
     def _alarm(self, weigh: Callable[[_Sums], tuple[Evidence, ...]]) -> Suspicion | None:

@@ -16,6 +16,7 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.identifiability import open_parameters
 from tam_calibration.fit.likelihood import Linearization
 from tam_calibration.fit.prior import Prior
+from tam_calibration.live.block_noise import BlockNoise
 from tam_calibration.live.change import BLOCK_S, GRADIENT, ChangeWindow, Step, Suspicion
 from tam_calibration.live.recursion import Belief, MomentLikelihood, Recursion, SampleMoments, Walk, solve
 from tam_calibration.model.exceptions import InputError, Refused
@@ -30,6 +31,9 @@ WIDENED = 3.0
 PUBLISHED_FROM = 0.5
 """Part of the published standard errors, in root mean square over all directions, by which errors or standard errors
 change before they are published: less is no news beside what is uncertain."""
+
+NOISE_CHANGED = 0.1
+"""Part by which the variance of the noise changes before samples are weighed anew."""
 
 MOST_CHANGES = 100
 """Changes that are kept, so that memory is bounded."""
@@ -125,9 +129,10 @@ class Live:
         self.on_change, self._calibration = on_change, stored
         # What lasted ashore lasts at sea: samples tell as little as they told there.
         self._likelihood = MomentLikelihood(prior.errors, stored.array, stored.intensity_T, stored.variance_factors)
+        self._noise = BlockNoise(stored.array)
         self._walk = Walk(prior)
         self._stored = Belief(prior.errors, prior.covariance, np.nan, np.nan)
-        self._window = ChangeWindow(prior, self._walk, self._likelihood)
+        self._window = ChangeWindow(prior, self._walk)
         self._suspicion: Suspicion | None = None
         self._rows: list[FloatArray] = []
         self._problem = ""
@@ -210,10 +215,11 @@ class Live:
         known = rows[np.isfinite(rows[:, -1]), -1]
         temperature_C = float(known.mean()) if known.size else np.nan
         readings = rows[:, 1:-2].reshape(len(rows), -1, 3)
+        self._follow_noise(readings, rows[:, -2])
         moments = self._likelihood.moments(readings, rows[:, -2])
         recursion = self.state.recursion.dated(begin_s, temperature_C)
         here = self._likelihood.linearize(moments, recursion.now.errors)
-        step = Step(recursion.now, self.state.excess, here, moments, begin_s)
+        step = Step(recursion.now, self.state.excess, self._likelihood, here, moments, begin_s)
         self._suspicion = self._window.add(step, end_s, temperature_C)
         energy, freedom = _own_energy(here, moments)
         self.state = replace(
@@ -225,6 +231,13 @@ class Live:
             self._decide(self._suspicion, end_s, temperature_C)
         elif self._suspicion is None and self.state.paused_by and self._window.is_full:
             self._go_on(end_s, temperature_C)
+
+    def _follow_noise(self, readings_T: FloatArray, scalar_T: FloatArray) -> None:
+        """Weigh samples by what the noise of their blocks shows, or showed ashore."""
+        self._noise.add(self.state.recursion.now.errors, readings_T, scalar_T)
+        factors = self._calibration.variance_factors.at_least(self._noise.factors)
+        if not factors.is_near(self._likelihood.factors, NOISE_CHANGED):
+            self._likelihood = replace(self._likelihood, factors=factors)
 
     def _in_a_field(self, rows: FloatArray) -> FloatArray:
         """Return the samples in which most sensors read a field that the array may be in, and NaN for no such scalar.

@@ -119,6 +119,11 @@ class MomentLikelihood:
         columns /= intensity * np.sqrt(variance)
         return SampleMoments(gram(rows), gram(columns), len(readings_T), int(known.sum()))
 
+    def mean_readings(self, moments: SampleMoments) -> FloatArray:
+        """Return the mean (K, 3) of the readings of samples, tesla."""
+        mean = moments.second[-1, :-1].reshape(-1, 3) / moments.count
+        return np.asarray(self.origin.bias_T + self.unit_T * mean)
+
     def linearize(self, moments: SampleMoments, errors: SensorErrors) -> Linearization:
         """Return the normal equations of the (12 K,) errors, SI, in the order of ``SensorErrors.to_vector``.
 
