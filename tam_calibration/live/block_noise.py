@@ -6,14 +6,16 @@ some differences do: their median tells the noise. Of noise that lasts longer, d
 """
 
 from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.linalg import norm
 from scipy.special import chdtri
 
 from tam_calibration.core.variance_factors import VarianceFactors
 from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.sensor_errors import SensorErrors
-from tam_calibration.model.units import FloatArray
+from tam_calibration.model.units import FloatArray, IntArray
 
 _REMEMBERED = 64
 """Blocks, two minutes: a change or a source within them spoils less than half of the differences."""
@@ -28,23 +30,58 @@ _SURE = 5.0
 """Standard deviations of a median, as of a mean of normal values, by which it may exceed that of white noise."""
 
 
-def mean_deviations(errors: SensorErrors, array: KnownNoiseArray, readings_T: FloatArray) -> FloatArray:
-    """Return by how much sensors differ from their common field (N, 3 K), in units of their noise.
+@dataclass(frozen=True, eq=False)
+class BlockMeans:
+    """Means over the samples of a block.
 
     Parameters
     ----------
+    readings_T : (K, 3) array
+        Raw readings, tesla.
+    intensity_T : float
+        Of the mean field of the sensors, tesla.
+    beyond_T : float
+        That intensity beyond the reading of the scalar, tesla.
+    count, scalar_count : int
+        Number of samples, and of those with a scalar reading.
     errors : SensorErrors
-        Of the K sensors.
-    array : KnownNoiseArray
-        Their noise.
-    readings_T : (N, K, 3) array
-        Tesla.
+        By which the fields were restored.
     """
-    weight = 1 / array.vector_noise_T**2
-    fields_T = errors.restore(readings_T)
-    common_T = np.einsum("k,nki->ni", weight / weight.sum(), fields_T)
-    differences_T = np.einsum("kij,nkj->nki", errors.matrix, fields_T - common_T[:, None])
-    return np.asarray(differences_T / array.vector_noise_T[:, None]).reshape(len(readings_T), -1)
+
+    readings_T: FloatArray
+    intensity_T: float
+    beyond_T: float
+    count: int
+    scalar_count: int
+    errors: SensorErrors
+
+    @classmethod
+    def of(cls, errors: SensorErrors, readings_T: FloatArray, scalar_T: FloatArray) -> "BlockMeans":
+        """Return those of samples: readings (n, K, 3) and intensities (n,), NaN where there is none."""
+        known = np.isfinite(scalar_T)
+        intensity_T = norm(errors.restore(readings_T).mean(axis=1), axis=1)
+        beyond_T = float(np.mean((intensity_T - scalar_T)[known])) if known.any() else 0.0
+        mean_T = float(intensity_T.mean())
+        return cls(readings_T.mean(axis=0), mean_T, beyond_T, len(readings_T), int(known.sum()), errors)
+
+    def at(self, errors: SensorErrors) -> FloatArray:
+        """Return by how much sensors and scalar differ from the common field with other errors, tesla.
+
+        Returns
+        -------
+        (3 K + 1,) array
+            Of the axes of each sensor, and of the intensity.
+        """
+        fields_T, before_T = (each.restore(self.readings_T[None])[0] for each in (errors, self.errors))
+        differences_T = np.einsum("kij,kj->ki", errors.matrix, fields_T - fields_T.mean(axis=0))
+        beyond_T = self.beyond_T + norm(fields_T.mean(axis=0)) - norm(before_T.mean(axis=0))
+        return np.append(differences_T, beyond_T)
+
+
+def noise_of(array: KnownNoiseArray) -> FloatArray:
+    """Return the noise (3 K + 1,) of ``BlockMeans.at`` for one sample, tesla; the sensors share their mean."""
+    count, vector_T2 = len(array.vector_noise_T), float(np.mean(array.vector_noise_T**2))
+    return np.sqrt([*[vector_T2] * (3 * count), vector_T2 / count + array.scalar_noise_T**2])
 
 
 class BlockNoise:
@@ -58,46 +95,34 @@ class BlockNoise:
 
     def __init__(self, array: KnownNoiseArray) -> None:
         self._array = array
-        self._differential: deque[tuple[FloatArray, int]] = deque(maxlen=_REMEMBERED)
-        self._common_mode: deque[tuple[FloatArray, int]] = deque(maxlen=_REMEMBERED)
+        self._blocks: deque[tuple[FloatArray, BlockMeans]] = deque(maxlen=_REMEMBERED)
 
-    def add(self, errors: SensorErrors, readings_T: FloatArray, scalar_T: FloatArray) -> None:
-        """Add a block.
-
-        Parameters
-        ----------
-        errors : SensorErrors
-            Of the K sensors, as they are known.
-        readings_T : (n, K, 3) array
-            Tesla.
-        scalar_T : (n,) array
-            Tesla; NaN where there is none.
-        """
-        (deviations,) = mean_deviations(errors, self._array, readings_T.mean(axis=0, keepdims=True))
-        self._differential.append((deviations, len(readings_T)))
-        known = np.isfinite(scalar_T)
-        if known.any():
-            intensity_T = np.linalg.norm(errors.restore(readings_T[known]).mean(axis=1), axis=1)
-            vector_T2, scalar_T2 = np.mean(self._array.vector_noise_T**2), self._array.scalar_noise_T**2
-            residual = np.mean(intensity_T - scalar_T[known]) / np.sqrt(vector_T2 / errors.sensor_count + scalar_T2)
-            self._common_mode.append((np.array([residual]), int(known.sum())))
+    def add(self, means: BlockMeans) -> None:
+        """Add a block."""
+        self._blocks.append((means.at(means.errors) / noise_of(self._array), means))
 
     @property
     def factors(self) -> VarianceFactors:
         """Variance of the means of blocks over that of white noise; 1 where it may be that."""
-        count = len(self._array.vector_noise_T)
-        return VarianceFactors(_factor(self._differential, 3 * count - 3), _factor(self._common_mode, 1))
+        known = [(values, means) for values, means in self._blocks if means.scalar_count]
+        differential = _factor(
+            np.array([values[:-1] for values, _ in self._blocks]),
+            np.array([means.count for _, means in self._blocks]),
+            3 * len(self._array.vector_noise_T) - 3,
+        )
+        common = _factor(
+            np.array([values[-1:] for values, _ in known]), np.array([means.scalar_count for _, means in known]), 1
+        )
+        return VarianceFactors(differential, common)
 
 
-def _factor(blocks: deque[tuple[FloatArray, int]], freedom: int) -> float:
-    if freedom == 0:
-        return 1.0
-    means, counts = np.array([mean for mean, _ in blocks]), np.array([count for _, count in blocks])
+def _factor(values: FloatArray, counts: IntArray, freedom: int) -> float:
+    """Return the variance of the means (M, C) of so many samples (M,) over that of white noise."""
     found = 1.0
-    for lag in _LAGS:
-        pairs = len(blocks) - lag
+    for lag in _LAGS if freedom else ():
+        pairs = len(values) - lag
         if pairs > 0:
-            energies = np.sum((means[lag:] - means[:-lag]) ** 2, axis=1) / (1 / counts[lag:] + 1 / counts[:-lag])
+            energies = np.sum((values[lag:] - values[:-lag]) ** 2, axis=1) / (1 / counts[lag:] + 1 / counts[:-lag])
             ratio = float(np.median(energies) / chdtri(freedom, 0.5))
             by_chance = 1 + _SURE * np.sqrt(2 / (freedom * pairs)) if pairs >= _FEW else 1.0
             found = max(found, ratio if ratio > by_chance else 1.0)

@@ -27,7 +27,7 @@ from tam_calibration.fit.contradiction import FAR_RATIO, Hypothesis, changes_of_
 from tam_calibration.fit.likelihood import Linearization
 from tam_calibration.fit.posterior import can_be
 from tam_calibration.fit.prior import Prior
-from tam_calibration.live.block_noise import mean_deviations
+from tam_calibration.live.block_noise import BlockMeans, noise_of
 from tam_calibration.live.recursion import Belief, MomentLikelihood, SampleMoments, Walk
 from tam_calibration.model.array import UNIT_TENSORS, Array
 from tam_calibration.model.change_rates import DAY_S
@@ -274,6 +274,13 @@ MOST_AFTER = int(DECIDE_S / BLOCK_S)
 UNSTEADY = 0.01
 """Probability of what a change leaves, by chance, below which it is none: of a change of the sensors as it came."""
 
+BENT = 1e-3
+"""Part of what a change explains that it may leave: over large changes lengths are no straight lines."""
+
+PASSING = 3.0
+"""Change of the intensity from block to block over what sensors differ by, from which a source passes: on a vehicle of
+1 m/s, whose sensors are 0.25 m from their centre, that of a distant source is eight."""
+
 FEWEST_AFTER = 2
 """Blocks after the alarm from which a change is told, or is told to have passed."""
 
@@ -302,6 +309,8 @@ class Step(NamedTuple):
         Variance of the residuals of earlier blocks over that which the noise is stated to have.
     likelihood : MomentLikelihood
         Of its samples.
+    means : BlockMeans
+        Of its samples.
     here : Linearization
         What the block says, at the errors of ``before``.
     moments : SampleMoments
@@ -313,6 +322,7 @@ class Step(NamedTuple):
     before: Belief
     excess: float
     likelihood: MomentLikelihood
+    means: BlockMeans
     here: Linearization
     moments: SampleMoments
     begin_s: float
@@ -344,16 +354,32 @@ class Suspicion(NamedTuple):
         return self.first.begin_s + BLOCK_S
 
 
-def _is_steady(evidence: Evidence, first: Step, after: Sequence[Step]) -> bool:
-    """Return whether the sensors agree as well in all blocks after a change, or as badly: what passes changes that."""
+def _passes(evidence: Evidence, first: Step, after: Sequence[Step]) -> bool:
+    """Return whether something passes, and no errors have changed.
+
+    Then sensors and scalar do not agree in all blocks as they do in the mean of these blocks, or the intensity of the
+    field has changed, from block to block, by more than the sensors differ.
+    """
     vector = (first.before.errors.to_vector().ravel() + evidence.change).reshape(-1, 12)
     errors = SensorErrors.from_vector(vector, first.before.errors.orientation)
-    weight = np.array([step.moments.count / step.likelihood.factors.differential for step in after])
-    means_T = np.array([step.likelihood.mean_readings(step.moments) for step in after])
-    deviations = mean_deviations(errors, after[0].likelihood.array, means_T)
-    left = deviations - weight @ deviations / weight.sum()
-    freedom = (len(after) - 1) * 3 * (errors.sensor_count - 1)
-    return freedom == 0 or float(np.sum(weight @ left**2)) < chdtri(freedom, UNSTEADY)
+    values_T = np.array([step.means.at(errors) for step in after])
+    variance_T2 = noise_of(after[0].likelihood.array) ** 2
+    weight = np.array([_counts(step, values_T.shape[1]) for step in after]) / variance_T2
+    left_T = values_T - np.sum(weight * values_T, axis=0) / np.maximum(weight.sum(axis=0), np.finfo(float).tiny)
+    freedom = (len(after) - 1) * (3 * errors.sensor_count - 2)
+    if freedom and float(np.sum(weight * left_T**2)) > max(chdtri(freedom, UNSTEADY), BENT * evidence.ratio):
+        return True
+    seen_T = np.abs(np.mean([step.means.at(first.before.errors) for step in after], axis=0)).max()
+    intensity_T = np.array([step.means.intensity_T for step in (first, *after)])
+    return bool(np.abs(np.diff(intensity_T)).max() > PASSING * seen_T)
+
+
+def _counts(step: Step, channels: int) -> FloatArray:
+    """Return how many samples of white noise the means of a block count as, for each of its channels."""
+    factors = step.likelihood.factors
+    each = np.full(channels, step.means.count / factors.differential)
+    each[-1] = step.means.scalar_count / factors.common_mode
+    return each
 
 
 class _Sums(NamedTuple):
@@ -418,7 +444,7 @@ class ChangeWindow:
         found = weigh(self._sums(self._first, self._after)[0])
         if found and found[0].ratio > FAR_RATIO:
             found = self._weigh_far(self._first, self._after, end_s, temperature_C) or found
-        if found and not _is_steady(found[0], self._first, self._after):
+        if found and _passes(found[0], self._first, self._after):
             self._after = self._after[-MOST_AFTER:]
             return Suspicion(self._first, tuple(self._after), (), False)
         is_late = not 0 <= end_s - self._first.begin_s < DECIDE_S

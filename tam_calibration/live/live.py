@@ -6,7 +6,7 @@ are taken for unknown and learned anew (``learn``), or the stored calibration co
 a field that a source makes is no change of a sensor: while it lasts nothing is learned.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.linalg import norm
@@ -16,7 +16,7 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.identifiability import open_parameters
 from tam_calibration.fit.likelihood import Linearization
 from tam_calibration.fit.prior import Prior
-from tam_calibration.live.block_noise import BlockNoise
+from tam_calibration.live.block_noise import BlockMeans, BlockNoise
 from tam_calibration.live.change import BLOCK_S, GRADIENT, ChangeWindow, Step, Suspicion
 from tam_calibration.live.recursion import Belief, MomentLikelihood, Recursion, SampleMoments, Walk, solve
 from tam_calibration.model.exceptions import InputError, Refused
@@ -31,6 +31,13 @@ WIDENED = 3.0
 PUBLISHED_FROM = 0.5
 """Part of the published standard errors, in root mean square over all directions, by which errors or standard errors
 change before they are published: less is no news beside what is uncertain."""
+
+TRIED = 3
+"""Blocks on which what was learned is tried before it is published, six seconds."""
+
+CLEARLY_BETTER = 100.0
+"""Fall of the energy from which a calibration that is less certain is published: chance makes half of it once in ten
+thousand trials of four sensors."""
 
 NOISE_CHANGED = 0.1
 """Part by which the variance of the noise changes before samples are weighed anew."""
@@ -137,7 +144,7 @@ class Live:
         self._rows: list[FloatArray] = []
         self._problem = ""
         self._left_out = 0
-        self._compared: Belief | None = None
+        self._trial: _Trial | None = None
         self.state = state or LiveState(Recursion.at(self._stored), self._stored)
 
     def add(self, rows: FloatArray) -> None:
@@ -155,15 +162,14 @@ class Live:
             self._rows.append(row)
 
     def news(self) -> Calibration | None:
-        """Return the calibration once it has changed by `PUBLISHED_FROM` since this returned one; else None."""
-        now, is_open = self.state.recursion.now, self.is_suspicious and not self.state.paused_by
-        if is_open or now is self._compared:
-            return None
-        self._compared = now
-        if self.state.published.change_to(now) < PUBLISHED_FROM:
-            return None
-        self.state = replace(self.state, published=now)
-        return self.calibration
+        """Return the calibration once it has changed by `PUBLISHED_FROM` since this returned one; else None.
+
+        It is tried before, on samples that it was not learned from: one that predicts them worse is not told.
+        """
+        if self._trial is not None and self._trial.has_passed and not self.is_suspicious:
+            self.state, self._trial = replace(self.state, published=self._trial.belief), None
+            return self.calibration
+        return None
 
     @property
     def calibration(self) -> Calibration:
@@ -215,12 +221,14 @@ class Live:
         known = rows[np.isfinite(rows[:, -1]), -1]
         temperature_C = float(known.mean()) if known.size else np.nan
         readings = rows[:, 1:-2].reshape(len(rows), -1, 3)
-        self._follow_noise(readings, rows[:, -2])
-        moments = self._likelihood.moments(readings, rows[:, -2])
         recursion = self.state.recursion.dated(begin_s, temperature_C)
+        means = BlockMeans.of(recursion.now.errors, readings, rows[:, -2])
+        self._follow_noise(means)
+        moments = self._likelihood.moments(readings, rows[:, -2])
         here = self._likelihood.linearize(moments, recursion.now.errors)
-        step = Step(recursion.now, self.state.excess, self._likelihood, here, moments, begin_s)
+        step = Step(recursion.now, self.state.excess, self._likelihood, means, here, moments, begin_s)
         self._suspicion = self._window.add(step, end_s, temperature_C)
+        self._try(moments)
         energy, freedom = _own_energy(here, moments)
         self.state = replace(
             self.state, recursion=recursion, energy=self.state.energy + energy, freedom=self.state.freedom + freedom
@@ -232,9 +240,25 @@ class Live:
         elif self._suspicion is None and self.state.paused_by and self._window.is_full:
             self._go_on(end_s, temperature_C)
 
-    def _follow_noise(self, readings_T: FloatArray, scalar_T: FloatArray) -> None:
-        """Weigh samples by what the noise of their blocks shows, or showed ashore."""
-        self._noise.add(self.state.recursion.now.errors, readings_T, scalar_T)
+    def _try(self, moments: SampleMoments) -> None:
+        """Compare what is known with what was published, by the samples of a block; begin anew where that is worse."""
+        if self._trial is not None and (self._trial.is_lost or self.is_suspicious):
+            self._trial = None
+        now = self.state.recursion.now
+        if self._trial is None and not self.is_suspicious and self.state.published.change_to(now) >= PUBLISHED_FROM:
+            self._trial = _Trial(now, self.state.published.spread_of(now) > 1)
+        if self._trial is not None:
+            told, tried = (
+                self._likelihood.linearize(moments, errors)
+                for errors in (self.state.published.errors, self._trial.belief.errors)
+            )
+            gained = np.array([told.differential - tried.differential, told.common_mode - tried.common_mode])
+            trial = self._trial
+            self._trial = replace(trial, blocks=trial.blocks + 1, gained=trial.gained + gained)
+
+    def _follow_noise(self, means: BlockMeans) -> None:
+        """Weigh samples by what the noise of blocks shows, or that of the stored calibration showed."""
+        self._noise.add(means)
         factors = self._calibration.variance_factors.at_least(self._noise.factors)
         if not factors.is_near(self._likelihood.factors, NOISE_CHANGED):
             self._likelihood = replace(self._likelihood, factors=factors)
@@ -306,6 +330,40 @@ class Live:
         recursion = Recursion.at(replace(now, covariance=covariance, time_s=end_s))
         self.state = replace(self.state, recursion=recursion, paused_by="")
         self._window.clear()
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """What is known, tried on the blocks after it.
+
+    Parameters
+    ----------
+    belief : Belief
+        What was known.
+    is_less_certain : bool
+        Whether its standard errors are larger than those that were published.
+    blocks : int
+        Number of blocks.
+    gained : (2,) array
+        By how much the energy of their differential channels and of their common mode falls from the published errors
+        to these.
+    """
+
+    belief: Belief
+    is_less_certain: bool
+    blocks: int = 0
+    gained: FloatArray = field(default_factory=lambda: np.zeros(2))
+
+    @property
+    def has_passed(self) -> bool:
+        """Whether it predicts no worse than what was published, and much better where it is less certain."""
+        least = CLEARLY_BETTER if self.is_less_certain else 0.0
+        return self.blocks >= TRIED and self.gained[0] >= least and self.gained.sum() >= 0
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether it has been tried without success."""
+        return self.blocks >= TRIED and not self.has_passed
 
 
 def _change(suspicion: Suspicion, done: str) -> Change:

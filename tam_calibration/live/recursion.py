@@ -119,11 +119,6 @@ class MomentLikelihood:
         columns /= intensity * np.sqrt(variance)
         return SampleMoments(gram(rows), gram(columns), len(readings_T), int(known.sum()))
 
-    def mean_readings(self, moments: SampleMoments) -> FloatArray:
-        """Return the mean (K, 3) of the readings of samples, tesla."""
-        mean = moments.second[-1, :-1].reshape(-1, 3) / moments.count
-        return np.asarray(self.origin.bias_T + self.unit_T * mean)
-
     def linearize(self, moments: SampleMoments, errors: SensorErrors) -> Linearization:
         """Return the normal equations of the (12 K,) errors, SI, in the order of ``SensorErrors.to_vector``.
 
@@ -237,9 +232,12 @@ class Belief:
 
         Each is a root mean square over all directions.
         """
+        return max(self.distance(other.errors), abs(self.spread_of(other) - 1))
+
+    def spread_of(self, other: "Belief") -> float:
+        """Return the standard errors of another belief over these, in root mean square over all directions."""
         free = self.free
-        spread = np.sqrt(np.sum(self.certainty * other.covariance[np.ix_(free, free)]) / free.sum())
-        return max(self.distance(other.errors), abs(float(spread) - 1))
+        return float(np.sqrt(np.sum(self.certainty * other.covariance[np.ix_(free, free)]) / free.sum()))
 
     @cached_property
     def certainty(self) -> FloatArray:
