@@ -7,10 +7,9 @@ over that line and itself: damage costs the rows that it hits, and no row is tak
 import json
 import os
 import sqlite3
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing, suppress
 from pathlib import Path
-from struct import Struct
 from typing import Any
 from zlib import crc32
 
@@ -27,10 +26,10 @@ _BEGIN, _SQLITE = b"tam samples", b"SQLite format 3\0"
 _MOST_OF_OTHERS = 1 << 28
 """Bytes of a file that does not begin as it should in which whole rows are sought: six times the usual ones."""
 
-_NUMBERS, _CHECK = Struct("<3q"), Struct("<I")
-"""What stands before the values of a row, and after them."""
+_NUMBERS, _CHECK = [(name, "<i8") for name in StoredSample._fields[:3]], 4
+"""What stands before the values of a row, and how many bytes of checksum after them."""
 
-_ROWS = "SELECT number, stamp_ns, time_ns, row FROM samples ORDER BY number"
+_ROWS, _TYPES = "SELECT number, stamp_ns, time_ns, row FROM samples ORDER BY number", [int, int, int, bytes]
 
 _BESIDE = ("", "-wal", "-shm")
 """Ends of the names of the files of an earlier version."""
@@ -64,8 +63,8 @@ class SampleFile:
         text = json.dumps(json.loads(to_json({"node": node, **about}))).encode()
         self._check = crc32(text)
         self._head = b"%s %08x %s\n" % (_BEGIN, self._check, text)
-        self._columns = columns
-        self._size = _NUMBERS.size + 8 * columns + _CHECK.size
+        self._row = np.dtype([*_NUMBERS, ("row", "<f8", (columns,)), ("check", "<u4")])
+        self._size = self._row.itemsize
 
     def read(self) -> tuple[list[StoredSample], bool]:
         """Return the whole samples in the order of their numbers, and whether the file can be gone on with.
@@ -83,7 +82,7 @@ class SampleFile:
                 other, self.path = self.path, self.path.with_name(f"{self.path.name}.{self._node.replace('/', '.')}")
                 self.remark = f"{other} is of another node: this one has {self.path}"
                 return self.read()
-            found = list(self._whole(content[len(self._head) :]))
+            found = self._whole(content[len(self._head) :])
             is_whole = content.startswith(self._head) and len(found) == (len(content) - len(self._head)) // self._size
             if content and not is_whole:
                 found = self._set_aside(content, found)
@@ -116,21 +115,24 @@ class SampleFile:
                 part.rename(f"{aside}{end}")
         return aside
 
-    def _whole(self, rows: bytes) -> Iterator[StoredSample]:
-        for start in range(0, len(rows) - self._size + 1, self._size):
-            row = rows[start : start + self._size]
-            if _CHECK.pack(crc32(row[: -_CHECK.size], self._check)) == row[-_CHECK.size :]:
-                values = np.frombuffer(row, "<f8", self._columns, _NUMBERS.size)
-                number, stamp_ns, time_ns = _NUMBERS.unpack_from(row)
-                yield StoredSample(number, stamp_ns, time_ns, values)
+    def _whole(self, content: bytes) -> list[StoredSample]:
+        rows = np.frombuffer(content[: len(content) // self._size * self._size], self._row)
+        rows = rows[rows["check"] == self._checks(content, len(rows))]
+        numbers = (rows[name].tolist() for name in StoredSample._fields[:3])
+        return list(map(StoredSample, *numbers, map(np.copy, rows["row"])))
+
+    def _checks(self, content: bytes, count: int) -> list[int]:
+        starts = range(0, count * self._size, self._size)
+        return [crc32(content[start : start + self._size - _CHECK], self._check) for start in starts]
 
     def _of_earlier_version(self, path: Path) -> list[StoredSample]:
         """Return the samples of a database, which had no checksums, up to where it is damaged."""
         found = []
         with suppress(sqlite3.Error, ValueError), closing(sqlite3.connect(path)) as file:
             if file.execute("SELECT text FROM about").fetchone() == (self._earlier,):
-                for number, stamp_ns, time_ns, row in file.execute(_ROWS):
-                    if type(stamp_ns) is type(time_ns) is int and type(row) is bytes and len(row) == 8 * self._columns:
+                for cells in file.execute(_ROWS):
+                    number, stamp_ns, time_ns, row = cells
+                    if [*map(type, cells)] == _TYPES and len(row) == self._row["row"].itemsize:
                         found.append(StoredSample(number, stamp_ns, time_ns, np.frombuffer(row)))
         return found
 
@@ -178,8 +180,11 @@ class SampleFile:
             return file.read(len(self._head)) == self._head
 
     def _packed(self, samples: Sequence[StoredSample]) -> bytes:
-        rows = (_NUMBERS.pack(*sample[:3]) + sample.row.astype("<f8").tobytes() for sample in samples)
-        return b"".join(row + _CHECK.pack(crc32(row, self._check)) for row in rows)
+        rows = np.zeros(len(samples), self._row)
+        for name, values in zip(StoredSample._fields, zip(*samples, strict=True), strict=False):
+            rows[name] = values
+        rows["check"] = self._checks(rows.tobytes(), len(rows))
+        return rows.tobytes()
 
     def _cannot(self, problem: Exception) -> InputError:
         why = getattr(problem, "strerror", None) or problem
