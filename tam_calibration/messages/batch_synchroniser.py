@@ -87,6 +87,7 @@ class BatchSynchroniser(Synchroniser):
         if self._has_silence(sensor_queues, arrivals) or (pace.keys[:1] <= max(self._previous, LONG_AGO)).any():
             return None
         before = self._newest, self._horizon, self._hold_horizon, self._epoch_start
+        self._now_ns = int(np.append(self._newest_at_ns, arrivals.rises()[1])[-1])
         for stamp_ns in arrivals.newest_ns[[0, -1]].tolist() if len(arrivals.order) else []:
             if stamp_ns > self._newest:
                 self._advance(stamp_ns)
@@ -103,8 +104,7 @@ class BatchSynchroniser(Synchroniser):
         if any(match.wanted_twice(is_sample) or match.is_late(overdue) for match in matches):
             self._newest, self._horizon, self._hold_horizon, self._epoch_start = before
             return None
-        for arrived_ns in arrivals.rises()[1][-1:].tolist():
-            self._newest_at_ns = arrived_ns
+        self._newest_at_ns = self._now_ns
         matches = self._without_what_came_later(keys, pace, partners, matches, arrivals)
         matches = [match.once(keys, is_sample) for match in matches]
         values = [pace.values[: len(keys)][is_sample], *(match.values(is_sample) for match in matches)]

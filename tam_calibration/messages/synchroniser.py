@@ -329,10 +329,9 @@ class Synchroniser:
             if key - self._newest > self._silence.limit_ns:
                 self._silence.begin(key)
             late_ns = self._now_ns - self._newest_at_ns - (key - self._newest)
-            was_catching_up = self._is_catching_up(self._now_ns)
             self._advance(key)
             self._newest_at_ns = self._now_ns
-            if late_ns > self._patience_ns and not was_catching_up:
+            if late_ns > self._patience_ns and not self._is_catching_up(self._now_ns):
                 self._caught_up_ns = self._now_ns + CATCH_UP_NS
         if not self._sensors[0].buffer:
             stream.forget(self._horizon)

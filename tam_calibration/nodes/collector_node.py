@@ -335,6 +335,8 @@ class Collector(TamNode):
         self._stamps = defaultdict(StampFigures)
         self._lost, self._steps, self._step, self._stepped_s = 0, 0, "none", -math.inf
         self._lost_before = {}
+        for _, lost in self._losses:
+            lost()  # before the new run
 
     def _reset(self) -> str:
         """Forget coverage and losses; an empty cloud tells the calibrator to start over as well."""

@@ -144,3 +144,18 @@ def test_a_burst_after_a_stall_is_joined_in_batches_too(chunk, largest):
     assert again.tolist() == stamps
     assert_array_equal(again_values, np.array(values).reshape(again_values.shape))
     assert batched.losses == single.losses and batched.usage == single.usage
+
+
+def test_the_usual_patience_is_back_after_a_stall():
+    """A scalar that dies long after it holds up samples for no longer than the patience, in batches too."""
+    names = [*(f"tam_{sensor}" for sensor in (2, 3, 1)), "scalar"]
+    messages = [
+        (name, stamp, (0.5,) * WIDTH.get(name, 3), arrived)
+        for index, (name, stamp, _, arrived) in enumerate(stalled(names, 200, 1200, 256, 100 * MS))
+        if name != "scalar" or index < 5200
+    ]
+    *_, single = one_by_one(messages, MS)
+    synchroniser = make(BatchSynchroniser, MS)
+    for first in range(0, len(messages), 100):
+        synchroniser.push_batch(to_batch(messages[first : first + 100]))
+    assert synchroniser.delivered >= single.delivered - PATIENCE // PERIOD - 1
