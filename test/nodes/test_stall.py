@@ -43,7 +43,6 @@ def stall(bench, true_errors, tmp_path, monkeypatch):
             return counts == [COUNT] * 4
 
         status, figures = bench.health("collector", is_read, "all is read or lost")
-        print(figures["losses"])
         usage = json.loads(bench.call("collector/usage").message)
         return nodes.log("collector"), usage, status, figures
 
