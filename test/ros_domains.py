@@ -2,6 +2,7 @@
 
 import fcntl
 import os
+import re
 import tempfile
 from itertools import cycle, islice
 from pathlib import Path
@@ -9,13 +10,16 @@ from pathlib import Path
 _LAST_DOMAIN = 101
 """Domains up to this have ports below those that the system hands out by itself."""
 
+_FIRST_PORT, _PORTS = 7400, 250
+"""The first port of DDS, and how many each domain has."""
+
 _domains = cycle(range(1, _LAST_DOMAIN + 1))
 
 
 def lock_domain() -> tuple[int, int]:
     """Return the number of a ROS domain, and the open file whose closing frees it.
 
-    Domains are taken in turn: what a killed process leaves in one of them has gone before it is used again.
+    What killed processes left in shared memory goes: a port that is left keeps the settings of who made it.
 
     Raises
     ------
@@ -29,5 +33,13 @@ def lock_domain() -> tuple[int, int]:
         except BlockingIOError:
             os.close(lock)
         else:
+            _remove_ports(range(_FIRST_PORT + domain * _PORTS, _FIRST_PORT + (domain + 1) * _PORTS))
             return domain, lock
     raise RuntimeError(f"all ROS domains from 1 to {_LAST_DOMAIN} are taken")
+
+
+def _remove_ports(ports: range) -> None:
+    """Remove the ports of Fast DDS in shared memory that have such numbers."""
+    for path in Path("/dev/shm").glob("*fastrtps_port*"):
+        if int(re.sub(r".*_port(\d+).*", r"\1", path.name)) in ports:
+            path.unlink(missing_ok=True)

@@ -30,6 +30,7 @@ from tam_calibration.gap.search import Progress, Search, search
 from tam_calibration.integrity import require_sound
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import Refused
+from tam_calibration.model.memory import load_within_limit
 from tam_calibration.model.recording import Recording, SampleSource
 
 
@@ -127,6 +128,7 @@ def judge(
     InputError, Refused
         As ``diagnose``.
     """
+    load_within_limit(_LIBRARIES, _LEAST_BYTES)
     array.require_recording(recording)
     faults = require_sound(recording, array, accept, sought=shown_by(installed_effects()))
     seen, of_stretches = in_stretches(recording)
@@ -166,6 +168,12 @@ def _judged(
     floor = floor_of(found.nominal.channels(), array)
     return replace(gap, floor=floor, remarks=floor.remarks), found
 
+
+_LIBRARIES = ("scipy.interpolate", "scipy.fft")
+"""With all that they load in turn, those that a diagnosis uses."""
+
+_LEAST_BYTES = 224 << 20
+"""Memory that a diagnosis of 4000 samples needs: 205 MiB, measured with `ulimit -v`."""
 
 MOST_SAMPLES = 100_000
 """Samples that a diagnosis looks at, at most: a quarter of an hour at 100 Hz, in less than 500 MiB."""

@@ -35,11 +35,19 @@ class StreamMessages:
         Their stamps; None for a held channel without stamps.
     values : (n, width) array
         The values of the stream's columns.
+    arrived_ns : (n,) array of int, optional
+        When they arrived, by the clock of the recorder.
     """
 
     order: IntArray
     stamps_ns: IntArray | None
     values: FloatArray
+    arrived_ns: IntArray | None = None
+
+    @property
+    def arrivals_ns(self) -> IntArray:
+        """When each arrived, (n,); zeros where that is not known."""
+        return np.zeros_like(self.order) if self.arrived_ns is None else self.arrived_ns
 
     def earlier(self, delay_ns: int) -> "StreamMessages":
         """Return the messages with stamps that are set back by a delay."""
@@ -48,7 +56,7 @@ class StreamMessages:
     def take(self, index: BoolArray) -> "StreamMessages":
         """Return the messages that a mask (n,) selects."""
         stamps_ns = None if self.stamps_ns is None else self.stamps_ns[index]
-        return StreamMessages(self.order[index], stamps_ns, self.values[index])
+        return StreamMessages(self.order[index], stamps_ns, self.values[index], self.arrivals_ns[index])
 
     def turned(self, turn: Turn) -> "StreamMessages":
         """Return the messages with values that are turned."""
@@ -62,16 +70,18 @@ class StreamMessages:
             np.concatenate([part.order for part in parts]),
             np.concatenate(stamps) if stamps else None,
             np.concatenate([part.values for part in parts]),
+            np.concatenate([part.arrivals_ns for part in parts]),
         )
 
 
 @dataclass(frozen=True, eq=False)
 class Arrivals:
-    """When the sensors' messages of a batch arrived, and the newest stamp of any sensor then."""
+    """When the sensors' messages of a batch arrived, in order and in time, and the newest stamp of any sensor then."""
 
     order: IntArray
     newest_ns: IntArray
     newest_of_earlier_ns: int
+    arrived_ns: IntArray
 
     @classmethod
     def of(cls, sensors: Sequence[StreamMessages], newest_ns: int) -> "Arrivals":
@@ -88,7 +98,14 @@ class Arrivals:
         order = np.concatenate([none, *(each.order for each in sensors)])
         stamps = np.concatenate([none, *(each.stamps_ns for each in sensors if each.stamps_ns is not None)])
         in_order = np.argsort(order, kind="stable")
-        return cls(order[in_order], np.maximum(np.maximum.accumulate(stamps[in_order]), newest_ns), newest_ns)
+        newest = np.maximum(np.maximum.accumulate(stamps[in_order]), newest_ns)
+        arrived = np.concatenate([none, *(each.arrivals_ns for each in sensors)])
+        return cls(order[in_order], newest, newest_ns, arrived[in_order])
+
+    def rises(self) -> tuple[IntArray, IntArray]:
+        """Return the stamps (n,) that are newer than all before, and when they arrived."""
+        rises = np.diff(self.newest_ns, prepend=self.newest_of_earlier_ns) > 0
+        return self.newest_ns[rises], self.arrived_ns[rises]
 
     def newest_before(self, order: IntArray) -> IntArray:
         """Return the newest stamp of any sensor before each moment."""

@@ -65,7 +65,9 @@ class BatchSynchroniser(Synchroniser):
         messages: list[tuple[Any, ...]] = []
         for name, each in batch.items():
             stamps = [None] * len(each.order) if each.stamps_ns is None else each.stamps_ns.tolist()
-            messages += zip(each.order.tolist(), [name] * len(stamps), stamps, each.values.tolist(), strict=True)
+            arrived = each.arrivals_ns.tolist()
+            names = [name] * len(stamps)
+            messages += zip(each.order.tolist(), names, stamps, each.values.tolist(), arrived, strict=True)
         messages.sort(key=lambda message: message[0])
         return self._to_arrays([sample for _, *message in messages for sample in self.push(*message)])
 
@@ -80,11 +82,12 @@ class BatchSynchroniser(Synchroniser):
         arrivals = Arrivals.of(sensors, max(self._newest, LONG_AGO))
         pace, *partners = (Queue.of(stream, batch.get(stream.name), arrivals) for stream in self._streams.values())
         sensor_queues = [pace, *partners[: len(self._sensors) - 1]]
-        if any(self._is_unusual(queue, arrivals) for queue in (pace, *partners)):
+        if any(self._is_unusual(queue, arrivals) for queue in (pace, *partners)) or self._has_stall(arrivals):
             return None
         if self._has_silence(sensor_queues, arrivals) or (pace.keys[:1] <= max(self._previous, LONG_AGO)).any():
             return None
         before = self._newest, self._horizon, self._hold_horizon, self._epoch_start
+        self._now_ns = int(np.append(self._newest_at_ns, arrivals.rises()[1])[-1])
         for stamp_ns in arrivals.newest_ns[[0, -1]].tolist() if len(arrivals.order) else []:
             if stamp_ns > self._newest:
                 self._advance(stamp_ns)
@@ -101,6 +104,7 @@ class BatchSynchroniser(Synchroniser):
         if any(match.wanted_twice(is_sample) or match.is_late(overdue) for match in matches):
             self._newest, self._horizon, self._hold_horizon, self._epoch_start = before
             return None
+        self._newest_at_ns = self._now_ns
         matches = self._without_what_came_later(keys, pace, partners, matches, arrivals)
         matches = [match.once(keys, is_sample) for match in matches]
         values = [pace.values[: len(keys)][is_sample], *(match.values(is_sample) for match in matches)]
@@ -120,6 +124,15 @@ class BatchSynchroniser(Synchroniser):
         patience = self._hold_patience_ns if queue.is_held else self._patience_ns - queue.stream.window_ns
         lags = queue.is_new & (arrivals.newest_before(queue.order) >= new + patience)
         return not queue.stream.awaited or queue.jumps(arrivals) or bool((lags | (new < 0)).any())
+
+    def _has_stall(self, arrivals: Arrivals) -> bool:
+        """Return whether streams catch up after a stall in a batch, or when it begins."""
+        stamps_ns, arrived_ns = arrivals.rises()
+        if not len(stamps_ns):
+            return self._caught_up_ns > 0
+        before = max(self._newest, LONG_AGO)
+        late = np.diff(arrived_ns, prepend=self._newest_at_ns) - np.diff(stamps_ns, prepend=before)
+        return self._is_catching_up(int(arrived_ns[0])) or bool((late > self._patience_ns).any())
 
     def _has_silence(self, sensors: Sequence[Queue], arrivals: Arrivals) -> bool:
         """Return whether a sensor is silent at some time in a batch, or in what waits from before."""

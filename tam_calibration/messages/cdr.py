@@ -13,10 +13,6 @@ from tam_calibration.model.units import FloatArray, IntArray
 
 ByteArray = NDArray[np.uint8]
 
-NOT_READ = -1
-"""A time of recording that was not read."""
-
-
 NO_TIME = -1
 """A stamp that is no time: before 1970, or with more than a second of nanoseconds."""
 
@@ -30,7 +26,7 @@ class RawMessages:
     connection : (n,) array of int
         Which of the connections that were asked for each is of.
     recorded_ns : (n,) array of int
-        Times of recording, nanoseconds; ``NOT_READ`` where nobody asked for them.
+        Times of recording, nanoseconds.
     start, size : (n,) array of int
         Where each lies in the block.
     block : (bytes,) array of uint8

@@ -1,6 +1,7 @@
 """The samples of one run in bounded memory, as the calibrator fits them."""
 
 from collections.abc import Sequence
+from math import gcd
 from threading import Lock
 from typing import NamedTuple
 
@@ -39,24 +40,6 @@ class StoredSample(NamedTuple):
     row: FloatArray
 
 
-class Unsaved(NamedTuple):
-    """What has changed in a store since it was asked last.
-
-    Parameters
-    ----------
-    begins : bool
-        Whether all samples before these are forgotten.
-    stride : int
-        Samples whose number is no multiple of it are given up.
-    samples : sequence of StoredSample
-        The new ones.
-    """
-
-    begins: bool
-    stride: int
-    samples: Sequence[StoredSample]
-
-
 class SampleStore:
     """The samples since the last start over.
 
@@ -74,12 +57,12 @@ class SampleStore:
 
     def __init__(self, layout: SampleLayout, capacity: int) -> None:
         self.layout, self._capacity = layout, capacity
-        self._lock = Lock()
+        self._lock, self._generation = Lock(), 0
         self.start_over()
 
     def __len__(self) -> int:
         """Return the number of stored samples."""
-        return len(self._rows)
+        return len(self._samples)
 
     def start_over(self) -> None:
         """Forget all samples."""
@@ -88,9 +71,9 @@ class SampleStore:
             self._run, self._timeline = Run(), Timeline[FloatArray](disorder_ns=0)
 
     def _forget(self) -> None:
-        self._rows: list[FloatArray] = []
-        self._unsaved: list[StoredSample] = []
-        self._begins, self._stride, self._seen = True, 1, 0
+        self._samples: list[StoredSample] = []
+        self._generation += 1
+        self._stride, self._seen = 1, 0
         self._resumed_ns: int | None = None
 
     def resume(self, samples: Sequence[StoredSample]) -> None:
@@ -99,12 +82,13 @@ class SampleStore:
         Parameters
         ----------
         samples : sequence of StoredSample
-            As they were saved, at least one.
+            As they were saved, at least one; some may be missing.
         """
         with self._lock:
             first, last = samples[0], samples[-1]
-            self._rows = [sample.row for sample in samples]
-            self._begins, self._stride = False, (samples[1].number if len(samples) > 1 else 1)
+            self._samples = list(samples)
+            common = gcd(*(sample.number for sample in samples))
+            self._stride = common & -common or 1
             self._seen, self._resumed_ns = last.number + self._stride, last.stamp_ns
             self._run.resume(first.stamp_ns, self._readings(first.row), last.time_ns, last.time_ns - last.stamp_ns)
             self._thin()
@@ -133,25 +117,23 @@ class SampleStore:
         time_ns = self._run.time_ns(stamp_ns)
         if self._seen % self._stride == 0:
             stored = row if time_ns == stamp_ns else np.append(time_ns / 1_000_000_000, row[1:])
-            self._rows.append(stored)
-            self._unsaved.append(StoredSample(self._seen, stamp_ns, time_ns, stored))
+            self._samples.append(StoredSample(self._seen, stamp_ns, time_ns, stored))
         self._seen += 1
         self._thin()
 
     def _thin(self) -> None:
-        while len(self._rows) >= self._capacity:
-            self._rows, self._stride = self._rows[::2], 2 * self._stride
-            self._unsaved = [sample for sample in self._unsaved if sample.number % self._stride == 0]
+        while len(self._samples) >= self._capacity:
+            self._stride *= 2
+            self._samples = [sample for sample in self._samples if sample.number % self._stride == 0]
+            self._generation += 1
 
     def _readings(self, row: FloatArray) -> bytes:
         return row[1 : 1 + 3 * self.layout.sensor_count].tobytes()
 
-    def unsaved(self) -> Unsaved:
-        """Return what has changed since the last call."""
+    def samples(self) -> tuple[int, list[StoredSample]]:
+        """Return the samples, and a number that grows when some of them are given up, and not when others are added."""
         with self._lock:
-            changed = Unsaved(self._begins, self._stride, self._unsaved)
-            self._begins, self._unsaved = False, []
-        return changed
+            return self._generation, self._samples.copy()
 
     def recording(self) -> Recording:
         """Return the stored samples.
@@ -162,7 +144,7 @@ class SampleStore:
             When there is none, or they are no recording.
         """
         with self._lock:
-            rows = self._rows.copy()
+            rows = [sample.row for sample in self._samples]
         if not rows:
             raise InputError(
                 "no samples are stored: check in /diagnostics that the collector runs and every sensor publishes"

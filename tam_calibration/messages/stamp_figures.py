@@ -39,6 +39,11 @@ class StampFigures:
         """Whether all stamps are zero, those of three messages or more: the driver does not stamp them."""
         return len(self._stamps_ns) >= _FEWEST and not any(self._stamps_ns)
 
+    @property
+    def interval_ns(self) -> float:
+        """The median interval of the stamps, nanoseconds, of two messages or more."""
+        return float(np.median(np.diff(self._stamps_ns)))
+
     def summary(self, pace: "StampFigures") -> dict[str, str]:
         """Return the figures for people, by name; those that the messages do not tell yet are left out.
 
@@ -56,7 +61,7 @@ class StampFigures:
         intervals = 1e-9 * np.diff(stamps)
         delay_s = 1e-9 * float(np.median(np.array(self._arrivals_ns) - stamps))
         figures = {
-            "rate_hz": f"{1 / max(float(np.median(intervals)), 1e-9):.4g}",
+            "rate_hz": f"{1e9 / max(self.interval_ns, 1):.4g}",
             "jitter_ms": f"{1e3 * float(np.std(intervals)):.3g}",
         }
         if abs(delay_s) < _LONGEST_DELAY_S:

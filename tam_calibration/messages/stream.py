@@ -44,6 +44,8 @@ class Losses:
         Messages that were damaged, or whose stamp or values are none.
     missing : int
         Samples for which the stream had no message in time: lost for a sensor, NaN for a channel.
+    lost : int
+        Messages that were published but never arrived.
     """
 
     received: int = 0
@@ -54,11 +56,12 @@ class Losses:
     implausible: int = 0
     unusable: int = 0
     missing: int = 0
+    lost: int = 0
 
     @property
     def dropped(self) -> int:
-        """Messages that were thrown away."""
-        return self.unmatched + self.duplicate + self.late + self.implausible
+        """Messages that were thrown away or lost."""
+        return self.unmatched + self.duplicate + self.late + self.implausible + self.lost
 
     def explain(self) -> str:
         """Return the reasons and their counts for people; empty without losses."""
@@ -69,6 +72,7 @@ class Losses:
             "{} stamps out of order": self.late,
             "{} stamps far from those before and after": self.implausible,
             "{} messages unusable": self.unusable,
+            "{} messages lost on the way": self.lost,
         }
         return ", ".join(reason.format(count) for reason, count in reasons.items() if count)
 

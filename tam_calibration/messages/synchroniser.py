@@ -4,8 +4,11 @@ Sensor 1 sets the pace: each of its messages makes a sample with the nearest mes
 tolerance, unless that message is nearer to the next one of sensor 1: after a loss no stream takes what belongs to the
 next sample, whatever the tolerance. Samples go on without a sensor that is silent: see `silence`. The streams arrive
 each in its own order but interleaved in any way; the samples do not depend on how, as long as no stream lags behind
-another by more than the patience, but for those with which a silent sensor returns. Time is that of the stamps: no
-clock is read. A stamp that jumps is believed when the next one of its stream follows it: see `timeline`.
+another by more than the patience, but for those with which a silent sensor returns. Time is that of the stamps. A stamp
+that jumps is believed when the next one of its stream follows it: see `timeline`.
+
+Times of arrival, where they are known, show a stall: messages come later than their stamps tell, because the process or
+the network stood still. What waited meanwhile comes in a burst, one stream after another, and samples wait for all.
 """
 
 from collections import deque
@@ -38,6 +41,9 @@ _MAXIMUM_AGE_NS = {
     "attitude": 200_000_000,
 }
 """How old the newest value of a held channel may be."""
+
+CATCH_UP_NS = 1_000_000_000
+"""Time of arrival for which samples wait for all streams after a stall: ten times what was measured after 8 s."""
 
 REMEMBERED = 16
 """Intervals between samples, the shortest of which tells when a message may be of the next sample."""
@@ -131,6 +137,7 @@ class Synchroniser:
         self._epoch = 0
         self._newest = self._horizon = self._hold_horizon = self._last_delivered = self._epoch_start = BEFORE_ALL
         self._previous = self._pending = BEFORE_ALL
+        self._now_ns = self._newest_at_ns = self._caught_up_ns = 0
         self._silence = Silence(self._sensors, silence_ns)
         self._intervals: deque[int] = deque(maxlen=REMEMBERED)
         self._waits_for: Stream = self._sensors[0]
@@ -165,9 +172,9 @@ class Synchroniser:
     @property
     def drops_everything(self) -> bool:
         """Whether messages of sensors arrive, but no sample was made of them for long."""
-        return self._newest > max(self._last_delivered, self._epoch_start) + 3 * self._patience_ns
+        return self._horizon > max(self._last_delivered, self._epoch_start) + 2 * self._patience_ns
 
-    def push(self, stream: str, stamp_ns: int | None, values: Sequence[float]) -> list[Sample]:
+    def push(self, stream: str, stamp_ns: int | None, values: Sequence[float], arrived_ns: int = 0) -> list[Sample]:
         """Take a message and return the samples that it completes.
 
         Parameters
@@ -178,9 +185,12 @@ class Synchroniser:
             Stamp of the message's header; None for a held channel without stamps, which takes the newest sensor's.
         values : sequence of float
             The values of the stream's columns.
+        arrived_ns : int
+            When it arrived, on any clock; 0 where that is not known of any message.
         """
         state = self._streams[stream]
         state.losses.received += 1
+        self._now_ns = arrived_ns
         if stamp_ns is not None and stream in self._delays_ns:
             stamp_ns -= self._delays_ns[stream]
             if stamp_ns < 0:  # read before the clock of a simulation began
@@ -318,7 +328,11 @@ class Synchroniser:
         elif key > self._newest:
             if key - self._newest > self._silence.limit_ns:
                 self._silence.begin(key)
+            late_ns = self._now_ns - self._newest_at_ns - (key - self._newest)
             self._advance(key)
+            self._newest_at_ns = self._now_ns
+            if late_ns > self._patience_ns and not self._is_catching_up(self._now_ns):
+                self._caught_up_ns = self._now_ns + CATCH_UP_NS
         if not self._sensors[0].buffer:
             stream.forget(self._horizon)
 
@@ -327,10 +341,16 @@ class Synchroniser:
         if key - self._newest > _EPOCH // 2:
             self._epoch_start = key
         self._newest = key
+        if self._is_catching_up(self._now_ns):
+            return
         if key >= self._epoch_start + self._patience_ns:
             self._horizon = key - self._patience_ns
         if key >= self._epoch_start + self._hold_patience_ns:
             self._hold_horizon = key - self._hold_patience_ns
+
+    def _is_catching_up(self, now_ns: int) -> bool:
+        """Return whether streams may still lag after a stall; not where the clock of arrival was set back."""
+        return 0 < self._caught_up_ns - now_ns <= CATCH_UP_NS
 
     def _is_overdue(self, stream: Stream) -> bool:
         return self._pending <= (self._hold_horizon if isinstance(stream, HeldStream) else self._horizon)

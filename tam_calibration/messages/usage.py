@@ -48,7 +48,8 @@ class Usage:
     used : int
         Samples that all sensors joined.
     received : int
-        Messages of sensor 1, but for those that still wait, and those of the sensor that stood in for it.
+        Messages of sensor 1, also those that were lost on the way, but for those that still wait, and those of the
+        sensor that stood in for it.
     reasons : tuple of str
         Why the others were not used, each with its count and what mends it, the most frequent first.
     readings : tuple of int
@@ -105,6 +106,7 @@ class Usage:
         """
         own = _own_faults(first.losses)
         reasons = [(count, f"{count} {fault}: look at the driver of {first.name}") for count, fault in own]
+        reasons.append((first.losses.lost, f"{first.losses.lost} were lost on the way: look at the load"))
         newest = max([first, *others], key=lambda stream: stream.timeline.newest_ns)
         for stream in (first, *others):
             reasons.append((stream.losses.missing, _why_missing(stream, first, newest, patience_ns)))
@@ -113,7 +115,7 @@ class Usage:
         interpolated = [stream for stream in others if isinstance(stream, InterpolatedStream)]
         return cls(
             used,
-            first.losses.received - waiting + first.losses.missing,
+            first.losses.received + first.losses.lost - waiting + first.losses.missing,
             tuple(text for _, text in told),
             tuple(stream.losses.received - stream.losses.unusable for stream in (first, *others)),
             (0, *(stream.interpolated for stream in interpolated)),
@@ -347,4 +349,5 @@ def _why_missing(stream: Stream, first: Stream, newest: Stream, patience_ns: int
     ahead_ns = stream.timeline.newest_ns - first.timeline.newest_ns
     if ahead_ns > limit_ns:
         return f"{lacking}, whose newest stamp is {ahead_ns / 1e9:.3g} s ahead of that of {first.name}: that {mend}"
-    return f"{lacking}, of which {losses.received} messages came: they have gaps, or come too late; look at the load"
+    why = f"{losses.lost} were lost on the way" if losses.lost else "they have gaps, or come too late"
+    return f"{lacking}, of which {losses.received} messages came: {why}; look at the load"

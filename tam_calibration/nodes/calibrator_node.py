@@ -114,7 +114,7 @@ class Calibrator(TamNode):
 
     def destroy_node(self) -> None:
         """Save what is not saved yet."""
-        self._kept.close()
+        self._kept.save()
         self._live.save()
         super().destroy_node()
 

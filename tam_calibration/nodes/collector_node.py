@@ -4,7 +4,7 @@ import math
 import struct
 import time
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -21,7 +21,6 @@ from tam_calibration.messages.silence import SILENCE_NS
 from tam_calibration.messages.stamp_figures import StampFigures
 from tam_calibration.messages.stream import sensor_stream
 from tam_calibration.messages.synchroniser import Sample, Synchroniser
-from tam_calibration.messages.timeline import StampStep
 from tam_calibration.messages.topics import CHANNEL_TOPICS
 from tam_calibration.messages.turning import turns_of
 from tam_calibration.messages.usage import Usage, why_doubled
@@ -41,6 +40,9 @@ from tam_calibration.recordings.reading import TOLERANCE_S
 
 _SCALAR_TOPIC = CHANNEL_TOPICS["scalar"]
 _SCALAR_TYPES = ("sensor_msgs/MagneticField", "std_msgs/Float64")
+
+_STOOD_STILL_S = 2.0
+"""Time between two looks, of which there is one a second, from which this process stood still, not the sensors."""
 
 _TOLD_S = 30.0
 """Time for which a step of the stamps is a warning."""
@@ -76,6 +78,7 @@ class Collector(TamNode):
     _stamps: dict[str, StampFigures]
     _lost: int
     _steps: int
+    _lost_before: dict[str, int]
 
     def __init__(self) -> None:
         super().__init__("collector", RULES)
@@ -90,6 +93,8 @@ class Collector(TamNode):
         self._is_received, self._scalar_is_held = self._map.time == "received", False
         self._frame_id: str = self.value("frame_id")
         self._heard_s: dict[str, float] = {}
+        self._losses: list[tuple[Input, Callable[[], int]]] = []
+        self._looked_s = -math.inf
         self._start_over()
         self._samples = self.offer(PointCloud2, "samples", RELIABLE_STREAM)
         self._writer = cloud_writer(self._layout.columns, self._frame_id)
@@ -106,12 +111,14 @@ class Collector(TamNode):
         self.say_start(f"waits for {', '.join(self._topics_of_sensors())}")
 
     def health(self) -> Health:
-        """Return what hinders, or what to do next for the coverage."""
+        """Return what hinders, or what to do next for the coverage; after a stall no sensor counts as silent."""
         process = {"listeners": self._samples.get_subscription_count(), "scheduling": self._scheduling}
         if self._synchroniser is None:
             topics = ", ".join(self._topics_of_sensors())
             return Health(STALE, f"no message yet on {topics}: start the sensors' drivers or play a bag", process)
-        silent = self._silent()
+        self._count_lost(self._synchroniser)
+        silent = self._silent() if time.monotonic() < self._looked_s + _STOOD_STILL_S else []
+        self._looked_s = time.monotonic()
         if len(silent) == len(self._sensors):
             self._deliver(self._synchroniser.flush())
         coverage = self._coverage.summary()
@@ -223,7 +230,14 @@ class Collector(TamNode):
             self.get_logger().info(f"the messages of {topic} have no stamps: times are those of their arrival")
         if "scalar" in picks:
             self._scalar_is_held, self._synchroniser = not read.is_stamped, None
-        self.listen_in_order(kind, topic, partial(self._take, read), STREAM)
+        self._losses.append((read, self.listen_in_order(kind, topic, partial(self._take, read), STREAM)))
+
+    def _count_lost(self, synchroniser: Synchroniser) -> None:
+        """Count the messages that were lost on the way."""
+        for read, lost in self._losses:
+            count = lost()
+            for stream in read.picks:
+                synchroniser.losses[stream].lost += count
 
     def _take(self, read: Input, message: bytes, arrived_ns: int) -> None:
         for stream in read.picks:
@@ -257,17 +271,26 @@ class Collector(TamNode):
             return  # the driver says that it has none
         if stream in self._turns:
             values = self._turns[stream](*values)
-        self._deliver(self._synchroniser.push(stream, stamp_ns, values))
+        self._deliver(self._synchroniser.push(stream, stamp_ns, values, arrived_ns))
         if self._synchroniser.steps:
-            self._tell_steps(self._synchroniser.steps)
+            self._tell_steps(self._synchroniser)
 
-    def _tell_steps(self, steps: list[StampStep]) -> None:
-        """Log the steps of the stamps, and keep them for /diagnostics."""
-        for step in steps:
-            self._step = f"{step}: a clock was set or a driver started anew, the run is kept"
+    def _tell_steps(self, synchroniser: Synchroniser) -> None:
+        """Log the steps of the stamps, and keep them for /diagnostics; one ahead after losses is a gap."""
+        self._count_lost(synchroniser)
+        for step in synchroniser.steps:
+            all_lost = synchroniser.losses[step.stream].lost
+            lost = all_lost - self._lost_before.get(step.stream, 0)
+            self._lost_before[step.stream] = all_lost
+            if 0 < step.size_ns <= 2 * lost * self._stamps[step.stream].interval_ns:
+                gap_s = step.size_ns / 1e9
+                self._step = f"{lost} messages of {step.stream} were lost on the way, {gap_s:.3g} s: look at the load"
+            else:
+                self._step = f"{step}: a clock was set or a driver started anew, the run is kept"
+                self._steps += 1
             self.get_logger().warning(self._step)
-        self._steps, self._stepped_s = self._steps + len(steps), time.monotonic()
-        steps.clear()
+        self._stepped_s = time.monotonic()
+        synchroniser.steps.clear()
 
     def _make_synchroniser(self) -> Synchroniser:
         """Return a synchroniser that waits for the scalar from the first sample on where somebody publishes one."""
@@ -300,6 +323,8 @@ class Collector(TamNode):
 
     def _tell_usage(self) -> str:
         """Return how many of sensor 1's samples were used, and why not the others, as JSON."""
+        if self._synchroniser:
+            self._count_lost(self._synchroniser)
         usage = self._synchroniser.usage if self._synchroniser else Usage(0, 0)
         others = tuple(self._frames.problems.values())
         return replace(usage, missing=self._missing.sentences(), other_frames=others).to_json()
@@ -309,6 +334,9 @@ class Collector(TamNode):
         self._coverage, self._run, self._missing = LiveCoverage(), Run(), LiveMissing()
         self._stamps = defaultdict(StampFigures)
         self._lost, self._steps, self._step, self._stepped_s = 0, 0, "none", -math.inf
+        self._lost_before = {}
+        for _, lost in self._losses:
+            lost()  # before the new run
 
     def _reset(self) -> str:
         """Forget coverage and losses; an empty cloud tells the calibrator to start over as well."""
@@ -337,7 +365,7 @@ def _count(synchroniser: Synchroniser) -> dict[str, object]:
     by_stream = {
         f"{name}.{what}": getattr(losses, what)
         for name, losses in synchroniser.losses.items()
-        for what in ("received", "unmatched", "duplicate", "late", "implausible", "unusable", "missing")
+        for what in ("received", "lost", "unmatched", "duplicate", "late", "implausible", "unusable", "missing")
     }
     overall = {
         "samples": synchroniser.delivered,

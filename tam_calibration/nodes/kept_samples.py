@@ -4,7 +4,6 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
-from tam_calibration.files.text_files import to_json
 from tam_calibration.messages.point_cloud import SampleLayout
 from tam_calibration.messages.sample_store import SampleStore
 from tam_calibration.model.array import Array
@@ -25,13 +24,15 @@ KEPT = (
     Rule(
         "samples_file",
         "",
-        "SQLite file in which samples are kept for a restart; empty: in ~/.ros/tam_calibration; none: nowhere.",
+        "File in which samples are kept for a restart; empty: in ~/.ros/tam_calibration; none: nowhere.",
     ),
 )
 
 
 class KeptSamples:
     """The store of a node and its file.
+
+    What hinders the file hinders nothing else, and is tried again with every saving.
 
     Parameters
     ----------
@@ -48,66 +49,77 @@ class KeptSamples:
         On these, for people.
     saved : int
         How many samples are on disk.
-    path : Path or None
-        Of the file; None where nothing is kept.
-    problem : str
-        Why samples are not kept on disk; empty where they are, or shall not be.
     """
 
     def __init__(self, node: TamNode, array: Array) -> None:
-        self._node, self.problem, self.saved = node, "", 0
+        self._node, self.saved = node, 0
+        self._found = self._hindrance = ""
         self._file: SampleFile | None = None
-        self.path: Path | None = None
+        self._on_disk: int | None = None
         self.store = SampleStore(
             SampleLayout.whole(array.sensor_count, array.further_channels), node.value("max_samples")
         )
         try:
             self.remark = self._go_on(node.value("samples_file"), array)
         except InputError as problem:
-            self._give_up(problem)
-            self.remark = self.problem
+            self.remark = str(problem)
+            self._found = "" if self._file else self.remark
+        self.save()
+
+    @property
+    def path(self) -> Path | None:
+        """Path of the file; None where nothing is kept."""
+        return self._file.path if self._file else None
+
+    @property
+    def problem(self) -> str:
+        """What was wrong with the file, and how many samples are not on disk, and why; empty where all is well."""
+        unkept = len(self.store) - self.saved
+        told = f"{unkept} samples are not on disk, which is tried again: {self._hindrance}" if self._hindrance else ""
+        return "; ".join(filter(None, (self._found, told)))
 
     def _go_on(self, given: str, array: Array) -> str:
         if given == _NOWHERE:
             return "samples are not kept for a restart"
         path = Path(given) if given else self._default_path()
         require_outside_bags(path)
+        columns = list(self.store.layout.columns)
         shaped_by = array_to_mapping(replace(array, vector_noise_T=None, scalar_noise_T=None))
-        self._file = SampleFile(path, to_json({"array": shaped_by, "columns": list(self.store.layout.columns)}))
-        if self._file.set_aside:
-            self._node.get_logger().warning(f"{path} held no samples of this array: it is now {self._file.set_aside}")
-        samples = self._file.read()
-        self.path = path
+        self._file = SampleFile(path, self._name, {"array": shaped_by, "columns": columns}, len(columns))
+        samples, is_whole = self._file.read()
+        if self._file.remark:
+            self._found = self._file.remark
+            self._node.get_logger().warning(self._found)
+        if is_whole:
+            self._on_disk, self.saved = self.store.samples()[0], len(samples)
         if not samples:
-            return f"keeps samples in {path}"
+            return f"keeps samples in {self._file.path}"
         self.store.resume(samples)
-        self.saved = len(samples)
         age_s = self._node.now_s - samples[-1].stamp_ns / 1e9
-        return f"goes on with {len(samples)} samples of {path}, the last of {age_s:.0f} s ago"
+        return f"goes on with {len(samples)} samples of {self._file.path}, the last of {age_s:.0f} s ago"
+
+    @property
+    def _name(self) -> str:
+        """Domain and name of the node."""
+        return f"{self._node.context.get_domain_id()}{self._node.get_fully_qualified_name()}"
 
     def _default_path(self) -> Path:
         """Return a place in ROS's own folder, by domain and name of the node."""
         home = os.environ.get("ROS_HOME") or Path.home() / ".ros"
-        name = self._node.get_fully_qualified_name().replace("/", ".")
-        return Path(home, "tam_calibration", f"{self._node.context.get_domain_id()}{name}.samples")
+        return Path(home, "tam_calibration", f"{self._name.replace('/', '.')}.samples")
 
     def save(self) -> None:
         """Save what has changed."""
-        changed = self.store.unsaved()
-        if self._file and (changed.begins or changed.samples):
-            try:
-                self._file.save(changed)
-            except InputError as problem:
-                self._give_up(problem)
-            else:
-                self.saved = len(self.store)
-
-    def _give_up(self, problem: InputError) -> None:
-        self._file, self.problem = None, str(problem)
-        self._node.get_logger().warning(self.problem)
-
-    def close(self) -> None:
-        """Save what is not saved yet, and end writing."""
-        self.save()
-        if self._file:
-            self._file.close()
+        generation, samples = self.store.samples()
+        if self._file is None or (generation, len(samples)) == (self._on_disk, self.saved):
+            return
+        try:
+            self._file.save(samples, self.saved if generation == self._on_disk else 0)
+        except InputError as problem:
+            if not self._hindrance:
+                self._node.get_logger().warning(str(problem))
+            self._hindrance = str(problem)
+            return
+        if self._hindrance:
+            self._node.get_logger().info(f"samples are kept in {self._file.path} again")
+        self._on_disk, self.saved, self._hindrance = generation, len(samples), ""

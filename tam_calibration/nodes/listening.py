@@ -12,6 +12,8 @@ from typing import Any
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
+from rclpy.event_handler import QoSSubscriptionEventType
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
@@ -113,7 +115,7 @@ class ListeningNode(Node):
 
     def listen_in_order(
         self, message_type: Any, topic: str, take: Callable[[bytes, int], None], quality: QoSProfile
-    ) -> None:
+    ) -> Callable[[], int]:
         """Have a function called with every serialised message of a topic, and when it arrived, nanoseconds.
 
         The messages of all topics that are read so come in the order in which they arrived. A node that falls behind
@@ -130,9 +132,18 @@ class ListeningNode(Node):
             Called with each message.
         quality : QoSProfile
             Used where no parameter says otherwise; its depth bounds how many wait.
+
+        Returns
+        -------
+        callable
+            Returns how many messages were lost on the way since it was called last.
         """
         take_waiting = partial(self._take_in_order, len(self._in_order))
-        self._in_order.append((self.listen(message_type, topic, take_waiting, quality), take))
+        subscription = self.listen(message_type, topic, take_waiting, quality)
+        self._in_order.append((subscription, take))
+        lost = QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST
+        event = rclpy_implementation.EventHandle(subscription.handle, lost)
+        return lambda: int(event.take_event().total_count_change)
 
     def _take_in_order(self, turn: int, first: bytes) -> None:
         subscription, take = self._in_order[turn]

@@ -1,5 +1,6 @@
 """The calibrator's update on the running samples: its parameters, what it publishes, and its state on disk."""
 
+import os
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -65,7 +66,7 @@ class LiveUpdate:
         self._unaffected: Unaffected | None = None
         self._saved: LiveState | None = None
         self._told = 0
-        self.problem = ""
+        self.problem = self._unkept = ""
 
     def go_on(self, stored: Calibration | None) -> Calibration | None:
         """Take up what a process before this one learned, and return what it published last; else what is stored.
@@ -119,10 +120,12 @@ class LiveUpdate:
         state = live.state
         try:
             write_live_state(self._path, state, self._text)
-        except InputError as problem:
-            self._path, self.problem = None, f"what is learned is not kept: {problem}"
-            self._node.get_logger().warning(self.problem)
-        self._saved = state
+        except (InputError, OSError) as problem:
+            if not self._unkept:
+                self._node.get_logger().warning(f"what is learned is not kept: {problem}")
+            self._unkept = f"what is learned is not kept: {problem}"
+        else:
+            self._saved, self._unkept = state, ""
 
     def sentence(self) -> str:
         """Return what it does, for people; empty where it is off."""
@@ -130,7 +133,7 @@ class LiveUpdate:
             return ""
         if self._live is None:
             return self.problem or "updates once there is a calibration"
-        told = f"{self._live.sentence}; {self.problem}" if self.problem else self._live.sentence
+        told = "; ".join(filter(None, (self._live.sentence, self.problem, self._unkept)))
         changes = self._live.state.changes
         return f"{told}; {_when(changes[-1].since_s)}: {changes[-1].sentence}" if changes else told
 
@@ -152,7 +155,7 @@ class LiveUpdate:
     def level(self) -> bytes:
         """Level of the health: a warning while nothing is learned."""
         is_paused = self._live is not None and self._live.state.paused_by
-        level: bytes = WARN if self.problem or is_paused else OK
+        level: bytes = WARN if self.problem or self._unkept or is_paused else OK
         return level
 
     def _begin(self, stored: Calibration, time_s: float, state: LiveState | None) -> None:
@@ -181,7 +184,7 @@ class LiveUpdate:
 
     def _read(self, stored: str) -> LiveState | None:
         """Return the state on disk; one that is damaged or of another array or calibration is set aside."""
-        if self._path is None or not self._path.exists():
+        if self._path is None or not os.path.lexists(self._path):
             return None
         try:
             state, text = read_live_state(self._path, self._array.sensor_count)
@@ -190,11 +193,17 @@ class LiveUpdate:
             if stored not in ("", text):
                 raise InputError(f"{self._path} was learned beside another calibration than calibration_file")
         except InputError as problem:
-            aside = self._path.rename(name_aside(self._path))
-            self._node.get_logger().warning(f"{problem}: it is now {aside}, and the update begins anew")
+            self._node.get_logger().warning(f"{problem}: {self._set_aside(self._path)}, and the update begins anew")
             return None
         self._text = text
         return state
+
+    def _set_aside(self, path: Path) -> str:
+        """Rename the state on disk, and return what became of it."""
+        try:
+            return f"it is now {path.rename(name_aside(path))}"
+        except OSError as why:
+            return f"it cannot be renamed ({why.strerror})"
 
 
 def _when(stamp_s: float) -> str:

@@ -92,15 +92,13 @@ class McapFile:
         self.end_ns = max((chunk.end_ns for chunk in self._chunks if chunk.indices), default=0)
         self.is_indexed = counts.total() == told and counts.keys() <= known.keys()
 
-    def blocks(self, position: Mapping[int, int], with_times: bool) -> Iterator[tuple[RawMessages, int]]:
+    def blocks(self, position: Mapping[int, int]) -> Iterator[tuple[RawMessages, int]]:
         """Yield the messages of each chunk that come before those of the next, as ``StoredFile`` asks.
 
         Parameters
         ----------
         position : mapping of int to int
             For the id of each wanted connection the number that stands for it in the messages.
-        with_times : bool
-            Makes no difference: the times of recording are always read.
         """
         chunks = [chunk for chunk in self._chunks if chunk.indices.keys() & position]
         chunks.sort(key=lambda chunk: (chunk.start_ns, chunk.place))

@@ -143,7 +143,6 @@ def raw_blocks(
     reader: BagReader,
     connections: Sequence[Connection],
     progress: Progress = lambda done, total: None,
-    with_times: bool = True,
 ) -> Iterator[RawMessages]:
     """Yield the messages of some connections, many at once, in the order of the bag; empty ones are left out.
 
@@ -155,8 +154,6 @@ def raw_blocks(
         Those of its connections that are wanted; their places in it stand for them in the messages.
     progress : callable
         Called now and then with the bytes read, and how many there are.
-    with_times : bool
-        Whether the times of recording are wanted; without them some storages are read sooner.
 
     Raises
     ------
@@ -169,7 +166,7 @@ def raw_blocks(
     with damage_named(reader.path):
         for file in reader.files:
             position = {own.id: numbers[_kind(own)] for own in file.connections if _kind(own) in numbers}
-            for block, size in file.blocks(position, with_times) if position else ():
+            for block, size in file.blocks(position) if position else ():
                 done = min(done + size, total)
                 progress(done, total)
                 is_empty = block.size == 0

@@ -40,15 +40,13 @@ class Ros1File:
             raise InputError(f"{reason}; `rosbag reindex {path.name}` mends an index that is missing") from problem
         self.message_count = sum(one.msgcount for one in self.connections)
 
-    def blocks(self, position: Mapping[int, int], with_times: bool) -> Iterator[tuple[RawMessages, int]]:
+    def blocks(self, position: Mapping[int, int]) -> Iterator[tuple[RawMessages, int]]:
         """Yield messages in the order of recording as ``StoredFile`` asks.
 
         Parameters
         ----------
         position : mapping of int to int
             For the id of each wanted connection the number that stands for it in the messages.
-        with_times : bool
-            Makes no difference: the times of recording are always read.
         """
         with Reader(self.path) as reader:
             for place, chunk in reader.chunks.items():

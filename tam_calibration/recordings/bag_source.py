@@ -104,13 +104,13 @@ class BagSource:
     @cached_property
     def _first_block(self) -> RawMessages | None:
         """The first messages of the bag."""
-        return next(raw_blocks(self.bag, list(self._connections.values()), with_times=False), None)
+        return next(raw_blocks(self.bag, list(self._connections.values())), None)
 
     def _first_messages(self, topic: str) -> RawMessages:
         """Return some of the first messages of a topic."""
         block, number = self._first_block, list(self._connections).index(topic)
         if block is not None and number not in block.connection:
-            block, number = next(raw_blocks(self.bag, [self._connections[topic]], with_times=False), None), 0
+            block, number = next(raw_blocks(self.bag, [self._connections[topic]]), None), 0
         if block is None:
             return RawMessages.of([], [], [])
         return block.take(np.flatnonzero(block.connection == number)[:_LOOKED_AT])
@@ -135,7 +135,7 @@ class BagSource:
         decoders = {topic: self._decoder(topic, paths[topic]) for topic in streams}
         parts: dict[str, list[StreamMessages]] = {stream: [] for stream in wanted}
         count, is_received = 0, clock == "received"
-        for block in raw_blocks(self.bag, connections, progress, with_times=is_received):
+        for block in raw_blocks(self.bag, connections, progress):
             for number, (topic, own) in enumerate(streams.items()):
                 order = np.flatnonzero(block.connection == number)
                 if not len(order):
@@ -147,7 +147,8 @@ class BagSource:
                 first = 0
                 for stream in own:
                     last = first + len(wanted[stream].fields)
-                    parts[stream].append(StreamMessages(order + count, stamps_ns, values[:, first:last]))
+                    numbers = values[:, first:last]
+                    parts[stream].append(StreamMessages(order + count, stamps_ns, numbers, messages.recorded_ns))
                     first = last
             count += len(block)
             if count >= BATCH:

@@ -57,15 +57,13 @@ class StoredFile(Protocol):
     start_ns: int
     end_ns: int
 
-    def blocks(self, position: Mapping[int, int], with_times: bool) -> Iterator[tuple[RawMessages, int]]:
+    def blocks(self, position: Mapping[int, int]) -> Iterator[tuple[RawMessages, int]]:
         """Yield the messages of some connections in the order of recording, many at once, and the bytes read for them.
 
         Parameters
         ----------
         position : mapping of int to int
             For the id of each connection that is read the number that stands for it in the messages.
-        with_times : bool
-            Whether the times of recording are wanted; without them they may be ``NOT_READ``.
         """
 
 

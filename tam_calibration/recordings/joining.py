@@ -230,7 +230,7 @@ class Joining:
             is_unusable |= np.isnan(values).any(axis=1)
         if stamps is not None:
             is_unusable |= stamps == NO_TIME
-        usable = StreamMessages(messages.order, stamps, values)
+        usable = replace(messages, values=values)
         if is_unusable.any():
             self._synchroniser.refuse(stream, int(is_unusable.sum()))
             usable = usable.take(~is_unusable)

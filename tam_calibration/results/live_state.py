@@ -1,11 +1,14 @@
-"""What a calibrator has learned, on disk, so that one that is started anew goes on: arrays and a text about them."""
+"""What a calibrator has learned, on disk, so that one that is started anew goes on: arrays and a text about them.
+
+A line with a checksum of what follows stands before them; earlier versions had none.
+"""
 
 import json
-import zipfile
 from dataclasses import asdict
 from io import BytesIO
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 
@@ -15,6 +18,9 @@ from tam_calibration.live.recursion import Belief, Recursion, SampleMoments
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.limits import is_covariance
 from tam_calibration.model.sensor_errors import SensorErrors
+
+_HEAD, _ARCHIVE = b"tam live %08x\n", b"PK"
+"""What files begin with, and those of earlier versions."""
 
 _BELIEFS = ("begin", "now", "published")
 
@@ -55,7 +61,7 @@ def write_live_state(path: Path, state: LiveState, calibration: str) -> None:
     content = BytesIO()
     np.savez(content, about=np.array(json.dumps(about)), **arrays)
     with write_whole(path) as beside:
-        beside.write_bytes(content.getvalue())
+        beside.write_bytes(_HEAD % crc32(content.getvalue()) + content.getvalue())
 
 
 def read_live_state(path: Path, sensor_count: int) -> tuple[LiveState, str]:
@@ -74,14 +80,24 @@ def read_live_state(path: Path, sensor_count: int) -> tuple[LiveState, str]:
         When it cannot be read, is damaged, or of another number of sensors.
     """
     try:
-        with np.load(BytesIO(path.read_bytes()), allow_pickle=False) as stored:
+        with np.load(BytesIO(_checked_content(path.read_bytes())), allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files}
         about = json.loads(str(arrays.pop("about")))
         state = _state(arrays, about, sensor_count)
         calibration = str(about["calibration"])
-    except (OSError, EOFError, ValueError, TypeError, KeyError, zipfile.BadZipFile) as problem:
+    except Exception as problem:  # an archive without checksum fails in any way where it is damaged
         raise InputError(f"{path} holds nothing that was learned of this array, or is damaged: {problem}") from None
     return state, calibration
+
+
+def _checked_content(content: bytes) -> bytes:
+    """Return what follows the checksum, once it is that of it; all of a file that has none."""
+    rest = content[len(_HEAD % 0) :]
+    if content.startswith(_HEAD % crc32(rest)):
+        return rest
+    if content.startswith(_ARCHIVE):
+        return content
+    raise ValueError("its checksum is not that of its content")
 
 
 def _state(arrays: dict[str, Any], about: dict[str, Any], sensor_count: int) -> LiveState:

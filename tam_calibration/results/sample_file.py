@@ -1,27 +1,38 @@
 """The samples of a run on disk, so that a calibrator that is started anew goes on.
 
-An SQLite file: what is saved at once is there whole or not at all, whenever the process is killed.
+The first line of a file tells what its samples are of, and of which node. Rows of one size follow, each with a checksum
+over that line and itself: damage costs the rows that it hits, and no row is taken for one of another array or node.
 """
 
+import json
+import os
 import sqlite3
+from collections.abc import Mapping, Sequence
+from contextlib import closing, suppress
 from pathlib import Path
+from typing import Any
+from zlib import crc32
 
 import numpy as np
 
-from tam_calibration.messages.sample_store import StoredSample, Unsaved
+from tam_calibration.files.text_files import to_json, write_whole
+from tam_calibration.messages.sample_store import StoredSample
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.results.overwriting import name_aside
 
-_TABLES = """
-CREATE TABLE IF NOT EXISTS about (text TEXT);
-CREATE TABLE IF NOT EXISTS samples (number INTEGER PRIMARY KEY, stamp_ns INTEGER, time_ns INTEGER, row BLOB);
-"""
+_BEGIN, _SQLITE = b"tam samples", b"SQLite format 3\0"
+"""What files begin with, and those of earlier versions."""
 
-_NAMES = {"about", "samples"}
-"""Of the tables; an SQLite file with others, such as a bag's, is of something else."""
+_MOST_OF_OTHERS = 1 << 28
+"""Bytes of a file that does not begin as it should in which whole rows are sought: six times the usual ones."""
+
+_NUMBERS, _CHECK = [(name, "<i8") for name in StoredSample._fields[:3]], 4
+"""What stands before the values of a row, and how many bytes of checksum after them."""
+
+_ROWS, _TYPES = "SELECT number, stamp_ns, time_ns, row FROM samples ORDER BY number", [int, int, int, bytes]
 
 _BESIDE = ("", "-wal", "-shm")
-"""Ends of the names of the files that SQLite writes."""
+"""Ends of the names of the files of an earlier version."""
 
 
 class SampleFile:
@@ -30,108 +41,160 @@ class SampleFile:
     Parameters
     ----------
     path : Path
-        Of the file; it and its folder are made where they are not there.
-    about : str
-        What the samples are of. A file of something else, or one that is damaged, is set aside: renamed, not changed.
+        Of the file; it and its folder are made when samples are saved.
+    node : str
+        Whose the file is. One of another node is left alone: this node has its own beside it.
+    about : mapping
+        What the samples are of, as JSON has it, such as the array.
+    columns : int
+        Numbers of a sample.
 
     Attributes
     ----------
-    set_aside : Path or None
-        Where a file is now that could not be used.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be written.
+    path : Path
+        Of the file that the node has.
+    remark : str
+        What was wrong with the file that was there, as a sentence; empty where nothing was.
     """
 
-    def __init__(self, path: Path, about: str) -> None:
-        self._path, self._stride = path, 1
-        self.set_aside: Path | None = None
+    def __init__(self, path: Path, node: str, about: Mapping[str, Any], columns: int) -> None:
+        self.path, self.remark = path, ""
+        self._node, self._earlier = node, to_json(about)
+        text = json.dumps(json.loads(to_json({"node": node, **about}))).encode()
+        self._check = crc32(text)
+        self._head = b"%s %08x %s\n" % (_BEGIN, self._check, text)
+        self._row = np.dtype([*_NUMBERS, ("row", "<f8", (columns,)), ("check", "<u4")])
+        self._size = self._row.itemsize
+
+    def read(self) -> tuple[list[StoredSample], bool]:
+        """Return the whole samples in the order of their numbers, and whether the file can be gone on with.
+
+        One that cannot is set aside: renamed, not changed.
+
+        Raises
+        ------
+        InputError
+            When the file cannot be read or renamed.
+        """
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            if not self._opens(about):
-                self.set_aside = self._rename()
-                self._opens(about)
-        except (OSError, sqlite3.Error) as problem:
+            content = self._content()
+            if _owner(content) not in (None, self._node):
+                other, self.path = self.path, self.path.with_name(f"{self.path.name}.{self._node.replace('/', '.')}")
+                self.remark = f"{other} is of another node: this one has {self.path}"
+                return self.read()
+            found = self._whole(content[len(self._head) :])
+            is_whole = content.startswith(self._head) and len(found) == (len(content) - len(self._head)) // self._size
+            if content and not is_whole:
+                found = self._set_aside(content, found)
+        except OSError as problem:
             raise self._cannot(problem) from problem
+        return found, is_whole
 
-    def _opens(self, about: str) -> bool:
-        """Open the file, and return whether it is of what it shall be of."""
-        self._connection = sqlite3.connect(self._path, isolation_level=None, check_same_thread=False)
-        try:
-            tables = {name for (name,) in self._connection.execute("SELECT name FROM sqlite_master")}
-            is_usable = tables <= _NAMES and self._holds(about)
-        except sqlite3.OperationalError:
-            raise
-        except sqlite3.DatabaseError:  # damaged, or no such file
-            is_usable = False
-        if not is_usable:
-            self._connection.close()
-        return is_usable
+    def _content(self) -> bytes:
+        if not self.path.exists():
+            return b""
+        if not self.path.is_file():
+            raise OSError("it is no regular file")
+        with self.path.open("rb") as file:
+            head = file.read(len(self._head))
+            return head + file.read(-1 if head == self._head else _MOST_OF_OTHERS)
 
-    def _holds(self, about: str) -> bool:
-        """Make what is missing, and return whether the samples are of what they shall be of."""
-        self._connection.execute("PRAGMA journal_mode = WAL")
-        self._connection.execute("PRAGMA synchronous = NORMAL")
-        self._connection.executescript(_TABLES)
-        [found] = self._connection.execute("SELECT text FROM about").fetchone() or [None]
-        if found is None:
-            self._connection.execute("INSERT INTO about VALUES (?)", (about,))
-        return found in (None, about)
+    def _set_aside(self, content: bytes, found: list[StoredSample]) -> list[StoredSample]:
+        why = "is damaged" if found or content.startswith(self._head) else "held no samples of this array"
+        aside = self._rename()
+        if content.startswith(_SQLITE) and (found := self._of_earlier_version(aside)):
+            why = "is of an earlier version"
+        used = f", and {len(found)} samples of it are used" if found else ""
+        self.remark = f"{self.path} {why}: it is now {aside}{used}"
+        return found
 
     def _rename(self) -> Path:
-        aside = name_aside(self._path)
+        aside = name_aside(self.path)
         for end in _BESIDE:
-            if (part := Path(f"{self._path}{end}")).exists():
+            if (part := Path(f"{self.path}{end}")).exists():
                 part.rename(f"{aside}{end}")
         return aside
 
-    def read(self) -> list[StoredSample]:
-        """Return the samples in the order of their numbers.
+    def _whole(self, content: bytes) -> list[StoredSample]:
+        rows = np.frombuffer(content[: len(content) // self._size * self._size], self._row)
+        rows = rows[rows["check"] == self._checks(content, len(rows))]
+        numbers = (rows[name].tolist() for name in StoredSample._fields[:3])
+        return list(map(StoredSample, *numbers, map(np.copy, rows["row"])))
 
-        Raises
-        ------
-        InputError
-            When the file cannot be read.
-        """
-        try:
-            rows = self._connection.execute("SELECT number, stamp_ns, time_ns, row FROM samples ORDER BY number")
-            samples = [StoredSample(*each)._replace(row=np.frombuffer(each[-1])) for each in rows]
-        except sqlite3.Error as problem:
-            raise self._cannot(problem) from problem
-        self._stride = samples[1].number if len(samples) > 1 else 1
-        return samples
+    def _checks(self, content: bytes, count: int) -> list[int]:
+        starts = range(0, count * self._size, self._size)
+        return [crc32(content[start : start + self._size - _CHECK], self._check) for start in starts]
 
-    def save(self, changed: Unsaved) -> None:
-        """Save what has changed in the store, at once.
+    def _of_earlier_version(self, path: Path) -> list[StoredSample]:
+        """Return the samples of a database, which had no checksums, up to where it is damaged."""
+        found = []
+        with suppress(sqlite3.Error, ValueError), closing(sqlite3.connect(path)) as file:
+            if file.execute("SELECT text FROM about").fetchone() == (self._earlier,):
+                for cells in file.execute(_ROWS):
+                    number, stamp_ns, time_ns, row = cells
+                    if [*map(type, cells)] == _TYPES and len(row) == self._row["row"].itemsize:
+                        found.append(StoredSample(number, stamp_ns, time_ns, np.frombuffer(row)))
+        return found
+
+    def save(self, samples: Sequence[StoredSample], kept: int) -> None:
+        """Save samples.
 
         Parameters
         ----------
-        changed : Unsaved
-            Samples that are new, and which of the others are given up.
+        samples : sequence of StoredSample
+            All that shall be in the file.
+        kept : int
+            How many of them are there; 0 where others are.
 
         Raises
         ------
         InputError
-            When the file cannot be written; it is then as it was.
+            When the file cannot be written; what was there can still be read.
         """
         try:
-            with self._connection:
-                self._connection.execute("BEGIN")
-                if changed.begins:
-                    self._connection.execute("DELETE FROM samples")
-                elif changed.stride != self._stride:
-                    self._connection.execute("DELETE FROM samples WHERE number % ?", (changed.stride,))
-                rows = [(*sample[:3], sample.row.tobytes()) for sample in changed.samples]
-                self._connection.executemany("INSERT INTO samples VALUES (?, ?, ?, ?)", rows)
-        except sqlite3.Error as problem:
+            if kept and self._is_own():
+                self._append(self._packed(samples[kept:]), len(self._head) + kept * self._size)
+                return
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            if self.path.is_file() and not self._is_own():
+                self._rename()
+            with write_whole(self.path) as beside:
+                beside.write_bytes(self._head + self._packed(samples))
+        except (OSError, InputError) as problem:
             raise self._cannot(problem) from problem
-        self._stride = changed.stride
 
-    def close(self) -> None:
-        """End writing."""
-        self._connection.close()
+    def _append(self, rows: bytes, place: int) -> None:
+        descriptor = os.open(self.path, os.O_WRONLY)
+        try:
+            while rows:
+                written = os.pwrite(descriptor, rows, place)
+                rows, place = rows[written:], place + written
+        finally:
+            os.close(descriptor)
+
+    def _is_own(self) -> bool:
+        """Return whether the file is there, and begins as this one does."""
+        if not self.path.is_file():
+            return False
+        with self.path.open("rb") as file:
+            return file.read(len(self._head)) == self._head
+
+    def _packed(self, samples: Sequence[StoredSample]) -> bytes:
+        rows = np.zeros(len(samples), self._row)
+        for name, values in zip(StoredSample._fields, zip(*samples, strict=True), strict=False):
+            rows[name] = values
+        rows["check"] = self._checks(rows.tobytes(), len(rows))
+        return rows.tobytes()
 
     def _cannot(self, problem: Exception) -> InputError:
-        return InputError(f"samples cannot be kept in {self._path}: {problem}; name another samples_file, or none")
+        why = getattr(problem, "strerror", None) or problem
+        return InputError(f"samples cannot be kept in {self.path}: {why}; name another samples_file, or none")
+
+
+def _owner(content: bytes) -> str | None:
+    """Return the node whose file begins so; None where that is damaged, or no such file."""
+    with suppress(ValueError, LookupError):
+        begin, check, text = content.partition(b"\n")[0].removeprefix(_BEGIN).split(b" ", 2)
+        if not begin and int(check, 16) == crc32(text):
+            return str(json.loads(text)["node"])
+    return None

@@ -108,6 +108,18 @@ def test_memory_that_does_not_suffice_is_a_sentence(monkeypatch, capsys):
     assert capsys.readouterr().err == "tam: this needs more memory than there is: give fewer samples or sensors\n"
 
 
+@pytest.mark.parametrize("limit_MiB", [250, 300, 330, 500])
+def test_a_diagnosis_within_a_limit_of_memory_ends(folder, limit_MiB):
+    """It says what it needs before it loads what would ask for memory without end, and works where there is enough."""
+    arguments = ["diagnose", "run.csv", "--array", "array.yaml"]
+    code, output, errors = run(arguments, command=f'ulimit -v {limit_MiB << 10}; exec "$@"')
+    if limit_MiB < 500:
+        assert (code, output, errors.count(b"\n")) == (2, b"", 1)
+        assert errors.startswith(b"tam: this process may have %d MiB of memory, and needs 224 beside the " % limit_MiB)
+    else:
+        assert code in (0, 1) and b"No gap" in output
+
+
 @pytest.mark.parametrize(
     ("sentence", "told"),
     [

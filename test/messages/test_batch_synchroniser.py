@@ -3,8 +3,10 @@
 from random import Random
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from messages.test_synchroniser import stalled
 from numpy.testing import assert_array_equal
 
 from tam_calibration.messages.batch_stream import StreamMessages
@@ -35,13 +37,15 @@ def one_by_one(messages, tolerance_ns, **options):
 def to_batch(messages):
     """Return messages as a batch."""
     streams = {}
-    for order, (name, stamp, values) in enumerate(messages):
-        streams.setdefault(name, []).append((order, stamp, values))
+    for order, (name, stamp, values, *arrived) in enumerate(messages):
+        streams.setdefault(name, []).append((order, stamp, values, *(arrived or [0])))
     batch = {}
     for name, rows in streams.items():
-        order, stamps, values = zip(*rows, strict=True)
+        order, stamps, values, arrived = zip(*rows, strict=True)
         stamps = None if stamps[0] is None else np.array(stamps, dtype=np.int64)
-        batch[name] = StreamMessages(np.array(order, dtype=np.int64), stamps, np.array(values))
+        batch[name] = StreamMessages(
+            np.array(order, dtype=np.int64), stamps, np.array(values), np.array(arrived, dtype=np.int64)
+        )
     return batch
 
 
@@ -123,3 +127,35 @@ def test_a_steady_recording_is_joined_in_batches(monkeypatch):
     monkeypatch.setattr(BatchSynchroniser, "push", None)
     stamps, _, synchroniser = in_batches(Random(2), messages, 4 * MS, 100, 100)
     assert len(stamps) == synchroniser.delivered > 20
+
+
+@pytest.mark.parametrize("largest", [7, 300, 3000, 10_000])
+@pytest.mark.parametrize("chunk", [1, 256, 2000])
+def test_a_burst_after_a_stall_is_joined_in_batches_too(chunk, largest):
+    """However batches are cut, as message by message."""
+    names = [*ALL.channels, *(f"tam_{sensor}" for sensor in (2, 3, 1))]
+    messages = [
+        (name, stamp, (0.5,) * WIDTH.get(name, 3), arrived)
+        for name, stamp, _, arrived in stalled(names, 200, 1200, chunk, 100 * MS)
+    ]
+    stamps, values, single = one_by_one(messages, MS)
+    assert single.delivered == 1500
+    again, again_values, batched = in_batches(Random(1), messages, MS, largest, largest)
+    assert again.tolist() == stamps
+    assert_array_equal(again_values, np.array(values).reshape(again_values.shape))
+    assert batched.losses == single.losses and batched.usage == single.usage
+
+
+def test_the_usual_patience_is_back_after_a_stall():
+    """A scalar that dies long after it holds up samples for no longer than the patience, in batches too."""
+    names = [*(f"tam_{sensor}" for sensor in (2, 3, 1)), "scalar"]
+    messages = [
+        (name, stamp, (0.5,) * WIDTH.get(name, 3), arrived)
+        for index, (name, stamp, _, arrived) in enumerate(stalled(names, 200, 1200, 256, 100 * MS))
+        if name != "scalar" or index < 5200
+    ]
+    *_, single = one_by_one(messages, MS)
+    synchroniser = make(BatchSynchroniser, MS)
+    for first in range(0, len(messages), 100):
+        synchroniser.push_batch(to_batch(messages[first : first + 100]))
+    assert synchroniser.delivered >= single.delivered - PATIENCE // PERIOD - 1

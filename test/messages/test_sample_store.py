@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from tam_calibration.messages.point_cloud import SampleLayout
-from tam_calibration.messages.sample_store import LONGEST_PAUSE_NS, SampleStore, StoredSample
+from tam_calibration.messages.sample_store import LONGEST_PAUSE_NS, SampleStore
 
 
 def rows_of(count):
@@ -49,55 +49,39 @@ def test_a_recording_that_is_played_again_starts_over():
     assert_array_equal(stored(rows + rows[:30]).readings_T[:, 0, 0], np.arange(30))
 
 
-class Disk:
-    """What a file holds of a store, in memory."""
-
-    def __init__(self):
-        self.samples: list[StoredSample] = []
-
-    def save(self, changed):
-        """Do as a file does."""
-        before = [] if changed.begins else [each for each in self.samples if each.number % changed.stride == 0]
-        self.samples = [*before, *changed.samples]
-
-
-def resumed(before, after, capacity, savings):
-    """Return a store that another process resumed after some samples; it was saved after these numbers of them."""
-    first, second, disk = SampleStore(SampleLayout(1), capacity), SampleStore(SampleLayout(1), capacity), Disk()
-    for index, row in enumerate(before):
+def resumed(before, after, capacity):
+    """Return a store that another process resumed after some samples."""
+    first, second = SampleStore(SampleLayout(1), capacity), SampleStore(SampleLayout(1), capacity)
+    for row in before:
         first.add(*row)
-        if index in savings:
-            disk.save(first.unsaved())
-    disk.save(first.unsaved())
-    second.resume(disk.samples)
+    second.resume(first.samples()[1])
     for row in after:
         second.add(*row)
     return second
 
 
 BREAK = st.integers(4, 300)
-SAVINGS = st.sets(st.integers(0, 300), max_size=4)
 
 
-@given(BREAK, st.integers(2, 300), SAVINGS, st.integers(-400, 200))
-def test_a_store_that_is_resumed_holds_what_one_without_a_break_holds(count, after, savings, step_ms):
-    """Whenever it is saved, and wherever stamps stepped before, to the last bit."""
+@given(BREAK, st.integers(2, 300), st.integers(-400, 200))
+def test_a_store_that_is_resumed_holds_what_one_without_a_break_holds(count, after, step_ms):
+    """Wherever stamps stepped before, to the last bit."""
     rows = [
         (stamp + step_ms * 10**6 * (index >= count // 2), row)
         for index, (stamp, row) in enumerate(rows_of(count + after))
     ]
-    held = resumed(rows[:count], rows[count:], 1000, savings).recording()
+    held = resumed(rows[:count], rows[count:], 1000).recording()
     assert_array_equal(held.time_s, stored(rows).time_s)
     assert_array_equal(held.readings_T, stored(rows).readings_T)
 
 
-@given(BREAK, st.integers(2, 300), SAVINGS, st.integers(8, 200))
-def test_a_full_store_that_is_resumed_stays_bounded(count, after, savings, capacity):
+@given(BREAK, st.integers(2, 300), st.integers(8, 200))
+def test_a_full_store_that_is_resumed_stays_bounded(count, after, capacity):
     """What was stored before the break is what would have been; then it goes on no sparser."""
     rows = rows_of(count + after)
-    held = resumed(rows[:count], [], capacity, savings).recording()
+    held = resumed(rows[:count], [], capacity).recording()
     assert_array_equal(held.time_s, stored(rows[:count], capacity).time_s)
-    gone_on = resumed(rows[:count], rows[count:], capacity, savings)
+    gone_on = resumed(rows[:count], rows[count:], capacity)
     assert len(gone_on) < capacity
     numbers = gone_on.recording().readings_T[:, 0, 0]
     assert numbers[0] == 0 and (np.diff(numbers) > 0).all() and np.diff(numbers).max() <= np.diff(numbers)[0]
@@ -111,5 +95,38 @@ def test_samples_that_do_not_follow_are_another_run(pause_ns, kept):
     """What a process before left is forgotten when samples come from before it, or long after."""
     rows = rows_of(100)
     later = [(stamp + 49 * 10**7 + pause_ns, row + 1e-9) for stamp, row in rows[50:]]
-    assert len(resumed(rows, [], 1000, ())) == 100
-    assert len(resumed(rows, later, 1000, ())) == kept
+    assert len(resumed(rows, [], 1000)) == 100
+    assert len(resumed(rows, later, 1000)) == kept
+
+
+def test_the_generation_tells_whether_samples_were_only_added():
+    """It grows when samples are given up or forgotten, so that what is on disk is to be written anew."""
+    store, rows = SampleStore(SampleLayout(1), 64), rows_of(100)
+    generations = []
+    for row in rows:
+        store.add(*row)
+        generation, samples = store.samples()
+        generations.append((generation, len(samples)))
+    first = generations[0][0]
+    assert [generation for generation, _ in generations[:63]] == [first] * 63
+    assert generations[-1][0] == first + 1
+    store.start_over()
+    assert store.samples() == (first + 2, [])
+
+
+@pytest.mark.parametrize("stride", [1, 2, 8])
+@pytest.mark.parametrize("lost", [[0], [1], [0, 1, 2], [48], list(range(1, 49))])
+def test_a_store_resumes_what_is_left_of_damaged_samples(stride, lost):
+    """Those that are missing cost no other: the stride is that of the run, or a finer one, and time goes on."""
+    rows = rows_of(500)
+    first, second = SampleStore(SampleLayout(1), 1000), SampleStore(SampleLayout(1), 1000)
+    for row in rows[: 49 * stride]:
+        first.add(*row)
+    kept = [each for each in first.samples()[1] if each.number % stride == 0]
+    kept = [each for place, each in enumerate(kept) if place not in lost]
+    second.resume(kept)
+    for row in rows[49 * stride :]:
+        second.add(*row)
+    time_s = second.recording().time_s
+    assert (np.diff(time_s) > 0).all() and time_s[-1] > rows[490][0] / 1e9
+    assert set(kept[0].row) <= set(second.samples()[1][0].row)

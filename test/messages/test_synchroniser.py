@@ -479,3 +479,69 @@ def test_interpolated_values_hold_however_drivers_stall(seed):
     for sample in samples:
         truth = math.sin(rate * (sample.stamp_ns - START) / 1e9)
         assert np.abs(np.array(sample.values) - truth).max() < LARGEST_ERROR * (rate * PERIOD / 1e9) ** 4
+
+
+def stalled(names, first, last, chunk, burst_ns):
+    """Return the messages of streams at 100 Hz, of which nothing arrives for a while, and then all in a burst.
+
+    It takes so long, and holds so many messages of one stream, then as many of the next, and so on.
+    """
+    messages, latest = [], dict.fromkeys(names, 0)
+    for index in range(last + 300):
+        for place, name in enumerate(names):
+            stamp = START + index * PERIOD
+            arrived = stamp + MS
+            if first <= index < last:
+                part = (index - first) // chunk * len(names) + place
+                arrived = START + last * PERIOD + part * burst_ns // (len(names) * (1 + (last - first) // chunk))
+            latest[name] = max(latest[name], arrived)  # a stream keeps its order
+            messages.append((*message(name, stamp), latest[name]))
+    return sorted(messages, key=lambda one: one[3])
+
+
+@pytest.mark.parametrize("chunk", [1, 40, 256, 2000])
+@pytest.mark.parametrize("burst_ns", [0, 100 * MS, 600 * MS])
+def test_what_comes_in_a_burst_after_a_stall_is_joined(chunk, burst_ns):
+    """Ten seconds of every stream, one after another, cost no sample; what was late by its stamps alone does."""
+    names = ["tam_3", "scalar", "tam_1", "tam_4", "tam_2"]
+    messages = stalled(names, 200, 1200, chunk, burst_ns)
+    synchroniser = Synchroniser(CROSS, MS, expected=["scalar"])
+    samples = push_all(synchroniser, messages)
+    assert [sample.stamp_ns for sample in samples] == [START + index * PERIOD for index in range(1500)]
+    assert synchroniser.explain_losses() == "1500 of 1500 samples synchronised"
+    assert [sample.values[12] for sample in samples] == [sample.stamp_ns / 1e9 for sample in samples]
+
+
+def test_a_stream_whose_clock_lags_is_joined_in_a_stall_alone():
+    """Stamps that are 0.4 s behind all the time are of another clock: only while all comes late that cannot be told."""
+    names = ["tam_1", "tam_2"]
+    messages = [
+        (name, stamp - 400 * MS * (name == "tam_2"), *others)
+        for name, stamp, *others in stalled(names, 500, 700, 1, 100 * MS)
+    ]
+    synchroniser = Synchroniser(SampleLayout(2), MS)
+    samples = [sample.stamp_ns - START for sample in push_all(synchroniser, messages)]
+    assert min(samples) > 4600 * MS and max(samples) < 8000 * MS and len(samples) < 300
+    assert synchroniser.drops_everything
+
+
+@pytest.mark.parametrize("slower", [1, 3, 100])
+def test_samples_are_not_held_up_for_ever_by_a_recording_that_is_played_slowly(slower):
+    """Each message comes later than its stamp tells; samples without a scalar still come, two samples late at most."""
+    layout = SampleLayout(1, scalar=True)
+    synchroniser = Synchroniser(layout, MS, expected=["scalar"])
+    delivered = [
+        len(synchroniser.push(*message("tam_1", START + 100 * MS * index), START + slower * 100 * MS * index))
+        for index in range(100)
+    ]
+    assert sum(delivered) >= 95
+
+
+def test_a_clock_of_arrival_that_is_set_back_holds_up_nothing():
+    """After a stall it is an hour earlier: samples without a scalar come with the usual patience."""
+    synchroniser = Synchroniser(SampleLayout(1, scalar=True), MS, expected=["scalar"])
+    count = 0
+    for index in range(300):
+        arrived = START + index * PERIOD + (10**10 if index == 100 else 0) - (3600 * 10**9 if index > 100 else 0)
+        count += len(synchroniser.push(*message("tam_1", START + index * PERIOD), arrived))
+    assert count > 270

@@ -1,11 +1,15 @@
 """What a calibrator leaves to the one that takes its place, and what becomes of it."""
 
+import json
+import os
+import resource
 import signal
-import sqlite3
+from io import BytesIO
 
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from ros_bench import node_command
 
 from tam_calibration.results import read_calibration
 from tam_calibration.results.sample_file import SampleFile
@@ -111,6 +115,86 @@ def test_a_calibration_is_saved_without_being_asked(bench, recording, tmp_path, 
 
 def _content(path):
     """Return the samples of a file, whatever they are of."""
-    with sqlite3.connect(path) as file:
-        [about] = file.execute("SELECT text FROM about").fetchone()
-    return SampleFile(path, about).read()
+    text = path.read_bytes().partition(b"\n")[0].partition(b"{")
+    about = json.loads(text[1] + text[2])
+    node = about.pop("node")
+    samples, is_whole = SampleFile(path, node, about, len(about["columns"])).read()
+    assert is_whole
+    return samples
+
+
+def test_a_damaged_file_is_gone_on_with(bench, recording, tmp_path):
+    """A bit of a row, and the head of what was learned: both are set aside and told, the other samples are used."""
+    path = tmp_path / "samples"
+    first = bench.start_nodes(calibrator={"samples_file": path})
+    bench.start_nodes(collector={})
+    samples = bench.listen(sensor_msgs.PointCloud2, "samples")
+    publish = bench.publish_sensors()
+    bench.connect(collector={"samples": 2})
+    bench.play(recording, publish, samples, last=50)
+    bench.health("calibrator", lambda _, figures: figures["saved"] == "50", "all are saved")
+    assert first.end_one("calibrator") == 0
+    content = bytearray(path.read_bytes())
+    content[-1000] ^= 1
+    path.write_bytes(content)
+    archive = BytesIO()
+    np.savez(archive, about=np.array("{}"))
+    (tmp_path / "samples.live").write_bytes(archive.getvalue().replace(b"PK\x03\x04", b"PK\x03\x04\xff\xff\xff\xff", 1))
+
+    second = bench.start_nodes(calibrator={"samples_file": path, "update": True})
+    told = f"{path} is damaged: it is now {path}.1, and 49 samples of it are used"
+    status, _ = bench.health("calibrator", lambda _, figures: figures["saved"] == "49", "it goes on")
+    assert told in second.log("calibrator") and told in status.message and status.level == b"\x01"
+    assert f"it is now {path}.live.1, and the update begins anew" in second.log("calibrator")
+    assert (tmp_path / "samples.1").read_bytes() == content
+    bench.connect(collector={"samples": 2})
+    bench.play(recording, publish, samples, first=50)
+    bench.health("calibrator", lambda _, figures: figures["saved"] == "599", "the others are saved")
+    assert second.end_one("calibrator") == 0
+    assert len(_content(path)) == 599
+
+
+def test_a_disk_that_is_full_for_a_while_costs_nothing(bench, recording, tmp_path):
+    """What is not kept meanwhile is told with its number, at WARN, and kept as soon as there is room."""
+    path = tmp_path / "samples"
+    nodes = bench.start_nodes(collector={}, calibrator={"samples_file": path})
+    samples = bench.listen(sensor_msgs.PointCloud2, "samples")
+    publish = bench.publish_sensors()
+    bench.connect(collector={"samples": 2})
+    bench.play(recording, publish, samples, last=100)
+    bench.health("calibrator", lambda _, figures: figures["saved"] == "100", "all are saved")
+    pid = nodes.pids["calibrator"]
+    room = path.stat().st_size + 1000
+    _, most = resource.prlimit(pid, resource.RLIMIT_FSIZE, (room, resource.RLIM_INFINITY))
+    bench.play(recording, publish, samples, first=100, last=300)
+    told = "200 samples are not on disk, which is tried again: samples cannot be kept in"
+    status, _ = bench.health("calibrator", lambda status, _: told in status.message, "it is told")
+    assert status.level == b"\x01" and "File too large" in status.message
+    resource.prlimit(pid, resource.RLIMIT_FSIZE, (most, most))
+    bench.play(recording, publish, samples, first=300)
+    status, _ = bench.health("calibrator", lambda _, figures: figures["saved"] == "600", "all are saved")
+    assert "not on disk" not in status.message
+    bench.spin_until(lambda: f"samples are kept in {path} again" in nodes.log("calibrator"), "that is told too")
+    assert nodes.end_one("calibrator") == 0
+    rows = np.array([sample.row for sample in _content(path)])
+    assert_array_equal(rows[:, 1:13], recording.readings_T.reshape(-1, 12))
+
+
+def test_two_nodes_with_one_file_have_one_each(bench, recording, tmp_path):
+    """The second does not go on with the samples of the first, and says where it keeps its own."""
+    path = tmp_path / "samples"
+    first = bench.start_nodes(calibrator={"samples_file": path})
+    bench.start_nodes(collector={})
+    samples = bench.listen(sensor_msgs.PointCloud2, "samples")
+    publish = bench.publish_sensors()
+    bench.connect(collector={"samples": 2})
+    bench.play(recording, publish, samples, last=50)
+    bench.health("calibrator", lambda _, figures: figures["saved"] == "50", "all are saved")
+    command = [*node_command("calibrator", {"samples_file": path}), "-r", "__ns:=/b"]
+    second = bench.fork({"other": command})
+    own = tmp_path / f"samples.{os.environ['ROS_DOMAIN_ID']}.b.calibrator"
+    told = f"{path} is of another node: this one has {own}"
+    bench.spin_until(lambda: "waits for samples" in second.log("other"), "it is ready")
+    assert told in second.log("other") and "goes on with" not in second.log("other")
+    assert second.end_one("other") == 0 and _content(own) == []
+    assert first.end_one("calibrator") == 0 and len(_content(path)) == 50

@@ -1,6 +1,7 @@
 """A calibration that is updated while samples flow, over DDS and in processes of its own."""
 
 import signal
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -84,3 +85,30 @@ def test_what_was_learned_of_another_array_is_set_aside(bench, recording, cross,
     assert aside.read_text() == "nothing"
     bench.health("calibrator", lambda status, _: "updates once there is a calibration" in status.message, "it waits")
     assert not bench.call("calibrator/calibrate").success
+
+
+def test_what_is_learned_is_kept_once_there_is_room(cross, tmp_path, monkeypatch):
+    """While the disk is full that is told at WARN, once in the log, and tried again with every saving."""
+    from tam_calibration.model.exceptions import InputError
+    from tam_calibration.nodes.base import OK, WARN
+    from tam_calibration.nodes.live_update import LiveUpdate
+
+    logged, written, is_full = [], [], [True]
+
+    def write(path, state, calibration):
+        if is_full[0]:
+            raise InputError(f"{path} cannot be written: No space left on device")
+        written.append(state)
+
+    monkeypatch.setattr("tam_calibration.nodes.live_update.write_live_state", write)
+    node = SimpleNamespace(value=lambda name: True, get_logger=lambda: SimpleNamespace(warning=logged.append))
+    update = LiveUpdate(node, cross, tmp_path / "samples", lambda calibration: None)
+    update._live = SimpleNamespace(state=SimpleNamespace(changes=(), paused_by=""), sentence="learns")
+    for _ in range(3):
+        update.save()
+        assert update.level == WARN and "what is learned is not kept: " in update.sentence()
+    assert len(logged) == 1 and not written
+    is_full[0] = False
+    update.save()
+    update.save()
+    assert written == [update._live.state] and (update.level, update.sentence()) == (OK, "learns")

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from messages.test_synchroniser import stalled
 from numpy.testing import assert_allclose, assert_array_equal
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
@@ -366,3 +367,20 @@ def test_what_the_drivers_recorded_comes_into_the_axes_of_the_array(tmp_path, na
     assert list(unturned.values()) == list(plain.values())
     for name, values in plain.values().items():
         assert_array_equal(unturned.values()[name], values)
+
+
+@pytest.mark.parametrize("storage", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
+@pytest.mark.parametrize("chunk", [1, 256, 2000])
+def test_what_a_recorder_got_in_a_burst_is_joined(tmp_path, storage, chunk):
+    """A recorder that stood still for four seconds wrote one stream after another: every sample is there."""
+    topics = {f"tam_{sensor}": f"/tam_{sensor}/magnetic_field" for sensor in (1, 2, 3)} | {
+        "scalar": "/scalar/intensity"
+    }
+    messages = [
+        (topics[name], arrived_ns, field(stamp_ns, x=1e-5 * (stamp_ns % 10**9) / 1e9))
+        for name, stamp_ns, _, arrived_ns in stalled([*topics], 100, 500, chunk, 100_000_000)
+    ]
+    samples = read_samples(write(tmp_path / "bag", messages, storage))
+    assert samples.recording.sample_count == 800 and (samples.usage.used, samples.usage.received) == (800, 800)
+    assert np.isfinite(samples.recording.scalar_T).all()
+    assert_array_equal(samples.recording.readings_T[:, 0], samples.recording.readings_T[:, 2])

@@ -60,3 +60,41 @@ def test_what_is_damaged_or_of_another_array_is_told_in_one_sentence(state, tmp_
         path.write_bytes(content)
     with pytest.raises(InputError, match=f"^{path} holds nothing that was learned of this array, or is damaged: .+"):
         read_live_state(path, 3 if damage == "others" else 4)
+
+
+def damaged(content):
+    """Yield the content with one byte after another flipped: all of the ends, and one in 97 between."""
+    places = sorted({*range(600), *range(0, len(content), 97), *range(len(content) - 600, len(content))})
+    for place in places:
+        broken = bytearray(content)
+        broken[place] ^= 1 << place % 8
+        yield bytes(broken)
+
+
+def test_a_byte_that_is_damaged_is_told(state, tmp_path):
+    """Wherever it is, in one sentence: the checksum is over all that follows it."""
+    path = tmp_path / "samples.live"
+    write_live_state(path, state, "text of it")
+    for broken in damaged(path.read_bytes()):
+        path.write_bytes(broken)
+        with pytest.raises(InputError, match="or is damaged: "):
+            read_live_state(path, 4)
+
+
+def test_a_state_of_an_earlier_version_is_read(state, tmp_path):
+    """It has no checksum but those of its archive: damage is told, or changes nothing that is read."""
+    path = tmp_path / "samples.live"
+    write_live_state(path, state, "text of it")
+    archive = path.read_bytes().partition(b"\n")[2]
+    path.write_bytes(archive)
+    expected, text = read_live_state(path, 4)
+    assert text == "text of it" and expected.learned == state.learned
+    for broken in damaged(archive):
+        path.write_bytes(broken)
+        try:
+            found, _ = read_live_state(path, 4)
+        except InputError as problem:
+            assert "or is damaged: " in str(problem)
+        else:
+            assert_array_equal(found.recursion.moments.second, expected.recursion.moments.second)
+            assert_array_equal(found.published.covariance, expected.published.covariance)
