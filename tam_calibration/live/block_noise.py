@@ -23,11 +23,8 @@ _REMEMBERED = 64
 _LAGS = (1, 4, 16)
 """Blocks between two that are compared: up to half a minute, within which a change is looked for."""
 
-_FEW = 8
-"""Differences below which their median is taken as it is."""
-
 _SURE = 5.0
-"""Standard deviations of a median, as of a mean of normal values, by which it may exceed that of white noise."""
+"""Standard deviations of the logarithm of a mean of normal squares by which a median may exceed that of white noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,26 +91,27 @@ class BlockNoise:
     """
 
     def __init__(self, array: KnownNoiseArray) -> None:
-        self._array = array
-        self._blocks: deque[tuple[FloatArray, BlockMeans]] = deque(maxlen=_REMEMBERED)
+        self._noise_T, self._freedom = noise_of(array), 3 * len(array.vector_noise_T) - 3
+        self._blocks: deque[BlockMeans] = deque(maxlen=_REMEMBERED)
 
     def add(self, means: BlockMeans) -> None:
         """Add a block."""
-        self._blocks.append((means.at(means.errors) / noise_of(self._array), means))
+        self._blocks.append(means)
 
-    @property
-    def factors(self) -> VarianceFactors:
-        """Variance of the means of blocks over that of white noise; 1 where it may be that."""
-        known = [(values, means) for values, means in self._blocks if means.scalar_count]
-        differential = _factor(
-            np.array([values[:-1] for values, _ in self._blocks]),
-            np.array([means.count for _, means in self._blocks]),
-            3 * len(self._array.vector_noise_T) - 3,
+    def factors(self, errors: SensorErrors) -> VarianceFactors:
+        """Return the variance of the means of blocks over that of white noise; 1 where it may be that.
+
+        Parameters
+        ----------
+        errors : SensorErrors
+            As they are known now: what an earlier estimate made of the blocks is no noise.
+        """
+        values = np.array([means.at(errors) for means in self._blocks]) / self._noise_T
+        counts = np.array([(means.count, means.scalar_count) for means in self._blocks])
+        known = counts[:, 1] > 0
+        return VarianceFactors(
+            _factor(values[:, :-1], counts[:, 0], self._freedom), _factor(values[known, -1:], counts[known, 1], 1)
         )
-        common = _factor(
-            np.array([values[-1:] for values, _ in known]), np.array([means.scalar_count for _, means in known]), 1
-        )
-        return VarianceFactors(differential, common)
 
 
 def _factor(values: FloatArray, counts: IntArray, freedom: int) -> float:
@@ -121,9 +119,8 @@ def _factor(values: FloatArray, counts: IntArray, freedom: int) -> float:
     found = 1.0
     for lag in _LAGS if freedom else ():
         pairs = len(values) - lag
-        if pairs > 0:
+        if pairs > 2 * lag:  # else a change would be in most of them
             energies = np.sum((values[lag:] - values[:-lag]) ** 2, axis=1) / (1 / counts[lag:] + 1 / counts[:-lag])
             ratio = float(np.median(energies) / chdtri(freedom, 0.5))
-            by_chance = 1 + _SURE * np.sqrt(2 / (freedom * pairs)) if pairs >= _FEW else 1.0
-            found = max(found, ratio if ratio > by_chance else 1.0)
+            found = max(found, ratio if ratio > np.exp(_SURE * np.sqrt(2 / (freedom * pairs))) else 1.0)
     return found

@@ -259,7 +259,8 @@ class Live:
     def _follow_noise(self, means: BlockMeans) -> None:
         """Weigh samples by what the noise of blocks shows, or that of the stored calibration showed."""
         self._noise.add(means)
-        factors = self._calibration.variance_factors.at_least(self._noise.factors)
+        errors = self.state.published.errors if self.is_suspicious else means.errors
+        factors = self._calibration.variance_factors.at_least(self._noise.factors(errors))
         if not factors.is_near(self._likelihood.factors, NOISE_CHANGED):
             self._likelihood = replace(self._likelihood, factors=factors)
 
