@@ -33,6 +33,7 @@ class Status(IntEnum):
     NO_ATTITUDE = 7
     NO_REGIONAL = 8
     APART = 9
+    MISFIT = 10
 
     @property
     def reason(self) -> str:
@@ -57,6 +58,8 @@ _REASONS = {
     Status.NO_REGIONAL: "the regional field is not known yet: it is fitted to the first samples",
     Status.APART: "by itself it gives another place than all samples of the run together: it has several solutions; go "
     "nearer, or average longer",
+    Status.MISFIT: "one source leaves more than noise and the calibration's errors: switch off a second one, state "
+    "another structural index, go farther from a large one, or calibrate the array anew",
 }
 
 

@@ -146,7 +146,7 @@ def test_an_array_that_never_stands_still(folder):
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        (("coil.csv", "--frequency", "10", "--index", "2"), "too uncertain for its distance"),
+        (("coil.csv", "--frequency", "10", "--index", "2"), "not those of one line of dipoles"),
         (("pass.csv", "--index", "1"), "not those of"),
         (("pass.csv", "--index", "2"), "give the place, at which it is that of IGRF"),
         (("pass.csv", "--index", "1", "--attitude-noise-deg", "0.1"), "with an exact attitude alone"),

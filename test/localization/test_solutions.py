@@ -12,6 +12,7 @@ from tam_calibration.localization.solutions import _PIECE, EulerSolutions, Statu
 def test_every_status_but_located_says_what_would_mend_it():
     """Their numbers stay what they are: messages and files hold them."""
     names = "LOCATED NOT_FINITE NO_FIELD NO_GRADIENT ILL_CONDITIONED AMBIGUOUS UNCERTAIN NO_ATTITUDE NO_REGIONAL APART"
+    names += " MISFIT"
     assert [(each.name, int(each)) for each in Status] == [(name, at) for at, name in enumerate(names.split())]
     assert Status.LOCATED.reason == ""
     assert len({each.reason for each in Status}) == len(Status)
