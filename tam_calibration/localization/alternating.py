@@ -8,13 +8,12 @@ from numpy.linalg import inv
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.source_completion import FEWEST_PERIODS, poses_of
 from tam_calibration.localization.amplitude_fit import (
-    PLACE_ERROR_M,
     AmplitudeFit,
     Amplitudes,
     locate_amplitudes,
     require_one_source,
 )
-from tam_calibration.localization.calibration_errors import errors_of
+from tam_calibration.localization.calibration_errors import PLACE_ERROR_M, errors_of, places_of
 from tam_calibration.localization.euler import DIPOLE_INDEX, elements_of, require_index
 from tam_calibration.localization.stretch import Stretch, frequency_of, require_one_phase
 from tam_calibration.localization.survey import ARRAY_FRAME, WORLD_FRAME, Line, Overall, Survey
@@ -162,9 +161,7 @@ def _by_errors(calibration: Calibration, fields: FloatArray) -> tuple[FloatArray
     """Return what errors of the calibration and of the places (N, 3 K, …) make of amplitudes (N, K, 3)."""
     array = calibration.array
     tensors = tensors_of(fields.reshape(len(fields), -1) @ array.operator.T)
-    places = np.einsum("kl,nij->nkilj", np.eye(array.sensor_count), tensors)
-    count = 3 * array.sensor_count
-    return errors_of(calibration, fields, is_alternating=True), places.reshape(len(fields), count, count)
+    return errors_of(calibration, fields, is_alternating=True), places_of(tensors, array.sensor_count)
 
 
 def _of_turning(stretch: Stretch, found: Demodulated, recording: Recording, calibration: Calibration) -> Amplitudes:

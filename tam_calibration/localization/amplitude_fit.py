@@ -13,17 +13,14 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from tam_calibration.core.least_squares import Solution
+from tam_calibration.localization.calibration_errors import PLACE_ERROR_M
 from tam_calibration.localization.euler import DIPOLE_INDEX, fit_fields, is_certain, locate, start_of
-from tam_calibration.localization.line_fit import CURRENT_INDEX
+from tam_calibration.localization.line_fit import unknowns_of
 from tam_calibration.localization.misfit import CHANCE
 from tam_calibration.localization.solutions import EulerSolutions, Status
 from tam_calibration.localization.turned_samples import SOURCES
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.units import FloatArray
-
-PLACE_ERROR_M = 1e-3
-"""Standard deviation of each coordinate of a sensor's place, metres, where readings show that places are not exact: of
-a frame that was measured with a rule."""
 
 _MOST_POSES = 100
 """Poses that are fitted together, evenly spaced ones of more: they bound the size of their covariance."""
@@ -140,7 +137,7 @@ def fit_amplitudes(amplitudes: Amplitudes, start: FloatArray, index: float) -> A
     index : float
         Structural index.
     """
-    freedom = len(amplitudes.values) - (5 if index == CURRENT_INDEX else 6)
+    freedom = len(amplitudes.values) - unknowns_of(index)
     for place_error_m in (0.0, PLACE_ERROR_M):
         solution = fit_fields(
             amplitudes.values[None],

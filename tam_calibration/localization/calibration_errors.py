@@ -1,4 +1,4 @@
-"""What errors of a calibration make of the readings that it has corrected.
+"""What errors of a calibration, and of the sensors' places, make of the readings that it has corrected.
 
 A corrected reading is b̂ = M̂⁻¹ (y - ô). With errors dM and do of matrix and bias it is b - M⁻¹ (dM b + do) to first
 order: linear in the parameters, whose covariance the calibration holds. So a few unknowns of standard deviation one say
@@ -14,6 +14,24 @@ from tam_calibration.model.units import FloatArray
 _SMALLEST = 1e-3
 """Effect on all readings, over the stated noise, below which an error is left out: beside a noise that is 30 times
 smaller it adds a thousandth to χ²."""
+
+PLACE_ERROR_M = 1e-3
+"""Standard deviation of each coordinate of a sensor's place, metres, where readings show that places are not exact: of
+a frame that was measured with a rule."""
+
+
+def places_of(tensors: FloatArray, sensor_count: int) -> FloatArray:
+    """Return the derivatives (N, 3 K, 3 K) of readings by the places of the sensors, T/m.
+
+    Parameters
+    ----------
+    tensors : (N, 3, 3) array
+        Gradient at each sample, T/m, taken as the same at all sensors.
+    sensor_count : int
+        K.
+    """
+    places = np.einsum("kl,nij->nkilj", np.eye(sensor_count), tensors)
+    return np.asarray(places.reshape(len(tensors), 3 * sensor_count, 3 * sensor_count))
 
 
 def errors_of(calibration: Calibration, fields_T: FloatArray, *, is_alternating: bool = False) -> FloatArray:

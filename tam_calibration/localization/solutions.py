@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 from numpy.linalg import norm
 
+from tam_calibration.localization.misfit import CHANCE
 from tam_calibration.model.units import FloatArray
 
 ELLIPSOID_PROBABILITY = 0.95
@@ -144,6 +145,24 @@ class EulerSolutions:
         )
         told[at], spread[at] = unknowns[:, 3:], covariance[:, 3:, 3:]
         return result
+
+    def misfits(self, freedom: int) -> np.ndarray:
+        """Return the located samples (n,) of which the source leaves more than noise and errors with a χ² so free."""
+        from scipy.special import chdtrc
+
+        return np.flatnonzero(self.is_located & (chdtrc(freedom, self.chi_square) < CHANCE))
+
+    def put(self, at: np.ndarray, others: "EulerSolutions") -> "EulerSolutions":
+        """Return the same with other solutions for some samples."""
+        values = [getattr(self, each.name).copy() for each in fields(self)]
+        for value, each in zip(values, fields(self), strict=True):
+            value[at] = getattr(others, each.name)
+        return EulerSolutions(*values)
+
+    def tested(self, freedom: int) -> "EulerSolutions":
+        """Return the same with ``MISFIT`` for all misfits."""
+        at = self.misfits(freedom)
+        return self.put(at, EulerSolutions.refused(len(at), Status.MISFIT)) if len(at) else self
 
     def take(self, at: np.ndarray) -> "EulerSolutions":
         """Return those of some samples."""
