@@ -267,7 +267,9 @@ def main(runs: int, seed: int, judged: bool, only: str, processes: int) -> None:
             if only not in name:
                 continue
             results = list(pool.map(partial(outcome, name, seed), range(runs)))
-            done += figures(name, is_sound, results)
+            made = figures(name, is_sound, results)
+            click.echo("\n".join(figure.line for figure in made))
+            done += made
             reasons = [reason for reason, _ in results if reason]
             for reason, times in Counter(each.split(":")[0] for each in reasons).most_common():
                 click.echo(f"{name}: {times} refused: {reason}")

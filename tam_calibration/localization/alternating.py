@@ -139,10 +139,7 @@ def _of_poses(found: Sequence[Demodulated], calibration: Calibration) -> list[Am
     fields = np.einsum("kij,nkj->nki", matrix, raw)
     errors, places = _by_errors(calibration, fields)
     points, by_points = elements_of(array, np.eye(3 * array.sensor_count))
-    correction = np.zeros((3 * array.sensor_count, 3 * array.sensor_count))
-    for sensor in range(array.sensor_count):
-        own = slice(3 * sensor, 3 * sensor + 3)
-        correction[own, own] = matrix[sensor]
+    correction = np.einsum("kij,kl->kilj", matrix, np.eye(array.sensor_count)).reshape(len(by_points), -1)
     return [
         Amplitudes(
             field.ravel(),

@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from tam_calibration.core.least_squares import Solution
 from tam_calibration.localization.calibration_errors import PLACE_ERROR_M
@@ -77,6 +76,8 @@ class Amplitudes:
     @classmethod
     def together(cls, parts: Sequence["Amplitudes"]) -> "Amplitudes":
         """Return those of several poses, for sources in one frame."""
+        from scipy.linalg import block_diag
+
         return cls(
             np.concatenate([part.values for part in parts]),
             block_diag(*[part.noise for part in parts]),

@@ -84,8 +84,6 @@ class EulerSolutions:
         Squares that the source leaves of the outputs over their covariance: NaN where nothing was fitted.
     along : (N, 3) array, optional
         Unit vector along a line, either way, in the array frame; NaN for dipoles.
-    along_covariance : (N, 3, 3) array, optional
-        Likewise.
     """
 
     position_m: FloatArray
@@ -95,11 +93,10 @@ class EulerSolutions:
     status: np.ndarray
     chi_square: FloatArray = field(default_factory=partial(np.empty, 0))
     along: FloatArray = field(default_factory=partial(np.empty, 0))
-    along_covariance: FloatArray = field(default_factory=partial(np.empty, 0))
 
     def __post_init__(self) -> None:
         """Fill in what is not known."""
-        for name, shape in (("chi_square", ()), ("along", (3,)), ("along_covariance", (3, 3))):
+        for name, shape in (("chi_square", ()), ("along", (3,))):
             if not getattr(self, name).size:
                 object.__setattr__(self, name, np.full((len(self.status), *shape), np.nan))
 
@@ -140,10 +137,10 @@ class EulerSolutions:
         result = cls.refused(len(status), Status.UNCERTAIN)
         result.status[:], result.chi_square[at] = status, chi_square
         result.position_m[at], result.position_covariance_m2[at] = unknowns[:, :3], covariance[:, :3, :3]
-        told, spread = (
-            (result.moment_Am2, result.moment_covariance_A2m4) if is_dipole else (result.along, result.along_covariance)
-        )
-        told[at], spread[at] = unknowns[:, 3:], covariance[:, 3:, 3:]
+        if is_dipole:
+            result.moment_Am2[at], result.moment_covariance_A2m4[at] = unknowns[:, 3:], covariance[:, 3:, 3:]
+        else:
+            result.along[at] = unknowns[:, 3:]
         return result
 
     def misfits(self, freedom: int) -> np.ndarray:
@@ -177,12 +174,6 @@ class EulerSolutions:
     def distance_m(self) -> FloatArray:
         """(N,) distances of the sources from the array's centre, metres."""
         return np.asarray(norm(self.position_m, axis=1))
-
-    @property
-    def distance_standard_errors_m(self) -> FloatArray:
-        """(N,) standard errors of the distances, metres."""
-        unit = self.position_m / self.distance_m[:, None]
-        return np.asarray(np.sqrt(np.einsum("ni,nij,nj->n", unit, self.position_covariance_m2, unit)))
 
 
 Locate = Callable[[FloatArray, FloatArray | None], EulerSolutions]

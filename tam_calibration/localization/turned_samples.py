@@ -197,7 +197,6 @@ def turned(solutions: EulerSolutions, attitude: FloatArray, attitude_noise: floa
         solutions.status,
         solutions.chi_square,
         (matrix @ solutions.along[..., None])[..., 0],
-        matrix @ _turning(solutions.along_covariance, solutions.along, variance) @ back,
     )
     return _unless_unknown(world, attitude)
 
