@@ -13,7 +13,7 @@ from tam_calibration.localization.amplitude_fit import (
     locate_amplitudes,
     require_one_source,
 )
-from tam_calibration.localization.calibration_errors import PLACE_ERROR_M, errors_of, places_of
+from tam_calibration.localization.calibration_errors import PLACE_ERROR_M, errors_of
 from tam_calibration.localization.euler import DIPOLE_INDEX, elements_of, require_index
 from tam_calibration.localization.stretch import Stretch, frequency_of, require_one_phase
 from tam_calibration.localization.survey import ARRAY_FRAME, WORLD_FRAME, Line, Overall, Survey
@@ -137,7 +137,8 @@ def _of_poses(found: Sequence[Demodulated], calibration: Calibration) -> list[Am
     array, matrix = calibration.array, inv(calibration.errors.matrix)
     raw = np.array([each.amplitude for each in found]).reshape(len(found), -1, 3)
     fields = np.einsum("kij,nkj->nki", matrix, raw)
-    errors, places = _by_errors(calibration, fields)
+    errors = errors_of(calibration, fields, is_alternating=True)
+    tensors = tensors_of(fields.reshape(len(fields), -1) @ array.operator.T)
     points, by_points = elements_of(array, np.eye(3 * array.sensor_count))
     correction = np.einsum("kij,kl->kilj", matrix, np.eye(array.sensor_count)).reshape(len(by_points), -1)
     return [
@@ -147,18 +148,18 @@ def _of_poses(found: Sequence[Demodulated], calibration: Calibration) -> list[Am
             points,
             by_points,
             by_errors,
-            by_places,
+            _by_places(calibration, points),
+            np.broadcast_to(tensor, (len(points), 3, 3)),
             array.operator[:8],
         )
-        for field, each, by_errors, by_places in zip(fields, found, errors, places, strict=True)
+        for field, each, by_errors, tensor in zip(fields, found, errors, tensors, strict=True)
     ]
 
 
-def _by_errors(calibration: Calibration, fields: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return what errors of the calibration and of the places (N, 3 K, …) make of amplitudes (N, K, 3)."""
-    array = calibration.array
-    tensors = tensors_of(fields.reshape(len(fields), -1) @ array.operator.T)
-    return errors_of(calibration, fields, is_alternating=True), places_of(tensors, array.sensor_count)
+def _by_places(calibration: Calibration, points_m: FloatArray) -> FloatArray:
+    """Return the derivatives (P, 3, 3 K) of points at the sensors, or at their elements, by the sensors' places."""
+    count = calibration.array.sensor_count
+    return np.repeat(np.eye(3 * count).reshape(count, 3, -1), len(points_m) // count, axis=0)
 
 
 def _of_turning(stretch: Stretch, found: Demodulated, recording: Recording, calibration: Calibration) -> Amplitudes:
@@ -168,9 +169,9 @@ def _of_turning(stretch: Stretch, found: Demodulated, recording: Recording, cali
     by_outputs, noise = stretch.estimator(found)
     back = np.swapaxes(rotation, 1, 2)
     center = back @ found.amplitude[:3]
-    tensors = back @ tensors_of(found.amplitude[None]) @ rotation
-    fields = center[:, None] + array.positions_m @ tensors
-    errors, places = (array.operator[:8] @ each for each in _by_errors(calibration, fields))
+    tensor = tensors_of(found.amplitude[None])[0]
+    fields = center[:, None] + array.positions_m @ (back @ tensor @ rotation)
+    errors = array.operator[:8] @ errors_of(calibration, fields, is_alternating=True)
     points, by_points = elements_of(array, array.operator[:8])
     by_fields = by_outputs * stretch.carrier(found)[:, None]
     in_world = np.einsum("onp,pqj,nij->onqi", by_fields, by_points.reshape(8, -1, 3), rotation, optimize=True)
@@ -180,7 +181,8 @@ def _of_turning(stretch: Stretch, found: Demodulated, recording: Recording, cali
         (points @ back).reshape(-1, 3),
         in_world.reshape(8, -1),
         np.einsum("onp,npq->oq", by_fields, errors),
-        np.einsum("onp,npq->oq", by_fields, places),
+        (rotation[:, None] @ _by_places(calibration, points)).reshape(-1, 3, 3 * array.sensor_count),
+        np.broadcast_to(tensor, (len(rotation) * len(points), 3, 3)),
         np.eye(8),
     )
 

@@ -20,9 +20,14 @@ from tam_calibration.localization.solutions import EulerSolutions, Status
 from tam_calibration.localization.turned_samples import SOURCES
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.units import FloatArray
+from tam_calibration.sources.dipole import dipole_field
 
 _MOST_POSES = 100
 """Poses that are fitted together, evenly spaced ones of more: they bound the size of their covariance."""
+
+_DOUBTFUL = 0.05
+"""Chance of what is left below which the places of the sensors are taken for uncertain: errors that are too small to
+show for sure widen the intervals then, and one in twenty sound ones is wider than it need be."""
 
 _ROUNDING = 1e-9
 """Part of the amplitudes that counts as noise: without any the covariance has no inverse."""
@@ -44,8 +49,10 @@ class Amplitudes:
         From the stacked fields there to the values.
     by_errors : (D, Q) array
         From errors of the calibration, of standard deviation one, to the values.
-    by_places : (D, 3 K) array
-        From errors of the sensors' places, array frame, metres.
+    by_places : (P, 3, 3 K) array
+        From errors of the sensors' places, array frame, to where the field is read.
+    gradient : (P, 3, 3) array
+        Of the field there, T/m, as far as it is known without a source.
     to_outputs : (8, D) array
         From the values to field and gradient in the frame of the source.
     """
@@ -56,11 +63,13 @@ class Amplitudes:
     by_points: FloatArray
     by_errors: FloatArray
     by_places: FloatArray
+    gradient: FloatArray
     to_outputs: FloatArray
 
-    def covariance(self, place_error_m: float = 0.0) -> FloatArray:
-        """Return the covariance (D, D) of the values about those of the source."""
-        places = place_error_m * self.by_places
+    def covariance(self, place_error_m: float = 0.0, gradient: FloatArray | None = None) -> FloatArray:
+        """Return the covariance (D, D) of the values about those of the source, whose gradient may be known better."""
+        moved = (self.gradient if gradient is None else gradient) @ self.by_places
+        places = place_error_m * self.by_points @ moved.reshape(self.by_points.shape[1], -1)
         rounding = (_ROUNDING * np.abs(self.values).max()) ** 2 * np.eye(len(self.values))
         return np.asarray(self.noise + self.by_errors @ self.by_errors.T + places @ places.T + rounding)
 
@@ -70,6 +79,8 @@ class Amplitudes:
         return replace(
             self,
             points_m=self.points_m @ matrix.T,
+            by_places=matrix @ self.by_places,
+            gradient=matrix @ self.gradient @ matrix.T,
             by_points=by_points.reshape(self.by_points.shape),
         )
 
@@ -85,6 +96,7 @@ class Amplitudes:
             block_diag(*[part.by_points for part in parts]),
             np.concatenate([part.by_errors for part in parts]),
             np.concatenate([part.by_places for part in parts]),
+            np.concatenate([part.gradient for part in parts]),
             np.zeros((8, 0)),
         )
 
@@ -118,12 +130,17 @@ class AmplitudeFit:
         return float(self.solution.chi_square[0]) / self.degrees_of_freedom
 
     @property
-    def is_explaining(self) -> bool:
-        """Whether the source leaves no more than noise and errors."""
+    def chance(self) -> float:
+        """Probability with which noise and errors leave more; zero where nothing was found."""
         from scipy.special import chdtrc
 
-        chance = chdtrc(self.degrees_of_freedom, float(self.solution.chi_square[0]))
-        return bool(self.solution.is_found[0] and chance >= CHANCE)
+        chi_square = float(self.solution.chi_square[0])
+        return float(chdtrc(self.degrees_of_freedom, chi_square)) if self.solution.is_found[0] else 0.0
+
+    @property
+    def is_explaining(self) -> bool:
+        """Whether the source leaves no more than noise and errors."""
+        return self.chance >= CHANCE
 
 
 def fit_amplitudes(amplitudes: Amplitudes, start: FloatArray, index: float) -> AmplitudeFit:
@@ -139,18 +156,22 @@ def fit_amplitudes(amplitudes: Amplitudes, start: FloatArray, index: float) -> A
         Structural index.
     """
     freedom = len(amplitudes.values) - unknowns_of(index)
+    gradient = None
     for place_error_m in (0.0, PLACE_ERROR_M):
         solution = fit_fields(
             amplitudes.values[None],
             amplitudes.points_m,
             amplitudes.by_points,
-            amplitudes.covariance(place_error_m),
+            amplitudes.covariance(place_error_m, gradient),
             start[None],
             index,
         ).solution
         fit = AmplitudeFit(solution, freedom, place_error_m)
-        if fit.is_explaining:
+        if fit.chance > _DOUBTFUL:
             break
+        if index == DIPOLE_INDEX and solution.is_found[0]:
+            start = solution.unknowns[0]
+            gradient = dipole_field(amplitudes.points_m - start[:3], start[3:])[1]
     return fit
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from tam_calibration.localization import amplitude_fit
 from tam_calibration.localization.amplitude_fit import Amplitudes, locate_amplitudes, require_one_source
-from tam_calibration.localization.calibration_errors import PLACE_ERROR_M, places_of
+from tam_calibration.localization.calibration_errors import PLACE_ERROR_M
 from tam_calibration.localization.solutions import Status
 from tam_calibration.localization.turned_samples import SOURCES
 from tam_calibration.model.array import Array, tensors_of
@@ -40,7 +40,8 @@ def heard(field_of, seed=1, places_m=0.0, errors=0):
         ARRAY.positions_m,
         np.eye(12),
         by_errors,
-        places_of(tensors, 4)[0],
+        np.eye(12).reshape(4, 3, 12),
+        np.broadcast_to(tensors, (4, 3, 3)),
         ARRAY.operator[:8],
     )
 
@@ -52,14 +53,20 @@ def fits_of(part):
 
 @pytest.mark.parametrize("errors", [0, 12])
 def test_pulls_of_a_coil_have_their_size(errors):
-    """Of noise alone, and where errors of the gains are twenty times as large: six degrees of freedom are left."""
+    """Of noise alone, and where errors of the gains are twenty times as large: six degrees of freedom are left.
+
+    One in twenty has wider errors, as what is left may be that of the places.
+    """
     pulls, sizes = [], []
     for seed in range(40):
         fit = locate_amplitudes([heard(COIL.field_T, seed, errors=errors)], STILL, 3.0)[1]
-        assert fit.is_explaining and fit.place_error_m == 0 and fit.degrees_of_freedom == 6
+        assert fit.is_explaining and fit.degrees_of_freedom == 6
+        if fit.place_error_m:
+            continue
         off = fit.solution.unknowns[0, :3] - COIL.position_m
         pulls.append(off / np.sqrt(np.diag(fit.solution.covariance[0])[:3]))
         sizes.append(fit.reduced_chi_square)
+    assert len(pulls) >= 35
     assert np.sqrt(np.mean(np.square(pulls))) == pytest.approx(1, abs=0.2)
     assert np.mean(sizes) == pytest.approx(1, abs=0.25)
 
