@@ -29,6 +29,8 @@ _HIGHEST_HZ = 1e6
 
 _TURNING = "The array never stood still: field and gradient were demodulated as they turned."
 
+_POINT = "A coil counts as a point: one of radius a at distance r may be up to a²/r beside the place that is found."
+
 _PLACES = (
     f"The sensors are not exactly where they are stated: standard errors hold {1e3 * PLACE_ERROR_M:g} mm of each place."
 )
@@ -74,10 +76,9 @@ def locate_alternating(
     line = _line(recording, frequency_hz)
     poses = [slice(None)] if recording.attitude is None else poses_of(recording, line.frequency_hz)
     stretches = [_still(recording.take(pose)) for pose in poses] or [_turning(recording, calibration)]
-    hertz = frequency_of(stretches, line.frequency_hz, frequency_hz is not None)
-    found = [stretch.demodulated(hertz) for stretch in stretches]
+    line = _tuned(line, stretches, frequency_hz is not None)
+    found = [stretch.demodulated(line.frequency_hz) for stretch in stretches]
     require_one_phase(found)
-    line = Line(hertz, line.standard_error_hz, line.spectrum)
     parts = _of_poses(found, calibration) if poses else [_of_turning(stretches[0], found[0], recording, calibration)]
     attitude = np.tile([0.0, 0.0, 0.0, 1.0], (len(parts), 1))
     if recording.attitude is not None and poses:
@@ -87,6 +88,8 @@ def locate_alternating(
     solutions, together = each[index]
     if together is not None:
         require_one_source({one: fit for one, (_, fit) in each.items()}, index)
+    is_displaced = together is not None and together.place_error_m > 0
+    remarks = {_TURNING: not poses, _PLACES: is_displaced, _POINT: index == DIPOLE_INDEX}
     return Survey(
         ARRAY_FRAME if recording.attitude is None else WORLD_FRAME,
         np.array([np.mean(stretch.time_s[[0, -1]]) for stretch in stretches]),
@@ -94,7 +97,7 @@ def locate_alternating(
         np.zeros((len(parts), 3)),
         _overall(together, index) if together and solutions.is_located.sum() > 1 else None,
         line=line,
-        note=" ".join([*[_TURNING] * (not poses), *[_PLACES] * bool(together and together.place_error_m)]),
+        note=" ".join(remark for remark, holds in remarks.items() if holds),
     )
 
 
@@ -108,6 +111,15 @@ def _line(recording: Recording, frequency_hz: float | None) -> Line:
     if frequency_hz is not None:
         return Line(frequency_hz, np.nan, spectrum)
     return Line(spectrum.peak_hz, spectrum.peak_standard_error_hz, spectrum)
+
+
+def _tuned(line: Line, stretches: Sequence[Stretch], is_stated: bool) -> Line:
+    """Return the line at the frequency that the stretches have."""
+    hertz = frequency_of(stretches, line.frequency_hz, is_stated)
+    if hertz == line.frequency_hz:
+        return line
+    error = np.nan if line.spectrum is None else line.spectrum.peak_standard_error_hz
+    return Line(hertz, error, line.spectrum)
 
 
 def _spectrum(recording: Recording) -> Spectrum:
