@@ -80,7 +80,9 @@ class Stretch:
         design = without(self.background, turning.reshape(count, -1))
         design = design.reshape(count, channels, channels)
         left = without(self.background, self.channels) - design @ found.amplitude
-        noise = np.sqrt(np.median(dct(left, axis=0, norm="ortho") ** 2, axis=0) / _MEDIAN)
+        window = np.hanning(count)[:, None]
+        power = dct(window * left, axis=0, norm="ortho") ** 2 / np.mean(window**2)
+        noise = np.sqrt(np.median(power, axis=0) / _MEDIAN)
         weighed = design / noise[:, None]
         unit = weighed * noise  # the unknowns have the units of the channels: the noise scales them too
         covariance = np.linalg.inv(np.einsum("npa,npb->ab", unit, unit))
