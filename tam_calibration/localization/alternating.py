@@ -1,25 +1,38 @@
 """An alternating source, from the amplitudes that the sensors read of it."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.linalg import inv
 
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.source_completion import FEWEST_PERIODS, amplitudes_of, poses_of
-from tam_calibration.localization.euler import DIPOLE_INDEX, locate, require_index
-from tam_calibration.localization.solutions import EulerSolutions
+from tam_calibration.fit.source_completion import FEWEST_PERIODS, poses_of
+from tam_calibration.localization.amplitude_fit import (
+    AmplitudeFit,
+    Amplitudes,
+    locate_amplitudes,
+    require_one_source,
+)
+from tam_calibration.localization.calibration_errors import PLACE_ERROR_M, errors_of
+from tam_calibration.localization.euler import DIPOLE_INDEX, elements_of, require_index
+from tam_calibration.localization.stretch import Stretch, frequency_of, require_one_phase
 from tam_calibration.localization.survey import ARRAY_FRAME, WORLD_FRAME, Line, Overall, Survey
-from tam_calibration.localization.turned_samples import locate_samples, turned
+from tam_calibration.localization.turned_samples import SOURCES, matrices_of, turned
+from tam_calibration.model.array import tensors_of
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
-from tam_calibration.sources.demodulation import Spectrum, background_of, demodulate, find_frequency, turning_of
+from tam_calibration.sources.demodulation import Demodulated, Spectrum, background_of, find_frequency, turning_of
 
 _HIGHEST_HZ = 1e6
 """Highest frequency of a source, hertz: no array samples twice as fast."""
 
-_TURNING = (
-    "The array never stood still: field and gradient were demodulated as they turned, and the error of finite "
-    "baselines, (L/r)² of the distance at most, is not in the standard errors."
+_TURNING = "The array never stood still: field and gradient were demodulated as they turned."
+
+_POINT = "A coil counts as a point: one of radius a at distance r may be up to a²/r beside the place that is found."
+
+_PLACES = (
+    f"The sensors are not exactly where they are stated: standard errors hold {1e3 * PLACE_ERROR_M:g} mm of each place."
 )
 
 
@@ -29,8 +42,7 @@ def locate_alternating(
     """Locate an alternating source; the array stays where it is, and may turn.
 
     Each axis of each sensor is demodulated, in each pose in which the array stood still for ten periods or more; where
-    it never did, field and gradient are demodulated as they turn. Without attitude there is one pose. What the
-    calibration does not know of gains counts for nothing beside the noise of the amplitudes.
+    it never did, field and gradient are demodulated as they turn. Without attitude there is one pose.
 
     Parameters
     ----------
@@ -48,7 +60,8 @@ def locate_alternating(
     InputError
         When the calibration is of another array, the frequency is none, or the recording is too short or too sparse.
     Refused
-        When no line stands out of the noise, or no pose can be located.
+        When no line stands out of the noise, the frequency is off, no pose can be located, or the amplitudes are not
+        those of one source of this structural index.
     """
     require_index(index)
     if not calibration.array.has_gradient:
@@ -61,14 +74,31 @@ def locate_alternating(
     if recording.attitude is not None:
         recording = recording.take(np.flatnonzero(np.isfinite(recording.attitude).all(axis=1)))
     line = _line(recording, frequency_hz)
-    if recording.attitude is None:
-        return _in_array_frame(recording, calibration, line, index)
-    if not poses_of(recording, line.frequency_hz):
-        return _turning(recording, calibration, line, index)
-    found = amplitudes_of(recording, line.frequency_hz)
-    solutions = turned(_locate(found.amplitudes_T, found.noise_T, calibration, index), found.poses.attitude)
-    overall = _overall(solutions) if solutions.is_located.sum() > 1 else None
-    return Survey(WORLD_FRAME, found.time_s, solutions, found.poses.position_m, overall, line=line)
+    poses = [slice(None)] if recording.attitude is None else poses_of(recording, line.frequency_hz)
+    stretches = [_still(recording.take(pose)) for pose in poses] or [_turning(recording, calibration)]
+    line = _tuned(line, stretches, frequency_hz is not None)
+    found = [stretch.demodulated(line.frequency_hz) for stretch in stretches]
+    require_one_phase(found)
+    parts = _of_poses(found, calibration) if poses else [_of_turning(stretches[0], found[0], recording, calibration)]
+    attitude = np.tile([0.0, 0.0, 0.0, 1.0], (len(parts), 1))
+    if recording.attitude is not None and poses:
+        attitude = recording.attitude[[(pose.start + pose.stop) // 2 for pose in poses]]
+    rotation = matrices_of(attitude)
+    each = {one: locate_amplitudes(parts, rotation, one) for one in SOURCES}
+    solutions, together = each[index]
+    if together is not None:
+        require_one_source({one: fit for one, (_, fit) in each.items()}, index)
+    is_displaced = together is not None and together.place_error_m > 0
+    remarks = {_TURNING: not poses, _PLACES: is_displaced, _POINT: index == DIPOLE_INDEX}
+    return Survey(
+        ARRAY_FRAME if recording.attitude is None else WORLD_FRAME,
+        np.array([np.mean(stretch.time_s[[0, -1]]) for stretch in stretches]),
+        turned(solutions, attitude),
+        np.zeros((len(parts), 3)),
+        _overall(together, index) if together and solutions.is_located.sum() > 1 else None,
+        line=line,
+        note=" ".join(remark for remark, holds in remarks.items() if holds),
+    )
 
 
 def _line(recording: Recording, frequency_hz: float | None) -> Line:
@@ -83,6 +113,15 @@ def _line(recording: Recording, frequency_hz: float | None) -> Line:
     return Line(spectrum.peak_hz, spectrum.peak_standard_error_hz, spectrum)
 
 
+def _tuned(line: Line, stretches: Sequence[Stretch], is_stated: bool) -> Line:
+    """Return the line at the frequency that the stretches have."""
+    hertz = frequency_of(stretches, line.frequency_hz, is_stated)
+    if hertz == line.frequency_hz:
+        return line
+    error = np.nan if line.spectrum is None else line.spectrum.peak_standard_error_hz
+    return Line(hertz, error, line.spectrum)
+
+
 def _spectrum(recording: Recording) -> Spectrum:
     """Return the spectrum from ten periods in the record to half the sampling rate."""
     channels = recording.readings_T.reshape(recording.sample_count, -1)
@@ -92,50 +131,78 @@ def _spectrum(recording: Recording) -> Spectrum:
     return find_frequency(recording.time_s, channels, background, FEWEST_PERIODS / span, highest)
 
 
-def _in_array_frame(recording: Recording, calibration: Calibration, line: Line, index: float) -> Survey:
-    channels = recording.readings_T.reshape(recording.sample_count, -1)
-    found = demodulate(recording.time_s, channels, line.frequency_hz, background_of(recording.time_s))
-    solutions = _locate(found.amplitude[None], found.standard_errors[None], calibration, index)
-    return Survey(ARRAY_FRAME, _middle(recording), solutions, np.zeros((1, 3)), line=line)
+def _still(pose: Recording) -> Stretch:
+    channels = pose.readings_T.reshape(pose.sample_count, -1)
+    return Stretch(pose.time_s, channels, background_of(pose.time_s))
 
 
-def _turning(recording: Recording, calibration: Calibration, line: Line, index: float) -> Survey:
-    """Take field and gradient as they turn: their amplitudes rest in the world, where the array has no geometry."""
+def _turning(recording: Recording, calibration: Calibration) -> Stretch:
+    """Return field and gradient as they turn: their amplitudes rest in the world, where the array has no geometry."""
     assert recording.attitude is not None
     outputs = calibration.apply(recording.readings_T)[:, :8]
     background = background_of(recording.time_s, recording.attitude)
-    turning = turning_of(recording.attitude, 8)
-    found = demodulate(recording.time_s, outputs, line.frequency_hz, background, turning)
-    solutions = locate(found.amplitude[None], found.covariance, index=index)
-    return Survey(WORLD_FRAME, _middle(recording), solutions, np.zeros((1, 3)), line=line, note=_TURNING)
+    return Stretch(recording.time_s, outputs, background, turning_of(recording.attitude, 8))
 
 
-def _middle(recording: Recording) -> FloatArray:
-    return np.asarray(np.mean(recording.time_s[[0, -1]], keepdims=True))
+def _of_poses(found: Sequence[Demodulated], calibration: Calibration) -> list[Amplitudes]:
+    """Return what the sensors read in each pose, corrected, for sources in the array frame."""
+    array, matrix = calibration.array, inv(calibration.errors.matrix)
+    raw = np.array([each.amplitude for each in found]).reshape(len(found), -1, 3)
+    fields = np.einsum("kij,nkj->nki", matrix, raw)
+    errors = errors_of(calibration, fields, is_alternating=True)
+    tensors = tensors_of(fields.reshape(len(fields), -1) @ array.operator.T)
+    points, by_points = elements_of(array, np.eye(3 * array.sensor_count))
+    correction = np.einsum("kij,kl->kilj", matrix, np.eye(array.sensor_count)).reshape(len(by_points), -1)
+    return [
+        Amplitudes(
+            field.ravel(),
+            correction * each.standard_errors**2 @ correction.T,
+            points,
+            by_points,
+            by_errors,
+            _by_places(calibration, points),
+            np.broadcast_to(tensor, (len(points), 3, 3)),
+            array.operator[:8],
+        )
+        for field, each, by_errors, tensor in zip(fields, found, errors, tensors, strict=True)
+    ]
 
 
-def _locate(amplitudes_T: FloatArray, noise_T: FloatArray, calibration: Calibration, index: float) -> EulerSolutions:
-    matrix, count = calibration.correction_matrix, len(amplitudes_T)
-    variance = noise_T.reshape(count, 1, -1) ** 2
-    outputs = amplitudes_T.reshape(count, -1) @ matrix.T
-    return locate_samples(outputs, calibration.array, (matrix * variance) @ matrix.T, index=index)
+def _by_places(calibration: Calibration, points_m: FloatArray) -> FloatArray:
+    """Return the derivatives (P, 3, 3 K) of points at the sensors, or at their elements, by the sensors' places."""
+    count = calibration.array.sensor_count
+    return np.repeat(np.eye(3 * count).reshape(count, 3, -1), len(points_m) // count, axis=0)
 
 
-def _overall(solutions: EulerSolutions) -> Overall:
-    """Return the mean of the poses, each weighed by its covariance; the moments first turned to one side."""
-    at = np.flatnonzero(solutions.is_located)
-    moments = solutions.moment_Am2[at]
-    moments = moments * np.where(moments @ moments[0] < 0, -1, 1)[:, None]
-    position, spread, chi_square = _weighted(solutions.position_m[at], solutions.position_covariance_m2[at])
-    moment, moment_spread, _ = _weighted(moments, solutions.moment_covariance_A2m4[at])
-    return Overall(position, spread, moment, moment_spread, chi_square, 3 * len(at) - 3)
+def _of_turning(stretch: Stretch, found: Demodulated, recording: Recording, calibration: Calibration) -> Amplitudes:
+    """Return field and gradient in the world, and what they are linear in: the fields at the sensors all along."""
+    assert recording.attitude is not None
+    array, rotation = calibration.array, matrices_of(recording.attitude)
+    by_outputs, noise = stretch.estimator(found)
+    back = np.swapaxes(rotation, 1, 2)
+    center = back @ found.amplitude[:3]
+    tensor = tensors_of(found.amplitude[None])[0]
+    fields = center[:, None] + array.positions_m @ (back @ tensor @ rotation)
+    errors = array.operator[:8] @ errors_of(calibration, fields, is_alternating=True)
+    points, by_points = elements_of(array, array.operator[:8])
+    by_fields = by_outputs * stretch.carrier(found)[:, None]
+    in_world = np.einsum("onp,pqj,nij->onqi", by_fields, by_points.reshape(8, -1, 3), rotation, optimize=True)
+    return Amplitudes(
+        np.einsum("onp,np->o", by_outputs, stretch.channels),
+        noise,
+        (points @ back).reshape(-1, 3),
+        in_world.reshape(8, -1),
+        np.einsum("onp,npq->oq", by_fields, errors),
+        (rotation[:, None] @ _by_places(calibration, points)).reshape(-1, 3, 3 * array.sensor_count),
+        np.broadcast_to(tensor, (len(rotation) * len(points), 3, 3)),
+        np.eye(8),
+    )
 
 
-def _weighted(values: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    if not np.isfinite(covariance).all():  # of moments, where the source is no dipole
-        return np.full(3, np.nan), np.full((3, 3), np.nan), np.nan
-    weights = inv(covariance)
-    spread: FloatArray = inv(weights.sum(axis=0))
-    mean = spread @ np.einsum("nij,nj->i", weights, values)
-    rest = values - mean
-    return mean, spread, float(np.einsum("ni,nij,nj->", rest, weights, rest))
+def _overall(fit: AmplitudeFit, index: float) -> Overall:
+    unknowns, covariance = fit.solution.unknowns[0], fit.solution.covariance[0]
+    moment, spread = unknowns[3:], covariance[3:, 3:]
+    if index != DIPOLE_INDEX:
+        moment, spread = np.full(3, np.nan), np.full((3, 3), np.nan)
+    chi_square = float(fit.solution.chi_square[0])
+    return Overall(unknowns[:3], covariance[:3, :3], moment, spread, chi_square, fit.degrees_of_freedom)

@@ -339,13 +339,52 @@ def fit_outputs(
     InputError
         When a covariance has no inverse.
     """
-    points, by_points = elements_of(array)
+    points, by_points = elements_of(array, array.operator[:8])
+    return fit_fields(outputs, points, by_points, noise, start, index)
+
+
+def fit_fields(
+    values: FloatArray,
+    points_m: FloatArray,
+    by_points: FloatArray,
+    noise: FloatArray,
+    start: FloatArray,
+    index: float = DIPOLE_INDEX,
+) -> OutputFit:
+    """Return the sources that fit what is linear in the fields at some points, each sample a problem of its own.
+
+    Parameters
+    ----------
+    values : (N, D) array
+        What is linear in the source's field.
+    points_m : (P, 3) array
+        Where the field is read, metres.
+    by_points : (D, 3 P) array
+        From the stacked fields there, tesla, to the values.
+    noise : (D, D) or (N, D, D) array
+        Covariance of the values, for all samples or each.
+    start : (N, 6) array
+        Places to begin with [m], and moments [A m²] or vectors along lines.
+    index : float
+        Structural index.
+
+    Returns
+    -------
+    OutputFit
+        Unknowns (N, 6) are places and moments, or nearest points of lines and unit vectors along them.
+
+    Raises
+    ------
+    InputError
+        When a covariance has no inverse.
+    """
     whitening = whitening_of(noise)
     weights: FloatArray = whitening @ by_points
-    data = (whitening @ outputs[..., None])[..., 0]
+    data = (whitening @ values[..., None])[..., 0]
     if index != DIPOLE_INDEX:
-        return fit_lines(data, points, weights, start, index)
-    problem = Problem(dipole_field, points[None], weights[..., None, :, :], np.zeros((1, 8, 0)))
+        return fit_lines(data, points_m, weights, start, index)
+    nothing = np.zeros((1, values.shape[1], 0))
+    problem = Problem(dipole_field, points_m[None], weights[..., None, :, :], nothing)
     solution = solve(problem, data, start)
     with np.errstate(over="ignore", invalid="ignore"):
         field_T = dipole_field(-solution.unknowns[:, :3], solution.unknowns[:, 3:])[0]
@@ -353,18 +392,20 @@ def fit_outputs(
     return OutputFit(solution, field_T, data - predicted, slopes)
 
 
-def elements_of(array: Array) -> tuple[FloatArray, FloatArray]:
-    """Return where the field is read (P, 3), metres, and the (8, 3 P) matrix from the fields there to the outputs."""
-    operator = array.operator[:8]
+def elements_of(array: Array, operator: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return where the field is read (P, 3), metres, and what makes values (D, 3 P) of the fields there.
+
+    ``operator`` (D, 3 K) makes them of the readings.
+    """
     if array.axis_offsets_m is None:
         return array.positions_m, operator
     # Each axis reads its own component where its element sits.
-    by_elements = np.einsum("oka,ab->okab", operator.reshape(8, -1, 3), np.eye(3))
-    return array.element_positions_m.reshape(-1, 3), by_elements.reshape(8, -1)
+    by_elements = np.einsum("oka,ab->okab", operator.reshape(len(operator), -1, 3), np.eye(3))
+    return array.element_positions_m.reshape(-1, 3), by_elements.reshape(len(operator), -1)
 
 
 def whitening_of(noise: FloatArray) -> FloatArray:
-    """Return a square root (…, 8, 8) of the inverse of covariances (…, 8, 8) of field and gradient.
+    """Return a square root (…, D, D) of the inverse of covariances (…, D, D) of field and gradient.
 
     Raises
     ------

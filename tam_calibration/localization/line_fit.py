@@ -26,6 +26,11 @@ _SMALLEST_STEP = 1e-11
 _ACROSS = np.eye(3)[:2]
 
 
+def unknowns_of(index: float) -> int:
+    """Return how many numbers a source of a structural index has."""
+    return 5 if index == CURRENT_INDEX else 6
+
+
 def directions_of(outputs: FloatArray) -> FloatArray:
     """Return the unit vectors (N, 3) along which the tensors of outputs (N, 8) or (N, 9) change the field least."""
     values, vectors = np.linalg.eigh(tensors_of(outputs))

@@ -17,11 +17,11 @@ from dataclasses import replace
 import numpy as np
 
 from tam_calibration.localization.euler import DIPOLE_INDEX, fit_outputs, is_certain, locate, start_of, whitening_of
-from tam_calibration.localization.line_fit import CURRENT_INDEX
+from tam_calibration.localization.line_fit import CURRENT_INDEX, unknowns_of
 from tam_calibration.localization.misfit import CHANCE, bands_of
 from tam_calibration.localization.shared_source import SharedSource, fit_shared
 from tam_calibration.localization.solutions import EulerSolutions, Status
-from tam_calibration.localization.turned_samples import SOURCES, Regional, locate_samples, matrices_of, turned
+from tam_calibration.localization.turned_samples import SOURCES, Regional, locate_each, matrices_of, turned
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.units import FloatArray
@@ -158,7 +158,7 @@ def locate_run(
     if index == CURRENT_INDEX and prior.covariance_T2 is not None:
         regional = regional_beside_current(outputs, array, covariance, attitude, prior)
     for number in range(_MOST_ROUNDS):
-        own = locate_samples(outputs, array, covariance, index=index, regional=regional, attitude=attitude)
+        own = locate_each(outputs, array, covariance, index=index, regional=regional, attitude=attitude)
         world = turned(own, attitude, prior.attitude_noise)
         at = np.flatnonzero(world.is_located)
         if not len(at) and not number:
@@ -180,7 +180,7 @@ def locate_run(
         shared = share(at, world, regional)
     status = world.status.copy()
     status[at[_is_apart(world.take(at), shared)]] = Status.APART
-    return replace(world, status=status), regional
+    return replace(world, status=status).tested(8 - unknowns_of(index)), regional
 
 
 def _part_of(at: np.ndarray, before: np.ndarray) -> np.ndarray:

@@ -7,6 +7,9 @@ those of the reported attitude R turned by a small ω:
     f_k = Qᵀ (Σ b(p + Q r_k - p_s, m_s) + u + G (p + Q r_k)),    Q = R exp([ω]×),
     ∂f_k/∂ω = [f_k]× - Qᵀ (Σ ∇b + G) Q [r_k]×.
 
+Readings that a calibration has corrected also hold its errors, the same z in all samples: f_k + E_k z, where z are
+independent unknowns of standard deviation one (``calibration_errors``).
+
 The ω of a sample is a nuisance of three numbers of known size. It is found anew for every value of the other unknowns,
 and these' derivatives are taken at right angles to its own (variable projection after Kaufman 1975), so that nothing
 is left out of second order in ω: 0.1° to the second order are 0.15 nT in 50 µT.
@@ -27,8 +30,8 @@ from tam_calibration.sources.poses import Poses
 OF_SOURCE = 6
 """Unknowns of a source: its place and its moment."""
 
-UNIFORM, GRADIENT, VELOCITY = slice(0, 3), slice(3, 8), slice(8, 11)
-"""What the further unknowns are: u [T], G's components xx, xy, xz, yy and yz [T/m], and δv [m/s]."""
+UNIFORM, GRADIENT, VELOCITY, ERRORS = slice(0, 3), slice(3, 8), slice(8, 11), slice(11, None)
+"""What the further unknowns are: u [T], G's components xx, xy, xz, yy and yz [T/m], δv [m/s], and z."""
 
 _TURNS, _TURNED = 3, 1e-3
 """Steps to the error of an attitude, and the size of the last one, in units of the error's size: each step leaves about
@@ -46,13 +49,13 @@ _MOST_STALLED = 10
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """What is known of u, G and δv before the readings are looked at; by default that u is anything, and no more.
+    """What is known of the further unknowns before the readings are looked at.
 
     Parameters
     ----------
-    expected : (11,) array
-        u [T], the components xx, xy, xz, yy and yz of G [T/m], and δv [m/s].
-    standard_error : (11,) array
+    expected : (11 + Q,) array
+        u [T], the components xx, xy, xz, yy and yz of G [T/m], δv [m/s], and z.
+    standard_error : (11 + Q,) array
         Infinite where nothing is known, zero where the value is exact.
     """
 
@@ -61,13 +64,17 @@ class Known:
 
     @property
     def is_free(self) -> np.ndarray:
-        """(11,) which of them are unknown."""
+        """(11 + Q,) which of them are unknown."""
         return self.standard_error > 0
 
     @property
     def is_uncertain(self) -> np.ndarray:
-        """(11,) of which of them something is known, but not all."""
+        """(11 + Q,) of which of them something is known, but not all."""
         return self.is_free & np.isfinite(self.standard_error)
+
+    def with_errors(self, count: int) -> "Known":
+        """Return the same with so many errors z of a calibration, of mean zero and standard deviation one."""
+        return Known(np.append(self.expected, np.zeros(count)), np.append(self.standard_error, np.ones(count)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +100,9 @@ class Passage:
     attitude_noise : float
         Standard deviation of the attitude about each axis, radians.
     known : Known
-        What is known of the regional field and the velocity.
+        What is known of the further unknowns.
+    errors_T : (N, 3 K, Q) array, optional
+        What each error z of the calibration adds to the readings, tesla.
     """
 
     kernel: Kernel
@@ -105,6 +114,7 @@ class Passage:
     time_s: FloatArray
     attitude_noise: float
     known: Known
+    errors_T: FloatArray | None = None
 
     @property
     def data(self) -> FloatArray:
@@ -139,10 +149,11 @@ class Passage:
             matrix=self.matrix[at],
             path_m=self.path_m[at],
             time_s=self.time_s[at],
+            errors_T=None if self.errors_T is None else self.errors_T[at],
         )
 
     def further(self, unknowns: FloatArray) -> FloatArray:
-        """Return u, G and δv (11,) of unknowns (P,), which are those of all sources and what is free of u, G and δv."""
+        """Return u, G, δv and z (11 + Q,) of unknowns (P,): those of all sources, and what is free of these."""
         full: FloatArray = self.known.expected.copy()
         free = self.known.is_free
         full[free] = unknowns[len(unknowns) - int(free.sum()) :]
@@ -190,13 +201,24 @@ class Passage:
         world = self._whitening(by_turn) @ parts
         return world[..., 0], world[..., 1:]
 
+    def unturned(self, unknowns: FloatArray) -> FloatArray:
+        """Return the part of the residuals (N, 3 K), over the noise, that no error of an attitude can make.
+
+        Of each sample 3 K numbers less those that the attitude's error takes are free.
+        """
+        turn = self.turns(unknowns)
+        field, by_turn, _ = self._fields(unknowns, turn)
+        residual = (self.readings_T / self.noise_T[:, None]).reshape(field.shape) - field
+        basis = np.linalg.qr(by_turn)[0]
+        return np.asarray(residual - (basis @ (np.swapaxes(basis, 1, 2) @ residual[..., None]))[..., 0])
+
     def seen(self, unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return where the sensors are (N, K, 3) in the world, and what makes whitened data of the fields there.
 
         Parameters
         ----------
         unknowns : (P,) array
-            Places and moments of the sources, and what is free of u, G and δv.
+            Places and moments of the sources, and what is free of u, G, δv and z.
 
         Returns
         -------
@@ -218,7 +240,7 @@ class Passage:
         Parameters
         ----------
         unknowns : (P,) array
-            Places and moments of the sources, and what is free of u, G and δv.
+            Places and moments of the sources, and what is free of u, G, δv and z.
         turn : (N, 3) array, optional
             What ``turns`` returns for them.
         """
@@ -288,23 +310,33 @@ class Passage:
             """Whiten vectors (N, K, 3, Q) of the world as the sensors see them."""
             return (weights @ vectors).reshape(len(turn), -1, vectors.shape[-1])
 
-        world: FloatArray = sum((field for field, _, _ in made), further[UNIFORM] + points @ tensor)
+        world: FloatArray = sum((each for each, _, _ in made), further[UNIFORM] + points @ tensor)
         gradient: FloatArray = sum((slope for _, slope, _ in made), np.broadcast_to(tensor, (*points.shape, 3)))
+        errors = self._errors()
         field = seen(world[..., None])[..., 0]
-        by_turn = np.zeros((len(turn), 0, 0))
+        by_turn = np.zeros((*field.shape, 0))
         if self.attitude_noise:
             moved = weights @ gradient @ (rotation[:, None] @ _crossing(self.array.positions_m))
             slopes = _crossing(field.reshape(points.shape)) - moved
             added = self.attitude_noise * _added(self.attitude_noise * turn)
             by_turn = slopes.reshape(len(turn), -1, 3) @ added
+        field += errors @ further[ERRORS]
         if not with_slopes:
             return field, by_turn, np.zeros((0, 0, 0))
         by_source = [part for _, slope, by_moment in made for part in (-slope, by_moment)]
         everywhere = np.broadcast_to(np.eye(3), (*points.shape, 3))
         by_tensor = np.einsum("qij,nkj->nkiq", UNIT_TENSORS, points)
         by_velocity = self.time_s[:, None, None, None] * gradient
-        by_further = np.concatenate([everywhere, by_tensor, by_velocity], axis=-1)[..., self.known.is_free]
-        return field, by_turn, seen(np.concatenate([*by_source, by_further], axis=-1))
+        by_further = np.concatenate([everywhere, by_tensor, by_velocity], axis=-1)
+        by_further = by_further[..., self.known.is_free[: VELOCITY.stop]]
+        by_unknowns = seen(np.concatenate([*by_source, by_further], axis=-1))
+        return field, by_turn, np.concatenate([by_unknowns, errors], axis=-1)
+
+    def _errors(self) -> FloatArray:
+        """Return what errors of the calibration add to the whitened readings (N, 3 K, Q)."""
+        if self.errors_T is None:
+            return np.zeros((len(self.matrix), 3 * len(self.noise_T), 0))
+        return self.errors_T / np.repeat(self.noise_T, 3)[:, None]
 
 
 def passage_of(
@@ -314,6 +346,7 @@ def passage_of(
     poses: Poses,
     known: Known,
     time_s: FloatArray | None = None,
+    errors_T: FloatArray | None = None,
 ) -> Passage:
     """Return the readings as a problem of least squares.
 
@@ -331,6 +364,8 @@ def passage_of(
         What is known of the field beside the sources', and of the velocity.
     time_s : (N,) array, optional
         Since the poses were reckoned by a velocity, seconds.
+    errors_T : (N, 3 K, Q) array, optional
+        What errors of the calibration add to the readings, tesla: see ``calibration_errors.errors_of``.
 
     Raises
     ------
@@ -342,8 +377,10 @@ def passage_of(
     readings, stated = _check(fields_T, array, poses), array.vector_noise_T
     noise = np.ones(array.sensor_count) if stated is None else stated
     times = np.zeros(len(readings)) if time_s is None else time_s
+    if errors_T is not None:
+        known = known.with_errors(errors_T.shape[2])
     passage = Passage(
-        kernel, readings, array, noise, poses.matrix, poses.position_m, times, poses.attitude_noise, known
+        kernel, readings, array, noise, poses.matrix, poses.position_m, times, poses.attitude_noise, known, errors_T
     )
     lacking = OF_SOURCE - passage.degrees_of_freedom
     if lacking > 0:
@@ -391,7 +428,7 @@ def solve(passage: Passage, start: FloatArray, smallest_step: float = SETTLED, l
     passage : Passage
         What was read.
     start : (P,) array
-        Places and moments of the sources, and what is free of u, G and δv.
+        Places and moments of the sources, and what is free of u, G, δv and z.
     smallest_step : float
         Part of a place, and of a moment, below which a step is the last.
     least_fall : float

@@ -214,7 +214,7 @@ def _run_of(
     index: float,
 ) -> _Run:
     """Return the run that begins with the sources of each sample."""
-    points, by_points = elements_of(array)
+    points, by_points = elements_of(array, array.operator[:8])
     data, weights = (whitening @ seen[..., None])[..., 0], whitening @ by_points
     by_field = whitening[..., :3] @ back @ root
     places = (back @ own.position_m[..., None])[..., 0]

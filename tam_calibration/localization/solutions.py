@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 from numpy.linalg import norm
 
+from tam_calibration.localization.misfit import CHANCE
 from tam_calibration.model.units import FloatArray
 
 ELLIPSOID_PROBABILITY = 0.95
@@ -33,6 +34,7 @@ class Status(IntEnum):
     NO_ATTITUDE = 7
     NO_REGIONAL = 8
     APART = 9
+    MISFIT = 10
 
     @property
     def reason(self) -> str:
@@ -57,6 +59,8 @@ _REASONS = {
     Status.NO_REGIONAL: "the regional field is not known yet: it is fitted to the first samples",
     Status.APART: "by itself it gives another place than all samples of the run together: it has several solutions; go "
     "nearer, or average longer",
+    Status.MISFIT: "one source leaves more than noise and the calibration's errors: switch off a second one, state "
+    "another structural index, go farther from a large one, or calibrate the array anew",
 }
 
 
@@ -80,8 +84,6 @@ class EulerSolutions:
         Squares that the source leaves of the outputs over their covariance: NaN where nothing was fitted.
     along : (N, 3) array, optional
         Unit vector along a line, either way, in the array frame; NaN for dipoles.
-    along_covariance : (N, 3, 3) array, optional
-        Likewise.
     """
 
     position_m: FloatArray
@@ -91,11 +93,10 @@ class EulerSolutions:
     status: np.ndarray
     chi_square: FloatArray = field(default_factory=partial(np.empty, 0))
     along: FloatArray = field(default_factory=partial(np.empty, 0))
-    along_covariance: FloatArray = field(default_factory=partial(np.empty, 0))
 
     def __post_init__(self) -> None:
         """Fill in what is not known."""
-        for name, shape in (("chi_square", ()), ("along", (3,)), ("along_covariance", (3, 3))):
+        for name, shape in (("chi_square", ()), ("along", (3,))):
             if not getattr(self, name).size:
                 object.__setattr__(self, name, np.full((len(self.status), *shape), np.nan))
 
@@ -136,11 +137,29 @@ class EulerSolutions:
         result = cls.refused(len(status), Status.UNCERTAIN)
         result.status[:], result.chi_square[at] = status, chi_square
         result.position_m[at], result.position_covariance_m2[at] = unknowns[:, :3], covariance[:, :3, :3]
-        told, spread = (
-            (result.moment_Am2, result.moment_covariance_A2m4) if is_dipole else (result.along, result.along_covariance)
-        )
-        told[at], spread[at] = unknowns[:, 3:], covariance[:, 3:, 3:]
+        if is_dipole:
+            result.moment_Am2[at], result.moment_covariance_A2m4[at] = unknowns[:, 3:], covariance[:, 3:, 3:]
+        else:
+            result.along[at] = unknowns[:, 3:]
         return result
+
+    def misfits(self, freedom: int) -> np.ndarray:
+        """Return the located samples (n,) of which the source leaves more than noise and errors with a χ² so free."""
+        from scipy.special import chdtrc
+
+        return np.flatnonzero(self.is_located & (chdtrc(freedom, self.chi_square) < CHANCE))
+
+    def put(self, at: np.ndarray, others: "EulerSolutions") -> "EulerSolutions":
+        """Return the same with other solutions for some samples."""
+        values = [getattr(self, each.name).copy() for each in fields(self)]
+        for value, each in zip(values, fields(self), strict=True):
+            value[at] = getattr(others, each.name)
+        return EulerSolutions(*values)
+
+    def tested(self, freedom: int) -> "EulerSolutions":
+        """Return the same with ``MISFIT`` for all misfits."""
+        at = self.misfits(freedom)
+        return self.put(at, EulerSolutions.refused(len(at), Status.MISFIT)) if len(at) else self
 
     def take(self, at: np.ndarray) -> "EulerSolutions":
         """Return those of some samples."""
@@ -155,12 +174,6 @@ class EulerSolutions:
     def distance_m(self) -> FloatArray:
         """(N,) distances of the sources from the array's centre, metres."""
         return np.asarray(norm(self.position_m, axis=1))
-
-    @property
-    def distance_standard_errors_m(self) -> FloatArray:
-        """(N,) standard errors of the distances, metres."""
-        unit = self.position_m / self.distance_m[:, None]
-        return np.asarray(np.sqrt(np.einsum("ni,nij,nj->n", unit, self.position_covariance_m2, unit)))
 
 
 Locate = Callable[[FloatArray, FloatArray | None], EulerSolutions]

@@ -7,10 +7,20 @@ from numpy.linalg import norm
 
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.attitude_convention import misread_attitude
+from tam_calibration.localization.calibration_errors import errors_of
 from tam_calibration.localization.euler import DIPOLE_INDEX, require_index
 from tam_calibration.localization.line_fit import DIPOLES_INDEX
 from tam_calibration.localization.one_source import locate_run
-from tam_calibration.localization.passage import GRADIENT, OF_SOURCE, UNIFORM, VELOCITY, Known, Passage, passage_of
+from tam_calibration.localization.passage import (
+    ERRORS,
+    GRADIENT,
+    OF_SOURCE,
+    UNIFORM,
+    VELOCITY,
+    Known,
+    Passage,
+    passage_of,
+)
 from tam_calibration.localization.solutions import EulerSolutions, Status
 from tam_calibration.localization.survey import TRACK_FRAME, WORLD_FRAME, Overall, Survey, Track, standard_errors
 from tam_calibration.localization.track_fit import TrackFit, fit_track
@@ -38,15 +48,17 @@ class TrackedSources:
     ----------
     fit : TrackFit
         Of the sources, the strongest signal first, the regional field and the velocity.
-    passage : Passage
-        What was fitted.
     samples : EulerSolutions
         The first source from each sample by itself, in the array frame.
     """
 
     fit: TrackFit
-    passage: Passage
     samples: EulerSolutions
+
+    @property
+    def passage(self) -> Passage:
+        """What was fitted."""
+        return self.fit.passage
 
     @property
     def unknowns(self) -> FloatArray:
@@ -61,13 +73,13 @@ class TrackedSources:
     @property
     def sources(self) -> list[tuple[Dipole, FloatArray]]:
         """The dipoles in the world, each with the covariance (6, 6) of place [m] and moment [A m²]."""
-        rows = self.passage.sources(self.unknowns)
+        rows = self.fit.sources
         parts = (slice(OF_SOURCE * number, OF_SOURCE * (number + 1)) for number in range(len(rows)))
         return [(Dipole(row[:3], row[3:]), self.covariance[part, part]) for row, part in zip(rows, parts, strict=True)]
 
     @property
     def further_covariance(self) -> FloatArray:
-        """(11, 11) covariance of u, G and δv: zero of what is exact."""
+        """(11 + Q, 11 + Q) covariance of u, G, δv and z: zero of what is exact."""
         free = self.passage.known.is_free
         full, count = np.zeros((len(free), len(free))), int(free.sum())
         full[np.ix_(free, free)] = self.covariance[-count:, -count:] if count else 0.0
@@ -105,6 +117,7 @@ def track_dipole(
     *,
     time_s: FloatArray | None = None,
     velocity_error_m_per_s: float = 0.0,
+    errors_T: FloatArray | None = None,
 ) -> TrackedSources:
     """Find the dipoles at rest from the samples of a platform that passes them.
 
@@ -125,6 +138,8 @@ def track_dipole(
         Times of the samples, seconds, where the velocity has an error.
     velocity_error_m_per_s : float
         Standard error of each component of the velocity by which positions were reckoned from the first on.
+    errors_T : (N, 3 K, Q) array, optional
+        What errors of the calibration add to the readings, tesla: see ``calibration_errors.errors_of``.
 
     Returns
     -------
@@ -145,11 +160,8 @@ def track_dipole(
         if regional.covariance_T2 is not None:
             standard_error[UNIFORM] = standard_errors(regional.covariance_T2)
     standard_error[VELOCITY] = velocity_error_m_per_s if velocity_error_m_per_s > _NO_ERROR_M_PER_S else 0.0
-    passage = passage_of(dipole_field, fields_T, array, poses, Known(expected, standard_error), time_s)
-    fit = fit_track(passage)
-    if array.vector_noise_T is None:
-        fit = replace(fit, misfit=replace(fit.misfit, noise_variance=1.0))
-    tracked = TrackedSources(fit, passage, EulerSolutions.refused(len(passage.matrix), Status.NO_REGIONAL))
+    passage = passage_of(dipole_field, fields_T, array, poses, Known(expected, standard_error), time_s, errors_T)
+    tracked = TrackedSources(fit_track(passage), EulerSolutions.refused(len(passage.matrix), Status.NO_REGIONAL))
     return replace(tracked, samples=_by_themselves(tracked, array, poses))
 
 
@@ -164,6 +176,9 @@ def _by_themselves(tracked: TrackedSources, array: Array, poses: Poses) -> Euler
     covariance = by_field @ spread[:8, :8] @ by_field.T
     outputs = rest.reshape(len(rest), -1) @ array.operator.T
     noise = array.operator * np.repeat(passage.noise_T**2, 3) @ array.operator.T
+    if passage.errors_T is not None:
+        by_errors = array.operator @ passage.errors_T
+        noise += np.mean(by_errors @ spread[ERRORS, ERRORS] @ np.swapaxes(by_errors, 1, 2), axis=0)
     return locate_samples(
         outputs,
         array,
@@ -296,6 +311,7 @@ def _along_track(
         regional,
         time_s=since,
         velocity_error_m_per_s=velocity_error_m_per_s,
+        errors_T=errors_of(calibration, fields),
     )
     first, *others = [_overall(tracked, source, covariance) for source, covariance in tracked.sources]
     center = tracked.passage.center_m(tracked.unknowns)
@@ -310,7 +326,7 @@ def _along_track(
 
 def _overall(tracked: TrackedSources, source: Dipole, covariance: FloatArray) -> Overall:
     solution, passage = tracked.fit.solution, tracked.passage
-    freedom = passage.degrees_of_freedom - passage.sources(tracked.unknowns).size
+    freedom = passage.degrees_of_freedom - tracked.fit.sources.size
     chi_square = float(solution.chi_square[0])
     return Overall(source.position_m, covariance[:3, :3], source.moment_Am2, covariance[3:, 3:], chi_square, freedom)
 

@@ -52,7 +52,8 @@ class Track:
     velocity_m_per_s, velocity_standard_errors_m_per_s : (3,) array
         Of the platform in the world, m/s.
     noise_variance : float
-        Of the residuals over that of the stated noise, where they change fast; 1 where noise alone may have it.
+        Of the residuals over that of the stated noise, or of their own where that is smaller, where they change fast;
+        1 where noise alone may have it.
     colour : float
         The variance of the residuals where they are slow over that where they are fast; 1 where they are white. Both
         are in the standard errors, and never make them smaller.

@@ -13,8 +13,8 @@ from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import Solution, scaled
 from tam_calibration.localization.euler import locate
-from tam_calibration.localization.misfit import Misfit, misfit_of
-from tam_calibration.localization.passage import GRADIENT, OF_SOURCE, UNIFORM, VELOCITY, Passage, solve
+from tam_calibration.localization.misfit import CHANCE, Misfit, misfit_of
+from tam_calibration.localization.passage import ERRORS, GRADIENT, OF_SOURCE, UNIFORM, VELOCITY, Passage, solve
 from tam_calibration.model.array import TENSOR_COLUMNS, TENSOR_ROWS, tensors_of
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.units import FloatArray
@@ -51,7 +51,7 @@ def without_source(passage: Passage) -> FloatArray:
     Returns
     -------
     (P,) array
-        What is free of u, G and δv.
+        What is free of u, G, δv and z.
     """
     outputs = _outputs(passage, passage.readings_T)
     turn, full = passage.matrix, passage.known.expected.copy()
@@ -73,7 +73,7 @@ def starts(passage: Passage, unknowns: FloatArray, count: int) -> list[FloatArra
     passage : Passage
         What was read, and of which sources.
     unknowns : (P,) array
-        What is free of u, G and δv, without any source.
+        What is free of u, G, δv and z, without any source.
     count : int
         Number of sources.
 
@@ -87,9 +87,10 @@ def starts(passage: Passage, unknowns: FloatArray, count: int) -> list[FloatArra
     if len(places) < count:
         raise Refused("the field or its gradient is zero in every pose: there is no source to be seen")
     tried, moments = _resting(places, unknowns)
-    regional = len(tried) - len(unknowns) + np.arange(len(unknowns) - int(passage.known.is_free[VELOCITY].sum()))
+    is_velocity = np.isin(np.flatnonzero(passage.known.is_free), np.arange(VELOCITY.start, VELOCITY.stop))
+    beside = len(tried) - len(unknowns) + np.flatnonzero(~is_velocity)
     sets = [np.array(chosen) for chosen in combinations(range(len(places)), count)]
-    columns = np.array([np.concatenate([moments[chosen].ravel(), regional]) for chosen in sets])
+    columns = np.array([np.concatenate([moments[chosen].ravel(), beside]) for chosen in sets])
     gain, change = _gains(passage, tried, columns)
     starts = []
     for at in np.argsort(-gain, kind="stable")[: count**2]:
@@ -112,7 +113,7 @@ def starts_beside(passage: Passage, unknowns: FloatArray) -> list[FloatArray]:
     passage : Passage
         What was read, and of which sources.
     unknowns : (P,) array
-        Places and moments of the sources so far, and what is free of u, G and δv.
+        Places and moments of the sources so far, and what is free of u, G, δv and z.
     """
     arm_m = float(norm(passage.array.positions_m, axis=1).max())
     offsets = (arm_m * _DISTANCES[:, None, None] * _DIRECTIONS).reshape(-1, 3)
@@ -237,6 +238,9 @@ LARGEST_COLOUR = 4.0
 _MOST_OFF = 4.0
 """Standard errors by which what is known may be found elsewhere: by noise alone once in 5000 passes."""
 
+_LEAST_FOUND = 0.01
+"""Part of the variance of a calibration's error by which it must have fallen to be judged."""
+
 _ROUNDING = 1e-6
 """Part of a variance that is known below which its fall is not told from rounding."""
 
@@ -249,14 +253,22 @@ class TrackFit:
 
     Parameters
     ----------
+    passage : Passage
+        What was fitted, with the noise that its readings have.
     solution : Solution
         Of one problem.
     misfit : Misfit
         What it leaves.
     """
 
+    passage: Passage
     solution: Solution
     misfit: Misfit
+
+    @property
+    def sources(self) -> FloatArray:
+        """(S, 6) places and moments."""
+        return self.passage.sources(self.solution.unknowns[0])
 
     @property
     def is_found(self) -> bool:
@@ -277,81 +289,112 @@ def fit_track(passage: Passage) -> TrackFit:
     Refused
         When the readings do not determine the dipoles, or are not those of dipoles, with the reason.
     """
-    best = last = _tested(passage, best_fit(passage, 1))
+    best = last = _with_own_noise(_tested(passage, best_fit(passage, 1)))
+    passage = best.passage
     nothing = solve(passage, without_source(passage), least_fall=_LEAST_FALL)
     if float(nothing.chi_square[0]) - float(best.solution.chi_square[0]) < _LEAST_GAIN * best.misfit.variance_factor:
         raise Refused("no dipole is seen: noise beside the regional field explains the readings as well")
-    while last.misfit.colour > 1 and _count(passage, last) < MOST_SOURCES:
+    while last.misfit.colour > 1 and len(last.sources) < MOST_SOURCES:
         try:
-            more = _tested(passage, best_fit(passage, _count(passage, last) + 1, last.solution.unknowns[0]))
+            more = _tested(passage, best_fit(passage, len(last.sources) + 1, last.solution.unknowns[0]))
         except Refused:
             break
         if _gain(last.solution, more) < _LEAST_GAIN:
             break
-        last = more = _without_needless(passage, more)
+        last = more = _without_needless(more)
         if more.is_found or not best.is_found:  # one dipole need not settle where there are two
             best = more
+    best = _with_own_noise(best)
+    if best.misfit.colour > LARGEST_COLOUR:
+        raise Refused(_reason(best))
     if not best.is_found:
         raise Refused(_UNDETERMINED)
-    if best.misfit.colour > LARGEST_COLOUR:
-        raise Refused(_reason(_count(passage, best), best.misfit))
-    _require_expected(passage, best.solution)
-    return _strongest_first(passage, best)
+    _require_expected(best)
+    return _strongest_first(best)
 
 
-def _require_expected(passage: Passage, solution: Solution) -> None:
+def _with_own_noise(fit: TrackFit) -> TrackFit:
+    """Return a fit with the noise that its readings have, where that is smaller than the stated one.
+
+    It is what no error of an attitude can make of the faster half of the residuals' cosines.
+    """
+    from scipy.fft import dct
+    from scipy.special import chdtr
+
+    passage, unknowns = fit.passage, fit.solution.unknowns[0]
+    fast = dct(passage.unturned(unknowns), axis=0, norm="ortho")[len(passage.matrix) // 2 :]
+    freedom = len(fast) * (fast.shape[1] - (3 if passage.attitude_noise else 0))
+    energy = float(np.sum(fast**2))
+    if freedom < 1 or chdtr(freedom, energy) > CHANCE:
+        return fit
+    quiet = replace(passage, noise_T=passage.noise_T * np.sqrt(energy / freedom))
+    return _tested(quiet, _settled(quiet, unknowns))
+
+
+def _require_expected(fit: TrackFit) -> None:
     """Refuse what the readings find elsewhere than it was known to be.
 
     What is found differs from what was expected by as much as the variance has fallen.
     """
-    known = passage.known
+    known, solution = fit.passage.known, fit.solution
     free = np.flatnonzero(known.is_free)
-    variance = np.zeros(len(known.expected))
-    variance[free] = np.diag(solution.covariance[0])[-len(free) :] if len(free) else 0.0
-    at = known.is_uncertain
-    off = np.abs(passage.further(solution.unknowns[0]) - known.expected)[at]
+    spread = np.zeros((len(known.expected), len(known.expected)))
+    spread[np.ix_(free, free)] = solution.covariance[0][-len(free) :, -len(free) :] if len(free) else 0.0
+    off = fit.passage.further(solution.unknowns[0]) - known.expected
+    _require_calibration(off[ERRORS], spread[ERRORS, ERRORS], fit.misfit.variance_factor)
+    at = np.flatnonzero(known.is_uncertain[: ERRORS.start])
     stated = known.standard_error[at]
-    fallen = np.sqrt(np.maximum(stated**2 - variance[at], _ROUNDING * stated**2))
-    if not (off > _MOST_OFF * fallen).any():
+    fallen = np.sqrt(np.maximum(stated**2 - np.diag(spread)[at], _ROUNDING * stated**2))
+    if not (np.abs(off[at]) > _MOST_OFF * fallen).any():
         return
-    worst = int(np.flatnonzero(at)[np.argmax(off / fallen)])
+    ratio = np.abs(off[at]) / fallen
+    worst = int(at[np.argmax(ratio)])
     what, given = ("velocity", "the velocity") if worst >= VELOCITY.start else ("regional field", "the field's place")
     raise Refused(
-        f"the {what} is found {np.max(off / fallen):.3g} standard errors from what is stated: check {given}, or state "
+        f"the {what} is found {ratio.max():.3g} standard errors from what is stated: check {given}, or state "
         "a larger error of it"
     )
 
 
-def _count(passage: Passage, fit: TrackFit) -> int:
-    return len(passage.sources(fit.solution.unknowns[0]))
+def _require_calibration(errors: FloatArray, spread: FloatArray, factor: float) -> None:
+    """Refuse errors (Q,) of the calibration, found with a covariance, that are larger than it says."""
+    from scipy.special import chdtrc
+
+    values, vectors = np.linalg.eigh(np.eye(len(errors)) - spread)
+    found = values > _LEAST_FOUND
+    size = float(np.sum((vectors[:, found].T @ errors) ** 2 / values[found])) / factor
+    if found.any() and chdtrc(found.sum(), size) < CHANCE:
+        raise Refused(
+            f"the sensors' errors are found {np.sqrt(size / found.sum()):.3g} times as far from the calibration as its "
+            f"standard errors allow. {_AGAIN}"
+        )
 
 
 def _gain(before: Solution, after: TrackFit) -> float:
     return float(before.chi_square[0] - after.solution.chi_square[0]) / max(after.misfit.noise_variance, 1.0)
 
 
-def _without_needless(passage: Passage, fit: TrackFit) -> TrackFit:
+def _without_needless(fit: TrackFit) -> TrackFit:
     """Return a fit without sources that are not needed beside the others.
 
     A single dipole that settled in the wrong place asks for a second, which is then the right one by itself.
     """
     unknowns = fit.solution.unknowns[0]
-    for number in range(_count(passage, fit) if _count(passage, fit) > 1 else 0):
+    for number in range(len(fit.sources) if len(fit.sources) > 1 else 0):
         others = np.delete(unknowns, slice(OF_SOURCE * number, OF_SOURCE * (number + 1)))
-        fewer = solve(passage, others, least_fall=_LEAST_FALL)
+        fewer = solve(fit.passage, others, least_fall=_LEAST_FALL)
         if fewer.chi_square[0] > _HOPELESS * fit.solution.chi_square[0]:
             continue
-        fewer = solve(passage, fewer.unknowns[0])
+        fewer = solve(fit.passage, fewer.unknowns[0])
         if fewer.is_found[0] and _gain(fewer, fit) < _LEAST_GAIN:
-            return _without_needless(passage, _tested(passage, fewer))
+            return _without_needless(_tested(fit.passage, fewer))
     return fit
 
 
-def _strongest_first(passage: Passage, fit: TrackFit) -> TrackFit:
+def _strongest_first(fit: TrackFit) -> TrackFit:
     """Return a fit whose sources are in the order of the field that they make along the path."""
-    solution = fit.solution
-    sources = passage.sources(solution.unknowns[0])
-    center = passage.center_m(solution.unknowns[0])
+    solution, sources = fit.solution, fit.sources
+    center = fit.passage.center_m(solution.unknowns[0])
     field = [norm(dipole_field(center - source[:3], source[3:])[0]) for source in sources]
     order = np.argsort(field)[::-1]
     rest = np.arange(sources.size, solution.unknowns.shape[1])
@@ -360,19 +403,25 @@ def _strongest_first(passage: Passage, fit: TrackFit) -> TrackFit:
     return replace(fit, solution=own)
 
 
-def _reason(count: int, misfit: Misfit) -> str:
+_AGAIN = (
+    "Calibrate the array anew; where sensor 1 may be mounted askew, with --method integrated, which takes the axes of "
+    "the array from recorded attitude"
+)
+
+
+def _reason(fit: TrackFit) -> str:
+    count = len(fit.sources)
     what = "a dipole" if count == 1 else f"{count} dipoles"
     return (
         f"the readings are not those of {what} beside a regional field with a constant gradient: what is left is "
-        f"{np.sqrt(misfit.colour):.3g} times the noise where it is slow. Take a shorter stretch about one source, "
-        "state the noise of the attitude or a larger error of the velocity; where sensor 1 may be mounted askew, "
-        "calibrate with --method integrated, which takes the axes of the array from recorded attitude"
+        f"{np.sqrt(fit.misfit.colour):.3g} times the noise where it is slow. Take a shorter stretch about one source, "
+        f"or state the noise of the attitude or a larger error of the velocity. {_AGAIN}"
     )
 
 
 def _tested(passage: Passage, solution: Solution) -> TrackFit:
     residuals, slopes = passage.whitened(solution.unknowns[0])
-    return TrackFit(solution, misfit_of(residuals, slopes, np.nan_to_num(solution.covariance[0])))
+    return TrackFit(passage, solution, misfit_of(residuals, slopes, np.nan_to_num(solution.covariance[0])))
 
 
 def best_fit(passage: Passage, count: int, before: FloatArray | None = None) -> Solution:
@@ -418,8 +467,14 @@ def _annealed(
     solution = _lowest(tried)
     for size in sizes[1:-1]:
         solution = solve(passage.coarse(size, _COARSE), solution.unknowns[0], _ROUGH_STEP)
+    return _settled(passage, solution.unknowns[0])
+
+
+def _settled(passage: Passage, unknowns: FloatArray) -> Solution:
+    """Return the fit that begins with some unknowns, where it nearly explains the readings after several rounds."""
     for _ in range(_MOST_ROUNDS):
-        solution = solve(passage, solution.unknowns[0])
+        solution = solve(passage, unknowns)
+        unknowns = solution.unknowns[0]
         if solution.is_found[0] or solution.chi_square[0] > _HOPELESS * len(passage.data):
             break
     return solution

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import Solution
+from tam_calibration.localization.calibration_errors import PLACE_ERROR_M, places_of
 from tam_calibration.localization.euler import (
     DIPOLE_INDEX,
     fit_outputs,
@@ -25,9 +26,9 @@ from tam_calibration.localization.euler import (
     locate_with_baselines,
     start_of,
 )
-from tam_calibration.localization.line_fit import CURRENT_INDEX, DIPOLES_INDEX
+from tam_calibration.localization.line_fit import CURRENT_INDEX, DIPOLES_INDEX, unknowns_of
 from tam_calibration.localization.solutions import EulerSolutions, Status
-from tam_calibration.model.array import Array
+from tam_calibration.model.array import Array, tensors_of
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray
 
@@ -103,7 +104,8 @@ def locate_samples(
 ) -> EulerSolutions:
     """Locate the source of each sample; a sample's result does not depend on its neighbours.
 
-    It is located with the array's true baselines.
+    It is located with the array's true baselines. Where the source leaves too much of the outputs, the places of the
+    sensors are taken for uncertain; where it still does, the sample is refused.
 
     Parameters
     ----------
@@ -111,8 +113,8 @@ def locate_samples(
         Field and gradient, array frame, tesla and T/m.
     array : Array
         Whose outputs they are.
-    covariance : (9, 9) array
-        Of the outputs; without a regional field it may be (N, 9, 9), one for each sample.
+    covariance : (9, 9) or (N, 9, 9) array
+        Of the outputs, for all samples or each.
     index : float
         Structural index.
     regional : Regional, optional
@@ -131,6 +133,28 @@ def locate_samples(
     InputError
         When a shape or the structural index is wrong, the covariance is none, or there is no attitude.
     """
+    found = locate_each(outputs, array, covariance, index=index, regional=regional, attitude=attitude)
+    freedom = 8 - unknowns_of(index)
+    at = found.misfits(freedom)
+    if not len(at):
+        return found
+    by_places = PLACE_ERROR_M * array.operator @ places_of(tensors_of(outputs[at]), array.sensor_count)
+    widened = (covariance if covariance.ndim == 2 else covariance[at]) + by_places @ np.swapaxes(by_places, 1, 2)
+    own = None if attitude is None else attitude[at]
+    again = locate_each(outputs[at], array, widened, index=index, regional=regional, attitude=own)
+    return found.put(at, again.tested(freedom))
+
+
+def locate_each(
+    outputs: FloatArray,
+    array: Array,
+    covariance: FloatArray,
+    *,
+    index: float = DIPOLE_INDEX,
+    regional: Regional | None = None,
+    attitude: FloatArray | None = None,
+) -> EulerSolutions:
+    """Do the same, whatever the source leaves: see ``EulerSolutions.chi_square``."""
     if not array.has_gradient:
         return EulerSolutions.refused(len(outputs), Status.NOT_FINITE)
     if regional is None:
@@ -173,7 +197,6 @@ def turned(solutions: EulerSolutions, attitude: FloatArray, attitude_noise: floa
         solutions.status,
         solutions.chi_square,
         (matrix @ solutions.along[..., None])[..., 0],
-        matrix @ _turning(solutions.along_covariance, solutions.along, variance) @ back,
     )
     return _unless_unknown(world, attitude)
 
@@ -231,8 +254,8 @@ def across_field(covariance: FloatArray, own: FloatArray, direction: FloatArray,
 
     Parameters
     ----------
-    covariance : (9, 9) array
-        Of the outputs.
+    covariance : (9, 9) or (N, 9, 9) array
+        Of the outputs, for all samples or each.
     own : (N, 3, 3) array
         Of the regional field in the array frame, T².
     direction : (N, 3) array
@@ -240,7 +263,7 @@ def across_field(covariance: FloatArray, own: FloatArray, direction: FloatArray,
     attitude_noise : float
         Standard deviation of the attitude about each axis, radians.
     """
-    widened = np.repeat(covariance[None], len(direction), axis=0)
+    widened = np.broadcast_to(covariance, (len(direction), *covariance.shape[-2:])).copy()
     widened[:, :3, :3] += _beside(own, direction, attitude_noise)
     return widened
 
@@ -305,8 +328,8 @@ def locate_turned(
         The regional field as the reported attitude has it in the array frame, tesla.
     array : Array
         Whose outputs they are.
-    covariance : (9, 9) array
-        Of the outputs.
+    covariance : (9, 9) or (N, 9, 9) array
+        Of the outputs, for all samples or each.
     own : (N, 3, 3) array
         Of the regional field in the array frame, T².
     attitude_noise : float
@@ -324,7 +347,8 @@ def locate_turned(
     at, status = np.flatnonzero(euler.is_located), euler.status.copy()
     if not len(at):
         return euler
-    found, status[at] = _Samples(outputs[at], field_T[at], array, covariance, own[at], attitude_noise, index).told()
+    noise = np.broadcast_to(covariance, (len(outputs), *covariance.shape[-2:]))[at]
+    found, status[at] = _Samples(outputs[at], field_T[at], array, noise, own[at], attitude_noise, index).told()
     kept = status[at] == Status.LOCATED
     return EulerSolutions.of_fits(
         status, found.unknowns[kept], found.covariance[kept], found.chi_square[kept], index == DIPOLE_INDEX
@@ -362,7 +386,8 @@ class _Samples:
 
     def take(self, at: np.ndarray) -> "_Samples":
         """Return some of the samples."""
-        return replace(self, outputs=self.outputs[at], field_T=self.field_T[at], own=self.own[at])
+        names = ("outputs", "field_T", "covariance", "own")
+        return replace(self, **{name: getattr(self, name)[at] for name in names})
 
     def told(self) -> tuple[_Found, np.ndarray]:
         """Return the sources that were found, and a ``Status`` for each."""
@@ -402,8 +427,9 @@ class _Samples:
         values, vectors = np.linalg.eigh(_beside(self.own, self.field_T, self.attitude_noise))
         errors = np.sqrt(np.maximum(values[:, 1:], 0.0))
         shifted = np.einsum("ta,na,nia->tni", shifts, errors, vectors[:, :, 1:]).reshape(-1, 3)
-        outputs, field_T, own = (
-            np.tile(each, (len(shifts), *[1] * (each.ndim - 1))) for each in (self.outputs, self.field_T, self.own)
+        outputs, field_T, own, covariance = (
+            np.tile(each, (len(shifts), *[1] * (each.ndim - 1)))
+            for each in (self.outputs, self.field_T, self.own, self.covariance)
         )
         source = np.concatenate([outputs[:, :3] - field_T, outputs[:, 3:]], axis=1)
         seen = np.concatenate([source[:, :3] - shifted, source[:, 3:]], axis=1)
@@ -412,7 +438,7 @@ class _Samples:
         for _ in range(_ROUNDS if self.attitude_noise else 1):
             seen = source[:, :8].copy()
             seen[:, :3] -= _longer(left, field_T)
-            noise = across_field(self.covariance, own, left, self.attitude_noise)[:, :8, :8]
+            noise = across_field(covariance, own, left, self.attitude_noise)[:, :8, :8]
             fit = fit_outputs(seen, self.array, noise, start, self.index)
             is_near = _is_near(fit.solution)[:, None]
             start = np.where(is_near, fit.solution.unknowns, start)

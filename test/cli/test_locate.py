@@ -146,7 +146,7 @@ def test_an_array_that_never_stands_still(folder):
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        (("coil.csv", "--frequency", "10", "--index", "2"), "too uncertain for its distance"),
+        (("coil.csv", "--frequency", "10", "--index", "2"), "not those of one line of dipoles"),
         (("pass.csv", "--index", "1"), "not those of"),
         (("pass.csv", "--index", "2"), "give the place, at which it is that of IGRF"),
         (("pass.csv", "--index", "1", "--attitude-noise-deg", "0.1"), "with an exact attitude alone"),
@@ -157,6 +157,29 @@ def test_a_dipole_is_no_line(folder, arguments, reason):
     result = run(folder, *arguments)
     assert result.exit_code == 1
     assert reason in " ".join(result.stdout.split())
+
+
+def test_a_frequency_that_is_off_is_told(folder):
+    """Over eight seconds by a sixth of a turn; over two it was rounded, and the one that is found is taken."""
+    result = run(folder, "spin.csv", "--frequency", "10.02")
+    assert result.exit_code == 1
+    assert "the phase advances by" in result.stdout and "State 10 Hz" in result.stdout
+    assert result_of(folder, "coil.csv", "--frequency", "10.02")["frequency_Hz"] == pytest.approx(10, abs=1e-4)
+
+
+def test_two_coils_are_told(folder, cross, true_errors):
+    """Of another phase and of the same one."""
+    time, second = np.arange(800) / 100, Dipole(np.array([-2.0, 1.5, 1.0]), np.array([100.0, 150.0, -200.0]))
+    headings = Rotation.from_euler("z", np.repeat(np.arange(4), 200)[:, None] * np.pi / 2)
+    first, matrix = coil(headings, time, cross, true_errors), headings.as_matrix()
+    field = np.einsum("nji,nkj->nki", matrix, second.field_T(np.einsum("nij,kj->nki", matrix, cross.positions_m)))
+    added = np.einsum("kij,nkj->nki", true_errors.matrix, field)
+    for phase, reason in ((1.0, "there are two sources"), (0.0, "the amplitudes are not those of one dipole")):
+        swing = np.sin(2 * np.pi * 10 * time + phase)[:, None, None]
+        both = Recording(time, first.readings_T + swing * added, attitude=first.attitude)
+        write_recording(folder / "two.csv", both)
+        result = run(folder, "two.csv", "--frequency", "10")
+        assert result.exit_code == 1 and reason in " ".join(result.stdout.split())
 
 
 def test_table_and_page(folder, tmp_path):

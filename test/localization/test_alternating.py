@@ -55,12 +55,12 @@ def assert_at_the_coil(position_m, covariance_m2):
     assert (np.abs(position_m - COIL.position_m) < 5 * errors).all()
 
 
-def test_headings_make_one_source_with_three_values_each():
-    """Of three headings nine values less three unknowns are free, and each is told with its middle."""
+def test_headings_make_one_source_of_all_that_is_read():
+    """Of three headings 36 readings less six unknowns are free, and each is told with its middle."""
     survey = located(recording_of(STILL))
-    assert survey.frame == WORLD_FRAME and survey.note == ""
+    assert survey.frame == WORLD_FRAME and survey.note.startswith("A coil counts as a point")
     assert_allclose(survey.time_s, [0.995, 2.995, 4.995], atol=0.01)
-    assert survey.overall.degrees_of_freedom == 6
+    assert survey.overall.degrees_of_freedom == 30
     assert_at_the_coil(survey.overall.position_m, survey.overall.position_covariance_m2)
     assert (
         np.linalg.eigvalsh(survey.solutions.position_covariance_m2 - survey.overall.position_covariance_m2) > 0

@@ -64,7 +64,6 @@ def test_covariance_is_that_of_repeated_measurements(constrained):
     ):
         size = np.sqrt(np.diag(covariance))
         assert_allclose(np.cov(found.T) / np.outer(size, size), covariance / np.outer(size, size), atol=0.08)
-    assert noisy.distance_m.std() == pytest.approx(one.distance_standard_errors_m[0], rel=0.05)
 
 
 def test_which_eigenvector_is_left_out_by_chance_is_in_the_covariance():

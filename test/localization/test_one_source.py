@@ -10,7 +10,7 @@ from tam_calibration.localization import one_source, shared_source
 from tam_calibration.localization.one_source import _is_apart, locate_run
 from tam_calibration.localization.shared_source import SharedSource
 from tam_calibration.localization.solutions import EulerSolutions, Status
-from tam_calibration.localization.turned_samples import Regional, locate_samples, regional_of
+from tam_calibration.localization.turned_samples import Regional, locate_each, locate_samples, regional_of
 from tam_calibration.model.exceptions import Refused
 
 KNOWN = Regional(TRUE_T + 60e-9, covariance_T2=100e-9**2 * np.eye(3))
@@ -146,12 +146,12 @@ def test_a_sample_with_another_solution_is_refused_in_its_run(monkeypatch):
     """Its place is six standard errors from where all samples have it; the others stay what they are."""
 
     def elsewhere(*given, **named):
-        found = locate_samples(*given, **named)
+        found = locate_each(*given, **named)
         found.position_m[30] += 6 * np.sqrt(np.diag(found.position_covariance_m2[30]))
         return found
 
     before, _ = located([dipole()], known=Regional(TRUE_T))
-    monkeypatch.setattr(one_source, "locate_samples", elsewhere)
+    monkeypatch.setattr(one_source, "locate_each", elsewhere)
     after, _ = located([dipole()], known=Regional(TRUE_T))
     assert before.status[30] == Status.LOCATED and after.status[30] == Status.APART
     assert np.array_equal(np.delete(before.status, 30), np.delete(after.status, 30))

@@ -1,0 +1,107 @@
+"""What errors of a calibration make of corrected readings, and that a track does not take them for something else."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+from tam_calibration.fit.maximum_likelihood import maximum_likelihood
+from tam_calibration.localization.calibration_errors import errors_of
+from tam_calibration.localization.steady import locate_steady
+from tam_calibration.model.exceptions import Refused
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import from_degrees
+from tam_calibration.sources.dipole import Dipole
+
+from .conftest import EARTH_T
+
+WRECK = Dipole(np.array([30.0, 2.6, -2.5]), np.array([48.5, -80.8, 129.3]))
+TIME_S = np.arange(150) * 0.4
+
+
+@pytest.fixture(scope="module")
+def calibration(recording, cross):
+    """Return the calibration of a run with 1 nT of noise."""
+    return maximum_likelihood(recording, cross)
+
+
+def seen(errors, array, noise_T, sources, seed):
+    """Return the recording of a platform that goes east at 1 m/s and sways, by sensors with errors."""
+    sway = Rotation.from_euler("zyx", 0.1 * np.sin(np.outer(TIME_S, [0.2, 0.33, 0.5]) + np.arange(3)))
+    points = np.outer(TIME_S, [1.0, 0, 0])[:, None] + np.einsum("nij,kj->nki", sway.as_matrix(), array.positions_m)
+    world = EARTH_T + sum((source.field_T(points) for source in sources), np.zeros_like(points))
+    readings = errors.distort(np.einsum("nji,nkj->nki", sway.as_matrix(), world))
+    noise = noise_T * np.random.default_rng(seed).normal(size=readings.shape)
+    return Recording(TIME_S, readings + noise, attitude=sway.as_quat())
+
+
+def located(recording, calibration):
+    """Return the survey of a straight track."""
+    return locate_steady(recording, calibration, velocity_m_per_s=np.array([1.0, 0, 0]))
+
+
+@pytest.mark.parametrize("is_alternating", [False, True])
+def test_errors_have_the_covariance_that_the_calibration_says(calibration, is_alternating):
+    """To first order corrected readings differ as errors drawn from the covariance make them, whatever the field."""
+    fields = 5e-5 * np.random.default_rng(1).normal(size=(30, 4, 3))
+    errors = errors_of(calibration, fields, is_alternating=is_alternating)
+    assert errors.shape[2] <= 48
+    small, rows = 1e-3, []
+    for column in np.linalg.cholesky(calibration.covariance + 1e-30 * np.eye(48)).T:
+        vector = calibration.errors.to_vector()
+        off = SensorErrors.from_vector(vector + small * column.reshape(vector.shape))
+        readings = calibration.errors.distort(fields)
+        if is_alternating:
+            readings, off = readings - calibration.errors.bias_T, replace(off, bias_T=np.zeros((4, 3)))
+        rows.append((off.restore(readings) - fields).ravel() / small)
+    expected, found = np.array(rows).T @ np.array(rows), errors.reshape(360, -1) @ errors.reshape(360, -1).T
+    assert_allclose(found, expected, atol=2e-3 * expected.max())
+
+
+def test_a_pass_less_noisy_than_the_calibration_run_is_answered(calibration, true_errors, cross):
+    """At a tenth of its noise the calibration's errors are no misfit."""
+    survey = located(seen(true_errors, cross, 1e-10, [WRECK], 2), calibration)
+    errors = np.sqrt(np.diag(survey.overall.position_covariance_m2))
+    assert (np.abs(survey.overall.position_m - WRECK.position_m) < 4.5 * errors).all()
+    assert errors.max() < 0.02
+    assert survey.further == () and survey.track.noise_variance == survey.track.colour == 1
+
+
+def test_standard_errors_hold_those_of_the_calibration(calibration, true_errors, cross):
+    """At the noise of its run they are larger than the noise of the pass alone makes them."""
+    recording = seen(true_errors, cross, 1e-9, [WRECK], 2)
+    each = [located(recording, one).overall for one in (calibration, replace(calibration, covariance=None))]
+    errors, alone = (np.sqrt(np.diag(one.position_covariance_m2)) for one in each)
+    assert (errors > alone).all()
+
+
+def test_without_the_covariance_the_errors_are_misfit(calibration, true_errors, cross):
+    """A tenth of the noise of the calibration run shows them; taken for exact the calibration is refused."""
+    exact = replace(calibration, covariance=None)
+    with pytest.raises(Refused, match="not those of"):
+        located(seen(true_errors, cross, 1e-10, [WRECK], 2), exact)
+
+
+def test_sensor_1_askew_is_refused_with_its_remedy(calibration, true_errors, cross):
+    """By 0.6°: no uniform field shows it, so the covariance does not hold it."""
+    turn = Rotation.from_rotvec(from_degrees(0.6) * np.array([0.6, 0.8, 0.0])).as_matrix()
+    askew = SensorErrors.from_matrix(true_errors.matrix @ turn, true_errors.bias_T)
+    with pytest.raises(Refused, match="--method integrated"):
+        located(seen(askew, cross, 1e-10, [WRECK], 3), calibration)
+
+
+def test_an_error_beyond_the_covariance_is_refused(calibration, true_errors, cross):
+    """A gain that has changed by thirty of its standard errors since the calibration."""
+    vector = true_errors.to_vector()
+    vector[1, 0] += 30 * calibration.standard_errors[1, 0]
+    with pytest.raises(Refused, match="Calibrate the array anew"):
+        located(seen(SensorErrors.from_vector(vector), cross, 1e-10, [WRECK], 4), calibration)
+
+
+def test_nothing_passed_is_no_dipole(calibration, true_errors, cross):
+    """Errors of the calibration and noise make none."""
+    with pytest.raises(Refused, match=r"no dipole is seen|do not determine"):
+        located(seen(true_errors, cross, 1e-10, [], 5), calibration)
