@@ -8,7 +8,7 @@ from collections import Counter
 from pathlib import Path
 
 from tam_validation.papers import PAPERS
-from tam_validation.papers.not_compared import not_compared
+from tam_validation.papers.printed import not_compared
 from tam_validation.papers.tables import STATUSES
 
 PAGE = Path(__file__).parent / "papers.md"
@@ -23,7 +23,7 @@ def papers_tables() -> str:
     """Return how many numbers of each paper are compared, with what outcome, and the list of what is not."""
     columns = ["paper", "numbers", *_SOURCES, *STATUSES, f"judged by {_OUR_OWN}"]
     counts = [_row(columns), _row(["---"] * len(columns)), *(_row(_counts(paper)) for paper in PAPERS)]
-    absent = [_row([paper, item.item, item.reason]) for paper in PAPERS for item in not_compared(paper)]
+    absent = [_row([paper, *item]) for paper in PAPERS for item in not_compared(paper).items()]
     return "\n".join([*counts, "", "| paper | not compared | reason |", "|---|---|---|", *absent, ""])
 
 

@@ -24,18 +24,15 @@ _SWEPT = "wu2025"
 @click.command()
 @click.argument("paper", type=click.Choice([*PAPERS, "all"]))
 @click.option("--runs", type=click.IntRange(2, 10_000), default=50, show_default=True, help="Of each point of wu2025.")
-@click.option(
-    "--report", type=PATH, help="Write an HTML page with what is compared, and the figures of wu2025 redrawn."
-)
 @click.option("--output-dir", type=PATH, help=f"Of the CSV files.  [default: {RESULTS} if there is one, else here]")
-def command(paper: str, runs: int, report: Path | None, output_dir: Path | None) -> None:
+def command(paper: str, runs: int, output_dir: Path | None) -> None:
     """Run the simulations of PAPER again and print their numbers beside ours.
 
     Each is marked as reproduced, not reproduced, or an error of the paper, with its source and the reason. What of the
     paper is compared with nothing is listed, with why. Exits 1 where a status is another than the one on record. Writes
     reproduce_PAPER.csv, and for wu2025 the curves of its figures as reproduce_wu2025_figures.csv.
     """
-    from tam_validation.papers.not_compared import not_compared
+    from tam_validation.papers.printed import not_compared
     from tam_validation.papers.tables import (
         print_not_compared,
         print_rows,
@@ -46,8 +43,7 @@ def command(paper: str, runs: int, report: Path | None, output_dir: Path | None)
 
     papers = list(PAPERS) if paper == "all" else [paper]
     folder = output_dir or (RESULTS if RESULTS.is_dir() else Path())
-    files = {name: folder / f"reproduce_{name}.csv" for name in papers}
-    outputs: dict[str, Path | None] = {**files, "report": report}
+    outputs = {name: folder / f"reproduce_{name}.csv" for name in papers}
     if _SWEPT in papers:
         outputs["figures"] = folder / f"reproduce_{_SWEPT}_figures.csv"
     with write_together(outputs, []) as beside:
@@ -56,10 +52,6 @@ def command(paper: str, runs: int, report: Path | None, output_dir: Path | None)
             beside[name].write_text(rows_to_csv(rows[name], _command(name, runs)), encoding="utf-8")
         if "figures" in beside:
             beside["figures"].write_text(sweeps_to_csv(sweeps, _command(_SWEPT, runs)), encoding="utf-8")
-        if "report" in beside:
-            from tam_validation.papers.report import write_reproduction_report
-
-            write_reproduction_report(beside["report"], rows, sweeps)
     for name in papers:
         print_rows(stdout(), PAPERS[name], rows[name])
         print_not_compared(stdout(), PAPERS[name], not_compared(name))

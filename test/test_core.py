@@ -47,7 +47,6 @@ NEEDS = {
     "diagnose run.csv --array array.yaml --report page.html": ("--report", "jinja2", "report"),
     "compare run.csv run.csv --array array.yaml --report page.html": ("--report", "jinja2", "report"),
     "locate run.csv --calibration calibration.yaml --report page.html": ("--report", "jinja2", "report"),
-    "reproduce li2018a --report page.html": ("--report", "jinja2", "report"),
     "demo": ("the demonstration", "rosbags", "bags"),
 }
 """Commands that need more: the subject of the sentence, the library that it names, and the extra."""

@@ -2,7 +2,7 @@
 
 What reproduces the printed numbers: poses Rz Ry Rx with the turn about z fastest, misalignment by the inverse of eq. 6,
 and noise of 1 nT on each axis of each sensor before the distortion. The ten samples of one turn that the paper names
-determine no calibration; ours is from all poses. What is measured is in ``NOT_COMPARED``.
+determine no calibration; ours is from all poses. What is measured is in the file of what it prints.
 """
 
 import numpy as np
@@ -12,26 +12,16 @@ from tam_calibration.fit.published import count_determined, fast_rotation, simpl
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla, to_degrees, to_nanotesla
 from tam_validation.papers.cross import COMPONENTS, SENSORS, SetUp, grid_of_turns, observed, site_field
-from tam_validation.papers.li2018b_printed import (
-    ESTIMATED,
-    MISALIGNMENT_DEG,
-    PRESET,
-    TABLE_2_BEFORE,
-    TABLE_2_REFERENCE_9,
-    TABLE_2_REFERENCE_10,
-    TABLE_2_THEIRS,
-    TABLE_3,
-    TABLE_4_ALIGNED,
-    TABLE_4_BEFORE,
-    TABLE_4_UNALIGNED,
-)
-from tam_validation.papers.not_compared import PICTURE, NotCompared
+from tam_validation.papers.printed import printed_in
 from tam_validation.papers.row import DERIVED, IN_WORDS, PaperNumber, compare, correct_paper
 
 _TURNS = 12
 _BASELINE_M = 0.4
 _NOISE_T = from_nanotesla(1.0)
 
+_PRINTED = printed_in("li2018b")
+PRESET = np.array(_PRINTED["preset"])
+"""Rows ``_PARAMETERS`` of Table 1, columns the four sensors."""
 _PARAMETERS = ("φ", "θ", "ψ", "c_x", "c_y", "c_z", "i_x", "i_y", "i_z")
 _UNITS = ("°",) * 3 + ("1",) * 3 + ("nT",) * 3
 _TOLERANCES = (5e-4,) * 3 + (1e-5,) * 3 + (0.3,) * 3
@@ -50,24 +40,6 @@ _ONE_TURN = (
     "1728 poses"
 )
 
-_MEASURED = "measured, and the recording is not published"
-_ONE_DRAW = (
-    "of the one draw of noise of the paper; the estimates of which it is the largest relative error are compared"
-)
-NOT_COMPARED = (
-    NotCompared("Fig. 4, TMI pose by pose", f"{PICTURE}; Table 2 has its RMSE, which is compared"),
-    NotCompared("Fig. 5, tensor components pose by pose", f"{PICTURE}; Table 4 has its RMSE, which is compared"),
-    NotCompared("Fig. 6, components over the first turn", PICTURE),
-    NotCompared("Table 1, PMED of the parameters", _ONE_DRAW),
-    NotCompared("Table 3, PMED of the misalignment", _ONE_DRAW),
-    NotCompared("Table 5, TMI before and after calibration in the experiment", _MEASURED),
-    NotCompared("Table 6, tensor components before and after calibration in the experiment", _MEASURED),
-    NotCompared("Table 7, error parameters of two experiments", _MEASURED),
-    NotCompared("Fig. 8, TMI of sensors and platform in the experiment", _MEASURED),
-    NotCompared("Fig. 9, tensor components in the experiment", _MEASURED),
-    NotCompared("Fig. 10, components over a turn about z in the experiment", _MEASURED),
-)
-
 
 def set_up(seed: int = 0) -> SetUp:
     """Return the cross of Tables 1 and 3 and its readings."""
@@ -81,7 +53,7 @@ def _true_errors() -> SensorErrors:
     """Return the preset errors; the paper's θ is our φ, its φ our θ, and its rotation is from the sensor."""
     angles = from_degrees(PRESET[:3].T)
     zero = np.zeros((4, 3))
-    from_sensor = SensorErrors(zero + 1, zero, zero, from_degrees(MISALIGNMENT_DEG)).rotation
+    from_sensor = SensorErrors(zero + 1, zero, zero, from_degrees(np.array(_PRINTED["misalignment_deg"]))).rotation
     measurement = SensorErrors(PRESET[3:6].T, angles, zero, zero).measurement
     return SensorErrors.from_matrix(measurement @ np.swapaxes(from_sensor, 1, 2), from_nanotesla(PRESET[6:].T))
 
@@ -142,7 +114,7 @@ def _parameter_rows(errors: SensorErrors) -> list[PaperNumber]:
     rows = []
     ours_by_name = np.concatenate(columns, axis=1).T
     for name, unit, tolerance, printed, ours, preset in zip(
-        _PARAMETERS, _UNITS, _TOLERANCES, ESTIMATED.tolist(), ours_by_name, PRESET, strict=True
+        _PARAMETERS, _UNITS, _TOLERANCES, _PRINTED["estimated"], ours_by_name, PRESET, strict=True
     ):
         names = [f"Table 1, {name}, {sensor}" for sensor in SENSORS]
         rows += correct_paper(
@@ -159,13 +131,14 @@ def _intensity_rows(case: SetUp, fields: dict[str, FloatArray]) -> list[PaperNum
     before, simplified, calibrated = (to_nanotesla(case.intensity_rms_T(stage)) for stage in stages)
     # Four times the sampling error of a root mean square of 1728 draws is 0.07.
     noise = [to_nanotesla(_NOISE_T)] * len(SENSORS)
+    table = _PRINTED["table_2"]
     mislabelled = "the first-order model of reference [10] gives the row labelled [9]; what gave this row is not said"
     return [
-        *compare(names(BEFORE), TABLE_2_BEFORE, before, "nT", relative=1e-4),
-        *compare(names(FIRST_ORDER), TABLE_2_REFERENCE_9, simplified, "nT", relative=1e-4),
+        *compare(names(BEFORE), table[BEFORE], before, "nT", relative=1e-4),
+        *compare(names(FIRST_ORDER), table[FIRST_ORDER], simplified, "nT", relative=1e-4),
         *compare(
             names("method of [10]"),
-            TABLE_2_REFERENCE_10,
+            table["method of [10]"],
             simplified,
             "nT",
             relative=1e-4,
@@ -174,7 +147,7 @@ def _intensity_rows(case: SetUp, fields: dict[str, FloatArray]) -> list[PaperNum
         ),
         *correct_paper(
             names("theirs"),
-            TABLE_2_THEIRS,
+            table["theirs"],
             calibrated,
             "nT",
             _ONE_TURN,
@@ -187,10 +160,10 @@ def _intensity_rows(case: SetUp, fields: dict[str, FloatArray]) -> list[PaperNum
 
 def _misalignment_rows(case: SetUp, own: FloatArray) -> list[PaperNumber]:
     rows = []
-    for samples, table in TABLE_3.items():
+    for samples in (3, 12):
         from_sensor = np.swapaxes(_rotations(case, own, samples), 1, 2)
         angles = SensorErrors.from_matrix(from_sensor, np.zeros((4, 3))).misalignment
-        for sensor, printed, ours in zip(SENSORS, table, angles, strict=True):
+        for sensor, printed, ours in zip(SENSORS, _PRINTED[f"misalignment_from_{samples}"], angles, strict=True):
             names = [f"Table 3, {angle} from {samples} samples, {sensor}" for angle in "αβγ"]
             # The noise of three samples moves an angle by some 2e-5.
             rows += compare(names, printed, ours, "rad", absolute=1e-4)
@@ -204,13 +177,14 @@ def _tensor_rows(case: SetUp, fields: dict[str, FloatArray]) -> list[PaperNumber
     stages = (fields[stage] for stage in (BEFORE, CALIBRATED, ALIGNED))
     before, unaligned, after = (to_nanotesla(case.tensor_rms_T_per_m(stage)) for stage in stages)
     baseline = "the printed row is 0.8 of ours: it was divided by a baseline of 0.5 m, not by the 0.4 m that are stated"
-    mended = np.array(TABLE_4_UNALIGNED) * 0.5 / _BASELINE_M
+    table = _PRINTED["table_4"]
+    mended = np.array(table[CALIBRATED]) * 0.5 / _BASELINE_M
     noise = "the noise of the three samples that align the sensors is another than the paper's"
     return [
-        *compare(names(BEFORE), TABLE_4_BEFORE, before, "nT/m", relative=1e-4),
+        *compare(names(BEFORE), table[BEFORE], before, "nT/m", relative=1e-4),
         *correct_paper(
             names(CALIBRATED),
-            TABLE_4_UNALIGNED,
+            table[CALIBRATED],
             unaligned,
             "nT/m",
             baseline,
@@ -218,7 +192,7 @@ def _tensor_rows(case: SetUp, fields: dict[str, FloatArray]) -> list[PaperNumber
             right_source=DERIVED,
             relative=1e-4,
         ),
-        *compare(names(ALIGNED), TABLE_4_ALIGNED, after, "nT/m", relative=0.3, reason=noise),
+        *compare(names(ALIGNED), table[ALIGNED], after, "nT/m", relative=0.3, reason=noise),
     ]
 
 

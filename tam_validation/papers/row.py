@@ -109,34 +109,16 @@ def compare(
     return rows
 
 
-def compare_together(
-    names: Iterable[str],
-    paper: Sequence[float],
-    ours: Sequence[float] | FloatArray,
-    unit: str,
-    *,
-    relative: float,
-    reason: str,
-    recorded: Status,
-) -> list[PaperNumber]:
-    """Return the rows of numbers that are one finding: reproduced where all of them agree, and otherwise none.
+def together(rows: list[PaperNumber], reason: str) -> list[PaperNumber]:
+    """Return rows that are one finding: as they are where all agree, and otherwise none reproduced.
 
     Parameters
     ----------
-    names : iterable of str
-        Where each number stands in the paper, and what it is.
-    paper, ours : sequence of float
-        The paper's, and as computed here; as many as names.
-    unit : str
-        Of all of them.
-    relative : float
-        Largest difference that agrees, as part of the paper's number.
+    rows : list of PaperNumber
+        As ``compare`` gives them.
     reason : str
         Why they are not reproduced; it stands at all rows then.
-    recorded : str
-        The status that was found when the paper was examined.
     """
-    rows = compare(names, paper, ours, unit, relative=relative, reason=reason, recorded=recorded)
     if all(row.status == "reproduced" for row in rows):
         return rows
     return [replace(row, status="not reproduced", reason=reason) for row in rows]

@@ -11,7 +11,6 @@ from rich.table import Table
 
 from tam_calibration.model.units import FloatArray, to_nanotesla
 from tam_calibration.report.formatting import fixed, number
-from tam_validation.papers.not_compared import NotCompared
 from tam_validation.papers.row import PaperNumber, Status
 from tam_validation.papers.sweep import Sweep
 from tam_validation.papers.wu2025_sweeps import GROUPS, HELD_OUT, IN_SAMPLE, RELATIVE_ERROR
@@ -95,7 +94,7 @@ def print_rows(console: Console, title: str, rows: Sequence[PaperNumber]) -> Non
         console.print(f"{index:>3} {note}")
 
 
-def print_not_compared(console: Console, title: str, items: Sequence[NotCompared]) -> None:
+def print_not_compared(console: Console, title: str, items: Mapping[str, str]) -> None:
     """Print what of a paper is compared with nothing, and why.
 
     Parameters
@@ -104,12 +103,12 @@ def print_not_compared(console: Console, title: str, items: Sequence[NotCompared
         Where to print.
     title : str
         Of the table.
-    items : sequence of NotCompared
-        Tables and figures of the paper.
+    items : mapping
+        From tables and figures of the paper to the reasons.
     """
     table = Table("not compared", "reason", title=title)
-    for item in items:
-        table.add_row(item.item, item.reason)
+    for item in items.items():
+        table.add_row(*item)
     console.print(table)
 
 

@@ -19,7 +19,7 @@ from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, to_degrees
 from tam_calibration.simulation import Scenario, simulate
 from tam_calibration.sources.dipole import area_of, dipole_field, loop_field
-from tam_validation.papers.row import PaperNumber, Status, compare_together
+from tam_validation.papers.row import PaperNumber, Status, compare, together
 
 POSITION_M = np.array([2.40, -1.00, 0.46])
 RADIUS_M = (0.82 + 0.96) / 4
@@ -210,10 +210,8 @@ def _compare(
     stage: str, what: str, ours: FloatArray, reason: str, relative: float = 0.1, recorded: Status = "not reproduced"
 ) -> list[PaperNumber]:
     names = [f"Section 4.2, RMSE of the coil's position, {axis}, {stage}{what}" for axis in AXES]
-    table = compare_together(
-        names, list(printed(stage)), ours, "m", relative=relative, reason=reason, recorded=recorded
-    )
-    return [replace(row, reason=reason) for row in table]
+    table = compare(names, list(printed(stage)), ours, "m", relative=relative, recorded=recorded)
+    return [replace(row, reason=reason) for row in together(table, reason)]
 
 
 def _signed(value: float) -> str:

@@ -19,22 +19,15 @@ from tam_calibration.simulation import Scenario, Simulation, simulate
 from tam_calibration.simulation.attitude import RandomAttitudes
 from tam_validation.papers import wu2025_coil
 from tam_validation.papers.cross import SENSORS
-from tam_validation.papers.row import DERIVED, PaperNumber, compare, compare_together
+from tam_validation.papers.printed import printed_in
+from tam_validation.papers.row import DERIVED, PaperNumber, compare, together
 
 _BEFORE_NT = (339.2, 277.2, 283.2, 320.5)
 _AFTER_NT = (91.9, 94.4, 98.5, 97.1)
 _ORIENTATIONS = 72
 _PARAMETERS = 45
 
-# Rows δSx, δSy, δSz, B0x, B0y, B0z [nT], θ, φ, ψ, α, β, γ [°] of Table 2, columns the four sensors.
-TABLE_2 = {
-    "δSx": (-0.0103, 0.0062, 0.0083, 0.0023), "δSy": (0.0076, -0.0129, -0.0124, 0.0140),
-    "δSz": (0.0174, 0.0038, -0.0004, -0.0143), "B0x": (11.8467, -6.0092, -13.6844, -5.3428),
-    "B0y": (26.1961, 15.7185, 10.3250, 14.6912), "B0z": (-17.8786, 10.6258, 29.7575, 2.9363),
-    "θ": (0.0387, 0.0174, 0.0253, 0.0165), "φ": (0.0646, 0.0981, 0.0861, 0.0987),
-    "ψ": (-0.0622, -0.0683, -0.0650, -0.0715), "α": (0.0164, 0.0074, 0.0127),
-    "β": (0.0118, 0.0117, 0.0145), "γ": (-0.0093, -0.0155, -0.0080),
-}  # fmt: skip
+TABLE_2: dict[str, list[float]] = printed_in("wu2025")["table_2"]
 _KINDS = (
     (("δSx", "δSy", "δSz"), slice(0, 3), "1", 1.0),
     (("B0x", "B0y", "B0z"), slice(6, 9), "nT", to_nanotesla(1.0)),
@@ -91,9 +84,8 @@ def _before_rows(run: Simulation) -> list[PaperNumber]:
         f"gives all four within {100 * nearest:.0f} %"
     )
     names = [f"Section 4.2, e_B before, {sensor}" for sensor in SENSORS]
-    return compare_together(
-        names, _BEFORE_NT, to_nanotesla(ours), "nT", relative=0.02, reason=reason, recorded="not reproduced"
-    )
+    rows = compare(names, _BEFORE_NT, to_nanotesla(ours), "nT", relative=0.02, recorded="not reproduced")
+    return together(rows, reason)
 
 
 def _after_rows(run: Simulation) -> list[PaperNumber]:
@@ -109,7 +101,7 @@ def _after_rows(run: Simulation) -> list[PaperNumber]:
         "gradient of the site or the magnetism of the table"
     )
     names = [f"Section 4.2, e_B after, {sensor}" for sensor in SENSORS]
-    return compare_together(names, _AFTER_NT, ours, "nT", relative=0.1, reason=reason, recorded="not reproduced")
+    return together(compare(names, _AFTER_NT, ours, "nT", relative=0.1, recorded="not reproduced"), reason)
 
 
 def _parameter_rows(run: Simulation) -> list[PaperNumber]:

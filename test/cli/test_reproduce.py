@@ -87,14 +87,6 @@ def test_a_folder_that_is_not_there_exits_2(run):
     assert list(Path().iterdir()) == []
 
 
-def test_a_page_on_demand(run):
-    """The page is written beside the CSV file."""
-    result = run("chi2017", "--report", "page.html")
-    assert "written: page.html" in result.stdout
-    page = Path("page.html").read_text(encoding="utf-8")
-    assert "Every number that is compared has the status that is on record for it." in page
-
-
 def test_all_papers_with_the_curves_of_figures(run, monkeypatch, wu2025_sweeps):
     """One command writes every number and the curves of Wu's figures; the runs are passed on."""
     asked = []

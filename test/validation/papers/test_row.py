@@ -1,6 +1,6 @@
 import math
 
-from tam_validation.papers.row import PaperNumber, compare, compare_together, correct_paper
+from tam_validation.papers.row import PaperNumber, compare, correct_paper, together
 
 
 def test_a_number_within_its_tolerance_is_reproduced():
@@ -29,7 +29,7 @@ def test_the_paper_is_in_error_where_ours_is_right():
 
 def test_one_number_that_disagrees_takes_the_others_with_it():
     """Numbers that are one finding have one status."""
-    options = {"relative": 0.1, "reason": "why", "recorded": "reproduced"}
-    assert {row.status for row in compare_together("ab", [1, 1], [1.05, 1], "1", **options)} == {"reproduced"}
-    rows = compare_together("ab", [1, 1], [1.2, 1], "1", **options)
-    assert {(row.status, row.reason) for row in rows} == {("not reproduced", "why")}
+    near = compare("ab", [1, 1], [1.05, 1], "1", relative=0.1)
+    assert {row.status for row in together(near, "why")} == {"reproduced"}
+    far = together(compare("ab", [1, 1], [1.2, 1], "1", relative=0.1), "why")
+    assert {(row.status, row.reason) for row in far} == {("not reproduced", "why")}
