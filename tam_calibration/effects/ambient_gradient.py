@@ -3,7 +3,7 @@
 At attitude R (array to world) a sensor at r reads b + Rᵀ G R r, with G symmetric and trace-free in the world.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import ClassVar
 
@@ -12,7 +12,7 @@ from numpy.linalg import norm
 
 from tam_calibration.core.harmonics import derivatives, fields
 from tam_calibration.effects.covariates import LEAST_TURN, to_world, turn_spread
-from tam_calibration.effects.effect import ALL, Coefficient, Covariates, Limit, LinearEffect, Shape, SurrogateKind, Term
+from tam_calibration.effects.effect import ALL, Coefficient, Covariates, LinearEffect, Shape, SurrogateKind, Term
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
@@ -105,34 +105,14 @@ def without_gradient(
 _DEGREES = {2: "T/m", 3: "T/m²", 4: "T/m³"}
 """Units of the derivatives of a potential, by its degree."""
 
-_NEARER = 10.0
-"""Ratio of the limits of successive derivatives of the field, 1/m: that of sources at some tenths of a metre."""
-
 
 class AmbientGradient(LinearEffect):
     """The field of the site is not uniform; the array turns about its centre, which stays where it is."""
 
     name: ClassVar[str] = "ambient_gradient"
-    title: ClassVar[str] = "ambient field with gradients"
-    physics: ClassVar[str] = (
-        "The field of sources at a distance is the gradient of a harmonic potential, a sum of solid harmonics "
-        "(Blakely, Potential Theory in Gravity and Magnetic Applications, Cambridge University Press, 1995, "
-        "chapter 6): fixed in the world, it turns in the array frame."
-    )
     channels: ClassVar[tuple[str, ...]] = ("attitude",)
     surrogates: ClassVar[SurrogateKind] = "of_attitude"
-    excitation: ClassVar[str] = "turn the array about all axes without moving its centre"
-    looks_like: ClassVar[dict[str, int]] = {"function_of_direction": 1, "function_of_tilt": 2}
     is_of_site: ClassVar[bool] = True
-    limits: ClassVar[Mapping[str, Limit]] = {
-        f"degree {degree}": Limit(
-            1e-4 * _NEARER ** (degree - 2),
-            "indoors the field changes by tens of µT within a metre; Haverinen and Kemppainen, Global indoor "
-            "self-localization based on the ambient magnetic field, Robot. Auton. Syst. 57, 2009, p. 1028",
-            unit,
-        )
-        for degree, unit in _DEGREES.items()
-    }
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that all sensors are at the centre or that the array was not turned, where it is so."""

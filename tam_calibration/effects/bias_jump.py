@@ -1,6 +1,6 @@
 """A bias that jumps, once or on and off, also so far that the sphere of the readings visibly moves."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -9,7 +9,7 @@ from numpy.linalg import norm
 from numpy.typing import NDArray
 
 from tam_calibration.effects.change_points import Path, StepEffect, is_on, shape_of, without
-from tam_calibration.effects.effect import Covariates, Limit
+from tam_calibration.effects.effect import Covariates
 from tam_calibration.effects.grades import LEAST_SAMPLES, MINOR, NEGLIGIBLE
 from tam_calibration.effects.saturation import inside_range
 from tam_calibration.effects.spikes import without_spikes
@@ -127,23 +127,6 @@ class BiasJump(StepEffect):
     """Offsets of axes change at one time, for good or until another time."""
 
     name: ClassVar[str] = "bias_jump"
-    title: ClassVar[str] = "bias that jumps"
-    physics: ClassVar[str] = (
-        "A magnet or tool that comes near, a shock to magnetised parts or an electronic reset changes the bias at once "
-        "(Ripka, Magnetic Sensors and Magnetometers, Artech House, 2001: perming); its time is where the cumulative "
-        "sum of the residuals turns (Page, Continuous inspection schemes, Biometrika 41, 1954, p. 100)."
-    )
-    told_of_samples: ClassVar[str] = "a jump"
-    excitation: ClassVar[str] = "turn through the same attitudes before and after the jump"
-    may_be: ClassVar[tuple[str, ...]] = ("temperature_drift",)
-    limits: ClassVar[Mapping[str, Limit]] = {
-        "offset": Limit(
-            1e-2,
-            "a magnet of 1 cm of neodymium iron boron makes 8 mT at 3 cm; Furlani, Permanent Magnet and "
-            "Electromechanical Devices, Academic Press, 2001, chapter 4",
-            "T",
-        )
-    }
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
         """Return the times, and pairs of times, at which jumps of one row or of all explain most, of all samples.

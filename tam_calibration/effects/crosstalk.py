@@ -6,7 +6,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from tam_calibration.effects.effect import Coefficient, Covariates, Limit, LinearEffect, Shape, Term, WhitenedResiduals
+from tam_calibration.effects.effect import Coefficient, Covariates, LinearEffect, Shape, Term, WhitenedResiduals
 from tam_calibration.effects.motion import jumps
 from tam_calibration.effects.switching import WINDOW_UNITS, Level, Switching, in_windows, settled_strongest
 from tam_calibration.model.units import FloatArray
@@ -37,20 +37,9 @@ class Crosstalk(LinearEffect):
     """
 
     name: ClassVar[str] = "crosstalk"
-    title: ClassVar[str] = "readings of another channel that bleed in"
-    physics: ClassVar[str] = (
-        "The capacitor of a converter keeps part of the charge of the channel that a multiplexer had connected before, "
-        "always or while it is in a hurry, and open switches and parallel wires let through part of another channel's "
-        "signal while it is connected (Kester, The Data Conversion Handbook, Newnes, 2005, chapter 7)."
-    )
-    told_of_samples: ClassVar[str] = "a motion or windows"
-    excitation: ClassVar[str] = "turn the array fast and about all axes, so that the channels differ and change"
     is_causal: ClassVar[bool] = False
     is_of_one_sensor: ClassVar[bool] = True
     shape_units: ClassVar[Mapping[str, str]] = dict.fromkeys(_SHAPES, "s") | WINDOW_UNITS
-    limits: ClassVar[Mapping[str, Limit]] = {
-        "bleed": Limit(1.0, "an input that nothing drives keeps the whole charge of the one before it; Kester 2005")
-    }
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
         """Return how late it is, where there is continuous motion, and the windows in which an axis bleeds most.

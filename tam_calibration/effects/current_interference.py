@@ -1,17 +1,14 @@
 """The field of a current near the sensors."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import ClassVar
 
 import numpy as np
 
 from tam_calibration.effects.covariates import lagged
-from tam_calibration.effects.effect import Covariates, Limit, LinearEffect, Shape, SurrogateKind
+from tam_calibration.effects.effect import Covariates, LinearEffect, Shape, SurrogateKind
 from tam_calibration.effects.grades import NEGLIGIBLE
 from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
-
-_AT_A_MILLIMETRE = Limit(2e-4, "a straight wire at 1 mm, by the law of Biot and Savart: µ0/(2π r)", "T/A")
-"""Field per current."""
 
 _LAGS = (1.0, 5.0, 25.0, 125.0)
 """Time constants of a lagged part, in steps of time."""
@@ -21,24 +18,10 @@ class CurrentInterference(LinearEffect):
     """A current that is fixed to the array adds a field in proportion to it."""
 
     name: ClassVar[str] = "current_interference"
-    title: ClassVar[str] = "field of a current near the sensors"
-    physics: ClassVar[str] = (
-        "By the law of Biot and Savart a current in wires fixed to the array adds a field in proportion to it at each "
-        "sensor; iron and conductors nearby add a part of second order and one that lags (Springmann and Cutler, "
-        "Attitude-independent magnetometer calibration with time-varying bias, J. Guid. Control Dyn. 35, 2012)."
-    )
     channels: ClassVar[tuple[str, ...]] = ("current_A",)
-    excitation: ClassVar[str] = "switch or vary the current several times while the array turns"
-    looks_like: ClassVar[dict[str, int]] = {"function_of_time": 2, "function_of_neighbours": 1}
     is_any_course: ClassVar[bool] = True
-    limit_of: ClassVar[tuple[str, ...]] = ("platform_field",)
     surrogates: ClassVar[SurrogateKind] = "of_channel"
     shape_units: ClassVar[dict[str, str]] = {"time_constant_s": "s", "reference_A": "A"}
-    limits: ClassVar[Mapping[str, Limit]] = {
-        "field": _AT_A_MILLIMETRE,
-        "lagged": _AT_A_MILLIMETRE,
-        "quadratic": Limit(2e-4, "the field of iron that a current magnetises, at most that of the current", "T/A²"),
-    }
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that the current is constant, where it is."""

@@ -1,12 +1,12 @@
 """Eddy currents in conductors near a sensor."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import ClassVar
 
 import numpy as np
 
 from tam_calibration.effects.covariates import lagged_smooth
-from tam_calibration.effects.effect import Coefficient, Covariates, Limit, LinearEffect, Shape, Term, WhitenedResiduals
+from tam_calibration.effects.effect import Coefficient, Covariates, LinearEffect, Shape, Term, WhitenedResiduals
 from tam_calibration.effects.motion import jumps, rates
 from tam_calibration.model.units import FloatArray
 
@@ -22,12 +22,6 @@ _COUNT = 7
 SLOWER = 5.0
 """Ratio of the time constant of the slower mode to that of the first."""
 
-LIMIT = Limit(
-    1.0,
-    "currents in a passive conductor at most keep its field: that of a sphere of perfect conductance is at its pole as "
-    "large as the change; Jackson, Classical Electrodynamics, 3rd edition, Wiley, 1999, section 5.11",
-)
-"""Limit of the signal of a mode, as a part of the change of the field."""
 
 _NAMES = tuple(f"{axis} of the field on {row}" for row in "xyz" for axis in "xyz")
 
@@ -36,17 +30,8 @@ class EddyCurrent(LinearEffect):
     """Changes of the field are shielded by C (b - b after a first-order lag); uses samples on both sides."""
 
     name: ClassVar[str] = "eddy_current"
-    title: ClassVar[str] = "eddy currents in conductors near a sensor"
-    physics: ClassVar[str] = (
-        "A changing field drives currents in conductors, which decay with the time constant of inductance over "
-        "resistance and whose field adds to that at the sensor (Leliak, Identification and evaluation of magnetic "
-        "field sources of magnetic airborne detector equipped aircraft, IRE Trans. ANE-8, 1961, p. 95)."
-    )
-    excitation: ClassVar[str] = "turn the array fast and continuously at different rates, not from pose to pose"
-    looks_like: ClassVar[dict[str, int]] = {"function_of_neighbours": 4, "function_of_rate": 2}
     is_causal: ClassVar[bool] = False
     shape_units: ClassVar[dict[str, str]] = {"time_constant_s": "s"}
-    limits: ClassVar[Mapping[str, Limit]] = {"first mode": LIMIT, "slower mode": LIMIT}
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that there is no continuous motion, where there is none."""

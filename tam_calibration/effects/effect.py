@@ -4,10 +4,12 @@ A sample's rows are the readings of all sensors, row 3 i + a for axis a of senso
 All that the author of an effect needs can be imported from here.
 """
 
+import tomllib
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from pathlib import Path
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,6 +127,18 @@ class Finding:
     is_certain: bool = False
 
 
+_CAUSES: dict[str, dict[str, Any]] = tomllib.loads(Path(__file__).with_name("causes.toml").read_text(encoding="utf-8"))
+"""What is known of the causes of this package, by the names of their effects."""
+
+
+def _limit_of(known: Mapping[str, Any]) -> Limit:
+    return Limit(known["largest"], _on_one_line(known["source"]), known.get("unit", "1"))
+
+
+def _on_one_line(text: str) -> str:
+    return " ".join(text.split())
+
+
 class Effect(ABC):
     """A physical effect that the model of scale factor, non-orthogonality, bias and misalignment does not hold.
 
@@ -181,6 +195,18 @@ class Effect(ABC):
     looks_like: ClassVar[Mapping[str, int]] = {}
     shows_as: ClassVar[tuple[str, ...]] = ()
     output_stage: ClassVar[int] = 0
+
+    def __init_subclass__(cls) -> None:
+        """Take over what ``causes.toml`` tells of an effect of this package; others state it themselves."""
+        super().__init_subclass__()
+        for key, value in _CAUSES.get(cls.__dict__.get("name", ""), {}).items():
+            if key == "limits":
+                value = {name: _limit_of(known) for name, known in value.items()}
+            elif key == "largest_signal":
+                value = _limit_of(value)
+            elif isinstance(value, str):
+                value = _on_one_line(value)
+            setattr(cls, key, tuple(value) if isinstance(value, list) else value)
 
     def oversize(self, covariates: Covariates, fitted: FittedEffect) -> str | None:
         """Return which value of a fitted effect is larger than any in nature, in one clause; None where none is.

@@ -1,30 +1,19 @@
 """Sensors that their own weight turns out of place."""
 
-from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
 
 from tam_calibration.effects.covariates import LEAST_TURN, upwards
-from tam_calibration.effects.effect import Coefficient, Covariates, Limit, LinearEffect, Shape, SurrogateKind, Term
+from tam_calibration.effects.effect import Coefficient, Covariates, LinearEffect, Shape, SurrogateKind, Term
 
 
 class Flexure(LinearEffect):
     """A sensor turns against the array by ω = C u, with u the direction upwards: it reads M (b + ω × b)."""
 
     name: ClassVar[str] = "flexure"
-    title: ClassVar[str] = "arms that bend under their weight"
-    physics: ClassVar[str] = (
-        "An elastic arm bends and twists in proportion to the gravity across it and along it, and turns the sensor at "
-        "its end (Timoshenko, Strength of Materials, part I, 3rd edition, Van Nostrand, 1955, chapter 5)."
-    )
     channels: ClassVar[tuple[str, ...]] = ("attitude",)
     surrogates: ClassVar[SurrogateKind] = "of_attitude"
-    excitation: ClassVar[str] = "tilt the array to all sides, upside down too"
-    looks_like: ClassVar[dict[str, int]] = {"function_of_direction": 2, "function_of_tilt": 1}
-    limits: ClassVar[Mapping[str, Limit]] = {
-        "turn": Limit(0.1, "elastic beams bend by small slopes; Timoshenko 1955, chapter 5", "rad")
-    }
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that the array was not tilted, or that its sensor has none to turn against, where it is so."""

@@ -1,6 +1,6 @@
 """A gain that switches between two states."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from itertools import product
 from typing import ClassVar
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.effects.covariates import Memory
-from tam_calibration.effects.effect import Covariates, Limit, LinearEffect, Shape, SurrogateKind
+from tam_calibration.effects.effect import Covariates, LinearEffect, Shape, SurrogateKind
 from tam_calibration.effects.switching import WINDOW_UNITS, Level, Switching, in_windows, settled_strongest
 from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
 from tam_calibration.model.units import FloatArray
@@ -23,18 +23,9 @@ class GainSwitching(LinearEffect):
     """The gain of an axis is another in windows of time, or while the reading is large."""
 
     name: ClassVar[str] = "gain_switching"
-    title: ClassVar[str] = "gain that goes to and fro between two states"
-    physics: ClassVar[str] = (
-        "A loose contact of a feedback or excitation coil, a load on the reference voltage or an automatic range that "
-        "changes with hysteresis at two thresholds gives an amplifier one of two gains (Horowitz and Hill, The Art of "
-        "Electronics, 3rd edition, Cambridge University Press, 2015, chapters 4 and 13)."
-    )
-    told_of_samples: ClassVar[str] = "two states"
-    excitation: ClassVar[str] = "turn each axis along and against the field in both states of the gain"
     is_free_in_time: ClassVar[bool] = True
     is_of_one_sensor: ClassVar[bool] = True
     has_exact_shapes: ClassVar[bool] = True
-    nearly_within: ClassVar[tuple[str, ...]] = ("crosstalk",)
     surrogates: ClassVar[SurrogateKind] = "elsewhere"
     shape_units: ClassVar[dict[str, str]] = {
         "upper_T": "T",
@@ -43,11 +34,6 @@ class GainSwitching(LinearEffect):
         "sensor_lower_T": "T",
     } | WINDOW_UNITS
     """Thresholds of the size of an axis' reading, or of the largest of its sensor, or windows of time."""
-    limits: ClassVar[Mapping[str, Limit]] = {
-        "gain": Limit(
-            1.0, "ranges are switched by factors of two, and an open contact reads nothing; Horowitz and Hill 2015"
-        )
-    }
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
         """Return the windows of the axis in which two states explain most, or the thresholds that make them.

@@ -1,6 +1,6 @@
 """An ambient field whose intensity drifts in time against the scalar reference."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import ClassVar
 
 import numpy as np
@@ -31,20 +31,10 @@ class GeomagneticDrift(LinearEffect):
     """
 
     name: ClassVar[str] = "geomagnetic_drift"
-    title: ClassVar[str] = "geomagnetic field that drifts during the recording"
-    physics: ClassVar[str] = (
-        "Currents in ionosphere and magnetosphere change the geomagnetic field by nanoteslas in minutes, by tens "
-        "in hours (Campbell, Introduction to Geomagnetic Fields, Cambridge University Press, 2003, chapters 2, 3); "
-        "a reference elsewhere, or an intensity taken as constant, does not follow."
-    )
-    excitation: ClassVar[str] = "come back to the same attitudes several times during the recording"
-    looks_like: ClassVar[dict[str, int]] = {"function_of_time": 3}
-    may_be: ClassVar[tuple[str, ...]] = ("temperature_drift",)
     is_free_in_time: ClassVar[bool] = True
     is_of_site: ClassVar[bool] = True
     surrogates: ClassVar[SurrogateKind] = "elsewhere"
     shape_units: ClassVar[dict[str, str]] = {"start_s": "s", "span_s": "s"}
-    limits: ClassVar[Mapping[str, Limit]] = {_RATE: _STORM}
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that the recording is too short, where it is."""

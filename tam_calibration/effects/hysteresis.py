@@ -7,7 +7,7 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 
 from tam_calibration.effects.covariates import Memory, follow
-from tam_calibration.effects.effect import Coefficient, Covariates, Limit, LinearEffect, Shape, Term, WhitenedResiduals
+from tam_calibration.effects.effect import Coefficient, Covariates, LinearEffect, Shape, Term, WhitenedResiduals
 from tam_calibration.effects.grades import MINOR
 from tam_calibration.effects.nonlinearity import full_scale
 from tam_calibration.model.units import FloatArray
@@ -42,21 +42,7 @@ class Hysteresis(LinearEffect):
     """The reading follows the field in loops of several widths, without depending on the rate."""
 
     name: ClassVar[str] = "hysteresis"
-    title: ClassVar[str] = "reading that depends on where the field came from"
-    physics: ClassVar[str] = (
-        "Domain walls in cores and in soft iron nearby stick until the field has turned back by more than their width; "
-        "functions of play operators of several widths describe it (Kuhnen, Modeling, identification and compensation "
-        "of complex hysteretic nonlinearities, Eur. J. Control 9, 2003, p. 407), with a curve for what saturates."
-    )
-    excitation: ClassVar[str] = "turn each axis along and against the field and back, in large and in small swings"
-    looks_like: ClassVar[dict[str, int]] = {"function_of_rate": 3, "function_of_direction": 4}
     shape_units: ClassVar[dict[str, str]] = {"full_scale_T": "T", "azimuth_rad": "rad", "elevation_rad": "rad"}
-    largest_signal: ClassVar[Limit | None] = Limit(
-        0.1,
-        "that of magnetoresistive sensors is 0.1 % of 200 µT (Honeywell, data sheet of the HMC1001); iron nearby adds "
-        "some tenths of the field, of which loops are the smaller part; Gebre-Egziabher et al., Calibration of "
-        "strapdown magnetometers in magnetic field domain, J. Aerosp. Eng. 19, 2006, p. 87",
-    )
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that the field was not turned back along any axis, where it was not."""

@@ -26,13 +26,6 @@ class InterpolatedSamples(FoundEffect):
     """Lost readings of a sensor, filled on straight lines."""
 
     name = "interpolated_samples"
-    title = "lost readings that were filled on straight lines"
-    physics = (
-        "Values put in place of lost ones hide the loss and understate the noise (Little and Rubin, Statistical "
-        "Analysis with Missing Data, Wiley, 2002); a line errs by up to an eighth of the squared gap times the second "
-        "derivative (de Boor, A Practical Guide to Splines, Springer, 1978, chapter 3)."
-    )
-    excitation = "turn the array steadily, with two sensors or more"
     units: ClassVar[Mapping[str, str]] = {"rate": "1", "burst": "1"}
 
     def obstacle(self, covariates: Covariates) -> str | None:

@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.effect import ALL, Contribution, Covariates, Finding, FittedEffect, FoundEffect, Limit
+from tam_calibration.effects.effect import ALL, Contribution, Covariates, Finding, FittedEffect, FoundEffect
 from tam_calibration.effects.excess_variance import LARGEST_NOISE, ChannelMoments, Excess, best_excess
 from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, NOTABLE
 from tam_calibration.effects.quantization import find_lattices
@@ -25,21 +25,10 @@ class NoiseExcess(FoundEffect):
     """More noise in some rows than in the others."""
 
     name = "noise_excess"
-    title = "more noise than the others have"
     stream = "of_sample"
-    physics = (
-        "The noise of an axis, a sensor or the scalar magnetometer exceeds that of the others: electronics, contacts, "
-        "1/f noise of the core (Ripka 2001, Magnetic Sensors and Magnetometers)."
-    )
-    excitation = "a record of some dozens of samples"
     may_repeat = True
     explains_any_excess = True
     units: ClassVar[Mapping[str, str]] = {"standard deviation": "T"}
-    limits: ClassVar[Mapping[str, Limit]] = {
-        "standard deviation": Limit(
-            1e-5, "sensors of phones have up to 1 µT; ten times that, more than a sensor in use has (Ripka 2001)", "T"
-        )
-    }
 
     def find(self, residuals: WhitenedResiduals) -> Finding | str:
         """Return the rows with more noise and how much, or why there is none."""

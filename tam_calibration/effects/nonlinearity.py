@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
-from tam_calibration.effects.effect import Coefficient, Covariates, Limit, LinearEffect, Shape, Term, WhitenedResiduals
+from tam_calibration.effects.effect import Coefficient, Covariates, LinearEffect, Shape, Term, WhitenedResiduals
 from tam_calibration.effects.grades import MINOR
 
 _ORDERS = {"quadratic": (2,), "cubic": (3,), "higher": (4, 5), "highest": (6, 7, 8, 9)}
@@ -17,21 +17,7 @@ class Nonlinearity(LinearEffect):
     """The reading of an axis is a curve of the field along it."""
 
     name: ClassVar[str] = "nonlinearity"
-    title: ClassVar[str] = "reading that is a curve of the field"
-    physics: ClassVar[str] = (
-        "Finite loop gain, converters and unsymmetric cores bend the transfer function of a magnetometer "
-        "(Ripka, Magnetic Sensors and Magnetometers, Artech House, 2001, chapter 3); P_k are Legendre polynomials of "
-        "the field over its full scale."
-    )
-    excitation: ClassVar[str] = "turn each axis along and against the field"
-    looks_like: ClassVar[dict[str, int]] = {"function_of_direction": 5}
-    limit_of: ClassVar[tuple[str, ...]] = ("hysteresis",)
     shape_units: ClassVar[dict[str, str]] = {"full_scale_T": "T"}
-    largest_signal: ClassVar[Limit | None] = Limit(
-        0.1,
-        "the linearity error of magnetoresistive sensors is up to 2 % of 200 µT, 8 % of the Earth's field; Honeywell, "
-        "data sheet of the HMC1001",
-    )
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that no axis was turned far enough, where it is so."""

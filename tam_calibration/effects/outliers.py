@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.effects.displaced import drawn_bursts
-from tam_calibration.effects.effect import Covariates, Finding, FoundEffect, Limit, WhitenedResiduals
-from tam_calibration.effects.saturation import WIDEST_RANGE
+from tam_calibration.effects.effect import Covariates, Finding, FoundEffect, WhitenedResiduals
 from tam_calibration.effects.spikes import Spikes, come_with_motion, find_spikes
 from tam_calibration.effects.term import Place, everywhere, explained_energy, places, row_deviations
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
@@ -24,19 +23,11 @@ class Outliers(FoundEffect):
     """Spikes in single readings."""
 
     name = "outliers"
-    title = "spikes in single readings"
     stream = "spikes"
-    physics = (
-        "A disturbance of the transmission or a short event nearby puts single readings, or a few in a row, far off "
-        "(Cook and Weisberg 1982, mean-shift model)."
-    )
-    shows_as = ("zero",)
-    excitation = "a record of at least some dozens of samples"
     is_of_extremes = True
     may_repeat = True
     is_of_lone_samples = True
     units: ClassVar[Mapping[str, str]] = {"rate": "1", "size": "T", "burst": "1"}
-    limits: ClassVar[Mapping[str, Limit]] = {"size": WIDEST_RANGE}
 
     def find(self, residuals: WhitenedResiduals) -> Finding | str:
         """Return the spikes, flagged, or why there is none."""

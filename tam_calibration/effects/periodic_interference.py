@@ -1,11 +1,11 @@
 """Interference at a fixed frequency."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.effect import Covariates, FittedEffect, Limit, LinearEffect, Shape, Sized, SurrogateKind
+from tam_calibration.effects.effect import Covariates, FittedEffect, LinearEffect, Shape, Sized, SurrogateKind
 from tam_calibration.effects.grades import NEGLIGIBLE, NOTABLE, SLIGHT
 from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
 from tam_calibration.model.units import FloatArray
@@ -13,18 +13,8 @@ from tam_calibration.model.units import FloatArray
 _LEAST_PERIODS = 10
 """Periods in the record at least: slower variation is a drift."""
 
-_AT_WORK = Limit(
-    1e-3, "the largest field of mains that people may work in; ICNIRP guidelines, Health Phys. 99, 2010, p. 818", "T"
-)
-"""Limit of an amplitude."""
 
 _OVERTONES = "harmonics over the line"
-_DISTORTION = Limit(
-    1.0,
-    "harmonics of mains are some per cent of the line (IEC 61000-2-2), those of rectified currents nearly as large; "
-    "what is larger is another tone, or a drift that a harmonic above half the sampling rate imitates",
-)
-"""Limit of the root of the sum of squares over all rows."""
 
 _LINES = 4
 """Strongest lines that are tried, of which harmonics may be several."""
@@ -52,17 +42,9 @@ class PeriodicInterference(LinearEffect):
     """A sinusoid of one frequency with its harmonics; above half the sampling rate it shows at its alias."""
 
     name: ClassVar[str] = "periodic_interference"
-    title: ClassVar[str] = "interference at a fixed frequency"
-    physics: ClassVar[str] = (
-        "Mains, motors and switching converters make alternating fields and pick-up, which are lines in the spectrum "
-        "of the residual (Lomb, Least-squares frequency analysis of unequally spaced data, Astrophys. Space Sci. 39, "
-        "1976, p. 447)."
-    )
-    excitation: ClassVar[str] = "record steadily for many periods, with motion that is slower than the interference"
     may_repeat: ClassVar[bool] = True
     surrogates: ClassVar[SurrogateKind] = "at_other_frequencies"
     shape_units: ClassVar[dict[str, str]] = {"frequency_hz": "Hz", "start_s": "s"}
-    limits: ClassVar[Mapping[str, Limit]] = {"line": _AT_WORK, "harmonics": _AT_WORK, _OVERTONES: _DISTORTION}
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that the recording is too short, where it is."""
@@ -113,7 +95,7 @@ class PeriodicInterference(LinearEffect):
             squares[one.term] += sum(value**2 for value in one.values.values())
         with np.errstate(over="ignore"):  # beside a line of nothing its harmonics are beyond any limit
             ratio = float(np.sqrt(squares["harmonics"]) / max(np.sqrt(squares["line"]), np.finfo(float).tiny))
-        return [*super().sizes(covariates, fitted), Sized(_OVERTONES, ratio, _DISTORTION)]
+        return [*super().sizes(covariates, fitted), Sized(_OVERTONES, ratio, self.limits[_OVERTONES])]
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
         """Return cosine and sine on each row, and those of the second and third harmonic.

@@ -1,6 +1,6 @@
 """The field of the vehicle itself, beyond what the errors of its sensors hold."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import ClassVar
 
@@ -8,9 +8,8 @@ import numpy as np
 
 from tam_calibration.core.harmonics import derivatives, fields
 from tam_calibration.effects.covariates import Memory, mode
-from tam_calibration.effects.eddy_current import LIMIT, SLOWER, followed, time_constants_s
-from tam_calibration.effects.effect import Coefficient, Covariates, Limit, LinearEffect, Sized, Term, WhitenedResiduals
-from tam_calibration.effects.grades import NOTABLE
+from tam_calibration.effects.eddy_current import SLOWER, followed, time_constants_s
+from tam_calibration.effects.effect import Coefficient, Covariates, LinearEffect, Sized, Term, WhitenedResiduals
 from tam_calibration.effects.motion import jumps
 from tam_calibration.model.fitted_effect import ALL, SCALAR, FittedEffect, Shape
 from tam_calibration.model.further_channels import is_further, unit_of
@@ -19,37 +18,15 @@ from tam_calibration.model.units import FloatArray
 _FEWEST_SENSORS = 4
 """Sensors between which the field of distant currents differs otherwise than that of currents at one of them."""
 
-_NEAREST_M = 0.1
-"""Distance of the nearest iron or conductor that is still the vehicle's and not a sensor's, metres."""
 
 _DEGREES = {2: ("gradient", "1/m"), 3: ("curvature", "1/m²")}
 """Name and unit of what potentials make, by their degree: beyond the third, four sensors tell no law in space."""
 
-_GRADIENT = Limit(
-    3 / _NEAREST_M,
-    "the field of a sphere of perfect conductance falls with the third power of the distance; Jackson 1999, section "
-    "5.11, at a decimetre",
-    "1/m",
-)
-"""Limit of the gradient of a mode, as a part of the change of the field."""
-
-_CURVATURE = Limit(12 / _NEAREST_M**2, _GRADIENT.source, "1/m²")
-"""Limit of the second derivative of a mode, as a part of the change of the field."""
-
-_BEYOND_GRADIENT = Limit(
-    NOTABLE,
-    "that of dipoles is about a fifth at most four arms of a cross away, and a third three arms away; Jackson 1999, "
-    "section 5.6",
-)
-"""Limit of the energy beyond a uniform gradient in what the currents make the sensors differ by.
-
-Those of a vehicle flow some arms of the array away; nearer ones, and those at single sensors, exceed it.
-"""
 
 _PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 """Axes of the six elements of a symmetric matrix."""
 
-_INDUCED = "induced"
+_INDUCED, _BEYOND = "induced", "part beyond the gradient"
 
 
 class PlatformField(LinearEffect):
@@ -61,32 +38,7 @@ class PlatformField(LinearEffect):
     """
 
     name: ClassVar[str] = "platform_field"
-    title: ClassVar[str] = "the vehicle's own field"
-    physics: ClassVar[str] = (
-        "A vehicle's remanence, the iron that the field magnetises and the currents that its change induces add three "
-        "times three, nine and nine coefficients to a field and 3 + 6 + 9 to its intensity (Tolles and Lawson, "
-        "Magnetic compensation of MAD equipped aircraft, Airborne Instruments Lab. 201-1, 1950; Leliak, IRE Trans. "
-        "ANE-8, 1961, p. 95); further currents, and iron on rudders and motors, add what follows their channels."
-    )
-    excitation: ClassVar[str] = "turn the vehicle about all axes at different rates, and move each actuator meanwhile"
-    looks_like: ClassVar[dict[str, int]] = {"function_of_rate": 3, "function_of_neighbours": 5}
-    nearly_within: ClassVar[tuple[str, ...]] = ("eddy_current",)
-    may_be: ClassVar[tuple[str, ...]] = ("scalar_heading_error", "current_interference")
     shape_units: ClassVar[dict[str, str]] = {"time_constant_s": "s"}
-    limits: ClassVar[Mapping[str, Limit]] = {
-        "permanent": Limit(1e-4, "a hull that was never degaussed, at a decimetre; Leliak 1961", "T"),
-        _INDUCED: Limit(2.0, "iron at most triples the field at the pole of a sphere; Jackson 1999, section 5.11"),
-        "first mode": LIMIT,
-        "slower mode": LIMIT,
-        "first mode, gradient": _GRADIENT,
-        "slower mode, gradient": _GRADIENT,
-        "first mode, curvature": _CURVATURE,
-        "slower mode, curvature": _CURVATURE,
-        "part beyond the gradient": _BEYOND_GRADIENT,
-    }
-    largest_signal: ClassVar[Limit | None] = Limit(
-        2.0, "iron at most triples the field at the pole of a sphere; Jackson 1999, section 5.11"
-    )
 
     def needs(self, fitted: FittedEffect) -> tuple[str, ...]:
         """Return the names of the currents and actuators that have a part in a fitted effect.
@@ -114,7 +66,7 @@ class PlatformField(LinearEffect):
         if not law:
             return sizes
         part = _part_beyond_gradient(covariates, self.signal(covariates, replace(fitted, contributions=law))[:, :-1])
-        return [*sizes, Sized("part beyond the gradient", part, _BEYOND_GRADIENT)]
+        return [*sizes, Sized(_BEYOND, part, self.limits[_BEYOND])]
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that there is no continuous motion, where there is none and no actuator is recorded either."""

@@ -18,7 +18,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.effect import Covariates, Finding, FoundEffect, Limit, WhitenedResiduals
+from tam_calibration.effects.effect import Covariates, Finding, FoundEffect, WhitenedResiduals
 from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, MINOR, MOST, NEGLIGIBLE, NOTABLE
 from tam_calibration.effects.term import row_deviations
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
@@ -50,21 +50,9 @@ class Quantization(FoundEffect):
     """Readings rounded to coarse steps."""
 
     name = "quantization"
-    title = "readings rounded to coarse steps"
     stream = "of_sample"
-    physics = (
-        "A converter or a telegram with few digits rounds readings to steps; rounding adds a variance of step²/12 "
-        "(Bennett 1948)."
-    )
-    shows_as = ("quantised",)
-    excitation = "a field that moves through many steps"
     output_stage = 2
     units: ClassVar[Mapping[str, str]] = {"step": "T", "offset": "T"}
-    limits: ClassVar[Mapping[str, Limit]] = {
-        "step": Limit(
-            1e-5, "coarse Hall sensors round to some tenths of µT, telegrams to whole ones (Bennett 1948)", "T"
-        )
-    }
 
     def find(self, residuals: WhitenedResiduals) -> Finding | str:
         """Return the steps, or why rounding is no visible part of the noise."""

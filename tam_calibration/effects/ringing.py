@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.effects.covariates import follow, mode
-from tam_calibration.effects.effect import Coefficient, Covariates, Limit, LinearEffect, Shape, Term, WhitenedResiduals
+from tam_calibration.effects.effect import Coefficient, Covariates, LinearEffect, Shape, Term, WhitenedResiduals
 from tam_calibration.effects.motion import jumps, rates
 from tam_calibration.model.units import FloatArray
 
@@ -33,21 +33,9 @@ class Ringing(LinearEffect):
     """
 
     name: ClassVar[str] = "ringing"
-    title: ClassVar[str] = "filter that rings after fast changes"
-    physics: ClassVar[str] = (
-        "A filter against aliasing, or a feedback loop, with poles off the real axis overshoots and oscillates after "
-        "steps with its own frequency and damping (Oppenheim and Willsky, Signals and Systems, 2nd edition, "
-        "Prentice-Hall, 1997, section 6.5)."
-    )
-    excitation: ClassVar[str] = "turn the array in jerks, as fast as the filter's frequency"
     is_causal: ClassVar[bool] = False
     is_of_one_sensor: ClassVar[bool] = True
     shape_units: ClassVar[Mapping[str, str]] = {"frequency_hz": "Hz", "tail_hz": "Hz", "damping": "1"}
-    limits: ClassVar[Mapping[str, Limit]] = {
-        "amplitude": Limit(1.0, "all of a reading passes the filter; Oppenheim and Willsky 1997"),
-        "tail": Limit(1.0, "all of a reading passes the filter; Oppenheim and Willsky 1997"),
-        "delay": Limit(1.0, "filters, buses and wireless links delay a sensor by some tenths of a second", "s"),
-    }
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
         """Return frequencies from above that of the motion to half the sampling rate, with little and much damping.

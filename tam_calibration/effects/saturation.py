@@ -17,13 +17,10 @@ from numpy.typing import NDArray
 from tam_calibration.core.noise import noise_deviation
 from tam_calibration.effects.clipped_core import ClippedCore, find_clipped_cores
 from tam_calibration.effects.displaced import Explained, finding_of
-from tam_calibration.effects.effect import Contribution, Covariates, Finding, FittedEffect, FoundEffect, Limit
+from tam_calibration.effects.effect import Contribution, Covariates, Finding, FittedEffect, FoundEffect
 from tam_calibration.effects.grades import CERTAIN, FEWEST, MOST, NEGLIGIBLE, NOTABLE
 from tam_calibration.effects.term import WhitenedResiduals, rows_of
 from tam_calibration.model.units import FloatArray
-
-WIDEST_RANGE = Limit(5e-2, "the widest range of a Hall sensor; Melexis, data sheet of the MLX90393", "T")
-"""Largest field that any sensor of this kind can read."""
 
 _KNOWN: "WeakKeyDictionary[WhitenedResiduals, list[_Limit]]" = WeakKeyDictionary()
 
@@ -44,14 +41,7 @@ class Saturation(FoundEffect):
     """An axis that reads the end of its range where the field lies beyond."""
 
     name = "saturation"
-    title = "readings cut off at the end of the range"
     stream = "of_sample"
-    physics = (
-        "An axis cannot read beyond the range of its amplifier or converter: the reading stays at the limit "
-        "(IEEE Std 1241-2010)."
-    )
-    shows_as = ("saturated",)
-    excitation = "turns that bring the axis to the end of its range, for several readings"
     is_of_extremes = True
     output_stage = 1
     units: ClassVar[Mapping[str, str]] = {
@@ -59,7 +49,6 @@ class Saturation(FoundEffect):
         "lower limit": "T",
         **{f"{way} {axis}": "1" for way in ("of", "into") for axis in "xyz"},
     }
-    limits: ClassVar[Mapping[str, Limit]] = {"limit": WIDEST_RANGE}
 
     def find(self, residuals: WhitenedResiduals) -> Finding | str:
         """Return the limits, and as flagged the samples at them, or why there is none."""

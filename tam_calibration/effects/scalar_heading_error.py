@@ -8,7 +8,7 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 
 from tam_calibration.core.harmonics import harmonics
-from tam_calibration.effects.effect import Coefficient, Covariates, Limit, LinearEffect, Shape, Term, WhitenedResiduals
+from tam_calibration.effects.effect import Coefficient, Covariates, LinearEffect, Shape, Term, WhitenedResiduals
 from tam_calibration.effects.grades import SLIGHT
 from tam_calibration.model.units import FloatArray
 
@@ -47,22 +47,8 @@ class ScalarHeadingError(LinearEffect):
     """
 
     name: ClassVar[str] = "scalar_heading_error"
-    title: ClassVar[str] = "scalar magnetometer with heading error"
-    physics: ClassVar[str] = (
-        "The unresolved Zeeman lines of an optically pumped magnetometer change their weights, and light shifts their "
-        "sizes, with the angle between its axis and the field (Oelsner et al., Sources of heading errors in optically "
-        "pumped magnetometers operated in the Earth's magnetic field, Phys. Rev. A 99, 2019, 013420)."
-    )
     channels: ClassVar[tuple[str, ...]] = ("scalar_T",)
-    excitation: ClassVar[str] = "turn the array so that the field comes from all directions of the sphere"
-    looks_like: ClassVar[dict[str, int]] = {"function_of_direction": 3}
     shape_units: ClassVar[dict[str, str]] = {"azimuth_rad": "rad", "elevation_rad": "rad"}
-    largest_signal: ClassVar[Limit | None] = Limit(
-        1e-6,
-        "heading errors of optically pumped magnetometers are some tens of nanoteslas (Oelsner et al. 2019), the field "
-        "of a platform that is not compensated some hundred; Leliak, IRE Trans. ANE-8, 1961, p. 95",
-        "T",
-    )
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that the directions are too few to tell a third degree from a calibration error, where they are."""

@@ -1,6 +1,6 @@
 """A scale factor, or the whole response of a sensor, that changes at once."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import ClassVar
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 
 from tam_calibration.effects.change_points import Change, Path, StepEffect, is_on, shape_of, without
-from tam_calibration.effects.effect import Covariates, Limit, Shape
+from tam_calibration.effects.effect import Covariates, Shape
 from tam_calibration.effects.saturation import inside_range
 from tam_calibration.effects.spikes import without_spikes
 from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
@@ -20,8 +20,6 @@ _SMOOTHEST = 4
 _COARSE = 400
 """Times at which a step is searched first."""
 
-_SLIP = Limit(0.5, "a screw that comes loose lets a board turn by degrees, not out of its mount; Isermann 2006", "rad")
-"""Limit of tilts and turns alike: both are rotations of an axis."""
 
 _ENOUGH = 16_000
 """Samples of a thinned recording in which the times are searched."""
@@ -34,23 +32,7 @@ class ScaleStep(StepEffect):
     """The response of a sensor changes at one time, for good or until another time: it reads (M + ΔM) b."""
 
     name: ClassVar[str] = "scale_step"
-    title: ClassVar[str] = "scale factor or mount that changes at once"
-    physics: ClassVar[str] = (
-        "A shock lets a mount slip, so that the sensor turns and mixes its axes; a range that is switched, a reference "
-        "voltage that changes or a core that is demagnetised changes scale factors (Ripka, Magnetic Sensors and "
-        "Magnetometers, Artech House, 2001, chapter 3; steps of gain and offset as faults of a sensor: Isermann, "
-        "Fault-Diagnosis Systems, Springer, 2006)."
-    )
-    told_of_samples: ClassVar[str] = "a step"
-    excitation: ClassVar[str] = "turn through the same attitudes before and after the step"
     is_of_one_sensor: ClassVar[bool] = True
-    limits: ClassVar[Mapping[str, Limit]] = {
-        "scale": Limit(
-            1.0, "an axis that fails reads nothing, and ranges are switched by factors of two; Isermann 2006"
-        ),
-        "tilt": _SLIP,
-        "turn": _SLIP,
-    }
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
         """Return the times at which a step, and a pair of steps, of one axis and of a sensor explain most.

@@ -33,15 +33,7 @@ class StaleSamples(FoundEffect):
     """Readings of a sensor that are those of some samples before."""
 
     name = "stale_samples"
-    title = "readings that repeat the one before, or come late"
     stream = "repeats"
-    physics = (
-        "A controller that samples before a new value has come uses the last one again, and values that are held up "
-        "come in a later period (vacant sampling; Nilsson, Real-time control systems with delays, Lund Institute of "
-        "Technology, 1998)."
-    )
-    shows_as = ("frozen",)
-    excitation = "turn the array steadily, with two sensors or more"
     units: ClassVar[Mapping[str, str]] = {"rate": "1", "burst": "1", "samples late": "1"}
 
     def obstacle(self, covariates: Covariates) -> str | None:

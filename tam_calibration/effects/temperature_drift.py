@@ -1,12 +1,12 @@
 """Bias and scale factor that drift with temperature."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import ClassVar
 
 import numpy as np
 
 from tam_calibration.effects.covariates import lagged
-from tam_calibration.effects.effect import Covariates, Limit, LinearEffect, Shape, SurrogateKind
+from tam_calibration.effects.effect import Covariates, LinearEffect, Shape, SurrogateKind
 from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
 
 _LEAST_CHANGE_K = 0.2
@@ -29,17 +29,8 @@ class TemperatureDrift(LinearEffect):
     """Bias and scale factor of an axis follow the temperature, with a lag."""
 
     name: ClassVar[str] = "temperature_drift"
-    title: ClassVar[str] = "bias and scale factor that drift with temperature"
-    physics: ClassVar[str] = (
-        "Core, coil and electronics of a magnetometer expand and change their magnetic properties with temperature, "
-        "which reaches them with a lag through housing and sensor, so that offset and scale factor drift; at the start "
-        "they need not have settled "
-        "(Primdahl, Temperature compensation of fluxgate magnetometers, IEEE Trans. Magn. 6, 1970, p. 819)."
-    )
     channels: ClassVar[tuple[str, ...]] = ("temperature_C",)
     is_of_each_sensor: ClassVar[bool] = True
-    excitation: ClassVar[str] = "let the temperature change by some kelvin, up and down, while the array turns"
-    looks_like: ClassVar[dict[str, int]] = {"function_of_time": 1, "function_of_neighbours": 2}
     is_any_course: ClassVar[bool] = True
     surrogates: ClassVar[SurrogateKind] = "of_channel"
     shape_units: ClassVar[dict[str, str]] = {
@@ -52,17 +43,6 @@ class TemperatureDrift(LinearEffect):
 
     Where a start is given the sensor had not settled by then.
     """
-    limits: ClassVar[Mapping[str, Limit]] = {
-        "offset": Limit(2e-6, "0.8 µT/K is typical of sensors in phones; NXP, data sheet of the FXOS8700CQ", "T/K"),
-        "quadratic offset": Limit(1e-7, "a drift of the offset that changes by all of its size within 10 K", "T/K²"),
-        "start": Limit(5e-5, "the largest drift of the offset over 25 K", "T"),
-        "scale": Limit(
-            5e-3,
-            "the sensitivity of magnetoresistive sensors falls by 0.32 %/K at constant voltage; Honeywell, data sheet "
-            "of the HMC1001",
-            "1/K",
-        ),
-    }
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that the temperature is constant, where it is."""

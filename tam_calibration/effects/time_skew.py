@@ -1,11 +1,10 @@
 """A sensor or axis that is sampled later than the others."""
 
-from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.effect import Coefficient, Covariates, Limit, LinearEffect, Shape, Term
+from tam_calibration.effects.effect import Coefficient, Covariates, LinearEffect, Shape, Term
 from tam_calibration.effects.motion import jumps, rates
 
 _DELAY = Coefficient("delay", "s")
@@ -15,25 +14,7 @@ class TimeSkew(LinearEffect):
     """What is read was sensed a delay before: b(t - δ) = b - δ db/dt; uses samples on both sides."""
 
     name: ClassVar[str] = "time_skew"
-    title: ClassVar[str] = "sensor or axis that is sampled late"
-    physics: ClassVar[str] = (
-        "Converters that take their channels one after another, filters and transport delay a reading, so that in "
-        "motion it is short of the field by the delay times its rate of change "
-        "(Furgale, Rehder and Siegwart, Unified temporal and spatial calibration, IROS 2013)."
-    )
-    excitation: ClassVar[str] = "turn the array fast and continuously, not from pose to pose"
-    looks_like: ClassVar[dict[str, int]] = {"function_of_neighbours": 3, "function_of_rate": 1}
     is_causal: ClassVar[bool] = False
-    limit_of: ClassVar[tuple[str, ...]] = ("eddy_current",)
-    nearly_within: ClassVar[tuple[str, ...]] = ("ringing", "crosstalk")
-    limits: ClassVar[Mapping[str, Limit]] = {
-        "delay": Limit(
-            1.0,
-            "filters, buses and wireless links delay a sensor by milliseconds to some tenths of a second; Furgale, "
-            "Rehder and Siegwart 2013",
-            "s",
-        )
-    }
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that there is no continuous motion, where there is none."""

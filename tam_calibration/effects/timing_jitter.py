@@ -18,7 +18,7 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.effects.displaced import AgainstOthers
-from tam_calibration.effects.effect import Covariates, Finding, FoundEffect, Limit, WhitenedResiduals
+from tam_calibration.effects.effect import Covariates, Finding, FoundEffect, WhitenedResiduals
 from tam_calibration.effects.excess_variance import ChannelMoments, best_excess, most_likely, relative_error
 from tam_calibration.effects.grades import CERTAIN, NOTABLE
 from tam_calibration.effects.motion import Statistic, is_chance, jumps, rates
@@ -35,18 +35,8 @@ class TimingJitter(FoundEffect):
     """A scatter of the true times of sampling of one sensor."""
 
     name = "timing_jitter"
-    title = "times of sampling that scatter at random"
     stream = "of_course"
-    physics = (
-        "A sample that is taken a random time off its stamp errs by that time and the rate of the signal, so that its "
-        "noise grows with the square of the rate (Shinagawa, Akazawa and Wakimoto, Jitter analysis of high-speed "
-        "sampling systems, IEEE J. Solid-State Circuits 25, 1990, p. 220)."
-    )
-    excitation = "turn the array steadily, fast and slowly, with two sensors or more"
     units: ClassVar[Mapping[str, str]] = {"standard deviation": "s"}
-    limits: ClassVar[Mapping[str, Limit]] = {
-        "jitter": Limit(0.1, "ten ticks of the 100 Hz by which an operating system schedules what is not urgent", "s")
-    }
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that there is no continuous motion, or no other sensor to tell it, where that is so."""
