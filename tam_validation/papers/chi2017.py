@@ -13,10 +13,10 @@ from tam_calibration.fit.integrated import integrated
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
-from tam_calibration.model.units import FloatArray, from_nanotesla, to_nanotesla
-from tam_validation.papers.cross import SENSORS, SetUp, site_field, turned_frame
-from tam_validation.papers.printed import printed_in
-from tam_validation.papers.row import DERIVED, PaperNumber, compare, correct_paper
+from tam_calibration.model.units import FloatArray, from_nanotesla, to_degrees, to_nanotesla
+from tam_validation.papers.cross import SENSORS, SetUp, site_field
+from tam_validation.papers.printed import finding, printed_in
+from tam_validation.papers.row import PaperNumber, compare
 
 _BASELINE_M = 0.5
 _SAMPLES = 200
@@ -25,15 +25,9 @@ _VARIANCES_NT2 = (9, 12, 15)
 _PRINTED = printed_in("chi2017")
 NON_ORTHOGONALITY = np.array(_PRINTED["non_orthogonality"])
 """θ, φ, ψ of the sensors [rad]; ψ of sensor 1 with its sign mended."""
-PRINTED_PSI_1 = 0.025
-_PSI_TOLERANCE = 3e-4
-"""Radians: twice what half a unit of the last digit of C⁻¹ is worth."""
 _UNMIX, _ROTATION = np.array(_PRINTED["unmix"]), np.array(_PRINTED["rotation"])
 COMBINED_BIAS_NT = np.array(_PRINTED["combined_bias_nT"])
 _COMPONENTS = ("Bxx", "Bxy", "Bxz", "Byy", "Byz")
-
-_TURNED_FRAME_DEG = (-8.2, -14.5, -22.0)
-"""By what angles α, β, γ the calibrated frame of sensor 1 is turned from its own: our own earlier result."""
 
 
 def set_up(variance_nT2: float = 9.0, seed: int = 0) -> SetUp:
@@ -95,20 +89,7 @@ def results() -> list[PaperNumber]:
 
 
 def _matrix_rows(errors: SensorErrors) -> list[PaperNumber]:
-    sign = (
-        "with the printed sign C⁻¹ 13, C⁻¹ 23 and b y of sensor 1 are 0.1788, -0.1885 and -699 nT, not as in Table 2; "
-        "ours is the ψ that makes C⁻¹ as printed there"
-    )
-    rows = correct_paper(
-        ["Table 1, ψ, sensor 1"],
-        [PRINTED_PSI_1],
-        [_psi_of_table_2()],
-        "rad",
-        sign,
-        right=[-PRINTED_PSI_1],
-        right_source=DERIVED,
-        absolute=_PSI_TOLERANCE,
-    )
+    rows = finding("chi2017", "psi", [_psi_of_table_2()])
     upper = np.triu_indices(3)
     unmix = inv(errors.measurement)
     for sensor, name in enumerate(SENSORS):
@@ -145,7 +126,6 @@ def _intensity_rows(case: SetUp, errors: SensorErrors) -> list[PaperNumber]:
 
 
 def _tensor_rows(cases: list[SetUp], fitted: list[SensorErrors]) -> list[PaperNumber]:
-    reason = "the 200 attitudes are not printed, and the uncorrected tensor depends on them"
     rows = []
     for variance, case, errors, before, after in zip(
         _VARIANCES_NT2, cases, fitted, _PRINTED["tensor_before"], _PRINTED["tensor_after"], strict=True
@@ -153,7 +133,7 @@ def _tensor_rows(cases: list[SetUp], fitted: list[SensorErrors]) -> list[PaperNu
         raw = _tensor(case, case.recording.readings_T)
         corrected = _tensor(case, errors.restore(case.recording.readings_T))
         names = [f"Table 3, {component}, actual, {variance} nT²" for component in _COMPONENTS]
-        rows += compare(names, before, raw, "nT/m", relative=0.01, reason=reason, recorded="not reproduced")
+        rows += finding("chi2017", "tensor", raw, names=names, paper=before)
         names = [f"Table 3, {component}, calibrated, {variance} nT²" for component in _COMPONENTS]
         rows += compare(names, after, corrected, "nT/m", relative=0.2)
     return rows
@@ -165,9 +145,4 @@ def _tensor(case: SetUp, fields_T: FloatArray) -> FloatArray:
 
 
 def _frame_rows(case: SetUp) -> list[PaperNumber]:
-    name = "Section 3.1, turn of the calibrated frame of sensor 1 from its own"
-    reason = (
-        "with soft iron the Cholesky factor is not the inverse of C but turned against it: a uniform field does not "
-        "see it, the components of a real gradient are wrong"
-    )
-    return turned_frame(name, case.errors.misalignment[0], _TURNED_FRAME_DEG, reason, 0.1)
+    return finding("chi2017", "frame", to_degrees(case.errors.misalignment[0]))

@@ -1,6 +1,5 @@
 """What the simulations of crosses in the papers have in common: the set-up, and the figures by which they judge."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,8 +8,7 @@ from numpy.linalg import norm
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
-from tam_calibration.model.units import FloatArray, from_degrees, to_degrees
-from tam_validation.papers.row import IN_WORDS, OUR_OWN, PaperNumber, correct_paper
+from tam_calibration.model.units import FloatArray, from_degrees
 
 SENSORS = tuple(f"sensor {number}" for number in range(1, 5))
 COMPONENTS = ("Bxx", "Bxy", "Bxz", "Byx", "Byy", "Byz")
@@ -58,37 +56,6 @@ class SetUp:
             [along_x[:, 0], along_y[:, 0], along_x[:, 2], along_x[:, 1], along_y[:, 1], along_y[:, 2]], axis=1
         )
         return np.asarray(np.sqrt(np.mean(difference**2, axis=0)) / self.baseline_m)
-
-
-def turned_frame(
-    name: str, angles: FloatArray, right_deg: Sequence[float], reason: str, absolute: float
-) -> list[PaperNumber]:
-    """Return the rows of the angles of a frame that a paper says to be aligned, judged by our own earlier result.
-
-    Parameters
-    ----------
-    name : str
-        Where the paper says so, and which frame it is.
-    angles : (3,) array
-        α, β, γ, radians.
-    right_deg : sequence of float
-        Those that an earlier run gave, degrees.
-    reason : str
-        Why it is turned.
-    absolute : float
-        Largest difference from those, degrees.
-    """
-    return correct_paper(
-        [f"{name}, {angle}" for angle in "αβγ"],
-        (0.0, 0.0, 0.0),
-        to_degrees(angles),
-        "°",
-        reason,
-        right=right_deg,
-        right_source=OUR_OWN,
-        source=IN_WORDS,
-        absolute=absolute,
-    )
 
 
 def site_field(intensity_T: float, inclination_deg: float, declination_deg: float) -> FloatArray:

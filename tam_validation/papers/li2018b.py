@@ -5,6 +5,8 @@ and noise of 1 nT on each axis of each sensor before the distortion. The ten sam
 determine no calibration; ours is from all poses. What is measured is in the file of what it prints.
 """
 
+from typing import Any
+
 import numpy as np
 
 from tam_calibration.fit.moments import procrustes
@@ -12,8 +14,8 @@ from tam_calibration.fit.published import count_determined, fast_rotation, simpl
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla, to_degrees, to_nanotesla
 from tam_validation.papers.cross import COMPONENTS, SENSORS, SetUp, grid_of_turns, observed, site_field
-from tam_validation.papers.printed import printed_in
-from tam_validation.papers.row import DERIVED, IN_WORDS, PaperNumber, compare, correct_paper
+from tam_validation.papers.printed import finding, printed_in
+from tam_validation.papers.row import PaperNumber, compare
 
 _TURNS = 12
 _BASELINE_M = 0.4
@@ -35,10 +37,6 @@ _BY_ONE_TURN = 3 * 9 + 5
 The field runs along a circle. There three of the four columns (b, 1) are independent, so 9 of the 12 parameters of each
 other sensor, and five of the nine monomials of an ellipsoid.
 """
-_ONE_TURN = (
-    "the ten samples of one turn that the paper names determine 5 of the 9 parameters of a sensor; ours is from all "
-    "1728 poses"
-)
 
 
 def set_up(seed: int = 0) -> SetUp:
@@ -117,45 +115,26 @@ def _parameter_rows(errors: SensorErrors) -> list[PaperNumber]:
         _PARAMETERS, _UNITS, _TOLERANCES, _PRINTED["estimated"], ours_by_name, PRESET, strict=True
     ):
         names = [f"Table 1, {name}, {sensor}" for sensor in SENSORS]
-        rows += correct_paper(
-            names, printed, ours, unit, _ONE_TURN, right=preset, right_source="printed", absolute=tolerance
-        )
+        stated: dict[str, Any] = {
+            "names": names,
+            "paper": printed,
+            "unit": unit,
+            "right": preset,
+            "absolute": tolerance,
+        }
+        rows += finding("li2018b", "parameters", ours, **stated)
     return rows
 
 
 def _intensity_rows(case: SetUp, fields: dict[str, FloatArray]) -> list[PaperNumber]:
-    def names(stage: str) -> list[str]:
-        return [f"Table 2, TMI, {stage}, {sensor}" for sensor in SENSORS]
-
     stages = (fields[stage] for stage in (BEFORE, FIRST_ORDER, CALIBRATED))
     before, simplified, calibrated = (to_nanotesla(case.intensity_rms_T(stage)) for stage in stages)
-    # Four times the sampling error of a root mean square of 1728 draws is 0.07.
-    noise = [to_nanotesla(_NOISE_T)] * len(SENSORS)
-    table = _PRINTED["table_2"]
-    mislabelled = "the first-order model of reference [10] gives the row labelled [9]; what gave this row is not said"
-    return [
-        *compare(names(BEFORE), table[BEFORE], before, "nT", relative=1e-4),
-        *compare(names(FIRST_ORDER), table[FIRST_ORDER], simplified, "nT", relative=1e-4),
-        *compare(
-            names("method of [10]"),
-            table["method of [10]"],
-            simplified,
-            "nT",
-            relative=1e-4,
-            reason=mislabelled,
-            recorded="not reproduced",
-        ),
-        *correct_paper(
-            names("theirs"),
-            table["theirs"],
-            calibrated,
-            "nT",
-            _ONE_TURN,
-            right=noise,
-            right_source="printed",
-            relative=0.07,
-        ),
-    ]
+    ours = {BEFORE: before, FIRST_ORDER: simplified, "method of [10]": simplified, "theirs": calibrated}
+    rows = []
+    for stage, values in ours.items():
+        names = [f"Table 2, TMI, {stage}, {sensor}" for sensor in SENSORS]
+        rows += finding("li2018b", f"TMI, {stage}", values, names=names, paper=_PRINTED["table_2"][stage])
+    return rows
 
 
 def _misalignment_rows(case: SetUp, own: FloatArray) -> list[PaperNumber]:
@@ -171,36 +150,21 @@ def _misalignment_rows(case: SetUp, own: FloatArray) -> list[PaperNumber]:
 
 
 def _tensor_rows(case: SetUp, fields: dict[str, FloatArray]) -> list[PaperNumber]:
-    def names(stage: str) -> list[str]:
-        return [f"Table 4, {component}, {stage}" for component in COMPONENTS]
-
-    stages = (fields[stage] for stage in (BEFORE, CALIBRATED, ALIGNED))
-    before, unaligned, after = (to_nanotesla(case.tensor_rms_T_per_m(stage)) for stage in stages)
-    baseline = "the printed row is 0.8 of ours: it was divided by a baseline of 0.5 m, not by the 0.4 m that are stated"
-    table = _PRINTED["table_4"]
-    mended = np.array(table[CALIBRATED]) * 0.5 / _BASELINE_M
-    noise = "the noise of the three samples that align the sensors is another than the paper's"
-    return [
-        *compare(names(BEFORE), table[BEFORE], before, "nT/m", relative=1e-4),
-        *correct_paper(
-            names(CALIBRATED),
-            table[CALIBRATED],
-            unaligned,
-            "nT/m",
-            baseline,
-            right=mended,
-            right_source=DERIVED,
-            relative=1e-4,
-        ),
-        *compare(names(ALIGNED), table[ALIGNED], after, "nT/m", relative=0.3, reason=noise),
-    ]
+    rows = []
+    for stage, printed in _PRINTED["table_4"].items():
+        stated: dict[str, Any] = {
+            "names": [f"Table 4, {component}, {stage}" for component in COMPONENTS],
+            "paper": printed,
+        }
+        if stage == CALIBRATED:
+            stated["right"] = np.array(printed) * 0.5 / _BASELINE_M
+        ours = to_nanotesla(case.tensor_rms_T_per_m(fields[stage]))
+        rows += finding("li2018b", f"tensor, {stage}", ours, **stated)
+    return rows
 
 
 def _rank_rows() -> list[PaperNumber]:
     case = turns_about("z")
     determined, every = count_determined(case.recording, case.array)
-    reason = f"one turn about any axis leaves {every - _BY_ONE_TURN} of the parameters open"
-    names = ["Abstract, parameters that one turn determines"]
-    return correct_paper(
-        names, [every], [determined], "1", reason, right=[_BY_ONE_TURN], right_source="theory", source=IN_WORDS
-    )
+    stated: dict[str, Any] = {"paper": [every], "right": [_BY_ONE_TURN], "told": {"left": every - _BY_ONE_TURN}}
+    return finding("li2018b", "one_turn", [determined], **stated)

@@ -79,8 +79,14 @@ def compare(
     reason: str = "",
     recorded: Status = "reproduced",
     source: Source = "printed",
+    right: Sequence[float] | FloatArray | None = None,
+    right_source: Source | Literal[""] = "",
 ) -> list[PaperNumber]:
-    """Return the rows of numbers that are reproduced where they agree to a relative or an absolute tolerance.
+    """Return the rows of numbers that agree to a relative or an absolute tolerance with the paper's, or the right ones.
+
+    Where numbers in which the paper is wrong are not those that are right, the reason does not hold and the row is not
+    reproduced. Where the right ones are our own earlier results, that ours agree tells only that nothing has changed
+    here since.
 
     Parameters
     ----------
@@ -91,86 +97,40 @@ def compare(
     unit : str
         Of all of them.
     relative : float
-        Largest difference that agrees, as part of the paper's number.
+        Largest difference that agrees, as part of the number that ours is compared with.
     absolute : float
         The same in the unit; the larger of the two tolerances counts.
     reason : str
-        Why a number is not reproduced; it stands at those rows only.
+        Why a number is not reproduced, where it stands at those rows only, or what is wrong in the paper.
     recorded : str
-        The status that was found when the paper was examined.
+        The status that was found when the paper was examined, where it is not taken to be in error.
     source : str
         Where the paper's numbers are from.
+    right : sequence of float, optional
+        What ours must agree with where the paper is taken to be in error; as many as names.
+    right_source : str
+        Where these are from.
     """
     rows = []
-    for name, theirs, value in zip(names, paper, ours, strict=True):
-        agrees = _agrees(float(value), theirs, relative, absolute)
-        status: Status = "reproduced" if agrees else "not reproduced"
-        rows.append(PaperNumber(name, theirs, float(value), unit, status, "" if agrees else reason, recorded, source))
+    found: Status = "reproduced" if right is None else "paper in error"
+    for name, theirs, value, true in zip(names, paper, ours, paper if right is None else right, strict=True):
+        agrees = abs(float(value) - true) <= max(absolute, relative * abs(true))
+        status: Status = found if agrees else "not reproduced"
+        why = "" if status == "reproduced" else reason
+        better = float("nan") if right is None else float(true)
+        expected = recorded if right is None else found
+        number = float(value), unit, status, why, expected, source, better, right_source
+        rows.append(PaperNumber(name, theirs, *number))
     return rows
 
 
-def together(rows: list[PaperNumber], reason: str) -> list[PaperNumber]:
+def together(rows: list[PaperNumber]) -> list[PaperNumber]:
     """Return rows that are one finding: as they are where all agree, and otherwise none reproduced.
 
     Parameters
     ----------
     rows : list of PaperNumber
         As ``compare`` gives them.
-    reason : str
-        Why they are not reproduced; it stands at all rows then.
     """
-    if all(row.status == "reproduced" for row in rows):
-        return rows
-    return [replace(row, status="not reproduced", reason=reason) for row in rows]
-
-
-def correct_paper(
-    names: Iterable[str],
-    paper: Sequence[float],
-    ours: Sequence[float] | FloatArray,
-    unit: str,
-    reason: str,
-    *,
-    right: Sequence[float] | FloatArray,
-    right_source: Source,
-    source: Source = "printed",
-    relative: float = 0.0,
-    absolute: float = 0.0,
-) -> list[PaperNumber]:
-    """Return the rows of numbers in which the paper is wrong, for a reason that makes ours the right ones.
-
-    Where ours does not agree to what is right, the reason does not hold and the row is not reproduced. Where the right
-    ones are our own earlier results, that ours agree tells only that nothing has changed here since.
-
-    Parameters
-    ----------
-    names : iterable of str
-        Where each number stands in the paper, and what it is.
-    paper, ours : sequence of float
-        The paper's, and as computed here; as many as names.
-    unit : str
-        Of all of them.
-    reason : str
-        What is wrong in the paper.
-    right : sequence of float
-        What ours must agree with for the reason to hold; as many as names.
-    right_source, source : str
-        Where the right numbers are from, and the paper's.
-    relative : float
-        Largest difference of ours from what is right, as part of the latter.
-    absolute : float
-        The same in the unit; the larger of the two tolerances counts.
-    """
-    rows = []
-    for name, theirs, value, true in zip(names, paper, ours, right, strict=True):
-        status: Status = "paper in error" if _agrees(float(value), true, relative, absolute) else "not reproduced"
-        rows.append(
-            PaperNumber(
-                name, theirs, float(value), unit, status, reason, "paper in error", source, float(true), right_source
-            )
-        )
-    return rows
-
-
-def _agrees(value: float, to: float, relative: float, absolute: float) -> bool:
-    return abs(value - to) <= max(absolute, relative * abs(to))
+    failed = [row for row in rows if row.status != "reproduced"]
+    return [replace(row, status="not reproduced", reason=failed[0].reason) for row in rows] if failed else rows

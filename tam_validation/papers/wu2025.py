@@ -5,13 +5,15 @@ change one of 0, "slightly increases" the sign +1. What is compared with nothing
 """
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from tam_calibration.model.units import FloatArray, from_nanotesla, to_degrees, to_nanotesla
 from tam_calibration.simulation import Scenario
 from tam_validation.papers import wu2025_experiment
-from tam_validation.papers.row import DERIVED, IN_WORDS, OUR_OWN, PaperNumber, compare, correct_paper
+from tam_validation.papers.printed import finding
+from tam_validation.papers.row import IN_WORDS, PaperNumber, compare
 from tam_validation.papers.sweep import Progress, Sweep, run
 from tam_validation.papers.wu2025_sweeps import (
     BEFORE,
@@ -31,8 +33,6 @@ _RUNS = 50
 _THRESHOLD_SAMPLES = 720
 """From where on more samples are looked at for what they still bring."""
 _HIGH_SCALAR_NOISE_NT = 1.0
-_DRIFT_RATIO = 8.5
-"""Errors of the biases with the drift over those without: our own earlier result."""
 _OUTGROWN_NT = 3.0  # scalar noise beside which 1 nT of the sensors hardly counts
 
 
@@ -102,22 +102,8 @@ def bias_rmse(sweep: Sweep, source: str) -> FloatArray:
 
 def _drift_rows(sweep: Sweep) -> list[PaperNumber]:
     (without, drifting), corrected = bias_rmse(sweep, PUBLISHED), bias_rmse(sweep, CORRECTED)
-    reason = (
-        "step 1 (eq. 12) takes the intensity as constant, so the drift goes into the biases; with |B|² over its mean "
-        f"on its right-hand side the ratio is {corrected[1] / corrected[0]:.2f}"
-    )
-    names = ["Abstract, fluctuation of 8.26 nT tracked: RMSE of the biases over that without"]
-    return correct_paper(
-        names,
-        [1],
-        [drifting / without],
-        "1",
-        reason,
-        right=[_DRIFT_RATIO],
-        right_source=OUR_OWN,
-        source=IN_WORDS,
-        relative=0.1 * _slack(sweep),
-    )
+    told = {"ratio": corrected[1] / corrected[0]}
+    return finding("wu2025", "drift", [drifting / without], slack=_slack(sweep), told=told)
 
 
 def _vector_noise_rows(sweep: Sweep) -> list[PaperNumber]:
@@ -141,38 +127,19 @@ def _scalar_noise_rows(sweep: Sweep) -> list[PaperNumber]:
 def _scalar_noise_per_sample_rows(sweep: Sweep) -> list[PaperNumber]:
     figure = "Fig. 6, one draw per sample"
     reproduced = {"scale factor errors": 1, "bias": 0, "misalignment": 0}
-    reason = "it stays only if the scalar noise is one draw for the whole data set; a magnetometer draws it anew"
     moving = _group_exponent(sweep, "non-orthogonality", _OUTGROWN_NT)
-    names = [f"{figure}, non-orthogonality with σ_SM"]
-    return [
-        *_error_rows(sweep, figure, reproduced, _OUTGROWN_NT),
-        *correct_paper(
-            names, [0], [moving], "exponent", reason, right=[1], right_source="theory", source=IN_WORDS, absolute=0.1
-        ),
-    ]
+    return [*_error_rows(sweep, figure, reproduced, _OUTGROWN_NT), *finding("wu2025", "moving", [moving])]
 
 
 def _sample_rows(sweep: Sweep) -> list[PaperNumber]:
     scatter = sweep.values[BEFORE, f"e_B {IN_SAMPLE}"].mean(axis=2).std(axis=1)
-    reason = "the errors of the parameters fall as 1/√N without end; only e_B and e_T have a floor, the sensors' noise"
     falling = {group: _group_exponent(sweep, group) for group in GROUPS}
     late = [_group_exponent(sweep, group, _THRESHOLD_SAMPLES) for group in GROUPS]
     names = [f"Fig. 8, {group} with N from {_THRESHOLD_SAMPLES}" for group in GROUPS]
     rows = []
     for group, exponent in falling.items():
         rows += _sign_rows(f"Fig. 8, {group} with N", -1, exponent)
-    tolerance = 0.2 * _slack(sweep)
-    rows += correct_paper(
-        names,
-        [0] * 4,
-        late,
-        "exponent",
-        reason,
-        right=[-0.5] * 4,
-        right_source="theory",
-        source=IN_WORDS,
-        absolute=tolerance,
-    )
+    rows += finding("wu2025", "late", late, slack=_slack(sweep), names=names)
     rows += _residual_rows(sweep, "Fig. 9", {})
     rows += _sign_rows("Fig. 9, fluctuation of e_B before with N", -1, sweep.exponent(scatter))
     for quantity, sign, cause in (("e_B", 1, "judged by the data of the fit, "), ("e_T", -1, "")):
@@ -219,13 +186,11 @@ def _signed(value: float) -> str:
     return f"{'−' if value < 0 else '+'} {abs(value):.1f}"
 
 
-_INTENSITY_NT, _HORIZONTAL_NT, _VERTICAL_NT, _INCLINATION_DEG = 54955.83, 25_560.0, 48_650.0, 62 + 18 / 60
+_HORIZONTAL_NT, _VERTICAL_NT = 25_560.0, 48_650.0
 _NOISE_T = from_nanotesla(1.0)
 _BASELINE_M = 0.5
 _ELLIPSOID = 9
 """Parameters that are fitted to the intensities of a sensor."""
-_SIZE_TOLERANCE = 0.01
-"""Relative; three times the scatter over 50 runs of 360 samples, and what the alignment takes of e_T (0.4 %)."""
 
 
 def implied_rows(sweeps: dict[str, Sweep], slack: float) -> list[PaperNumber]:
@@ -246,22 +211,12 @@ def implied_rows(sweeps: dict[str, Sweep], slack: float) -> list[PaperNumber]:
 
 
 def _site_rows() -> list[PaperNumber]:
-    ours = np.hypot(_HORIZONTAL_NT, _VERTICAL_NT)
+    intensity = np.hypot(_HORIZONTAL_NT, _VERTICAL_NT)
     inclination = to_degrees(np.arctan2(_VERTICAL_NT, _HORIZONTAL_NT))
-    reason = "the printed H and Z give 62°17′, rounding included"
+    printed, right = ([62 + minutes / 60] for minutes in (18, 17))
     return [
-        # H and Z are printed to 10 nT.
-        *compare(["Section 4.1, intensity from H and Z"], [_INTENSITY_NT], [ours], "nT", absolute=5),
-        *correct_paper(
-            ["Section 4.1, inclination from H and Z"],
-            [_INCLINATION_DEG],
-            [inclination],
-            "°",
-            reason,
-            right=[62 + 17 / 60],
-            right_source=DERIVED,
-            absolute=0.5 / 60,
-        ),
+        *finding("wu2025", "intensity", [intensity]),
+        *finding("wu2025", "inclination", [inclination], paper=printed, right=right, absolute=0.5 / 60),
     ]
 
 
@@ -283,12 +238,5 @@ def _after(
     at = sweep.plan.points.index(setting)
     ours = sweep.mean(PUBLISHED, f"{quantity} {IN_SAMPLE}")[at].mean()
     where = f"{sweep.plan.symbol} = {setting:g} {sweep.plan.unit}".strip()
-    return compare(
-        [f"{name} after at {where}"],
-        [to_nanotesla(implied)],
-        [to_nanotesla(float(ours))],
-        unit,
-        relative=_SIZE_TOLERANCE * slack,
-        reason="the sweep does not have what N, the noise and the baseline imply",
-        source=DERIVED,
-    )
+    stated: dict[str, Any] = {"names": [f"{name} after at {where}"], "paper": [to_nanotesla(implied)], "unit": unit}
+    return finding("wu2025", "sizes", [to_nanotesla(float(ours))], slack=slack, **stated)

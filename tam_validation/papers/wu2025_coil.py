@@ -19,6 +19,7 @@ from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, to_degrees
 from tam_calibration.simulation import Scenario, simulate
 from tam_calibration.sources.dipole import area_of, dipole_field, loop_field
+from tam_validation.papers.printed import printed_in, reason_of
 from tam_validation.papers.row import PaperNumber, Status, compare, together
 
 POSITION_M = np.array([2.40, -1.00, 0.46])
@@ -27,10 +28,7 @@ AMPERE_TURNS = 708.0
 """From 10 G at the centre with 3.3 A: 2 a B/μ₀, at that current."""
 HEADINGS_DEG = 30.0 * np.arange(12)
 AXES = ("x", "y", "z", "r")
-PRINTED_M = {
-    "before": {"x": 0.2350, "y": 0.3717, "z": 0.0800, "r": 0.2924},
-    "after": {"x": 0.2620, "y": 0.2418, "z": 0.0431, "r": 0.2516},
-}
+PRINTED_M = printed_in("wu2025")["coil_m"]
 KERNELS: dict[str, Kernel] = {"loop": partial(loop_field, radius_m=RADIUS_M), "dipole": dipole_field}
 _ASSUMED_TOLERANCE = 0.2
 """Of figures with errors that are assumed and fitted to them; the four of a stage count together."""
@@ -179,12 +177,8 @@ def _assumed(unknowns: FloatArray) -> tuple[FloatArray, Fault]:
 def rows(experiment: Experiment) -> list[PaperNumber]:
     """Return the eight figures of Fig. 12 beside ours: loop, ideal dipole, and with what explains them best."""
     axis, (other, fault) = _nearest_axis(experiment), _explain(experiment)
-    faulty = (
-        f"with baselines of {_signed(100 * (fault.baseline_scale - 1))} %, headings that start "
-        f"{_signed(to_degrees(fault.heading))}° off and the coil in another direction, "
-        "which are fitted to all eight figures; the four of a stage count together, to "
-        f"{100 * _ASSUMED_TOLERANCE:.0f} %"
-    )
+    longer, off = _signed(100 * (fault.baseline_scale - 1)), _signed(to_degrees(fault.heading))
+    faulty = reason_of("wu2025", "faulty_coil", longer=longer, off=off, tolerance=100 * _ASSUMED_TOLERANCE)
     table = []
     for stage in PRINTED_M:
         loop, dipole = (experiment.rmse_m(stage, axis, kernel=KERNELS[name])[0] for name in KERNELS)
@@ -199,11 +193,7 @@ def rows(experiment: Experiment) -> list[PaperNumber]:
 
 def _reason(experiment: Experiment, stage: str) -> str:
     anyhow, ideal = (one.rmse_m(stage, directions())[:, AXES.index("r")] for one in (experiment, experiment.ideal))
-    return (
-        "the direction of the coil is not printed, ours is the one nearest to the figures before calibration; over all "
-        f"directions r is {anyhow.min():.3f} to {anyhow.max():.3f} m, for an array without errors "
-        f"{ideal.min():.3f} to {ideal.max():.3f} m: the paper's model cannot make the printed figures"
-    )
+    return reason_of("wu2025", "coil", least=anyhow.min(), most=anyhow.max(), low=ideal.min(), high=ideal.max())
 
 
 def _compare(
@@ -211,7 +201,7 @@ def _compare(
 ) -> list[PaperNumber]:
     names = [f"Section 4.2, RMSE of the coil's position, {axis}, {stage}{what}" for axis in AXES]
     table = compare(names, list(printed(stage)), ours, "m", relative=relative, recorded=recorded)
-    return [replace(row, reason=reason) for row in together(table, reason)]
+    return [replace(row, reason=reason) for row in together(table)]
 
 
 def _signed(value: float) -> str:

@@ -19,7 +19,7 @@ from tam_calibration.simulation import Scenario, Simulation, simulate
 from tam_calibration.simulation.attitude import RandomAttitudes
 from tam_validation.papers import wu2025_coil
 from tam_validation.papers.cross import SENSORS
-from tam_validation.papers.printed import printed_in
+from tam_validation.papers.printed import finding, printed_in, reason_of
 from tam_validation.papers.row import DERIVED, PaperNumber, compare, together
 
 _BEFORE_NT = (339.2, 277.2, 283.2, 320.5)
@@ -78,14 +78,9 @@ def _before_rows(run: Simulation) -> list[PaperNumber]:
     ours = measure_residuals(none, run.scenario.array, run.recording, 0.0).sensor_intensity_T
     square, absolute = _before_in_any_mounting(run)
     nearest = np.abs(to_nanotesla(absolute) / _BEFORE_NT - 1).max(axis=1).min()
-    reason = (
-        "the RMS of eq. 14 with the errors of Table 2; the mounting on the table is not printed, but in none does "
-        f"sensor 1 come below {to_nanotesla(square[:, 0].min()):.0f} nT; as means of the absolute errors one mounting "
-        f"gives all four within {100 * nearest:.0f} %"
-    )
+    told = {"least_nT": to_nanotesla(square[:, 0].min()), "nearest": 100 * nearest}
     names = [f"Section 4.2, e_B before, {sensor}" for sensor in SENSORS]
-    rows = compare(names, _BEFORE_NT, to_nanotesla(ours), "nT", relative=0.02, recorded="not reproduced")
-    return together(rows, reason)
+    return together(finding("wu2025", "before", to_nanotesla(ours), told=told, names=names, paper=_BEFORE_NT))
 
 
 def _after_rows(run: Simulation) -> list[PaperNumber]:
@@ -95,13 +90,9 @@ def _after_rows(run: Simulation) -> list[PaperNumber]:
         to_nanotesla(published(recording, run.scenario.array).in_sample.sensor_intensity_T)
         for recording in (average, run.recording)
     )
-    reason = (
-        "the drift of 8.26 nT that the average of 52185.0 nT does not follow, and noise of 0.1 nT, leave no more "
-        f"({tracked.max():.1f} nT if it is followed): what is measured has a cause that the model has not, such as a "
-        "gradient of the site or the magnetism of the table"
-    )
+    told = {"tracked_nT": tracked.max()}
     names = [f"Section 4.2, e_B after, {sensor}" for sensor in SENSORS]
-    return together(compare(names, _AFTER_NT, ours, "nT", relative=0.1, recorded="not reproduced"), reason)
+    return together(finding("wu2025", "after", ours, told=told, names=names, paper=_AFTER_NT))
 
 
 def _parameter_rows(run: Simulation) -> list[PaperNumber]:
@@ -113,10 +104,7 @@ def _parameter_rows(run: Simulation) -> list[PaperNumber]:
     table = []
     for names, columns, unit, factor in _KINDS:
         free = factor * deviation[:, columns][deviation[:, columns] > 0]
-        reason = (
-            "measured, and the recording is not published; if its residuals are noise of the sensors, the standard "
-            f"errors are at least {free.min():.2g} to {free.max():.2g}{_SUFFIX[unit]}"
-        )
+        reason = reason_of("wu2025", "measured", least=free.min(), most=free.max(), unit=_SUFFIX[unit])
         for name in names:
             sensors = SENSORS[-len(TABLE_2[name]) :]
             for sensor, printed in zip(sensors, TABLE_2[name], strict=True):

@@ -33,14 +33,14 @@ def test_table_2_is_reproduced(rows):
 def test_the_sign_is_found_from_table_2(rows):
     """The ψ of sensor 1 that makes the printed C⁻¹ is the printed one reversed."""
     row = rows["Table 1, ψ, sensor 1"]
-    assert row.ours == pytest.approx(-chi2017.PRINTED_PSI_1, abs=3e-4) and row.ours != row.right
+    assert row.ours == pytest.approx(-row.paper, abs=3e-4) and row.ours != row.right
     assert (row.status, row.right_source) == ("paper in error", "derived from printed numbers")
 
 
 def test_the_printed_sign_cannot_be_right():
     """With ψ of sensor 1 as printed the combined bias is 69 nT off."""
     printed = chi2017.NON_ORTHOGONALITY.copy()
-    printed[0, 2] = chi2017.PRINTED_PSI_1
+    printed[0, 2] *= -1
     off = to_nanotesla(chi2017.true_errors(printed).bias_T) - chi2017.COMBINED_BIAS_NT
     assert np.abs(off[0, 1]) == pytest.approx(69, abs=1)
 

@@ -1,6 +1,6 @@
 import math
 
-from tam_validation.papers.row import PaperNumber, compare, correct_paper, together
+from tam_validation.papers.row import PaperNumber, compare, together
 
 
 def test_a_number_within_its_tolerance_is_reproduced():
@@ -18,8 +18,8 @@ def test_the_ratio_is_ours_by_the_papers():
 
 def test_the_paper_is_in_error_where_ours_is_right():
     """A number of ours that is not the right one shows as another status than is on record."""
-    right, wrong = correct_paper(
-        ["a", "b"], [0.0, 0.0], [1.001, 1.1], "°", "why", right=[1, 1], right_source="theory", absolute=0.01
+    right, wrong = compare(
+        ["a", "b"], [0.0, 0.0], [1.001, 1.1], "°", reason="why", right=[1, 1], right_source="theory", absolute=0.01
     )
     assert (right.status, wrong.status) == ("paper in error", "not reproduced")
     assert right.is_as_recorded
@@ -30,6 +30,6 @@ def test_the_paper_is_in_error_where_ours_is_right():
 def test_one_number_that_disagrees_takes_the_others_with_it():
     """Numbers that are one finding have one status."""
     near = compare("ab", [1, 1], [1.05, 1], "1", relative=0.1)
-    assert {row.status for row in together(near, "why")} == {"reproduced"}
-    far = together(compare("ab", [1, 1], [1.2, 1], "1", relative=0.1), "why")
+    assert {row.status for row in together(near)} == {"reproduced"}
+    far = together(compare("ab", [1, 1], [1.2, 1], "1", relative=0.1, reason="why"))
     assert {(row.status, row.reason) for row in far} == {("not reproduced", "why")}
