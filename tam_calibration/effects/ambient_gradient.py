@@ -5,14 +5,13 @@ At attitude R (array to world) a sensor at r reads b + Rᵀ G R r, with G symmet
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import ClassVar
 
 import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.core.harmonics import derivatives, fields
 from tam_calibration.effects.covariates import LEAST_TURN, to_world, turn_spread
-from tam_calibration.effects.effect import ALL, Coefficient, Covariates, LinearEffect, Shape, SurrogateKind, Term
+from tam_calibration.effects.effect import ALL, Coefficient, Covariates, LinearEffect, Shape, Term
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
@@ -109,10 +108,7 @@ _DEGREES = {2: "T/m", 3: "T/m²", 4: "T/m³"}
 class AmbientGradient(LinearEffect):
     """The field of the site is not uniform; the array turns about its centre, which stays where it is."""
 
-    name: ClassVar[str] = "ambient_gradient"
-    channels: ClassVar[tuple[str, ...]] = ("attitude",)
-    surrogates: ClassVar[SurrogateKind] = "of_attitude"
-    is_of_site: ClassVar[bool] = True
+    name = "ambient_gradient"
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that all sensors are at the centre or that the array was not turned, where it is so."""

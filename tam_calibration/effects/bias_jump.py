@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from numpy.linalg import norm
@@ -126,7 +125,7 @@ _MOST_OF_ROWS = 3
 class BiasJump(StepEffect):
     """Offsets of axes change at one time, for good or until another time."""
 
-    name: ClassVar[str] = "bias_jump"
+    name = "bias_jump"
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
         """Return the times, and pairs of times, at which jumps of one row or of all explain most, of all samples.

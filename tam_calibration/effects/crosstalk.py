@@ -36,9 +36,7 @@ class Crosstalk(LinearEffect):
     the array is taken to have turned as evenly as then.
     """
 
-    name: ClassVar[str] = "crosstalk"
-    is_causal: ClassVar[bool] = False
-    is_of_one_sensor: ClassVar[bool] = True
+    name = "crosstalk"
     shape_units: ClassVar[Mapping[str, str]] = dict.fromkeys(_SHAPES, "s") | WINDOW_UNITS
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:

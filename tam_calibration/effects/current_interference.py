@@ -1,12 +1,11 @@
 """The field of a current near the sensors."""
 
 from collections.abc import Iterable
-from typing import ClassVar
 
 import numpy as np
 
 from tam_calibration.effects.covariates import lagged
-from tam_calibration.effects.effect import Covariates, LinearEffect, Shape, SurrogateKind
+from tam_calibration.effects.effect import Covariates, LinearEffect, Shape
 from tam_calibration.effects.grades import NEGLIGIBLE
 from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
 
@@ -17,11 +16,7 @@ _LAGS = (1.0, 5.0, 25.0, 125.0)
 class CurrentInterference(LinearEffect):
     """A current that is fixed to the array adds a field in proportion to it."""
 
-    name: ClassVar[str] = "current_interference"
-    channels: ClassVar[tuple[str, ...]] = ("current_A",)
-    is_any_course: ClassVar[bool] = True
-    surrogates: ClassVar[SurrogateKind] = "of_channel"
-    shape_units: ClassVar[dict[str, str]] = {"time_constant_s": "s", "reference_A": "A"}
+    name = "current_interference"
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that the current is constant, where it is."""

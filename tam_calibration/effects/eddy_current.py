@@ -1,7 +1,6 @@
 """Eddy currents in conductors near a sensor."""
 
 from collections.abc import Iterable
-from typing import ClassVar
 
 import numpy as np
 
@@ -29,9 +28,7 @@ _NAMES = tuple(f"{axis} of the field on {row}" for row in "xyz" for axis in "xyz
 class EddyCurrent(LinearEffect):
     """Changes of the field are shielded by C (b - b after a first-order lag); uses samples on both sides."""
 
-    name: ClassVar[str] = "eddy_current"
-    is_causal: ClassVar[bool] = False
-    shape_units: ClassVar[dict[str, str]] = {"time_constant_s": "s"}
+    name = "eddy_current"
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that there is no continuous motion, where there is none."""

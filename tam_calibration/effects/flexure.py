@@ -1,19 +1,15 @@
 """Sensors that their own weight turns out of place."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from tam_calibration.effects.covariates import LEAST_TURN, upwards
-from tam_calibration.effects.effect import Coefficient, Covariates, LinearEffect, Shape, SurrogateKind, Term
+from tam_calibration.effects.effect import Coefficient, Covariates, LinearEffect, Shape, Term
 
 
 class Flexure(LinearEffect):
     """A sensor turns against the array by ω = C u, with u the direction upwards: it reads M (b + ω × b)."""
 
-    name: ClassVar[str] = "flexure"
-    channels: ClassVar[tuple[str, ...]] = ("attitude",)
-    surrogates: ClassVar[SurrogateKind] = "of_attitude"
+    name = "flexure"
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that the array was not tilted, or that its sensor has none to turn against, where it is so."""

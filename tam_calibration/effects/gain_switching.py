@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.effects.covariates import Memory
-from tam_calibration.effects.effect import Covariates, LinearEffect, Shape, SurrogateKind
+from tam_calibration.effects.effect import Covariates, LinearEffect, Shape
 from tam_calibration.effects.switching import WINDOW_UNITS, Level, Switching, in_windows, settled_strongest
 from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
 from tam_calibration.model.units import FloatArray
@@ -22,11 +22,7 @@ _GAIN = Coefficient("gain", "1")
 class GainSwitching(LinearEffect):
     """The gain of an axis is another in windows of time, or while the reading is large."""
 
-    name: ClassVar[str] = "gain_switching"
-    is_free_in_time: ClassVar[bool] = True
-    is_of_one_sensor: ClassVar[bool] = True
-    has_exact_shapes: ClassVar[bool] = True
-    surrogates: ClassVar[SurrogateKind] = "elsewhere"
+    name = "gain_switching"
     shape_units: ClassVar[dict[str, str]] = {
         "upper_T": "T",
         "lower_T": "T",

@@ -1,12 +1,11 @@
 """An ambient field whose intensity drifts in time against the scalar reference."""
 
 from collections.abc import Iterable
-from typing import ClassVar
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
-from tam_calibration.effects.effect import Covariates, FittedEffect, Limit, LinearEffect, Shape, Sized, SurrogateKind
+from tam_calibration.effects.effect import Covariates, FittedEffect, Limit, LinearEffect, Shape, Sized
 from tam_calibration.effects.grades import LONGEST_BURST
 from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
 
@@ -30,11 +29,7 @@ class GeomagneticDrift(LinearEffect):
     attitude; the differences between the sensors do not see it.
     """
 
-    name: ClassVar[str] = "geomagnetic_drift"
-    is_free_in_time: ClassVar[bool] = True
-    is_of_site: ClassVar[bool] = True
-    surrogates: ClassVar[SurrogateKind] = "elsewhere"
-    shape_units: ClassVar[dict[str, str]] = {"start_s": "s", "span_s": "s"}
+    name = "geomagnetic_drift"
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that the recording is too short, where it is."""

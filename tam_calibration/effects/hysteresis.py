@@ -1,7 +1,6 @@
 """An axis whose reading depends on where the field came from."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import ClassVar
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
@@ -41,8 +40,7 @@ _DIRECTIONS = np.array(
 class Hysteresis(LinearEffect):
     """The reading follows the field in loops of several widths, without depending on the rate."""
 
-    name: ClassVar[str] = "hysteresis"
-    shape_units: ClassVar[dict[str, str]] = {"full_scale_T": "T", "azimuth_rad": "rad", "elevation_rad": "rad"}
+    name = "hysteresis"
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that the field was not turned back along any axis, where it was not."""

@@ -6,8 +6,7 @@ was filled vanish, to the last digit that is written. Where noise came behind th
 missed in rows of samples.
 """
 
-from collections.abc import Mapping, Sequence
-from typing import ClassVar
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +25,6 @@ class InterpolatedSamples(FoundEffect):
     """Lost readings of a sensor, filled on straight lines."""
 
     name = "interpolated_samples"
-    units: ClassVar[Mapping[str, str]] = {"rate": "1", "burst": "1"}
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that there is no other sensor, where that is so."""

@@ -5,9 +5,6 @@ direction of the field or comes as spikes is left to other effects. White excess
 and so does the 1/f noise of a sensor up to a slope of about 0.9: neighbouring samples are alike by less than 0.75.
 """
 
-from collections.abc import Mapping
-from typing import ClassVar
-
 import numpy as np
 
 from tam_calibration.effects.effect import ALL, Contribution, Covariates, Finding, FittedEffect, FoundEffect
@@ -25,10 +22,6 @@ class NoiseExcess(FoundEffect):
     """More noise in some rows than in the others."""
 
     name = "noise_excess"
-    stream = "of_sample"
-    may_repeat = True
-    explains_any_excess = True
-    units: ClassVar[Mapping[str, str]] = {"standard deviation": "T"}
 
     def find(self, residuals: WhitenedResiduals) -> Finding | str:
         """Return the rows with more noise and how much, or why there is none."""

@@ -1,7 +1,6 @@
 """An axis whose reading is not linear in the field along it."""
 
 from collections.abc import Iterable
-from typing import ClassVar
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
@@ -16,8 +15,7 @@ _ORDERS = {"quadratic": (2,), "cubic": (3,), "higher": (4, 5), "highest": (6, 7,
 class Nonlinearity(LinearEffect):
     """The reading of an axis is a curve of the field along it."""
 
-    name: ClassVar[str] = "nonlinearity"
-    shape_units: ClassVar[dict[str, str]] = {"full_scale_T": "T"}
+    name = "nonlinearity"
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that no axis was turned far enough, where it is so."""

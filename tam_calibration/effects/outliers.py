@@ -5,9 +5,6 @@ penalised by their code length: k positions among N samples take ln C(N, k) nats
 where BIC takes ½ ln n per parameter; that is about two parameters for a single spike, fewer for each of many.
 """
 
-from collections.abc import Mapping
-from typing import ClassVar
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,11 +20,6 @@ class Outliers(FoundEffect):
     """Spikes in single readings."""
 
     name = "outliers"
-    stream = "spikes"
-    is_of_extremes = True
-    may_repeat = True
-    is_of_lone_samples = True
-    units: ClassVar[Mapping[str, str]] = {"rate": "1", "size": "T", "burst": "1"}
 
     def find(self, residuals: WhitenedResiduals) -> Finding | str:
         """Return the spikes, flagged, or why there is none."""

@@ -1,11 +1,10 @@
 """Interference at a fixed frequency."""
 
 from collections.abc import Iterable
-from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.effect import Covariates, FittedEffect, LinearEffect, Shape, Sized, SurrogateKind
+from tam_calibration.effects.effect import Covariates, FittedEffect, LinearEffect, Shape, Sized
 from tam_calibration.effects.grades import NEGLIGIBLE, NOTABLE, SLIGHT
 from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
 from tam_calibration.model.units import FloatArray
@@ -41,10 +40,7 @@ _ROUNDS = 3
 class PeriodicInterference(LinearEffect):
     """A sinusoid of one frequency with its harmonics; above half the sampling rate it shows at its alias."""
 
-    name: ClassVar[str] = "periodic_interference"
-    may_repeat: ClassVar[bool] = True
-    surrogates: ClassVar[SurrogateKind] = "at_other_frequencies"
-    shape_units: ClassVar[dict[str, str]] = {"frequency_hz": "Hz", "start_s": "s"}
+    name = "periodic_interference"
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that the recording is too short, where it is."""

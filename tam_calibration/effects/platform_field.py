@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import ClassVar
 
 import numpy as np
 
@@ -37,8 +36,7 @@ class PlatformField(LinearEffect):
     These three and six stand here for simulations and for fits of the scalar alone.
     """
 
-    name: ClassVar[str] = "platform_field"
-    shape_units: ClassVar[dict[str, str]] = {"time_constant_s": "s"}
+    name = "platform_field"
 
     def needs(self, fitted: FittedEffect) -> tuple[str, ...]:
         """Return the names of the currents and actuators that have a part in a fitted effect.

@@ -12,9 +12,7 @@ regression that explains the same energy, and so comparable with it; a noise of 
 residual is not as large as rounding would make it, the stated noise holds it already and nothing is found.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -50,9 +48,6 @@ class Quantization(FoundEffect):
     """Readings rounded to coarse steps."""
 
     name = "quantization"
-    stream = "of_sample"
-    output_stage = 2
-    units: ClassVar[Mapping[str, str]] = {"step": "T", "offset": "T"}
 
     def find(self, residuals: WhitenedResiduals) -> Finding | str:
         """Return the steps, or why rounding is no visible part of the noise."""

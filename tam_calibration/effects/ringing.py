@@ -1,7 +1,6 @@
 """A reading that passes a filter which rings after fast changes."""
 
-from collections.abc import Iterable, Mapping
-from typing import ClassVar
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,10 +31,7 @@ class Ringing(LinearEffect):
     has a tail, an oscillation that dies, of any phase.
     """
 
-    name: ClassVar[str] = "ringing"
-    is_causal: ClassVar[bool] = False
-    is_of_one_sensor: ClassVar[bool] = True
-    shape_units: ClassVar[Mapping[str, str]] = {"frequency_hz": "Hz", "tail_hz": "Hz", "damping": "1"}
+    name = "ringing"
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
         """Return frequencies from above that of the motion to half the sampling rate, with little and much damping.

@@ -41,9 +41,6 @@ class Saturation(FoundEffect):
     """An axis that reads the end of its range where the field lies beyond."""
 
     name = "saturation"
-    stream = "of_sample"
-    is_of_extremes = True
-    output_stage = 1
     units: ClassVar[Mapping[str, str]] = {
         "upper limit": "T",
         "lower limit": "T",

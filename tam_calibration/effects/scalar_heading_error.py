@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
@@ -46,9 +45,7 @@ class ScalarHeadingError(LinearEffect):
     Up to the second degree such a function is inside the calibration; what can be seen begins with the third.
     """
 
-    name: ClassVar[str] = "scalar_heading_error"
-    channels: ClassVar[tuple[str, ...]] = ("scalar_T",)
-    shape_units: ClassVar[dict[str, str]] = {"azimuth_rad": "rad", "elevation_rad": "rad"}
+    name = "scalar_heading_error"
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that the directions are too few to tell a third degree from a calibration error, where they are."""

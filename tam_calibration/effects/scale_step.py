@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import ClassVar
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
@@ -31,8 +30,7 @@ _TURNS = tuple(Coefficient(f"turn about {axis}", "rad") for axis in "xyz")
 class ScaleStep(StepEffect):
     """The response of a sensor changes at one time, for good or until another time: it reads (M + ΔM) b."""
 
-    name: ClassVar[str] = "scale_step"
-    is_of_one_sensor: ClassVar[bool] = True
+    name = "scale_step"
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
         """Return the times at which a step, and a pair of steps, of one axis and of a sensor explain most.

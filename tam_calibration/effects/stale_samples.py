@@ -5,9 +5,6 @@ stamped when it comes. The sensor then reads what it should have read k samples 
 -M (b_n - b_{n-k}), along the path of the field and as large as the way that this has made meanwhile.
 """
 
-from collections.abc import Mapping
-from typing import ClassVar
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,8 +30,6 @@ class StaleSamples(FoundEffect):
     """Readings of a sensor that are those of some samples before."""
 
     name = "stale_samples"
-    stream = "repeats"
-    units: ClassVar[Mapping[str, str]] = {"rate": "1", "burst": "1", "samples late": "1"}
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that there is no other sensor, where that is so."""

@@ -1,12 +1,11 @@
 """Bias and scale factor that drift with temperature."""
 
 from collections.abc import Iterable
-from typing import ClassVar
 
 import numpy as np
 
 from tam_calibration.effects.covariates import lagged
-from tam_calibration.effects.effect import Covariates, LinearEffect, Shape, SurrogateKind
+from tam_calibration.effects.effect import Covariates, LinearEffect, Shape
 from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
 
 _LEAST_CHANGE_K = 0.2
@@ -28,21 +27,7 @@ _INNER_SHARES = (0.0, 0.5)
 class TemperatureDrift(LinearEffect):
     """Bias and scale factor of an axis follow the temperature, with a lag."""
 
-    name: ClassVar[str] = "temperature_drift"
-    channels: ClassVar[tuple[str, ...]] = ("temperature_C",)
-    is_of_each_sensor: ClassVar[bool] = True
-    is_any_course: ClassVar[bool] = True
-    surrogates: ClassVar[SurrogateKind] = "of_channel"
-    shape_units: ClassVar[dict[str, str]] = {
-        "time_constant_s": "s",
-        "inner_share": "1",
-        "reference_C": "°C",
-        "start_s": "s",
-    }
-    """Heat passes two layers: of the sum of their time constants the inner one has a share, none where it is not given.
-
-    Where a start is given the sensor had not settled by then.
-    """
+    name = "temperature_drift"
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that the temperature is constant, where it is."""

@@ -1,7 +1,5 @@
 """A sensor or axis that is sampled later than the others."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from tam_calibration.effects.effect import Coefficient, Covariates, LinearEffect, Shape, Term
@@ -13,8 +11,7 @@ _DELAY = Coefficient("delay", "s")
 class TimeSkew(LinearEffect):
     """What is read was sensed a delay before: b(t - δ) = b - δ db/dt; uses samples on both sides."""
 
-    name: ClassVar[str] = "time_skew"
-    is_causal: ClassVar[bool] = False
+    name = "time_skew"
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that there is no continuous motion, where there is none."""

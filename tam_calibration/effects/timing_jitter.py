@@ -9,10 +9,8 @@ field, growing with the square of its rate. With s² the floor, G the informatio
 is least at the best s² and ρ; twice its fall from ρ = 0 is the gain. A delay that stays is taken off before.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
 
 import numpy as np
 from numpy.linalg import norm
@@ -35,8 +33,6 @@ class TimingJitter(FoundEffect):
     """A scatter of the true times of sampling of one sensor."""
 
     name = "timing_jitter"
-    stream = "of_course"
-    units: ClassVar[Mapping[str, str]] = {"standard deviation": "s"}
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that there is no continuous motion, or no other sensor to tell it, where that is so."""
