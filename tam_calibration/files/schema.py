@@ -2,15 +2,24 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from datetime import UTC, date, datetime
 from functools import cache
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, TypeVar, Union, dataclass_transform, get_args, get_origin, get_type_hints
 
 from tam_calibration.model.exceptions import InputError, quoted
 
 Schema = TypeVar("Schema")
+
+
+@dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(field,))
+class Document:
+    """A mapping in a file: a subclass is a frozen dataclass with a field for each key."""
+
+    def __init_subclass__(cls) -> None:
+        """Make the subclass a dataclass."""
+        dataclass(frozen=True, kw_only=True)(cls)
 
 
 @dataclass(frozen=True)
@@ -118,12 +127,12 @@ def _document(schema: Any, content: Any, place: str, faults: list[str]) -> Any:
         return _fault("a mapping of keys to values", place, faults)
     within = f"{place}." if place else ""
     values = {}
-    for field in fields(schema):
-        if field.name in content:
-            values[field.name] = _value(_types(schema)[field.name], content[field.name], within + field.name, faults)
-        elif field.default is MISSING and field.default_factory is MISSING:
-            faults.append(f"the key {within + field.name!r} is missing")
-    known = [field.name for field in fields(schema)]
+    for each in fields(schema):
+        if each.name in content:
+            values[each.name] = _value(_types(schema)[each.name], content[each.name], within + each.name, faults)
+        elif each.default is MISSING and each.default_factory is MISSING:
+            faults.append(f"the key {within + each.name!r} is missing")
+    known = [each.name for each in fields(schema)]
     hint = "" if within else f"; known are {', '.join(known)}"
     if not getattr(schema, "may_hold_more", False):
         faults += [f"the key '{within}{key}' is not known{hint}" for key in content if key not in known]

@@ -1,14 +1,14 @@
 """The array file: positions, rotations, noise and rates of change of the sensors, with units in the keys."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import field, fields, replace
 from math import inf
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from tam_calibration.files.schema import Bounds, check
+from tam_calibration.files.schema import Bounds, Document, check
 from tam_calibration.files.text_files import (
     degrees_to_write,
     nanotesla_to_write,
@@ -28,8 +28,7 @@ from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 _Rate = Annotated[float, Bounds(least=0)]
 
 
-@dataclass(frozen=True, kw_only=True)
-class RatesFile:
+class RatesFile(Document):
     """The keys of ``change_rates``; a rate that is not stated is that of ``ChangeRates``."""
 
     scale_factor_ppm_per_day: _Rate | None = None
@@ -87,8 +86,7 @@ _LEAST_DISTANCE_M = 1e-3
 """Of two sensors: no tri-axial magnetometer is smaller than a millimetre."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class TolerancesFile:
+class TolerancesFile(Document):
     """The keys of ``tolerances``, all of which are needed: what is left out would be known, or be anything."""
 
     scale_factor_percent: float
@@ -112,8 +110,7 @@ class TolerancesFile:
         )
 
 
-@dataclass(frozen=True, kw_only=True)
-class ArrayFile:
+class ArrayFile(Document):
     """What an array file may hold; a noise that is not stated is estimated from the recording.
 
     Parameters

@@ -1,12 +1,12 @@
 """The map: which topics, fields or columns of a recording are the sensors of an array and the channels beside them."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, fields
 from dataclasses import field as default_of
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from tam_calibration.files.schema import Bounds, check
+from tam_calibration.files.schema import Bounds, Document, check
 from tam_calibration.files.text_files import in_file
 from tam_calibration.files.yaml_document import dump_mapping, mapping_in
 from tam_calibration.messages.stream import sensor_stream
@@ -22,8 +22,7 @@ CHANNEL_WIDTHS = {"scalar": 1, "attitude": 4, "temperature": 1, "current": 1}
 """Values of each channel that a recording holds beside its sensors."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Pick:
+class Pick(Document):
     """Where the values of one sensor or channel come from.
 
     Parameters
@@ -104,8 +103,7 @@ class Pick:
         return " ".join(part for part in (f"{where}{number}", kind, inside, f"[{unit}]" if unit else "") if part)
 
 
-@dataclass(frozen=True, kw_only=True)
-class TextFormat:
+class TextFormat(Document):
     """How a text file is written; what is not given is detected.
 
     Parameters
@@ -122,8 +120,7 @@ class TextFormat:
     comment: str | None = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class TimeColumn:
+class TimeColumn(Document):
     """The time of a text file or table: a column, or a rate where there is none.
 
     Parameters
@@ -150,8 +147,7 @@ Clock = Literal["stamp", "received"]
 """Whose time a message has: its header's stamp, or the recorder's when it arrived."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class ChannelMap:
+class ChannelMap(Document):
     """The sensors of an array, sensor 1 first, and the channels beside them.
 
     Parameters

@@ -7,7 +7,7 @@ from typing import Annotated
 import numpy as np
 
 from tam_calibration.files.quantities import Place, Vector
-from tam_calibration.files.schema import Bounds, check
+from tam_calibration.files.schema import Bounds, Document, check
 from tam_calibration.files.yaml_document import mapping_in
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.sources.dipole import Dipole, Loop, Source, area_of
@@ -35,8 +35,7 @@ class StatedSource:
     recording: Path
 
 
-@dataclass(frozen=True, kw_only=True)
-class _SourceFile:
+class _SourceFile(Document):
     """What the file may hold.
 
     Parameters

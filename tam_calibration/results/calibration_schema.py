@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -33,7 +32,7 @@ from tam_calibration.files.quantities import (
     Turns,
     in_si,
 )
-from tam_calibration.files.schema import Bounds, check, require_schema
+from tam_calibration.files.schema import Bounds, Document, check, require_schema
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.limits import is_covariance
 from tam_calibration.model.residuals import Residuals
@@ -51,8 +50,7 @@ _Covariance = Annotated[float, Bounds(least=-1e12, most=1e12)]
 """SI: a parameter that is known to a million of its units is not known."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class SensorFile:
+class SensorFile(Document):
     """The errors of one sensor."""
 
     sensor: int
@@ -82,7 +80,6 @@ def errors_of(sensors: Sequence[SensorFile]) -> SensorErrors:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
 class _CalibratedSensor(SensorFile):
     scale_factor_standard_error: _StandardErrors
     non_orthogonality_standard_error_deg: _StandardErrors
@@ -91,13 +88,11 @@ class _CalibratedSensor(SensorFile):
     matrix: Tensor
 
 
-@dataclass(frozen=True, kw_only=True)
 class _Array(ArrayFile):
     noise_is_estimated: bool
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Field:
+class _Field(Document):
     intensity_nT: Nanotesla
     has_scalar_reference: bool
     coverage_of_sphere: Annotated[float, Bounds(least=0, most=1)]
@@ -112,24 +107,21 @@ class _Field:
         return AmbientGradientEstimate(from_nanotesla(np.array(tensor)), from_nanotesla(np.array(errors)))
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Residuals:
+class _Residuals(Document):
     sensor_intensity_nT: list[NanoteslaSize]
     center_intensity_nT: NanoteslaSize
     tensor_nT_per_m: tuple[NanoteslaSize, NanoteslaSize, NanoteslaSize, NanoteslaSize, NanoteslaSize]
     tensor_rmse_nT_per_m: NanoteslaSize
 
 
-@dataclass(frozen=True, kw_only=True)
-class _AllResiduals:
+class _AllResiduals(Document):
     before: _Residuals
     in_sample: _Residuals
     held_out: _Residuals | None
     noise_floor: _Residuals
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Recording:
+class _Recording(Document):
     samples: int
     time_span_s: tuple[Seconds, Seconds]
     name: str | None
@@ -144,8 +136,7 @@ class _Recording:
         return Provenance(self.name, self.size_bytes, self.sha256)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _OfOutputs:
+class _OfOutputs(Document):
     field_nT: tuple[NanoteslaSize, NanoteslaSize, NanoteslaSize]
     gradient_nT_per_m: tuple[NanoteslaSize, NanoteslaSize, NanoteslaSize, NanoteslaSize, NanoteslaSize, NanoteslaSize]
 
@@ -154,7 +145,6 @@ class _OfOutputs:
         return from_nanotesla(np.array([*self.field_nT, *self.gradient_nT_per_m]))
 
 
-@dataclass(frozen=True, kw_only=True)
 class _Effect(EffectFile):
     size: _OfOutputs
     size_standard_error: _OfOutputs
@@ -164,8 +154,7 @@ class _Effect(EffectFile):
         return EffectSize(self.size.to_tesla(), self.size_standard_error.to_tesla())
 
 
-@dataclass(frozen=True, kw_only=True)
-class _KnownSource:
+class _KnownSource(Document):
     baseline_scale: ScaleFactor
     baseline_scale_standard_error: _StandardError
     rotation_deg: Turns
@@ -174,15 +163,13 @@ class _KnownSource:
     reduced_chi_square: Annotated[float, Bounds(least=0)]
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Quality:
+class _Quality(Document):
     grade: Grade
     reasons: list[str]
     next: list[str]
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Calibration:
+class _Calibration(Document):
     schema: Literal["tam_calibration/calibration/1"]
     software: str
     method: str

@@ -16,7 +16,7 @@ from tam_calibration.comparison.snippets import gazebo_sdf, mujoco_mjcf, python_
 from tam_calibration.correction.calibration import Provenance
 from tam_calibration.effects.library import check_numbers, effect_named, units_of
 from tam_calibration.files.quantities import Hertz, NanoteslaSize
-from tam_calibration.files.schema import Bounds, check, require_schema
+from tam_calibration.files.schema import Bounds, Document, check, require_schema
 from tam_calibration.files.text_files import in_file, nanotesla_to_write, read_text, to_json, write_text
 from tam_calibration.files.yaml_document import dump_mapping, parse_mapping
 from tam_calibration.model.exceptions import InputError
@@ -103,8 +103,7 @@ def _nanotesla(tesla: float) -> float:
     return float(nanotesla_to_write(np.array(tesla)))
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Noise:
+class _Noise(Document):
     sensor: Annotated[int, Bounds(least=1)] | Literal["scalar"]
     axis: Literal["x", "y", "z"] | None = None
     white_nT: NanoteslaSize
@@ -135,8 +134,7 @@ class _Noise:
         )
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Mend:
+class _Mend(Document):
     schema: Literal["tam_calibration/mend/1"]
     software: str
     rate_hz: Hertz

@@ -11,12 +11,12 @@ A value is text with a unit, in which nT, uT and deg may stand for T and rad, or
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from tam_calibration.files.schema import Bounds
+from tam_calibration.files.schema import Bounds, Document
 from tam_calibration.files.text_files import degrees_to_write, nanotesla_to_write
 from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
@@ -33,8 +33,7 @@ _LARGEST = 1e30
 _Quantity = Annotated[float, Bounds()] | str
 
 
-@dataclass(frozen=True, kw_only=True)
-class TermFile:
+class TermFile(Document):
     """What an effect does to one sensor or axis."""
 
     sensor: Annotated[int, Bounds(least=1)] | Literal["scalar", "all"]
@@ -50,8 +49,7 @@ class TermFile:
         return Contribution(sensor, axis, self.term, _in_si(self.values), _in_si(self.standard_errors, 0.0))
 
 
-@dataclass(frozen=True, kw_only=True)
-class EffectFile:
+class EffectFile(Document):
     """One effect."""
 
     effect: str

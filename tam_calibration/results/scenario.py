@@ -1,7 +1,7 @@
 """Scenario files, shipped ones by name, and the truth that is written beside a simulated recording."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -11,7 +11,7 @@ import numpy as np
 from tam_calibration.files import quantities
 from tam_calibration.files.configuration import configuration_folder
 from tam_calibration.files.quantities import in_si
-from tam_calibration.files.schema import Bounds, check
+from tam_calibration.files.schema import Bounds, Document, check
 from tam_calibration.files.text_files import write_text
 from tam_calibration.files.yaml_document import dump_mapping, mapping_in
 from tam_calibration.model.exceptions import InputError
@@ -34,7 +34,6 @@ _Angle = Annotated[float, Bounds(above=0, least=1e-6, most=1e6, unit="deg")]
 """A standard deviation, or degrees per second: of larger ones nothing but noise is left."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class _StatedSensor(SensorFile):
     scale_factor: quantities.ScaleFactors = (1.0, 1.0, 1.0)
     non_orthogonality_deg: quantities.Shears = (0.0, 0.0, 0.0)
@@ -42,8 +41,7 @@ class _StatedSensor(SensorFile):
     misalignment_deg: quantities.Turns = (0.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Site:
+class _Site(Document):
     intensity_nT: _Intensity
     inclination_deg: Annotated[float, Bounds(least=-90, most=90)]
     declination_deg: quantities.Degrees = 0.0
@@ -53,8 +51,7 @@ class _Site:
         return sources.field_from_elements(from_nanotesla(self.intensity_nT), *angles)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Place:
+class _Place(Document):
     latitude_deg: float
     longitude_deg: float
     height_m: float = 0.0
@@ -77,27 +74,24 @@ _KINDS: dict[str, Callable[..., Any]] = {
 """What drifts and motions make of their values."""
 
 
-class _Kind:
+class _Kind(Document):
     def build(self, folder: Path) -> Any:
         kind, *values = in_si(self)
         return _KINDS[kind](*values)
 
 
-@dataclass(frozen=True, kw_only=True)
 class _Sinusoid(_Kind):
     kind: Literal["sinusoid"]
     standard_deviation_nT: _Spread
     period_s: quantities.Period
 
 
-@dataclass(frozen=True, kw_only=True)
 class _Ramp(_Kind):
     kind: Literal["ramp"]
     standard_deviation_nT: _Spread
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Observatory:
+class _Observatory(Document):
     kind: Literal["observatory"]
     file: str
     start: datetime | None = None
@@ -110,32 +104,27 @@ class _Observatory:
         return sources.ObservedDrift(record.time_s - (start - record.start).total_seconds(), record.field_T)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Dipole:
+class _Dipole(Document):
     position_m: quantities.Place
     moment_Am2: quantities.Moment
 
 
-@dataclass(frozen=True, kw_only=True)
 class _Motion(_Kind):
     """A motion without parameters."""
 
     kind: Literal["random", "three_axis_turns", "turntable"]
 
 
-@dataclass(frozen=True, kw_only=True)
 class _RandomEulerAngles(_Kind):
     kind: Literal["random_euler_angles"]
     standard_deviation_deg: _Angle = 180.0
 
 
-@dataclass(frozen=True, kw_only=True)
 class _Tumble(_Kind):
     kind: Literal["tumble"]
     turn_rate_deg_per_s: _Angle = 90.0
 
 
-@dataclass(frozen=True, kw_only=True)
 class _Auv(_Kind):
     kind: Literal["auv"]
     pitch_limit_deg: quantities.Degrees
@@ -143,45 +132,39 @@ class _Auv(_Kind):
     turn_period_s: quantities.Period
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Scalar:
+class _Scalar(Document):
     rate_hz: quantities.Hertz | None = None
     one_error_per_recording: bool = False
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Temperature:
+class _Temperature(Document):
     start_C: quantities.Celsius
     end_C: quantities.Celsius
     noise_C: _Spread = 0.0
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Current:
+class _Current(Document):
     low_A: quantities.Ampere
     high_A: quantities.Ampere
     period_s: quantities.Period
     noise_A: _Spread = 0.0
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Switched:
+class _Switched(Document):
     low: quantities.Ampere
     high: quantities.Ampere
     period_s: quantities.Period
     noise: _Spread = 0.0
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Attitude:
+class _Attitude(Document):
     noise_deg: _Spread = 0.0
 
 
 _Drift = _Sinusoid | _Ramp | _Observatory
 
 
-@dataclass(frozen=True, kw_only=True)
-class ScenarioFile:
+class ScenarioFile(Document):
     """What a scenario file may hold; channels that it does not name are not recorded."""
 
     array: ArrayFile

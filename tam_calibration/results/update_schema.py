@@ -1,14 +1,13 @@
 """How a calibration file states what it took from the calibration before it."""
 
 import dataclasses
-from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 import numpy as np
 
 from tam_calibration.correction.update import Moved, Update
 from tam_calibration.files.quantities import Finite, Seconds, Vector, value_in_si
-from tam_calibration.files.schema import Bounds
+from tam_calibration.files.schema import Bounds, Document
 from tam_calibration.files.text_files import degrees_to_write, nanotesla_to_write
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray
@@ -23,14 +22,12 @@ _Kind = Literal["scale factor", "non-orthogonality", "bias", "misalignment"]
 _UNIT_OF = {"scale factor": "", "non-orthogonality": "_deg", "bias": "_nT", "misalignment": "_deg"}
 
 
-@dataclass(frozen=True, kw_only=True)
-class _ChangeFile:
+class _ChangeFile(Document):
     kind: _Kind | Literal["several errors", "biases", "scalar reading, or the scale factors"]
     sensor: int
 
 
-@dataclass(frozen=True, kw_only=True)
-class _MovedFile:
+class _MovedFile(Document):
     kind: _Kind
     sensor: int
     change: Vector | None = None
@@ -58,8 +55,7 @@ class _MovedFile:
         return np.asarray(value_in_si(key, getattr(self, key)))
 
 
-@dataclass(frozen=True, kw_only=True)
-class UpdateFile:
+class UpdateFile(Document):
     """The keys of ``update``: tables have a row of twelve numbers for each sensor, SI, as ``covariance_SI`` has."""
 
     prior: str
