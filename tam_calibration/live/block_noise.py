@@ -115,12 +115,20 @@ class BlockNoise:
 
 
 def _factor(values: FloatArray, counts: IntArray, freedom: int) -> float:
-    """Return the variance of the means (M, C) of so many samples (M,) over that of white noise."""
-    found = 1.0
+    """Return the variance of the means (M, C) of so many samples (M,) over that of white noise.
+
+    What grows with the time between blocks, as the heading error of a scalar does, is the same in all of them: it does
+    not become smaller in their mean.
+    """
+    found, ratio_of_next = 1.0, 1.0
     for lag in _LAGS if freedom else ():
         pairs = len(values) - lag
         if pairs > 2 * lag:  # else a change would be in most of them
             energies = np.sum((values[lag:] - values[:-lag]) ** 2, axis=1) / (1 / counts[lag:] + 1 / counts[:-lag])
             ratio = float(np.median(energies) / chdtri(freedom, 0.5))
-            found = max(found, ratio if ratio > np.exp(_SURE * np.sqrt(2 / (freedom * pairs))) else 1.0)
+            by_chance = np.exp(_SURE * np.sqrt(2 / (freedom * pairs)))
+            ratio = ratio if ratio > by_chance else 1.0
+            ratio_of_next = ratio if lag == 1 else ratio_of_next
+            lasting = ratio - ratio_of_next if ratio > by_chance * ratio_of_next else 0.0
+            found = max(found, ratio + lasting * (len(values) - 1))
     return found
