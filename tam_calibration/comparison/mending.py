@@ -13,7 +13,7 @@ from tam_calibration.comparison.differences import Differences, is_noise
 from tam_calibration.comparison.result import AxisNoise, Mend, NoiseDifference, NoiseTerm, Side, SourceError
 from tam_calibration.comparison.side import field_of, without_effects
 from tam_calibration.effects.switching import WINDOW_UNITS
-from tam_calibration.localization.turned_samples import Regional, locate_samples, regional_of, turned
+from tam_calibration.localization.turned_samples import Regional, locate_each, regional_of, turned
 from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
@@ -190,7 +190,7 @@ def source_error(recording: Recording, side: Side, source: Dipole) -> SourceErro
     in_array = np.einsum("nji,nkj->nki", turns, world)
     added = np.einsum("kij,nkj->nki", calibration.errors.matrix, in_array)
     outputs = calibration.correct(replace(chosen, readings_T=chosen.readings_T + added)).outputs
-    in_array_m = locate_samples(
+    in_array_m = locate_each(
         outputs, calibration.array, calibration.output_covariance, regional=regional, attitude=chosen.attitude
     )
     distance = norm(turned(in_array_m, chosen.attitude).position_m - source.position_m, axis=1)
