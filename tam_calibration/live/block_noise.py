@@ -20,8 +20,11 @@ from tam_calibration.model.units import FloatArray, IntArray
 _REMEMBERED = 64
 """Blocks, two minutes: a change or a source within them spoils less than half of the differences."""
 
-_LAGS = (1, 4, 16)
-"""Blocks between two that are compared: up to half a minute, within which a change is looked for."""
+_LAGS = (1, 4, 8)
+"""Blocks between two that are compared: up to a quarter of a minute."""
+
+_PAIRS = 4
+"""Pairs of blocks over the blocks between them, from which they are compared: a change is in a quarter of them."""
 
 _SURE = 5.0
 """Standard deviations of the logarithm of a mean of normal squares by which a median may exceed that of white noise."""
@@ -123,7 +126,7 @@ def _factor(values: FloatArray, counts: IntArray, freedom: int) -> float:
     found, ratio_of_next = 1.0, 1.0
     for lag in _LAGS if freedom else ():
         pairs = len(values) - lag
-        if pairs > 2 * lag:  # else a change would be in most of them
+        if pairs >= _PAIRS * lag:
             energies = np.sum((values[lag:] - values[:-lag]) ** 2, axis=1) / (1 / counts[lag:] + 1 / counts[:-lag])
             ratio = float(np.median(energies) / chdtri(freedom, 0.5))
             by_chance = np.exp(_SURE * np.sqrt(2 / (freedom * pairs)))
