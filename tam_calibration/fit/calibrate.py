@@ -153,7 +153,8 @@ def calibrate(
         notes.append(worth)
     calibration = replace(calibration, held_out=_held_out(recording, array, fit))
     warnings = (*found, *calibration.warnings, *doubts_of(uniform, calibration))
-    return within_limits(replace(calibration, warnings=warnings, notes=(*notes, *calibration.notes)), accept)
+    notes = [note for note in (*notes, *calibration.notes) if note not in warnings]
+    return within_limits(replace(calibration, warnings=warnings, notes=tuple(notes)), accept)
 
 
 @contextmanager

@@ -6,6 +6,7 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.consistency import residual_that_changes
 from tam_calibration.fit.coverage import field_of, measure_coverage
 from tam_calibration.fit.identifiability import FEWEST_SAMPLES
+from tam_calibration.fit.scalar_check import FOLLOWS
 from tam_calibration.model.recording import SKETCH, SampleSource
 from tam_calibration.model.units import FloatArray, from_degrees, to_degrees, to_nanotesla
 
@@ -118,6 +119,8 @@ def _standard_errors(calibration: Calibration) -> str:
     growth = float(np.nanmax(calibration.output_standard_errors / noise))
     if growth <= _ACCEPTED_GROWTH:
         return ""
+    if of_scalar := next((note for note in calibration.notes if note.startswith(FOLLOWS)), ""):
+        return of_scalar
     return (
         f"the errors of the parameters make that of a corrected sample up to {growth:.3g} times what sensor noise "
         "alone makes: record longer, in more directions"

@@ -20,6 +20,9 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.recording import SKETCH, SampleSource
 from tam_calibration.model.units import FloatArray, to_nanotesla
 
+FOLLOWS = "the scalar follows the direction of the field"
+"""How the sentence of a scalar begins that does."""
+
 _FEWEST = 10 * BLOCKS
 """Scalar readings: ten for each block of time."""
 
@@ -61,10 +64,9 @@ class TurningScalar:
     @property
     def sentence(self) -> str:
         """What it is and what became of it, for people."""
-        follows = f"the scalar follows the direction of the field by {to_nanotesla(self.size_T):.2g} nT, as beside a"
-        if not self.is_most:
-            return f"{follows} magnet or a current in part: standard errors hold what it may do"
-        return f"{follows} magnet or a current: only its mean counts; move it away, or fit its heading error"
+        counts = "so that only its mean counts" if self.is_most else "in part, which the standard errors hold"
+        size = f"{to_nanotesla(self.size_T):.2g} nT"
+        return f"{FOLLOWS} by {size}, as beside a magnet or a current, {counts}: move it away, or fit its heading error"
 
 
 def turning_scalar(recording: SampleSource, array: Array) -> TurningScalar | None:
