@@ -16,17 +16,8 @@ from tam_calibration.cli.terminal import (
     reading_options,
     showing_progress,
 )
-from tam_calibration.fleet.missions import (
-    COUNTS_HEADER,
-    DRIFT_HEADER,
-    ParameterDrift,
-    all_drifts,
-    all_missions,
-    count_rows,
-    drift_row,
-    largest,
-    open_points,
-)
+from tam_calibration.fleet.missions import ParameterDrift, all_drifts, all_missions
+from tam_calibration.fleet.rows import COUNTS_HEADER, DRIFT_HEADER, count_rows, drift_row, largest, open_points
 from tam_calibration.fleet.task import Result
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.extras import require

@@ -6,25 +6,13 @@ import numpy as np
 
 from tam_calibration.comparison.differences import Differences, differences_between
 from tam_calibration.comparison.mending import mend_of, mended_twin, source_error, source_of
-from tam_calibration.comparison.mistakes.frames import (
-    Motion,
-    frames_of,
-    mistaken_attitude,
-    mistaken_axes,
-    mistaken_hands,
-    placements,
-    turned_against_others,
-)
-from tam_calibration.comparison.mistakes.noise import mistaken_noise
-from tam_calibration.comparison.mistakes.units import mistaken_stamps, mistaken_units
-from tam_calibration.comparison.mistakes.world import ignored_field, mistaken_field, unturned, without_field
+from tam_calibration.comparison.mistakes.find import mistakes_of
 from tam_calibration.comparison.readings import side_by_side
-from tam_calibration.comparison.result import Closing, Comparison, Mend, Mistake, Side, Step
+from tam_calibration.comparison.result import Closing, Comparison, Mend, Side, Step
 from tam_calibration.comparison.side import side_of
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.gap.diagnose import in_stretches
 from tam_calibration.gap.search import Progress
-from tam_calibration.integrity.overview import Overview
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording, SampleSource
@@ -254,49 +242,3 @@ def _statement(differences: Differences, closing: Closing, sides: tuple[Side, Si
     most = closing.before * float(np.sqrt(1 - closing.closed_interval[0]))
     after = f"{closing.after:.2g}, at most {most:.2g}"
     return f"They differ by {closing.before:.2g} noise floors, most by {words}; mended, by {after}."
-
-
-def mistakes_of(
-    simulation: Recording, recording: Recording, array_of_simulation: Array, array: Array
-) -> tuple[Mistake, ...]:
-    """Return the gross mistakes of the simulator that made a recording, beside a real one, which is taken as right.
-
-    What frames and the world's field are is told where both have attitude. A mistake of units is put right before the
-    others are sought.
-
-    Parameters
-    ----------
-    simulation, recording : Recording
-        The two, as they were read, along the axes of the array; paths, lengths, rates and sites may differ.
-    array_of_simulation, array : Array
-        Theirs.
-
-    Returns
-    -------
-    tuple of Mistake
-        Units, stamps, the world's field, frames, noise; empty for a simulation that has none.
-    """
-    units, simulation = mistaken_units(simulation, recording, array_of_simulation)
-    return (
-        *units,
-        *mistaken_stamps(simulation, recording),
-        *_of_field_and_frames(simulation, recording),
-        *mistaken_noise(simulation, recording, array),
-    )
-
-
-def _of_field_and_frames(simulation: Recording, recording: Recording) -> list[Mistake]:
-    count, silent = simulation.sensor_count, without_field(simulation, recording)
-    if len(silent) == count:
-        return list(ignored_field(silent, [], count))
-    own, other = Overview.of(simulation), Overview.of(recording)
-    other_motion = Motion.of(other.recording.attitude)
-    right = [] if other_motion is None else placements(other, other_motion)
-    attitude, motion, placed = mistaken_attitude(own, right)
-    stuck = [] if motion is None else [each for each in unturned(own, motion, placed) if each not in silent]
-    mistakes = [*ignored_field(silent, stuck, count), *attitude]
-    frames = frames_of(placed, right)
-    if frames is None or motion is None or other_motion is None:
-        return [*mistakes, *mistaken_hands(own, other), *turned_against_others(own, other)]
-    world = mistaken_field(frames, motion, other_motion)
-    return [*mistakes, *mistaken_axes(frames), *([] if world is None else [world])]

@@ -10,10 +10,10 @@ from tam_calibration.comparison.result import AxisNoise, Side
 from tam_calibration.core.normal_equations import Elimination
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.effects.removal import agreed_field
+from tam_calibration.gap.attitude_nominal import products_of
 from tam_calibration.gap.calibration_with_effects import calibration_of
 from tam_calibration.gap.diagnose import judge
 from tam_calibration.gap.model import Model
-from tam_calibration.gap.nominal import products_of
 from tam_calibration.gap.search import Progress
 from tam_calibration.integrity import ACCEPTABLE
 from tam_calibration.model.array import Array

@@ -15,12 +15,10 @@ from tam_calibration.effects.effect import Finding, LinearEffect
 from tam_calibration.effects.grades import NEGLIGIBLE, NOTABLE
 from tam_calibration.effects.removal import added_to, attitude_known, filled, linear_effect, require_channels
 from tam_calibration.effects.term import Key, Term, chosen
+from tam_calibration.gap.attitude_nominal import Oriented, attitude_variance, bias_variance
 from tam_calibration.gap.floor import floor_of
 from tam_calibration.gap.hypothesis import Hypothesis
 from tam_calibration.gap.nominal import (
-    Oriented,
-    attitude_variance,
-    bias_variance,
     outlying_samples,
     starts,
     steady_parts,

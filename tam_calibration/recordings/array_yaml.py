@@ -1,79 +1,23 @@
-"""The array file: positions, rotations, noise and rates of change of the sensors, with units in the keys."""
+"""The array file: positions, rotations and noise of the sensors, with units in the keys."""
 
 from collections.abc import Callable
-from dataclasses import field, fields, replace
+from dataclasses import field, replace
 from math import inf
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
-from tam_calibration.files.schema import Bounds, Document, check
-from tam_calibration.files.text_files import (
-    degrees_to_write,
-    nanotesla_to_write,
-    percent_to_write,
-    ppm_to_write,
-    write_text,
-)
+from tam_calibration.files.schema import Document, check
+from tam_calibration.files.text_files import degrees_to_write, nanotesla_to_write, percent_to_write, write_text
 from tam_calibration.files.yaml_document import dump_mapping, mapping_in
 from tam_calibration.model.array import Array
-from tam_calibration.model.change_rates import ChangeRates
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
 from tam_calibration.model.mounting import Mounting, quaternion_of
 from tam_calibration.model.tolerances import Tolerances
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
-
-_Rate = Annotated[float, Bounds(least=0)]
-
-
-class RatesFile(Document):
-    """The keys of ``change_rates``; a rate that is not stated is that of ``ChangeRates``."""
-
-    scale_factor_ppm_per_day: _Rate | None = None
-    scale_factor_ppm_per_K: _Rate | None = None
-    non_orthogonality_deg_per_day: _Rate | None = None
-    non_orthogonality_deg_per_K: _Rate | None = None
-    bias_nT_per_day: _Rate | None = None
-    bias_nT_per_K: _Rate | None = None
-    misalignment_deg_per_day: _Rate | None = None
-    misalignment_deg_per_K: _Rate | None = None
-
-    def to_rates(self) -> ChangeRates:
-        """Return the rates in SI.
-
-        Raises
-        ------
-        InputError
-            When one is beyond what a working sensor does.
-        """
-        stated = {each.name: value for each in fields(self) if (value := getattr(self, each.name)) is not None}
-        rates = {}
-        for kind, (unit, _, to_si) in _UNITS.items():
-            for per in ("day", "K"):
-                if (key := f"{kind}_{unit}_per_{per}") in stated:
-                    rates[f"{kind}_per_{per}"] = to_si(stated[key])
-        return ChangeRates(**rates)
-
-
-_UNITS: dict[str, tuple[str, Callable[[FloatArray], FloatArray], Callable[[float], float]]] = {
-    "scale_factor": ("ppm", ppm_to_write, lambda ppm: ppm / 1e6),
-    "non_orthogonality": ("deg", degrees_to_write, from_degrees),
-    "bias": ("nT", nanotesla_to_write, from_nanotesla),
-    "misalignment": ("deg", degrees_to_write, from_degrees),
-}
-"""Unit of each kind in files, and the conversions to it and back."""
-
-
-def rates_to_mapping(rates: ChangeRates) -> dict[str, float]:
-    """Return the keys and values of rates in a file."""
-    return {
-        f"{kind}_{unit}_per_{per}": float(to_write(np.array(getattr(rates, f"{kind}_per_{per}"))))
-        for kind, (unit, to_write, _) in _UNITS.items()
-        for per in ("day", "K")
-    }
-
+from tam_calibration.recordings.change_rates_schema import RatesFile, rates_to_mapping
 
 _Vector = tuple[float, float, float]
 _Quaternion = tuple[float, float, float, float]

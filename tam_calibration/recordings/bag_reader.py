@@ -14,7 +14,8 @@ from zstandard import BufferWithSegments, ZstdDecompressor, frame_content_size
 from tam_calibration.messages.cdr import RawMessages
 from tam_calibration.messages.samples import Progress
 from tam_calibration.model.exceptions import InputError, quoted
-from tam_calibration.recordings.bag_bounds import Damaged, check_piece, damage_named, unpack_bounded
+from tam_calibration.recordings.bag_bounds import check_piece, unpack_bounded
+from tam_calibration.recordings.bag_damage import Damaged, damage_named
 from tam_calibration.recordings.bag_folder import read_metadata
 from tam_calibration.recordings.bag_recovery import ZSTD_BEGINNING, Recovered, readable
 from tam_calibration.recordings.bag_storages import READABLE, StoredFile, serialisation_of

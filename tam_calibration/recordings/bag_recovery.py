@@ -17,7 +17,8 @@ from tam_calibration.files.whole_files import temporary_place, unfinished
 from tam_calibration.messages.cdr import RawMessages
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.recordings.bag_blocks import gather
-from tam_calibration.recordings.bag_bounds import NAMED, NO_ROOM, Damaged, damage_named, unpack_bounded, unpack_file
+from tam_calibration.recordings.bag_bounds import unpack_bounded, unpack_file
+from tam_calibration.recordings.bag_damage import NAMED, NO_ROOM, Damaged, damage_named
 from tam_calibration.recordings.bag_folder import PACKED, data_files, read_metadata
 from tam_calibration.recordings.bag_storages import (
     READABLE,

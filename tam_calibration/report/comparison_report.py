@@ -18,7 +18,8 @@ from tam_calibration.report import comparison_rows
 from tam_calibration.report.blocks import Block, Code, Points, Section, Table, Text
 from tam_calibration.report.comparison_rows import axis_name
 from tam_calibration.report.formatting import count, number
-from tam_calibration.report.gap_plots import SHADES, Distribution, GapView, cell_means, draw_means, plot_distributions
+from tam_calibration.report.gap_cause_plots import SHADES, GapView, cell_means, draw_means
+from tam_calibration.report.gap_residual_plots import Distribution, plot_distributions
 from tam_calibration.report.page import embed, sections_of, write_page
 from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR, MISSING_COLOR, PAGE_WIDTH_INCH, QUIET_COLOR, STYLE
 from tam_calibration.results.comparison_json import Sources, mend_in_texts

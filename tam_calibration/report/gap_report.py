@@ -9,16 +9,8 @@ from tam_calibration.gap.result import Gap
 from tam_calibration.report import gap_rows
 from tam_calibration.report.blocks import Block, Points, Section, Table, Text
 from tam_calibration.report.formatting import count, fixed, number, sentence
-from tam_calibration.report.gap_plots import (
-    GapView,
-    plot_dependence,
-    plot_evidence,
-    plot_histogram,
-    plot_map,
-    plot_spectrum,
-    plot_sphere,
-    plot_time,
-)
+from tam_calibration.report.gap_cause_plots import GapView, plot_dependence, plot_evidence, plot_sphere
+from tam_calibration.report.gap_residual_plots import plot_histogram, plot_map, plot_spectrum, plot_time
 from tam_calibration.report.page import figure_blocks, sections_of, write_page
 
 _HEADER = {

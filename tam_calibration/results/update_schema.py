@@ -11,7 +11,7 @@ from tam_calibration.files.schema import Bounds, Document
 from tam_calibration.files.text_files import degrees_to_write, nanotesla_to_write
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray
-from tam_calibration.recordings.array_yaml import RatesFile, rates_to_mapping
+from tam_calibration.recordings.change_rates_schema import RatesFile, rates_to_mapping
 
 _Part = Annotated[float, Bounds(least=0, most=1, may_be_nan=True)]
 _StandardError = Annotated[float, Bounds(least=0, most=1e12)]

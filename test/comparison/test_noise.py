@@ -8,7 +8,8 @@ import pytest
 from scipy.signal import lfilter
 
 from tam_calibration.comparison import noise as noise_module
-from tam_calibration.comparison.noise import MARGIN, differs, noise_of
+from tam_calibration.comparison.colour import MARGIN
+from tam_calibration.comparison.noise import differs, noise_of
 from tam_calibration.comparison.spectrum import spectra_of
 from tam_calibration.core.interpolation import Correlation, interpolated
 from tam_calibration.model.exceptions import InputError

@@ -2,11 +2,6 @@
 
 The recording is right: where its sensors lie along the array in some way, those of the simulation have to as well.
 MuJoCo gives quaternions as w, x, y, z, and ROS takes x, y, z, w.
-
-A sensor whose axes lie along those of the array but for a signed permutation P reads b = Pᵀ Rᵀ h + o, with R the
-attitude, h the field of the world and o a bias. About their means P b = C h, with C = Rᵀ less its mean: for each P a
-linear least-squares problem in h with one and the same matrix A = ⟨Cᵀ C⟩ (Wahba, A least squares estimate of satellite
-attitude, SIAM Review 7, 1965, with the unknown rotation among few). P with h reads as -P with -h: rotations suffice.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,141 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tam_calibration.comparison.mistakes.placement import FITS, Motion, Placement, beside, placements
 from tam_calibration.comparison.result import Mistake
 from tam_calibration.integrity.handedness import NEAR, left_handed
 from tam_calibration.integrity.overview import SHARED, Overview
 from tam_calibration.model.sensor_errors import ORIENTATIONS
 from tam_calibration.model.units import FloatArray
-
-FITS = 0.1
-"""Share of the readings' variance that attitude may leave: scale errors of 5 %, 3° of misalignment and 5° in attitude
-leave some 0.02, axes that are turned wrongly more than half of what turns."""
-
-BETTER = 5.0
-"""Times the unexplained variance of the best axes that other axes may leave beside them."""
-
-ROUNDING = 0.005
-"""Share of variance that tells no axes apart: sensors that are otherwise exact have errors of 4°."""
-
-TILT = 0.1
-"""Root mean square by which the world must turn about the array in every direction before the whole field is told: 6°
-of roll or pitch."""
-
-FEWEST = 30
-"""Samples with attitude: five for each of the six unknowns."""
-
-
-def beside(least: float) -> float:
-    """Return the share of the variance that other axes may leave where the best ones leave the least."""
-    return min(BETTER * least + ROUNDING, FITS)
-
-
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """The attitudes of some samples, as matrices.
-
-    Parameters
-    ----------
-    known : (n,) array
-        Which samples of the overview have one.
-    turns : (n, 3, 3) array
-        What turns vectors of the world into the array, less the mean.
-    """
-
-    known: np.ndarray
-    turns: FloatArray
-
-    @classmethod
-    def of(cls, attitude: FloatArray | None) -> "Motion | None":
-        """Return that of quaternions (n, 4), if any; None where too few are known."""
-        if attitude is None:
-            return None
-        known = np.flatnonzero(np.isfinite(attitude).all(axis=1))
-        if len(known) < FEWEST:
-            return None
-        return cls(known, _turns(attitude[known]))
-
-    def written(self, attitude: FloatArray) -> "Motion":
-        """Return that of other quaternions (n, 4) for the same samples."""
-        return Motion(self.known, _turns(attitude[self.known]))
-
-    @property
-    def gram(self) -> FloatArray:
-        """(3, 3) ⟨Cᵀ C⟩: how much each direction of the world turns."""
-        return np.asarray(np.einsum("nij,nik->jk", self.turns, self.turns) / len(self.turns))
-
-    @property
-    def extent(self) -> FloatArray:
-        """(3,) root mean squares by which directions of the world turn, increasing; 1 where through all directions."""
-        return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(self.gram), 0)))
-
-
-@dataclass(frozen=True, eq=False)
-class Placement:
-    """How well each of the 24 axes explains what a sensor reads.
-
-    Parameters
-    ----------
-    unexplained : (24,) array
-        Share of the variance that ``ORIENTATIONS`` leave.
-    fields_T : (24, 3) array
-        Field of the world with each of them, tesla.
-    explained_T : float
-        Root mean square of the readings that the best of them explains, tesla.
-    """
-
-    unexplained: FloatArray
-    fields_T: FloatArray
-    explained_T: float
-
-    @property
-    def fits(self) -> bool:
-        """Whether some axes explain what the sensor reads."""
-        return bool(self.unexplained.min() <= FITS)
-
-    @property
-    def best(self) -> int:
-        """Which axes explain most."""
-        return int(np.argmin(self.unexplained))
-
-    @property
-    def possible(self) -> np.ndarray:
-        """(24,) which axes may be those of the sensor."""
-        return self.unexplained <= beside(float(self.unexplained.min()))
-
-
-def _turns(attitude: FloatArray) -> FloatArray:
-    from scipy.spatial.transform import Rotation
-
-    turns = Rotation.from_quat(attitude).inv().as_matrix()
-    return np.asarray(turns - turns.mean(axis=0))
-
-
-def placements(overview: Overview, motion: Motion) -> list[Placement]:
-    """Return the placements of all sensors against attitudes.
-
-    Parameters
-    ----------
-    overview : Overview
-        Of K sensors.
-    motion : Motion
-        Of its samples.
-    """
-    inverse = np.linalg.pinv(motion.gram, rcond=TILT**4)
-    return [
-        _placement(overview.without_spikes_T[3 * sensor : 3 * sensor + 3, motion.known].T, motion, inverse)
-        for sensor in range(overview.sensor_count)
-    ]
-
-
-def _placement(readings_T: FloatArray, motion: Motion, inverse: FloatArray) -> Placement:
-    readings_T = readings_T - readings_T.mean(axis=0)
-    variance = max(float(np.mean(np.sum(readings_T**2, axis=1))), np.finfo(float).tiny)
-    products = np.einsum("nij,nk->ijk", motion.turns, readings_T) / len(readings_T)
-    projected = np.einsum("pik,ijk->pj", ORIENTATIONS, products)
-    fields = projected @ inverse
-    explained = np.sum(projected * fields, axis=1)
-    return Placement(1 - explained / variance, fields, float(np.sqrt(max(explained.max(), 0.0))))
 
 
 def sensors_in_words(sensors: Sequence[int], count: int) -> str:

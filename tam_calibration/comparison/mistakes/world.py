@@ -8,15 +8,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from tam_calibration.comparison.mistakes.frames import (
-    MIRRORED_FIELDS,
-    TILT,
-    Frames,
-    Motion,
-    Placement,
-    sensors_in_words,
-    vector_in_microtesla,
-)
+from tam_calibration.comparison.mistakes.frames import MIRRORED_FIELDS, Frames, sensors_in_words, vector_in_microtesla
+from tam_calibration.comparison.mistakes.placement import TILT, Motion, Placement
 from tam_calibration.comparison.result import Mistake
 from tam_calibration.core.noise import fast_noise
 from tam_calibration.integrity.overview import Overview
