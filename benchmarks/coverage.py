@@ -3,18 +3,16 @@
 Each run is four sensors with random errors that tumble in a uniform field, with noise that is white, lasts from sample
 to sample (AR(1) 0.5 and 0.9, 1/f), has heavy tails (Student's t of 3 degrees of freedom), drifts, or of whose samples
 3 % are dropped. The noise has its stated size in each sample. A row tells the part of the parameters of all runs that
-are within 1.96 standard errors, without runs that are refused or whose answer says that it may be wrong.
+are within 1.96 standard errors, whatever grade the answer has, without runs that are refused.
 """
 
-from collections.abc import Callable
 from itertools import product
 
 import click
 import numpy as np
+from noises import Noise, flicker, lasting, white
 from numpy.random import Generator
 from rich.progress import track
-from scipy.fft import irfft, rfft, rfftfreq
-from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 from spread import Row, show
 
@@ -29,30 +27,13 @@ from tam_calibration.simulation.attitude import Tumble
 
 SAMPLES = (20, 60, 600, 3000, 20_000)
 RATE_HZ, NOISE_T, FIELD_T = 10.0, 2e-9, 50e-6
+"""Of a survey's fluxgates in middle latitudes."""
+
 SIZES = np.repeat([0.02, np.radians(0.5), 300e-9, np.radians(0.5)], 3)
 """Standard deviations of the twelve errors of a sensor."""
 
 WITHIN, LEAST, MOST = 1.96, 0.93, 0.97
-
-Noise = Callable[[Generator, tuple[int, ...]], FloatArray]
-"""Noise of unit variance (N, ...), the same process in each channel."""
-
-
-def _lasting(part: float) -> Noise:
-    def noise(rng: Generator, shape: tuple[int, ...]) -> FloatArray:
-        white = rng.normal(size=shape)
-        white[0] /= np.sqrt(1 - part**2)
-        return np.sqrt(1 - part**2) * np.asarray(lfilter([1], [1, -part], white, axis=0))
-
-    return noise
-
-
-def _flicker(rng: Generator, shape: tuple[int, ...]) -> FloatArray:
-    spectrum = rfft(rng.normal(size=shape), axis=0)
-    frequency = rfftfreq(shape[0])
-    frequency[0] = frequency[1]
-    values = irfft(spectrum / np.sqrt(frequency).reshape(-1, *[1] * (len(shape) - 1)), shape[0], axis=0)
-    return values / values.std(axis=0)
+"""Standard errors of a 95 % interval, and which part of them is to hold."""
 
 
 def _drifting(rng: Generator, shape: tuple[int, ...]) -> FloatArray:
@@ -62,13 +43,13 @@ def _drifting(rng: Generator, shape: tuple[int, ...]) -> FloatArray:
 
 
 NOISES: dict[str, Noise] = {
-    "white": lambda rng, shape: rng.normal(size=shape),
-    "AR(1) 0.5": _lasting(0.5),
-    "AR(1) 0.9": _lasting(0.9),
-    "1/f": _flicker,
+    "white": white,
+    "AR(1) 0.5": lasting(0.5),
+    "AR(1) 0.9": lasting(0.9),
+    "1/f": flicker,
     "heavy tails": lambda rng, shape: rng.standard_t(3, shape) / np.sqrt(3),
     "drift": _drifting,
-    "3 % dropped": lambda rng, shape: rng.normal(size=shape),
+    "3 % dropped": white,
 }
 
 
@@ -91,12 +72,10 @@ def run_of(rng: Generator, name: str, count: int) -> tuple[Recording, Array, Sen
 
 
 def pulls_of(recording: Recording, array: Array, truth: SensorErrors, method: str) -> FloatArray | None:
-    """Return by how many standard errors each parameter is off; None where the answer is refused or says so."""
+    """Return by how many standard errors each parameter is off; None where the run is refused."""
     try:
         found = calibrate(recording, array, method)
     except (InputError, Refused):
-        return None
-    if any("residual" in warning or "standard errors" in warning for warning in found.warnings):
         return None
     free = found.standard_errors > 0
     off = found.errors.to_vector() - in_first_frame(truth)[0].to_vector()

@@ -37,6 +37,7 @@ WORLD_T = np.array([1.5e-6, 19e-6, -45e-6])
 """East, north, up: middle latitudes, with five degrees of declination."""
 
 RATE_HZ, FAR, START_S = 10.0, 4.0, 1.7e9
+"""Of samples; standard errors from which an answer is far off; and a date, without which priors do not age."""
 
 
 @dataclass(frozen=True, eq=False)

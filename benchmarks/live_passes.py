@@ -15,11 +15,10 @@ from dataclasses import dataclass
 import click
 import numpy as np
 from live import ARRAY, TILT, WORLD_T, ashore, errors_of
+from noises import Noise, flicker, lasting, white
 from numpy.linalg import norm
 from numpy.random import Generator
 from rich.progress import track
-from scipy.fft import irfft, rfft, rfftfreq
-from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 from spread import Row, show
 
@@ -29,8 +28,12 @@ from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
 MINUTES, EVERY_S, NEAR_S = 12, 120.0, 50.0
-NOISE_T, SCALAR_NOISE_T = 1e-9, 1e-10
+"""Length of a mission, time from one pass to the next, and to both sides of one within which the source is felt."""
+
+NOISE_T, SCALAR_NOISE_T = ARRAY.vector_noise_T[0], ARRAY.scalar_noise_T
+
 TIMES_STORED, BESIDE_T_PER_M = 1.2, 0.5e-9
+"""Largest tensor error that a published calibration may have: times that of the stored one, and beside it."""
 
 Source = Callable[[Generator], Callable[[FloatArray], FloatArray]]
 """Draws a source, and gives its field (..., 3) at places (..., 3) beside its nearest point, tesla and metres."""
@@ -43,7 +46,7 @@ class Kind:
     source: Source | None = None
     rate_hz: float = 100.0
     speed_m_s: float = 1.5
-    noise: Callable[[Generator, tuple[int, ...]], FloatArray] = lambda rng, shape: rng.normal(size=shape)
+    noise: Noise = white
     scalar_T: Callable[[Generator, FloatArray, FloatArray], FloatArray] = lambda rng, time_s, yaw: 0 * time_s
     drift_T_per_h: float = 0.0
     jump_T: float = 0.0
@@ -100,19 +103,6 @@ def _beside(rng: Generator, distance_m: float) -> FloatArray:
     return distance_m * np.array([0.0, np.cos(angle), np.sin(angle)])
 
 
-def lasting(part: float) -> Callable[[Generator, tuple[int, ...]], FloatArray]:
-    """Return noise of which a part lasts from sample to sample."""
-    return lambda rng, shape: np.asarray(lfilter([np.sqrt(1 - part**2)], [1, -part], rng.normal(size=shape), axis=0))
-
-
-def flicker(rng: Generator, shape: tuple[int, ...]) -> FloatArray:
-    """Return noise whose power falls as one over the frequency."""
-    spectrum, frequency = rfft(rng.normal(size=shape), axis=0), rfftfreq(shape[0])
-    frequency[0] = frequency[1]
-    values = irfft(spectrum / np.sqrt(frequency).reshape(-1, *[1] * (len(shape) - 1)), shape[0], axis=0)
-    return values / values.std(axis=0)
-
-
 MADE = {
     "161 A m² at 4 m": Kind(dipole(161, 4)),
     "500 A m² at 4 m": Kind(dipole(500, 4)),
@@ -128,6 +118,8 @@ MADE = {
     "jump of 1 nT": Kind(jump_T=1e-9),
     "jump of 2 nT, 10 Hz": Kind(jump_T=2e-9, rate_hz=10.0),
 }
+"""Kinds on which the rules were made."""
+
 JUDGED = {
     "300 A m² at 5 m, 0.7 m/s": Kind(dipole(300, 5), speed_m_s=0.7),
     "700 A m² at 8 m, 2.5 m/s": Kind(dipole(700, 8), speed_m_s=2.5),
@@ -144,6 +136,9 @@ JUDGED = {
     "jump of 1.5 nT beside AR(1) 0.5": Kind(noise=lasting(0.5), jump_T=1.5e-9),
     "jump of 3 nT, 10 Hz": Kind(jump_T=3e-9, rate_hz=10.0),
 }
+
+
+"""Kinds that were tried once, with the present rules."""
 
 
 def mission(rng: Generator, kind: Kind, errors: SensorErrors) -> FloatArray:

@@ -17,6 +17,7 @@ from pathlib import Path
 import click
 import numpy as np
 from asked import ANYTHING, Figure, show
+from live import ARRAY, errors_of
 from localization_grid import Line
 from numpy.linalg import norm
 from scipy.spatial.transform import Rotation
@@ -27,7 +28,7 @@ from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.localization.alternating import locate_alternating
 from tam_calibration.localization.steady import locate_steady
 from tam_calibration.localization.survey import Survey
-from tam_calibration.model.array import UNIT_TENSORS, Array
+from tam_calibration.model.array import UNIT_TENSORS
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -35,21 +36,11 @@ from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 from tam_calibration.sources.dipole import Dipole, Loop
 
 RESULTS = Path(__file__).parent / "results" / "localization_fit.csv"
-ARRAY = Array.cross(0.5, vector_noise_T=1e-9, scalar_noise_T=1e-10)
 EARTH_T = np.array([1e-6, 20e-6, -45e-6])
+"""East, north, up, of middle latitudes."""
+
 _NINETY_FIVE, _FAR_OFF = 1.96, 5.0
-
-
-def sensors(generator: np.random.Generator) -> SensorErrors:
-    """Return errors of the size of Wu 2025 Table 1, sensor 1 along the axes of the array."""
-    misalignment = from_degrees(generator.uniform(-2, 2, (4, 3)))
-    misalignment[0] = 0
-    return SensorErrors(
-        1 + generator.uniform(-0.02, 0.02, (4, 3)),
-        from_degrees(generator.uniform(-1, 1, (4, 3))),
-        from_nanotesla(generator.uniform(-900, 900, (4, 3))),
-        misalignment,
-    )
+"""Standard errors of a 95 % interval, and from which an answer is wrong: by chance one in two million."""
 
 
 def calibrated(errors: SensorErrors, generator: np.random.Generator) -> Calibration:
@@ -74,7 +65,7 @@ class Pass:
 
     def __call__(self, generator: np.random.Generator) -> tuple[Survey, FloatArray]:
         """Return the answer to one pass, and the true places (S, 3) of its sources."""
-        errors = sensors(generator)
+        errors = errors_of(generator)
         askew = from_degrees(self.askew_deg) * _unit(generator)
         errors = SensorErrors.from_matrix(errors.matrix @ Rotation.from_rotvec(askew).as_matrix(), errors.bias_T)
         calibration = calibrated(errors, generator)
@@ -122,7 +113,7 @@ class Heard:
 
     def __call__(self, generator: np.random.Generator) -> tuple[Survey, FloatArray]:
         """Return the answer to one recording, and the places (S, 3) of its sources."""
-        errors = sensors(generator)
+        errors = errors_of(generator)
         calibration = calibrated(errors, generator)
         time = np.arange(800) / 100
         turns = self._turns(time, generator)

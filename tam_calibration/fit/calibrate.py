@@ -118,19 +118,7 @@ def calibrate(
     is_joint |= takes_priors and array.tolerances is not None
     array.require_recording(recording)
     is_screened = not (ambient_gradient or method == "robust")
-    used, left_out = without_bad_readings(recording, array) if is_screened else (recording, None)
-    screened = used if left_out is not None and left_out.is_brief else None
-    faults = require_sound(recording, array, accept, screened=screened)
-    found = [fault.sentence for fault in faults if fault.severity != "note"]
-    notes = [fault.sentence for fault in faults if fault.severity == "note"]
-    recording.thinned(SKETCH).check_plausible(array.field)
-    if left_out is not None and not (is_joint and left_out.is_lasting):  # a prior tells itself what has changed
-        change = what_changed(recording, array) if left_out.is_lasting else None
-        if change is not None and change.is_explained:
-            found.append(f"{change.what}, and this is the calibration of the longer part: {change.todo}")
-        else:
-            notes += left_out.sentences()
-        recording = used
+    recording, found, notes = _checked(recording, array, accept, is_screened, is_joint)
     with nullcontext() if ambient_gradient or prior is not None else naming_changes(recording, array):
         if not is_joint:
             with _naming_attitude(recording, takes_priors):
@@ -155,6 +143,24 @@ def calibrate(
     warnings = (*found, *calibration.warnings, *doubts_of(uniform, calibration))
     notes = [note for note in (*notes, *calibration.notes) if note not in warnings]
     return within_limits(replace(calibration, warnings=warnings, notes=tuple(notes)), accept)
+
+
+def _checked(
+    recording: SampleSource, array: Array, accept: Collection[str], is_screened: bool, is_joint: bool
+) -> tuple[SampleSource, list[str], list[str]]:
+    """Return the samples of sound channels, without single bad readings, what is doubted of them, and what is noted."""
+    used, left_out = without_bad_readings(recording, array) if is_screened else (recording, None)
+    screened = used if left_out is not None and left_out.is_brief else None
+    faults = require_sound(recording, array, accept, screened=screened)
+    found = [fault.sentence for fault in faults if fault.severity != "note"]
+    notes = [fault.sentence for fault in faults if fault.severity == "note"]
+    recording.thinned(SKETCH).check_plausible(array.field)
+    if left_out is None or (is_joint and left_out.is_lasting):  # what is known beside tells itself what has changed
+        return recording, found, notes
+    change = what_changed(recording, array) if left_out.is_lasting else None
+    if change is not None and change.is_explained:
+        return used, [*found, f"{change.what}, and this is the calibration of the longer part: {change.todo}"], notes
+    return used, found, [*notes, *left_out.sentences()]
 
 
 @contextmanager

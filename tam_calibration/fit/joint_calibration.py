@@ -1,13 +1,6 @@
-"""The calibration of a recording with what is known beside it: which prior counts, and whether readings count alone.
+"""The calibration of a recording with what is known beside it: which channels and priors count, and what has moved."""
 
-A prior may leave errors open, as tolerances of new sensors or a narrow turn before do. Where the turn leaves much to
-it, a fit that takes residuals for less than they are leaves it by many of its deviations, and may not settle. The fit
-therefore comes from above: it begins as if the readings told hardly anything, measures what it leaves, and weighs the
-readings by that the next time. What it finds in the end is told with the curvature that lengths have over errors so
-uncertain.
-"""
-
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial, reduce
@@ -16,195 +9,33 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.core.noise import complete_noise
 from tam_calibration.core.variance_factors import WHITE, VarianceFactors
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.correction.update import SEVERAL, Moved, Update, in_words
+from tam_calibration.correction.update import KINDS, SEVERAL, Moved, Update, in_words
 from tam_calibration.effects.removal import of_array
 from tam_calibration.fit.attitude_check import judge_attitude
 from tam_calibration.fit.consistency import Fit, accepted, require_one_field, require_one_sphere
 from tam_calibration.fit.contradiction import SIGNIFICANT
-from tam_calibration.fit.estimate import Estimate, make_calibration, mean_temperature, measure_chi_square
-from tam_calibration.fit.identifiability import open_parameters, require_accurate, require_determined
-from tam_calibration.fit.information import inverted
-from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, noise_left_in, update_of
-from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.posterior import Intensity, Known, Place, Problem
-from tam_calibration.fit.prior import Prior, has_date, in_first_frame, prior_of
+from tam_calibration.fit.estimate import mean_temperature
+from tam_calibration.fit.identifiability import require_determined
+from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, update_of
+from tam_calibration.fit.posterior import Intensity, Known
+from tam_calibration.fit.prior import Prior, has_date, prior_of
 from tam_calibration.fit.resolved_prior import MOST_TIMES, Resolved, resolve
 from tam_calibration.fit.scalar_check import turning_scalar
 from tam_calibration.fit.slow_residuals import variance_factors
-from tam_calibration.model.array import Array, KnownNoiseArray
+from tam_calibration.fit.wide_prior import SETTLED, beside_wide_prior, is_wide, prior_of_tolerances
+from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.geomagnetic_field import LOCAL_STANDARD_ERROR_T
 from tam_calibration.model.recording import SKETCH, SampleSource
-from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, to_nanotesla
-
-NAME = "tolerances"
-"""Method of the calibration that tolerances make: of sensors without errors."""
-
-_MOST_WEIGHINGS = 20
-"""From above, of the weight of the readings, and of curvature: fourteen were the most that were needed."""
-
-_MOST_SCALINGS = 2
-"""Of a noise that is not stated to what is left: beside a prior that is contradicted it would grow without end."""
-
-_LARGEST_FALL = 10.0
-"""Of the variance from one round to the next: what a fit far above leaves tells too little, and a fit that follows it
-takes what is slow for errors of the sensors."""
-
-_DRAWS, _SAMPLES, _SEED = 100, 1000, 0
-"""Draws and samples by which curvature is measured, twice as many as there are errors; and the seed of the draws."""
-
-_SETTLED = 0.1
-"""Part by which the variance may exceed that which the residuals show, or the readings were weighed by: 5 % of the
-standard errors."""
-
-
-def prior_of_tolerances(recording: SampleSource, array: Array) -> Prior:
-    """Return what the tolerances of an array tell of the errors of its sensors.
-
-    Parameters
-    ----------
-    recording : SampleSource
-        Raw readings of K sensors that it goes with; a noise that is not stated is what they leave without errors.
-    array : Array
-        With tolerances.
-    """
-    assert array.tolerances is not None
-    errors = SensorErrors.none(array.sensor_count)
-    # In the frame of sensor 1 a turn of it turns all others.
-    _, derivative = in_first_frame(errors)
-    covariance = derivative * np.tile(array.tolerances.variances(), array.sensor_count) @ derivative.T
-    intensity_T = float(np.mean(norm(recording.thinned(SKETCH).readings_T, axis=2)))
-    nominal = make_calibration(NAME, recording, array, Estimate(errors, covariance, False, intensity_T))
-    return Prior(nominal, covariance, None, None, None)
-
-
-def is_wide(prior: Prior) -> bool:
-    """Whether a prior leaves errors open: it is that of tolerances, or of a calibration that would not do alone.
-
-    One that would, and has aged, is not wide: what moved since then is looked for.
-    """
-    stored = prior.calibration
-    return prior.rates is None or bool(open_parameters(stored.standard_errors.ravel(), stored.intensity_T))
-
-
-def beside_wide_prior(
-    recording: SampleSource, array: Array, known: Known
-) -> tuple[Calibration, Callable[[SampleSource, Array], Calibration]]:
-    """Return the calibration of a recording beside a wide prior, and the fit that made it.
-
-    Parameters
-    ----------
-    recording : SampleSource
-        Raw readings of K sensors in a uniform field.
-    array : Array
-        Geometry and noise.
-    known : Known
-        With the prior.
-
-    Raises
-    ------
-    InputError
-        When the readings cannot be used.
-    Refused
-        When the fit does not settle.
-    """
-    prior = known.prior
-    assert prior is not None
-    noisy, is_estimated = complete_noise(array, recording)
-    settled, calibration = _settled(replace(known, start=_plain_fit(recording, noisy)), recording, noisy)
-    for _ in range(_MOST_SCALINGS if array.vector_noise_T is None else 0):
-        before = noisy.vector_noise_T
-        noisy = noise_left_in(recording, noisy, calibration.errors, calibration.intensity_T)
-        if np.allclose(noisy.vector_noise_T, before, rtol=_SETTLED, atol=0):
-            break
-        settled, calibration = _settled(settled, recording, noisy)
-    curved = replace(settled, curvature=_curvature(calibration, recording, settled))
-    calibration = replace(maximum_a_posteriori(recording, noisy, curved), noise_is_estimated=is_estimated)
-    # Directions that the readings tell, which other priors are judged by, are no straight lines here.
-    energy, uncertain = prior.terms(calibration.errors).energy, int(np.count_nonzero(prior.standard_errors))
-    update = update_of(calibration, prior, prior, energy, uncertain)
-    told = replace(calibration, update=update, warnings=_left_open(calibration, update))
-    return told, lambda samples, _: maximum_a_posteriori(samples, noisy, settled)
-
-
-def _plain_fit(recording: SampleSource, array: KnownNoiseArray) -> Calibration | None:
-    """Return the fit of the readings alone, where they determine one: its errors may be any, and far from the prior's.
-
-    From there the way is short; from no errors those of ten times the field are not found.
-    """
-    try:
-        calibration = maximum_likelihood(recording, array)
-        require_accurate(calibration)
-    except (InputError, Refused):
-        return None
-    return calibration
-
-
-def _settled(known: Known, recording: SampleSource, array: KnownNoiseArray) -> tuple[Known, Calibration]:
-    """Return what is known, with the weight of the readings that their residuals show, and the calibration by it."""
-    assert known.prior is not None
-    start = known.start or known.prior.calibration
-    energy = max([1.0, *measure_chi_square(recording, array, start.errors, start.intensity_T).values()])
-    factors = VarianceFactors(recording.sample_count * energy, recording.sample_count * energy)
-    for _ in range(_MOST_WEIGHINGS):
-        known = replace(known, variance_factors=factors)
-        calibration = maximum_a_posteriori(recording, array, known)
-        measured = variance_factors(calibration, recording)
-        if measured.is_near(factors, _SETTLED):
-            break
-        factors = measured.at_least(factors.times(1 / _LARGEST_FALL))
-    else:
-        raise Refused(
-            "the weight that the readings have beside what is known before does not settle: turn the array further, or "
-            "state the noise that they have"
-        )
-    return known, calibration
-
-
-def _curvature(calibration: Calibration, recording: SampleSource, known: Known) -> FloatArray:
-    """Return the covariance (Q, Q) of what the score is at errors that may be, less what the information makes of them.
-
-    Errors of the size of tolerances bend lengths by more than the noise. Where a narrow turn leaves them open, this is
-    an error of what the readings tell that is the same in all samples: a statistical linear regression of the score
-    over what is known after the fit (García-Fernández et al., posterior linearization filter, 2015) has it beside the
-    noise.
-    """
-    some = recording.thinned(_SAMPLES)
-    weight = known.variance_factors.times(some.sample_count / recording.sample_count)
-    problem = Problem.of(some, calibration.array, replace(known, variance_factors=weight))
-    place = Place(calibration.errors, calibration.intensity_T)
-    basis, (information, score) = problem.basis_at(place), problem.data_at(place)
-    deviates = np.random.default_rng(_SEED).normal(size=(_DRAWS, len(score)))
-    curvature = np.zeros_like(information)
-    for _ in range(_MOST_WEIGHINGS):
-        covariance = inverted(problem.information_beside(curvature, place), basis)
-        values, vectors = np.linalg.eigh(covariance)
-        steps = deviates * np.sqrt(np.maximum(values, 0)) @ vectors.T
-        scores = np.array([problem.data_at(problem.moved(place, step))[1] for step in steps])
-        left = scores - score + steps @ information
-        before, curvature = curvature, left.T @ left / _DRAWS
-        if np.sum(covariance * curvature) <= (1 + _SETTLED) * np.sum(covariance * before):
-            break
-    return curvature
-
-
-def _left_open(calibration: Calibration, update: Update) -> tuple[str, ...]:
-    """Return what the readings leave to the prior, in a sentence, or nothing."""
-    names = open_parameters(calibration.standard_errors.ravel(), calibration.intensity_T)
-    if not names:
-        return ()
-    return (
-        f"the readings do not determine {names}: this is left to {update.prior_in_words}; turn the array further, and "
-        "take this calibration for a prior",
-    )
-
 
 _MOST_ROUNDS = 5
 """Of an update: the first may take what is slow for a change of the sensors. Three were the most that were needed."""
+
+_MOSTLY_TOLD = 0.5
+"""Part of the information that the samples give, from which they tell more than the prior."""
 
 _MUCH_MORE = 3.0
 """Noise over that of the prior, where none is stated: estimates from twenty samples differ by less."""
@@ -390,14 +221,14 @@ def _beside_prior(recording: SampleSource, array: Array, beside: Known) -> Joint
     for attempt in range(_MOST_ROUNDS):
         known = replace(beside, variance_factors=factors)
         resolved, (*before, last) = _resolved(recording, array, known)
-        is_slow_before = any(each.exceed(factors, _SETTLED) for each in before)
-        if attempt == 0 and before and last.exceed(factors, _SETTLED) and not is_slow_before:
+        is_slow_before = any(each.exceed(factors, SETTLED) for each in before)
+        if attempt == 0 and before and last.exceed(factors, SETTLED) and not is_slow_before:
             # What lasts after a change, and did not before, may be what another change leaves.
             several, measured = _resolved(recording, array, known, MOST_TIMES)
-            if not any(each.exceed(factors, _SETTLED) for each in measured):
+            if not any(each.exceed(factors, SETTLED) for each in measured):
                 resolved = several
                 break
-        if not (is_slow_before or last.exceed(factors, _SETTLED)):
+        if not (is_slow_before or last.exceed(factors, SETTLED)):
             break
         factors = reduce(VarianceFactors.at_least, before, last.at_least(factors))
     if resolved.refusal is not None:
@@ -410,7 +241,7 @@ def _beside_prior(recording: SampleSource, array: Array, beside: Known) -> Joint
         assert resolved.difference is not None
         chi_square, freedom = resolved.difference.chi_square, resolved.difference.freedom
         update = update_of(calibration, given, resolved.prior_of(given), chi_square, freedom, resolved.moved)
-        calibration = replace(calibration, update=update, warnings=_doubts(calibration, given, resolved.moved))
+        calibration = replace(calibration, update=update, warnings=_doubts(calibration, given, update))
     return JointCalibration(calibration, resolved.recording, array, fit)
 
 
@@ -431,13 +262,18 @@ def _resolved(
     return resolved, measured if last else [*measured, WHITE]
 
 
-def _doubts(calibration: Calibration, given: Prior, moved: tuple[Moved, ...]) -> tuple[str, ...]:
+def _doubts(calibration: Calibration, given: Prior, update: Update) -> tuple[str, ...]:
     """Return warnings of what may not be what it was told as."""
     doubts = []
-    if any(each.together == (SEVERAL, 0) for each in moved):
+    if any(each.together == (SEVERAL, 0) for each in update.moved):
         doubts.append(
             "all errors of all sensors seem to have changed since the prior: so look other sensors, sensors in another "
             "order, and a field that is not uniform, as near a source; turn the array elsewhere, and compare"
+        )
+    elif left := _left_of_moved(update):
+        doubts.append(
+            f"what moved since the prior may have changed {left} too, which these samples hardly tell: turn the array "
+            "all round"
         )
     noise, before = (norm(each.array.vector_noise_T) for each in (calibration, given.calibration))
     if calibration.noise_is_estimated and given.rates is not None and noise > _MUCH_MORE * before:
@@ -446,6 +282,18 @@ def _doubts(calibration: Calibration, given: Prior, moved: tuple[Moved, ...]) ->
             "grown, which the array file should state then, or something moved for a while"
         )
     return tuple(doubts)
+
+
+def _left_of_moved(update: Update) -> str:
+    """Return, in words, the kinds of errors of sensors that have moved of which the prior still tells most."""
+    told = (update.data_share > _MOSTLY_TOLD) | np.isnan(update.data_share)
+    left = [
+        in_words(kind, sensor)
+        for sensor in sorted({each.sensor for each in update.moved})
+        for kind, own in zip(KINDS, told[sensor - 1].reshape(4, 3), strict=True)
+        if not own.all()
+    ]
+    return ", ".join(left)
 
 
 @contextmanager

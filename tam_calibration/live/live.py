@@ -6,7 +6,7 @@ are taken for unknown and learned anew (``learn``), or the stored calibration co
 a field that a source makes is no change of a sensor: while it lasts nothing is learned.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.linalg import norm
@@ -17,8 +17,10 @@ from tam_calibration.fit.identifiability import open_parameters
 from tam_calibration.fit.likelihood import Linearization
 from tam_calibration.fit.prior import Prior
 from tam_calibration.live.block_noise import BlockMeans, BlockNoise
-from tam_calibration.live.change import BLOCK_S, GRADIENT, ChangeWindow, Step, Suspicion
+from tam_calibration.live.change import GRADIENT
+from tam_calibration.live.change_window import BLOCK_S, ChangeWindow, Step, Suspicion
 from tam_calibration.live.recursion import Belief, MomentLikelihood, Recursion, SampleMoments, Walk, solve
+from tam_calibration.live.trial import Trial
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.units import FloatArray
 
@@ -31,13 +33,6 @@ WIDENED = 3.0
 PUBLISHED_FROM = 0.5
 """Part of the published standard errors, in root mean square over all directions, by which errors or standard errors
 change before they are published: less is no news beside what is uncertain."""
-
-TRIED = 3
-"""Blocks on which what was learned is tried before it is published, six seconds."""
-
-CLEARLY_BETTER = 100.0
-"""Fall of the energy from which a calibration that is less certain is published: chance makes half of it once in ten
-thousand trials of four sensors."""
 
 NOISE_CHANGED = 0.1
 """Part by which the variance of the noise changes before samples are weighed anew."""
@@ -144,7 +139,8 @@ class Live:
         self._rows: list[FloatArray] = []
         self._problem = ""
         self._left_out = 0
-        self._trial: _Trial | None = None
+        self._trial: Trial | None = None
+        self._is_restored = False
         self.state = state or LiveState(Recursion.at(self._stored), self._stored)
 
     def add(self, rows: FloatArray) -> None:
@@ -164,12 +160,15 @@ class Live:
     def news(self) -> Calibration | None:
         """Return the calibration once it has changed by `PUBLISHED_FROM` since this returned one; else None.
 
-        It is tried before, on samples that it was not learned from: one that predicts them worse is not told.
+        It is tried before, on samples that it was not learned from: one that predicts them worse is not told. One that
+        is restored is told at once.
         """
         if self._trial is not None and self._trial.has_passed and not self.is_suspicious:
             self.state, self._trial = replace(self.state, published=self._trial.belief), None
-            return self.calibration
-        return None
+        elif not self._is_restored:
+            return None
+        self._is_restored = False
+        return self.calibration
 
     @property
     def calibration(self) -> Calibration:
@@ -241,20 +240,14 @@ class Live:
             self._go_on(end_s, temperature_C)
 
     def _try(self, moments: SampleMoments) -> None:
-        """Compare what is known with what was published, by the samples of a block; begin anew where that is worse."""
-        if self._trial is not None and (self._trial.is_lost or self.is_suspicious):
+        """Try what is known on the samples of a block; begin anew where that has failed, or a change is looked into."""
+        now, published = self.state.recursion.now, self.state.published
+        if self.is_suspicious or (self._trial is not None and self._trial.is_over and not self._trial.has_passed):
             self._trial = None
-        now = self.state.recursion.now
-        if self._trial is None and not self.is_suspicious and self.state.published.change_to(now) >= PUBLISHED_FROM:
-            self._trial = _Trial(now, self.state.published.spread_of(now) > 1)
+        if self._trial is None and not self.is_suspicious and published.change_to(now) >= PUBLISHED_FROM:
+            self._trial = Trial(now, published.spread_of(now) > 1)
         if self._trial is not None:
-            told, tried = (
-                self._likelihood.linearize(moments, errors)
-                for errors in (self.state.published.errors, self._trial.belief.errors)
-            )
-            gained = np.array([told.differential - tried.differential, told.common_mode - tried.common_mode])
-            trial = self._trial
-            self._trial = replace(trial, blocks=trial.blocks + 1, gained=trial.gained + gained)
+            self._trial = self._trial.after(moments, published, self._likelihood)
 
     def _follow_noise(self, means: BlockMeans) -> None:
         """Weigh samples by what the noise of blocks shows, or that of the stored calibration showed."""
@@ -304,6 +297,8 @@ class Live:
             recursion, paused_by, done = self._anew(suspicion, end_s, temperature_C), "", "it is learned anew"
         elif self.on_change == "restore":
             recursion, done = Recursion.at(self._stored).dated(end_s, temperature_C), "the stored calibration is back"
+            self.state = replace(self.state, published=recursion.now)
+            self._trial, self._is_restored = None, True
         change = _change(suspicion, done)
         changes = (*self.state.changes, change)[-MOST_CHANGES:]
         self.state = replace(self.state, recursion=recursion, paused_by=paused_by, changes=changes)
@@ -331,40 +326,6 @@ class Live:
         recursion = Recursion.at(replace(now, covariance=covariance, time_s=end_s))
         self.state = replace(self.state, recursion=recursion, paused_by="")
         self._window.clear()
-
-
-@dataclass(frozen=True, eq=False)
-class _Trial:
-    """What is known, tried on the blocks after it.
-
-    Parameters
-    ----------
-    belief : Belief
-        What was known.
-    is_less_certain : bool
-        Whether its standard errors are larger than those that were published.
-    blocks : int
-        Number of blocks.
-    gained : (2,) array
-        By how much the energy of their differential channels and of their common mode falls from the published errors
-        to these.
-    """
-
-    belief: Belief
-    is_less_certain: bool
-    blocks: int = 0
-    gained: FloatArray = field(default_factory=lambda: np.zeros(2))
-
-    @property
-    def has_passed(self) -> bool:
-        """Whether it predicts no worse than what was published, and much better where it is less certain."""
-        least = CLEARLY_BETTER if self.is_less_certain else 0.0
-        return self.blocks >= TRIED and self.gained[0] >= least and self.gained.sum() >= 0
-
-    @property
-    def is_lost(self) -> bool:
-        """Whether it has been tried without success."""
-        return self.blocks >= TRIED and not self.has_passed
 
 
 def _change(suspicion: Suspicion, done: str) -> Change:

@@ -12,16 +12,15 @@ from scipy.signal import lfilter
 from scipy.special import chdtrc
 
 from tam_calibration.fit.contradiction import FAR_RATIO
-from tam_calibration.live.change import (
+from tam_calibration.live.change import CLEAR_RATIO, hypotheses
+from tam_calibration.live.change_window import (
     BLOCK_S,
-    CLEAR_RATIO,
     DECIDE_S,
     FALSE_ALARMS_A_DAY,
     FEWEST_AFTER,
     SCREENED,
     WINDOW,
     chance_of_test,
-    hypotheses,
 )
 from tam_calibration.live.live import MOST_CHANGES, PUBLISHED_FROM, WIDENED, Live
 from tam_calibration.live.recursion import LARGEST_WALK, Belief, Recursion
@@ -164,6 +163,8 @@ def test_tell_leaves_the_calibration_and_restore_brings_the_stored_one_back(prio
         assert live.state.paused_by == "sensors" and live.sentence.startswith("not updated any more")
         assert live.state.recursion.now.distance(true_errors) < 2
     assert np.array_equal(restored.state.recursion.now.errors.to_vector(), prior.errors.to_vector())
+    assert np.array_equal(restored.news().errors.to_vector(), prior.errors.to_vector())
+    assert restored.news() is None and told.news() is None
     assert not np.array_equal(told.state.recursion.now.errors.to_vector(), prior.errors.to_vector())
 
 

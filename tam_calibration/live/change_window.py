@@ -1,0 +1,252 @@
+"""The last half minute of samples, in which a change of the sensors is looked for.
+
+The samples are kept in blocks, which are weighed against what was known before them. The first alarm
+says that there is a change, and when it may have come at the earliest; it may have come within the block that raised
+it. What has changed is therefore told by the blocks after that one alone, against what was known before the earliest
+moment.
+
+A source that is passed is no change: errors that have changed explain every block after the change.
+"""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from functools import partial
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import chdtri
+
+from tam_calibration.fit.contradiction import FAR_RATIO
+from tam_calibration.fit.likelihood import Linearization
+from tam_calibration.fit.prior import Prior
+from tam_calibration.live.block_noise import BlockMeans, noise_of
+from tam_calibration.live.change import Evidence, Weighing, hypotheses
+from tam_calibration.live.recursion import Belief, MomentLikelihood, SampleMoments, Walk
+from tam_calibration.model.change_rates import DAY_S
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
+
+BLOCK_S = 2.0
+"""Time that a block spans, seconds: short beside what may pass until a change is told, and long enough that solving for
+the errors anew with each block costs little."""
+
+WINDOW = 15
+"""Blocks within which a change is looked for, half a minute: what comes more slowly is learned as a drift."""
+
+DECIDE_S = 20.0
+"""Time from a change to when it is told in any case, seconds: what cannot be told apart by then is told as such. With
+the blocks in which it begins and ends it is told within half a minute."""
+
+MOST_AFTER = int(DECIDE_S / BLOCK_S)
+"""Blocks that are looked at while something passes: once these show nothing it has passed."""
+
+UNSTEADY = 0.01
+"""Probability of what a change leaves, by chance, below which it is none: of a change of the sensors as it came."""
+
+BENT = 1e-3
+"""Part of what a change explains that it may leave: over large changes lengths are no straight lines."""
+
+PASSING = 3.0
+"""Change of the intensity from block to block over what sensors differ by, from which a source passes: on a vehicle of
+1 m/s, whose sensors are 0.25 m from their centre, that of a distant source is eight."""
+
+FEWEST_AFTER = 2
+"""Blocks after the alarm from which a change is told, or is told to have passed."""
+
+SCREENED = (1, 2, 4, 8, 14)
+"""Numbers of last blocks that are weighed each time; all others only where one of these shows a change. Between two of
+them a change has at least half of the blocks that would show it best."""
+
+FALSE_ALARMS_A_DAY = 0.1
+"""Bound of their expected number: the chance of each test is this over all tests of a day, as if all were independent.
+One in ten days leaves room for noise that is not quite normal."""
+
+
+def chance_of_test(hypotheses_count: int) -> float:
+    """Return the chance that one test of one of so many hypotheses may have of a false alarm."""
+    return FALSE_ALARMS_A_DAY * BLOCK_S / DAY_S / WINDOW / hypotheses_count
+
+
+class Step(NamedTuple):
+    """A block of samples.
+
+    Parameters
+    ----------
+    before : Belief
+        What was known before it.
+    excess : float
+        Variance of the residuals of earlier blocks over that which the noise is stated to have.
+    likelihood : MomentLikelihood
+        Of its samples.
+    means : BlockMeans
+        Of its samples.
+    here : Linearization
+        What the block says, at the errors of ``before``.
+    moments : SampleMoments
+        Of its samples.
+    begin_s : float
+        Stamp of its first sample, seconds.
+    """
+
+    before: Belief
+    excess: float
+    likelihood: MomentLikelihood
+    means: BlockMeans
+    here: Linearization
+    moments: SampleMoments
+    begin_s: float
+
+
+class Suspicion(NamedTuple):
+    """A change that is more probable than chance.
+
+    Parameters
+    ----------
+    first : Step
+        Before which it had not come.
+    after : tuple of Step
+        Those that it came before.
+    found : tuple of Evidence
+        What has changed, the most probable first, and what is not clearly less so; empty where it has passed.
+    is_decided : bool
+        Whether it is clear, or time to tell it.
+    """
+
+    first: Step
+    after: tuple[Step, ...]
+    found: tuple[Evidence, ...]
+    is_decided: bool
+
+    @property
+    def since_s(self) -> float:
+        """Stamp from which it may have come, seconds."""
+        return self.first.begin_s + BLOCK_S
+
+
+def _passes(evidence: Evidence, first: Step, after: Sequence[Step]) -> bool:
+    """Return whether something passes, and no errors have changed.
+
+    Then sensors and scalar do not agree in all blocks as they do in the mean of these blocks, or the intensity of the
+    field has changed, from block to block, by more than the sensors differ.
+    """
+    vector = (first.before.errors.to_vector().ravel() + evidence.change).reshape(-1, 12)
+    errors = SensorErrors.from_vector(vector, first.before.errors.orientation)
+    values_T = np.array([step.means.at(errors) for step in after])
+    variance_T2 = noise_of(after[0].likelihood.array) ** 2
+    weight = np.array([_counts(step, values_T.shape[1]) for step in after]) / variance_T2
+    left_T = values_T - np.sum(weight * values_T, axis=0) / np.maximum(weight.sum(axis=0), np.finfo(float).tiny)
+    freedom = (len(after) - 1) * (3 * errors.sensor_count - 2)
+    if freedom and float(np.sum(weight * left_T**2)) > max(chdtri(freedom, UNSTEADY), BENT * evidence.ratio):
+        return True
+    seen_T = np.abs(np.mean([step.means.at(first.before.errors) for step in after], axis=0)).max()
+    intensity_T = np.array([step.means.intensity_T for step in (first, *after)])
+    return bool(np.abs(np.diff(intensity_T)).max() > PASSING * seen_T)
+
+
+def _counts(step: Step, channels: int) -> FloatArray:
+    """Return how many samples of white noise the means of a block count as, for each of its channels."""
+    factors = step.likelihood.factors
+    each = np.full(channels, step.means.count / factors.differential)
+    each[-1] = step.means.scalar_count / factors.common_mode
+    return each
+
+
+class _Sums(NamedTuple):
+    """What blocks say together at the errors before them, and the number of their samples."""
+
+    before: Step
+    information: FloatArray
+    gradient: FloatArray
+    samples: int
+
+
+class ChangeWindow:
+    """Looks for changes within the last blocks.
+
+    Parameters
+    ----------
+    prior : Prior
+        Of the sensors.
+    walk : Walk
+        How they change without being touched.
+    """
+
+    def __init__(self, prior: Prior, walk: Walk) -> None:
+        self._walk, self._size = walk, prior.covariance.shape[0]
+        among = hypotheses(prior.errors, prior.calibration.array)
+        self._weighing = Weighing(among, chance_of_test(len(among)))
+        self._steps: deque[Step] = deque(maxlen=WINDOW)
+        self._first: Step | None = None
+        self._after: list[Step] = []
+
+    @property
+    def is_full(self) -> bool:
+        """Whether it spans half a minute."""
+        return len(self._steps) == WINDOW
+
+    def clear(self) -> None:
+        """Forget the blocks: what they say of changes has been told."""
+        self._steps.clear()
+        self._first, self._after = None, []
+
+    def add(self, step: Step, end_s: float, temperature_C: float) -> Suspicion | None:
+        """Add a block, and return the most probable change; None where there may be none.
+
+        Parameters
+        ----------
+        step : Step
+            The block.
+        end_s, temperature_C : float
+            At its end.
+        """
+
+        def weigh(sums: _Sums) -> tuple[Evidence, ...]:
+            before = sums.before.before
+            covariance = before.covariance + self._walk.covariance(before, end_s, temperature_C)
+            excess = sums.before.excess
+            return self._weighing.weigh(sums.information, sums.gradient, covariance, sums.samples, excess)
+
+        if self._first is None:
+            self._steps.append(step)
+            return self._alarm(weigh)
+        self._after.append(step)
+        found = weigh(self._sums(self._first, self._after)[0])
+        if found and found[0].ratio > FAR_RATIO:
+            found = self._weigh_far(self._first, self._after, end_s, temperature_C) or found
+        if found and _passes(found[0], self._first, self._after):
+            self._after = self._after[-MOST_AFTER:]
+            return Suspicion(self._first, tuple(self._after), (), False)
+        is_late = not 0 <= end_s - self._first.begin_s < DECIDE_S
+        is_decided = len(self._after) >= FEWEST_AFTER and (len(found) < 2 or is_late)
+        return Suspicion(self._first, tuple(self._after), found, is_decided)
+
+    def _weigh_far(self, first: Step, after: list[Step], end_s: float, temperature_C: float) -> tuple[Evidence, ...]:
+        before = first.before
+        covariance = before.covariance + self._walk.covariance(before, end_s, temperature_C)
+        moments = sum((step.moments for step in after), SampleMoments.none(before.errors.sensor_count))
+        return self._weighing.weigh_far(
+            partial(after[-1].likelihood.linearize, moments), before.errors, covariance, moments.count, first.excess
+        )
+
+    def _alarm(self, weigh: Callable[[_Sums], tuple[Evidence, ...]]) -> Suspicion | None:
+        """Return a suspicion where the last blocks raise an alarm."""
+        sums = self._sums(self._steps[0], list(self._steps)[1:])
+        if not any(weigh(sums[-blocks]) for blocks in SCREENED if blocks <= len(sums)):
+            return None
+        found = [(each.before, evidence) for each in sums if (evidence := weigh(each))]
+        self._first, evidence = max(found, key=lambda each: each[1][0].score)
+        return Suspicion(self._first, (), evidence, False)
+
+    def _sums(self, first: Step, after: list[Step]) -> list[_Sums]:
+        """Return what the blocks after a first one say: all of them, all but one, and so on to the last alone."""
+        steps, sums = [first, *after], list[_Sums]()
+        information, gradient, count = np.zeros((self._size, self._size)), np.zeros(self._size), 0
+        for before, step in reversed(list(pairwise(steps))):
+            information = information + step.here.information
+            # Moved from the errors at which the block was linearised to those before all of them.
+            moved = (step.before.errors.to_vector() - before.before.errors.to_vector()).ravel()
+            gradient = gradient + step.here.gradient + information @ moved
+            count += step.moments.count
+            sums.append(_Sums(before, information, gradient, count))
+        return sums[::-1]
