@@ -123,9 +123,8 @@ def _content(path):
     return samples
 
 
-def test_a_damaged_file_is_gone_on_with(bench, recording, tmp_path):
-    """A bit of a row, and the head of what was learned: both are set aside and told, the other samples are used."""
-    path = tmp_path / "samples"
+def with_fifty(bench, recording, path):
+    """Return a calibrator that has saved fifty samples, the collector's samples, and what publishes readings."""
     first = bench.start_nodes(calibrator={"samples_file": path})
     bench.start_nodes(collector={})
     samples = bench.listen(sensor_msgs.PointCloud2, "samples")
@@ -133,6 +132,13 @@ def test_a_damaged_file_is_gone_on_with(bench, recording, tmp_path):
     bench.connect(collector={"samples": 2})
     bench.play(recording, publish, samples, last=50)
     bench.health("calibrator", lambda _, figures: figures["saved"] == "50", "all are saved")
+    return first, samples, publish
+
+
+def test_a_damaged_file_is_gone_on_with(bench, recording, tmp_path):
+    """A bit of a row, and the head of what was learned: both are set aside and told, the other samples are used."""
+    path = tmp_path / "samples"
+    first, samples, publish = with_fifty(bench, recording, path)
     assert first.end_one("calibrator") == 0
     content = bytearray(path.read_bytes())
     content[-1000] ^= 1
@@ -183,13 +189,7 @@ def test_a_disk_that_is_full_for_a_while_costs_nothing(bench, recording, tmp_pat
 def test_two_nodes_with_one_file_have_one_each(bench, recording, tmp_path):
     """The second does not go on with the samples of the first, and says where it keeps its own."""
     path = tmp_path / "samples"
-    first = bench.start_nodes(calibrator={"samples_file": path})
-    bench.start_nodes(collector={})
-    samples = bench.listen(sensor_msgs.PointCloud2, "samples")
-    publish = bench.publish_sensors()
-    bench.connect(collector={"samples": 2})
-    bench.play(recording, publish, samples, last=50)
-    bench.health("calibrator", lambda _, figures: figures["saved"] == "50", "all are saved")
+    first, _, _ = with_fifty(bench, recording, path)
     command = [*node_command("calibrator", {"samples_file": path}), "-r", "__ns:=/b"]
     second = bench.fork({"other": command})
     own = tmp_path / f"samples.{os.environ['ROS_DOMAIN_ID']}.b.calibrator"
