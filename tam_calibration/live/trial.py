@@ -7,8 +7,11 @@ import numpy as np
 from tam_calibration.live.recursion import Belief, MomentLikelihood, SampleMoments
 from tam_calibration.model.units import FloatArray
 
-TRIED = 3
-"""Blocks on which what was learned is tried before it is published, six seconds."""
+TRIED, MOST_TRIED = 3, 30
+"""Blocks on which what was learned is tried before it is published: six seconds where they are clear, else a minute."""
+
+CLEAR = 9.0
+"""Energy from which blocks are clear: three standard deviations of one direction."""
 
 CLEARLY_BETTER = 100.0
 """Fall of the energy from which a calibration that is less certain is published: chance makes half of it once in ten
@@ -46,7 +49,8 @@ class Trial:
     @property
     def is_over(self) -> bool:
         """Whether it has seen enough blocks."""
-        return self.blocks >= TRIED
+        is_clear = bool((np.abs(self.gained) > CLEAR).all())
+        return self.blocks >= (TRIED if is_clear else MOST_TRIED)
 
     @property
     def has_passed(self) -> bool:
