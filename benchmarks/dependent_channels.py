@@ -28,6 +28,7 @@ from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
 from tam_calibration.fit.posterior import Known
 from tam_calibration.fit.prior import in_first_frame
 from tam_calibration.model.array import Array
+from tam_calibration.model.change_rates import ChangeRates
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -323,6 +324,16 @@ def _exchanged_since(rng: Generator) -> Case:
     return _next_day(rng, pier, before, SensorErrors.from_vector(vector))
 
 
+def _heated(rng: Generator) -> Case:
+    """Return a case with a prior since which all sensors have warmed, while no temperature was recorded."""
+    pier = sound(rng, 2)
+    before, vector = calibrate(pier.recording, pier.array), pier.errors.to_vector()
+    warming_K = rng.uniform(2, 30)
+    vector[:, :3] += 20e-6 * warming_K * rng.normal(size=(len(vector), 3))
+    vector[:, 6:9] += 0.3e-9 * warming_K * rng.normal(size=(len(vector), 3))
+    return _next_day(rng, pier, before, SensorErrors.from_vector(vector))
+
+
 MADE: dict[str, Callable[[Generator], Case]] = {
     "AHRS of sensor 1": _raw,
     "filtered AHRS of sensor 1": _filtered,
@@ -344,6 +355,7 @@ MADE: dict[str, Callable[[Generator], Case]] = {
     "wrong declination": _wrong_declination,
     "prior of a turn or gain ago": _turned_since,
     "prior of all sensors ago": _exchanged_since,
+    "prior of a colder day": _heated,
 }
 
 
@@ -390,13 +402,39 @@ def _dead_zone(rng: Generator) -> Case:
     return replace(case, recording=replace(case.recording, scalar_T=scalar_T))
 
 
-def _heated(rng: Generator) -> Case:
-    """Return a case with a prior since which all sensors have warmed, while no temperature was recorded."""
+def _magnetised(rng: Generator) -> Case:
+    """Return a case with a prior since which the vehicle was magnetised, and iron was added that all sensors feel."""
     pier = sound(rng, 2)
     before, vector = calibrate(pier.recording, pier.array), pier.errors.to_vector()
-    warming_K = rng.uniform(2, 30)
-    vector[:, :3] += 20e-6 * warming_K * rng.normal(size=(len(vector), 3))
-    vector[:, 6:9] += 0.3e-9 * warming_K * rng.normal(size=(len(vector), 3))
+    vector[:, 6:9] += 10 ** rng.uniform(-8.5, -6.5) * rng.normal(size=(len(vector), 3))
+    vector[:, :6] += 10 ** rng.uniform(-4.5, -2.5) * rng.normal(size=6)
+    return _next_day(rng, pier, before, SensorErrors.from_vector(vector))
+
+
+def _aged(rng: Generator) -> Case:
+    """Return a case with a prior since which all errors changed two to thirty times faster than stated."""
+    pier = sound(rng, 2)
+    before, vector = calibrate(pier.recording, pier.array), pier.errors.to_vector()
+    size = np.sqrt(ChangeRates().variances(86400 * 10 ** rng.uniform(0.6, 3.0), 0.0))
+    vector += size * rng.normal(size=vector.shape)
+    return _next_day(rng, pier, before, SensorErrors.from_vector(vector))
+
+
+def _bent(rng: Generator) -> Case:
+    """Return a case with a prior since which the frame was bent, and one sensor was knocked."""
+    pier = sound(rng, 2)
+    before, vector = calibrate(pier.recording, pier.array), pier.errors.to_vector()
+    vector[:, 9:] += np.radians(10 ** rng.uniform(-2, 0)) * rng.normal(size=(len(vector), 3))
+    vector[rng.integers(len(vector)), 6:9] += 10 ** rng.uniform(-8.5, -6.5) * rng.normal(size=3)
+    return _next_day(rng, pier, before, SensorErrors.from_vector(vector))
+
+
+def _repaired(rng: Generator) -> Case:
+    """Return a case with a prior since which one sensor was repaired: all its errors are slightly others."""
+    pier = sound(rng, 2)
+    before, vector = calibrate(pier.recording, pier.array), pier.errors.to_vector()
+    size = 10 ** rng.uniform(-4, -2) * np.repeat([1.0, 1.0, 5e-5, 1.0], 3)
+    vector[rng.integers(len(vector))] += size * rng.normal(size=12)
     return _next_day(rng, pier, before, SensorErrors.from_vector(vector))
 
 
@@ -406,7 +444,10 @@ JUDGED: dict[str, Callable[[Generator], Case]] = {
     "attitude of other times": _jittering,
     "scalar beside metal": _beside_metal,
     "scalar with a dead zone": _dead_zone,
-    "prior of a colder day": _heated,
+    "prior of another vehicle's field": _magnetised,
+    "prior that aged faster": _aged,
+    "prior of a straight frame": _bent,
+    "prior before a repair": _repaired,
 }
 
 

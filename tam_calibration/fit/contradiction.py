@@ -119,7 +119,7 @@ _NO_CHANGE = 1e-9
 MOST_CHANGES = 3
 """Found one after the other: where more moved, the whole array has, which is one of them."""
 
-_UNNOTICED = 0.01
+UNNOTICED = 0.01
 """Probability that something moved since the prior by more than its rates of change say."""
 
 _PLAUSIBLE = 0.05
@@ -274,7 +274,7 @@ def hinted_covariance(difference: Difference, candidates: Sequence[Sequence[Chan
     """
     every = [change for sizes in candidates for change in sizes]
     evidence = np.array([difference.evidence(change) + log_odds(change) for change in every])
-    weight = _UNNOTICED / len(every) * np.exp(evidence)
+    weight = UNNOTICED / len(every) * np.exp(evidence)
     moved = np.array([change.directions @ difference.estimated(change).estimate for change in every])
     return np.asarray(moved.T * (weight / (1 + weight.sum())) @ moved)
 

@@ -11,12 +11,13 @@ from numpy.linalg import norm
 
 from tam_calibration.core.variance_factors import WHITE, VarianceFactors
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.correction.update import KINDS, SEVERAL, Moved, Update, in_words
+from tam_calibration.correction.update import SEVERAL, Moved, Update, in_words
 from tam_calibration.effects.removal import of_array
 from tam_calibration.fit.attitude_check import judge_attitude
 from tam_calibration.fit.consistency import Fit, accepted, require_one_field, require_one_sphere
 from tam_calibration.fit.contradiction import SIGNIFICANT
 from tam_calibration.fit.estimate import mean_temperature
+from tam_calibration.fit.faster_changes import Faster
 from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, update_of
 from tam_calibration.fit.posterior import Intensity, Known
@@ -34,8 +35,8 @@ from tam_calibration.model.units import FloatArray, to_nanotesla
 _MOST_ROUNDS = 5
 """Of an update: the first may take what is slow for a change of the sensors. Three were the most that were needed."""
 
-_MOSTLY_TOLD = 0.5
-"""Part of the information that the samples give, from which they tell more than the prior."""
+_WORTH_A_WORD = 0.05
+"""Probability that all errors changed from which it is told beside what is named."""
 
 _MUCH_MORE = 3.0
 """Noise over that of the prior, where none is stated: estimates from twenty samples differ by less."""
@@ -240,8 +241,11 @@ def _beside_prior(recording: SampleSource, array: Array, beside: Known) -> Joint
     if given is not None:
         assert resolved.difference is not None
         chi_square, freedom = resolved.difference.chi_square, resolved.difference.freedom
+        calibration = _allowing_for(resolved, calibration, array)
         update = update_of(calibration, given, resolved.prior_of(given), chi_square, freedom, resolved.moved)
-        calibration = replace(calibration, update=update, warnings=_doubts(calibration, given, update))
+        calibration = replace(
+            calibration, update=update, warnings=_doubts(calibration, given, update, resolved.faster)
+        )
     return JointCalibration(calibration, resolved.recording, array, fit)
 
 
@@ -262,7 +266,22 @@ def _resolved(
     return resolved, measured if last else [*measured, WHITE]
 
 
-def _doubts(calibration: Calibration, given: Prior, update: Update) -> tuple[str, ...]:
+def _allowing_for(resolved: Resolved, calibration: Calibration, array: Array) -> Calibration:
+    """Return a calibration with standard errors that also hold if all errors changed faster than stated."""
+    if resolved.faster is None:
+        return calibration
+    probability, prior = resolved.faster
+    try:
+        other = maximum_a_posteriori(resolved.recording, array, replace(resolved.known, prior=prior))
+    except Refused:
+        return calibration
+    assert calibration.covariance is not None and other.covariance is not None
+    moved = (other.errors.to_vector() - calibration.errors.to_vector()).ravel()
+    more = other.covariance - calibration.covariance + np.outer(moved, moved)
+    return replace(calibration, covariance=calibration.covariance + probability * more)
+
+
+def _doubts(calibration: Calibration, given: Prior, update: Update, faster: Faster | None) -> tuple[str, ...]:
     """Return warnings of what may not be what it was told as."""
     doubts = []
     if any(each.together == (SEVERAL, 0) for each in update.moved):
@@ -270,10 +289,10 @@ def _doubts(calibration: Calibration, given: Prior, update: Update) -> tuple[str
             "all errors of all sensors seem to have changed since the prior: so look other sensors, sensors in another "
             "order, and a field that is not uniform, as near a source; turn the array elsewhere, and compare"
         )
-    elif left := _left_of_moved(update):
+    elif update.moved and faster is not None and faster.probability > _WORTH_A_WORD:
         doubts.append(
-            f"what moved since the prior may have changed {left} too, which these samples hardly tell: turn the array "
-            "all round"
+            f"all errors may have changed faster than stated since the prior (probability {faster.probability:.2g}), "
+            "which the standard errors allow for: turn the array all round, or record the temperature"
         )
     noise, before = (norm(each.array.vector_noise_T) for each in (calibration, given.calibration))
     if calibration.noise_is_estimated and given.rates is not None and noise > _MUCH_MORE * before:
@@ -282,18 +301,6 @@ def _doubts(calibration: Calibration, given: Prior, update: Update) -> tuple[str
             "grown, which the array file should state then, or something moved for a while"
         )
     return tuple(doubts)
-
-
-def _left_of_moved(update: Update) -> str:
-    """Return, in words, the kinds of errors of sensors that have moved of which the prior still tells most."""
-    told = (update.data_share > _MOSTLY_TOLD) | np.isnan(update.data_share)
-    left = [
-        in_words(kind, sensor)
-        for sensor in sorted({each.sensor for each in update.moved})
-        for kind, own in zip(KINDS, told[sensor - 1].reshape(4, 3), strict=True)
-        if not own.all()
-    ]
-    return ", ".join(left)
 
 
 @contextmanager

@@ -20,6 +20,7 @@ from tam_calibration.core.variance_factors import VarianceFactors
 from tam_calibration.correction.update import KINDS, Moved
 from tam_calibration.fit import contradiction
 from tam_calibration.fit.estimate import sample_energies
+from tam_calibration.fit.faster_changes import Faster, faster_changes
 from tam_calibration.fit.information import inverted
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, with_noise
 from tam_calibration.fit.posterior import Known, Place, Posterior, Problem, posterior_of
@@ -193,6 +194,8 @@ class Resolved:
         The samples between changes that the recording shows, and what is known beside them.
     refusal : Refused, optional
         Why the samples after a change make no calibration; what moved is then not known.
+    faster : Faster, optional
+        That all errors may have changed faster than stated instead, where no change has a time.
     """
 
     recording: SampleSource
@@ -202,6 +205,7 @@ class Resolved:
     moved: tuple[Moved, ...] = ()
     earlier: tuple[tuple[Recording, Known], ...] = ()
     refusal: Refused | None = None
+    faster: Faster | None = None
 
     def prior_of(self, given: Prior) -> Prior:
         """Return the prior as given, less certain by all that moved."""
@@ -233,7 +237,8 @@ def resolve(recording: SampleSource, array: Array, known: Known, most_times: int
     difference, found = _contradiction(recording, noisy, known)
     if not found:
         hints = contradiction.hinted_covariance(difference, _candidates(recording, known))
-        return Resolved(recording, replace(known, prior=known.prior.with_more(hints)), difference)
+        beside = replace(known, prior=known.prior.with_more(hints))
+        return Resolved(recording, beside, difference, faster=faster_changes(difference, known.prior, found))
     beside = replace(known, prior=_widened(known.prior, found))
     resolved = Resolved(recording, beside, None, found, _moved(found, None))
     parts: list[Recording] = []
@@ -250,7 +255,8 @@ def resolve(recording: SampleSource, array: Array, known: Known, most_times: int
         resolved = further
         if resolved.refusal is None:
             posterior = posterior_of(resolved.recording, noisy, resolved.known)
-    return replace(resolved, difference=difference)
+    faster = None if resolved.earlier else faster_changes(difference, known.prior, found)
+    return replace(resolved, difference=difference, faster=faster)
 
 
 def _in_sequence(parts: Sequence[Recording], array: KnownNoiseArray, known: Known) -> Resolved | None:
