@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 
 import click
 import numpy as np
+from numpy.linalg import norm
 from numpy.random import Generator
 from rich.progress import track
 from scipy.spatial.transform import Rotation, Slerp
@@ -93,12 +94,12 @@ def sound(rng: Generator, way: int | None = None) -> Case:
 
 def recorded(rng: Generator, array: Array, errors: SensorErrors, rotation: Rotation, time_s: FloatArray) -> Case:
     """Return what sensors read on a turn in a field that pulsates by 0.1 to 5 nT, with white noise."""
-    size, period_s = 10 ** rng.uniform(-10, -8.3) / np.linalg.norm(WORLD_T), rng.uniform(10, 200)
+    size, period_s = 10 ** rng.uniform(-10, -8.3) / norm(WORLD_T), rng.uniform(10, 200)
     field_T = rotation.inv().apply(WORLD_T)
     field_T *= 1 + size * np.sin(2 * np.pi * (time_s / period_s + rng.uniform()))[:, None]
     readings_T = errors.distort(field_T)
     readings_T += rng.normal(size=readings_T.shape) * array.vector_noise_T[:, None]
-    scalar_T = np.linalg.norm(field_T, axis=1) + rng.normal(0, array.scalar_noise_T, len(field_T))
+    scalar_T = norm(field_T, axis=1) + rng.normal(0, array.scalar_noise_T, len(field_T))
     return Case(Recording(START_S + time_s, readings_T, scalar_T), array, errors, rotation)
 
 
@@ -164,7 +165,7 @@ def _beside_magnet(rng: Generator) -> Case:
     case = sound(rng, int(rng.choice([0, 2])))
     magnet_T = 10 ** rng.uniform(-9, -7) * rng.normal(size=3)
     field_T = case.rotation.inv().apply(WORLD_T)
-    added_T = np.linalg.norm(field_T + magnet_T, axis=1) - np.linalg.norm(field_T, axis=1)
+    added_T = norm(field_T + magnet_T, axis=1) - norm(field_T, axis=1)
     return replace(case, recording=replace(case.recording, scalar_T=case.recording.scalar_T + added_T))
 
 
@@ -208,7 +209,7 @@ def _beside_current(rng: Generator) -> Case:
     field_T = case.rotation.inv().apply(WORLD_T)
     is_on = heading(field_T) > rng.uniform(-1, 1)
     load_T = 10 ** rng.uniform(-8.5, -7) * rng.normal(size=3) * is_on[:, None]
-    added_T = np.linalg.norm(field_T + load_T, axis=1) - np.linalg.norm(field_T, axis=1)
+    added_T = norm(field_T + load_T, axis=1) - norm(field_T, axis=1)
     return replace(case, recording=replace(case.recording, scalar_T=case.recording.scalar_T + added_T))
 
 
@@ -263,7 +264,7 @@ def _field_first(rng: Generator) -> Case:
     seen = np.stack([*np.moveaxis(seen, 1, 0), np.cross(seen[:, 0], seen[:, 1])], axis=2)
     world = np.stack([WORLD_T, np.cross([0.0, 0.0, -1.0], WORLD_T)], axis=0)
     world = np.stack([*world, np.cross(*world)], axis=1)
-    turns = (world / np.linalg.norm(world, axis=0)) @ np.swapaxes(seen / np.linalg.norm(seen, axis=1)[:, None], 1, 2)
+    turns = (world / norm(world, axis=0)) @ np.swapaxes(seen / norm(seen, axis=1)[:, None], 1, 2)
     stated = [np.radians(0.1), np.radians(1.0), np.inf][rng.integers(3)]
     return replace(case.with_attitude(Rotation.from_matrix(turns)), array=replace(case.array, attitude_noise=stated))
 
@@ -283,7 +284,7 @@ def _beside_iron(rng: Generator) -> Case:
     along = rng.normal(size=3)
     field_T = case.rotation.inv().apply(WORLD_T)
     induced_T = 10 ** rng.uniform(-4.5, -2.5) * (field_T @ along)[:, None] * along
-    added_T = np.linalg.norm(field_T + induced_T, axis=1) - np.linalg.norm(field_T, axis=1)
+    added_T = norm(field_T + induced_T, axis=1) - norm(field_T, axis=1)
     return replace(case, recording=replace(case.recording, scalar_T=case.recording.scalar_T + added_T))
 
 
@@ -291,7 +292,7 @@ def _heading_error(rng: Generator) -> Case:
     """Return a case with a scalar of optical pumping, which reads otherwise on either side of its axis."""
     case = sound(rng, int(rng.choice([0, 2])))
     axis = rng.normal(size=3)
-    cosine = case.rotation.inv().apply(WORLD_T) @ axis / np.linalg.norm(axis) / np.linalg.norm(WORLD_T)
+    cosine = case.rotation.inv().apply(WORLD_T) @ axis / norm(axis) / norm(WORLD_T)
     added_T = 10 ** rng.uniform(-9.3, -7.5) * np.tanh(cosine / 0.3)
     return replace(case, recording=replace(case.recording, scalar_T=case.recording.scalar_T + added_T))
 
@@ -334,74 +335,6 @@ def _heated(rng: Generator) -> Case:
     return _next_day(rng, pier, before, SensorErrors.from_vector(vector))
 
 
-MADE: dict[str, Callable[[Generator], Case]] = {
-    "AHRS of sensor 1": _raw,
-    "filtered AHRS of sensor 1": _filtered,
-    "AHRS of all sensors": _mean,
-    "AHRS with old biases": _precorrected,
-    "late filtered AHRS": _late_compass,
-    "late attitude": _late,
-    "scalar beside a magnet": _beside_magnet,
-    "scalar beside a current": _beside_current,
-    "wrong place": _wrong_place,
-    "prior of one bias ago": _knocked,
-    "prior of other sensors": _replaced,
-    "temperature that leaks": _leaking,
-    "AHRS that fits a circle": _circle_fitted,
-    "attitude by the field first": _field_first,
-    "gyroscope's scale": _gyroscope_scale,
-    "scalar beside iron": _beside_iron,
-    "scalar's heading error": _heading_error,
-    "wrong declination": _wrong_declination,
-    "prior of a turn or gain ago": _turned_since,
-    "prior of all sensors ago": _exchanged_since,
-    "prior of a colder day": _heated,
-}
-
-
-def _another_compass(rng: Generator) -> Case:
-    """Return a case with an AHRS of a magnetometer that is not calibrated."""
-    case = sound(rng)
-    other = random_errors(rng, 1).distort(case.rotation.inv().apply(WORLD_T))
-    return compass(rng, case, other[:, 0], filter_s=float(rng.choice([0.0, 3.0])))
-
-
-def _thrown(rng: Generator) -> Case:
-    """Return a case with an attitude that takes the acceleration of turns for gravity."""
-    case = sound_attitude(rng)
-    rate = np.gradient(np.unwrap(case.rotation.as_euler("ZYX")[:, 0]), 1 / RATE_HZ)
-    tilt = np.radians(10 ** rng.uniform(-1, 0.7)) * rate / np.abs(rate).max()
-    seen = Rotation.from_quat(case.recording.attitude) * Rotation.from_euler("X", tilt[:, None])
-    return case.with_attitude(seen)
-
-
-def _jittering(rng: Generator) -> Case:
-    """Return a case with attitudes of other times than their stamps say."""
-    case = sound_attitude(rng)
-    time_s = np.arange(len(case.rotation)) / RATE_HZ
-    late_s = time_s - rng.uniform(0, rng.uniform(0.02, 0.5), len(time_s))
-    return case.with_attitude(Slerp(time_s, case.rotation)(np.clip(late_s, 0, None)))
-
-
-def _beside_metal(rng: Generator) -> Case:
-    """Return a case with a scalar in a housing that conducts: currents follow the change of the field."""
-    case = sound(rng, int(rng.choice([0, 2])))
-    field_T = case.rotation.inv().apply(WORLD_T)
-    current_T = 10 ** rng.uniform(-3.5, -1.5) * np.gradient(field_T, 1 / RATE_HZ, axis=0) * rng.uniform(0.3, 1, 3)
-    added_T = np.linalg.norm(field_T + current_T, axis=1) - np.linalg.norm(field_T, axis=1)
-    return replace(case, recording=replace(case.recording, scalar_T=case.recording.scalar_T + added_T))
-
-
-def _dead_zone(rng: Generator) -> Case:
-    """Return a case with a scalar that is missing near its axis, and reads too much beside that."""
-    case = sound(rng, int(rng.choice([0, 2])))
-    axis = rng.normal(size=3)
-    cosine = np.abs(case.rotation.inv().apply(WORLD_T) @ axis) / np.linalg.norm(axis) / np.linalg.norm(WORLD_T)
-    added_T = 10 ** rng.uniform(-9.3, -7.5) * np.exp((cosine - 0.8) / 0.1)
-    scalar_T = np.where(cosine > 0.8, np.nan, case.recording.scalar_T + added_T)
-    return replace(case, recording=replace(case.recording, scalar_T=scalar_T))
-
-
 def _magnetised(rng: Generator) -> Case:
     """Return a case with a prior since which the vehicle was magnetised, and iron was added that all sensors feel."""
     pier = sound(rng, 2)
@@ -438,16 +371,126 @@ def _repaired(rng: Generator) -> Case:
     return _next_day(rng, pier, before, SensorErrors.from_vector(vector))
 
 
+MADE: dict[str, Callable[[Generator], Case]] = {
+    "AHRS of sensor 1": _raw,
+    "filtered AHRS of sensor 1": _filtered,
+    "AHRS of all sensors": _mean,
+    "AHRS with old biases": _precorrected,
+    "late filtered AHRS": _late_compass,
+    "late attitude": _late,
+    "scalar beside a magnet": _beside_magnet,
+    "scalar beside a current": _beside_current,
+    "wrong place": _wrong_place,
+    "prior of one bias ago": _knocked,
+    "prior of other sensors": _replaced,
+    "temperature that leaks": _leaking,
+    "AHRS that fits a circle": _circle_fitted,
+    "attitude by the field first": _field_first,
+    "gyroscope's scale": _gyroscope_scale,
+    "scalar beside iron": _beside_iron,
+    "scalar's heading error": _heading_error,
+    "wrong declination": _wrong_declination,
+    "prior of a turn or gain ago": _turned_since,
+    "prior of all sensors ago": _exchanged_since,
+    "prior of a colder day": _heated,
+    "prior of another vehicle's field": _magnetised,
+    "prior that aged faster": _aged,
+    "prior of a straight frame": _bent,
+    "prior before a repair": _repaired,
+}
+
+
+def _another_compass(rng: Generator) -> Case:
+    """Return a case with an AHRS of a magnetometer that is not calibrated."""
+    case = sound(rng)
+    other = random_errors(rng, 1).distort(case.rotation.inv().apply(WORLD_T))
+    return compass(rng, case, other[:, 0], filter_s=float(rng.choice([0.0, 3.0])))
+
+
+def _thrown(rng: Generator) -> Case:
+    """Return a case with an attitude that takes the acceleration of turns for gravity."""
+    case = sound_attitude(rng)
+    rate = np.gradient(np.unwrap(case.rotation.as_euler("ZYX")[:, 0]), 1 / RATE_HZ)
+    tilt = np.radians(10 ** rng.uniform(-1, 0.7)) * rate / np.abs(rate).max()
+    seen = Rotation.from_quat(case.recording.attitude) * Rotation.from_euler("X", tilt[:, None])
+    return case.with_attitude(seen)
+
+
+def _jittering(rng: Generator) -> Case:
+    """Return a case with attitudes of other times than their stamps say."""
+    case = sound_attitude(rng)
+    time_s = np.arange(len(case.rotation)) / RATE_HZ
+    late_s = time_s - rng.uniform(0, rng.uniform(0.02, 0.5), len(time_s))
+    return case.with_attitude(Slerp(time_s, case.rotation)(np.clip(late_s, 0, None)))
+
+
+def _beside_metal(rng: Generator) -> Case:
+    """Return a case with a scalar in a housing that conducts: currents follow the change of the field."""
+    case = sound(rng, int(rng.choice([0, 2])))
+    field_T = case.rotation.inv().apply(WORLD_T)
+    current_T = 10 ** rng.uniform(-3.5, -1.5) * np.gradient(field_T, 1 / RATE_HZ, axis=0) * rng.uniform(0.3, 1, 3)
+    added_T = norm(field_T + current_T, axis=1) - norm(field_T, axis=1)
+    return replace(case, recording=replace(case.recording, scalar_T=case.recording.scalar_T + added_T))
+
+
+def _dead_zone(rng: Generator) -> Case:
+    """Return a case with a scalar that is missing near its axis, and reads too much beside that."""
+    case = sound(rng, int(rng.choice([0, 2])))
+    axis = rng.normal(size=3)
+    cosine = np.abs(case.rotation.inv().apply(WORLD_T) @ axis) / norm(axis) / norm(WORLD_T)
+    added_T = 10 ** rng.uniform(-9.3, -7.5) * np.exp((cosine - 0.8) / 0.1)
+    scalar_T = np.where(cosine > 0.8, np.nan, case.recording.scalar_T + added_T)
+    return replace(case, recording=replace(case.recording, scalar_T=scalar_T))
+
+
+def _amplified(rng: Generator) -> Case:
+    """Return a case with a prior since which the channels of one axis have other gains and offsets."""
+    pier = sound(rng, 2)
+    before, vector = calibrate(pier.recording, pier.array), pier.errors.to_vector()
+    axis = rng.integers(3)
+    vector[:, axis] += 10 ** rng.uniform(-4, -2) * rng.normal(size=len(vector))
+    vector[:, 6 + axis] += 10 ** rng.uniform(-9, -7) * rng.normal(size=len(vector))
+    return _next_day(rng, pier, before, SensorErrors.from_vector(vector))
+
+
+def _magnet_aboard(rng: Generator) -> Case:
+    """Return a case with a prior since which a magnet was left near one end of the array, and a tool of iron."""
+    pier = sound(rng, 2)
+    before, vector = calibrate(pier.recording, pier.array), pier.errors.to_vector()
+    distance = norm(pier.array.positions_m - rng.normal(0, 0.5, 3), axis=1) + 0.3
+    vector[:, 6:9] += (10 ** rng.uniform(-9, -7) * rng.normal(size=3))[None] / distance[:, None] ** 3
+    vector[:, :3] += (10 ** rng.uniform(-5, -3.5) * rng.normal(size=3))[None] / distance[:, None] ** 3
+    return _next_day(rng, pier, before, SensorErrors.from_vector(vector))
+
+
+def _cooled(rng: Generator) -> Case:
+    """Return a case with a prior since which each sensor has cooled by itself, its coefficients those of data sheets."""
+    pier = sound(rng, 2)
+    before, vector = calibrate(pier.recording, pier.array), pier.errors.to_vector()
+    for each in vector:
+        each += np.sqrt(ChangeRates().variances(0.0, rng.uniform(0, 25))) * rng.uniform(-1.7, 1.7, 12)
+    return _next_day(rng, pier, before, SensorErrors.from_vector(vector))
+
+
+def _remounted(rng: Generator) -> Case:
+    """Return a case with a prior since which two sensors were taken off, one of them near a tool, and mounted again."""
+    pier = sound(rng, 2)
+    before, vector = calibrate(pier.recording, pier.array), pier.errors.to_vector()
+    vector[-2:, 9:] += np.radians(10 ** rng.uniform(-1.5, 0.5)) * rng.normal(size=(len(vector[-2:]), 3))
+    vector[-1, 6:9] += 10 ** rng.uniform(-8.5, -7) * rng.normal(size=3)
+    return _next_day(rng, pier, before, SensorErrors.from_vector(vector))
+
+
 JUDGED: dict[str, Callable[[Generator], Case]] = {
     "AHRS of another compass": _another_compass,
     "attitude that feels turns": _thrown,
     "attitude of other times": _jittering,
     "scalar beside metal": _beside_metal,
     "scalar with a dead zone": _dead_zone,
-    "prior of another vehicle's field": _magnetised,
-    "prior that aged faster": _aged,
-    "prior of a straight frame": _bent,
-    "prior before a repair": _repaired,
+    "prior before an amplifier": _amplified,
+    "prior without a magnet aboard": _magnet_aboard,
+    "prior of a warmer day": _cooled,
+    "prior before sensors were remounted": _remounted,
 }
 
 

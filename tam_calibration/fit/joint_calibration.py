@@ -1,6 +1,6 @@
 """The calibration of a recording with what is known beside it: which channels and priors count, and what has moved."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial, reduce
@@ -17,7 +17,6 @@ from tam_calibration.fit.attitude_check import judge_attitude
 from tam_calibration.fit.consistency import Fit, accepted, require_one_field, require_one_sphere
 from tam_calibration.fit.contradiction import SIGNIFICANT
 from tam_calibration.fit.estimate import mean_temperature
-from tam_calibration.fit.faster_changes import Faster
 from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, update_of
 from tam_calibration.fit.posterior import Intensity, Known
@@ -25,6 +24,7 @@ from tam_calibration.fit.prior import Prior, has_date, prior_of
 from tam_calibration.fit.resolved_prior import MOST_TIMES, Resolved, resolve
 from tam_calibration.fit.scalar_check import turning_scalar
 from tam_calibration.fit.slow_residuals import variance_factors
+from tam_calibration.fit.unnamed_changes import Unnamed
 from tam_calibration.fit.wide_prior import SETTLED, beside_wide_prior, is_wide, prior_of_tolerances
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
@@ -36,7 +36,7 @@ _MOST_ROUNDS = 5
 """Of an update: the first may take what is slow for a change of the sensors. Three were the most that were needed."""
 
 _WORTH_A_WORD = 0.05
-"""Probability that all errors changed from which it is told beside what is named."""
+"""Probability of what else may have changed from which it is told."""
 
 _MUCH_MORE = 3.0
 """Noise over that of the prior, where none is stated: estimates from twenty samples differ by less."""
@@ -241,10 +241,9 @@ def _beside_prior(recording: SampleSource, array: Array, beside: Known) -> Joint
     if given is not None:
         assert resolved.difference is not None
         chi_square, freedom = resolved.difference.chi_square, resolved.difference.freedom
-        calibration = _allowing_for(resolved, calibration, array)
         update = update_of(calibration, given, resolved.prior_of(given), chi_square, freedom, resolved.moved)
         calibration = replace(
-            calibration, update=update, warnings=_doubts(calibration, given, update, resolved.faster)
+            calibration, update=update, warnings=_doubts(calibration, given, update, resolved.unnamed)
         )
     return JointCalibration(calibration, resolved.recording, array, fit)
 
@@ -266,22 +265,7 @@ def _resolved(
     return resolved, measured if last else [*measured, WHITE]
 
 
-def _allowing_for(resolved: Resolved, calibration: Calibration, array: Array) -> Calibration:
-    """Return a calibration with standard errors that also hold if all errors changed faster than stated."""
-    if resolved.faster is None:
-        return calibration
-    probability, prior = resolved.faster
-    try:
-        other = maximum_a_posteriori(resolved.recording, array, replace(resolved.known, prior=prior))
-    except Refused:
-        return calibration
-    assert calibration.covariance is not None and other.covariance is not None
-    moved = (other.errors.to_vector() - calibration.errors.to_vector()).ravel()
-    more = other.covariance - calibration.covariance + np.outer(moved, moved)
-    return replace(calibration, covariance=calibration.covariance + probability * more)
-
-
-def _doubts(calibration: Calibration, given: Prior, update: Update, faster: Faster | None) -> tuple[str, ...]:
+def _doubts(calibration: Calibration, given: Prior, update: Update, unnamed: Sequence[Unnamed]) -> tuple[str, ...]:
     """Return warnings of what may not be what it was told as."""
     doubts = []
     if any(each.together == (SEVERAL, 0) for each in update.moved):
@@ -289,10 +273,11 @@ def _doubts(calibration: Calibration, given: Prior, update: Update, faster: Fast
             "all errors of all sensors seem to have changed since the prior: so look other sensors, sensors in another "
             "order, and a field that is not uniform, as near a source; turn the array elsewhere, and compare"
         )
-    elif update.moved and faster is not None and faster.probability > _WORTH_A_WORD:
+    elif update.moved and (more := [each for each in unnamed if each.probability > _WORTH_A_WORD]):
+        names = ", ".join(f"{each.name} (probability {each.probability:.2g})" for each in more)
         doubts.append(
-            f"all errors may have changed faster than stated since the prior (probability {faster.probability:.2g}), "
-            "which the standard errors allow for: turn the array all round, or record the temperature"
+            f"more may have changed since the prior than what is named: {names}; the standard errors allow for it: "
+            "turn the array all round"
         )
     noise, before = (norm(each.array.vector_noise_T) for each in (calibration, given.calibration))
     if calibration.noise_is_estimated and given.rates is not None and noise > _MUCH_MORE * before:

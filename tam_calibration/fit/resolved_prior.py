@@ -11,6 +11,7 @@ by the energy that is left and the number of their unknowns (Schwarz 1978).
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import reduce
 from itertools import pairwise
 
 import numpy as np
@@ -20,11 +21,11 @@ from tam_calibration.core.variance_factors import VarianceFactors
 from tam_calibration.correction.update import KINDS, Moved
 from tam_calibration.fit import contradiction
 from tam_calibration.fit.estimate import sample_energies
-from tam_calibration.fit.faster_changes import Faster, faster_changes
 from tam_calibration.fit.information import inverted
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, with_noise
 from tam_calibration.fit.posterior import Known, Place, Posterior, Problem, posterior_of
 from tam_calibration.fit.prior import Prior
+from tam_calibration.fit.unnamed_changes import Unnamed, unnamed_changes
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.recording import Recording, SampleSource
@@ -194,8 +195,8 @@ class Resolved:
         The samples between changes that the recording shows, and what is known beside them.
     refusal : Refused, optional
         Why the samples after a change make no calibration; what moved is then not known.
-    faster : Faster, optional
-        That all errors may have changed faster than stated instead, where no change has a time.
+    unnamed : sequence of Unnamed
+        What may have changed beside what was found, where no change has a time: ``known`` allows for it.
     """
 
     recording: SampleSource
@@ -205,7 +206,7 @@ class Resolved:
     moved: tuple[Moved, ...] = ()
     earlier: tuple[tuple[Recording, Known], ...] = ()
     refusal: Refused | None = None
-    faster: Faster | None = None
+    unnamed: Sequence[Unnamed] = ()
 
     def prior_of(self, given: Prior) -> Prior:
         """Return the prior as given, less certain by all that moved."""
@@ -237,8 +238,9 @@ def resolve(recording: SampleSource, array: Array, known: Known, most_times: int
     difference, found = _contradiction(recording, noisy, known)
     if not found:
         hints = contradiction.hinted_covariance(difference, _candidates(recording, known))
-        beside = replace(known, prior=known.prior.with_more(hints))
-        return Resolved(recording, beside, difference, faster=faster_changes(difference, known.prior, found))
+        unnamed = unnamed_changes(difference, known.prior, found)
+        beside = replace(known, prior=_with_unnamed(known.prior.with_more(hints), unnamed))
+        return Resolved(recording, beside, difference, unnamed=unnamed)
     beside = replace(known, prior=_widened(known.prior, found))
     resolved = Resolved(recording, beside, None, found, _moved(found, None))
     parts: list[Recording] = []
@@ -255,8 +257,11 @@ def resolve(recording: SampleSource, array: Array, known: Known, most_times: int
         resolved = further
         if resolved.refusal is None:
             posterior = posterior_of(resolved.recording, noisy, resolved.known)
-    faster = None if resolved.earlier else faster_changes(difference, known.prior, found)
-    return replace(resolved, difference=difference, faster=faster)
+    if resolved.earlier or resolved.refusal is not None:
+        return replace(resolved, difference=difference)
+    unnamed = unnamed_changes(difference, known.prior, found)
+    beside = replace(known, prior=_with_unnamed(_widened(known.prior, found), unnamed))
+    return replace(resolved, known=beside, difference=difference, unnamed=unnamed)
 
 
 def _in_sequence(parts: Sequence[Recording], array: KnownNoiseArray, known: Known) -> Resolved | None:
@@ -367,6 +372,11 @@ def _widened(prior: Prior, found: _Found) -> Prior:
     for change in (change for several in found for change in several):
         prior = prior.widened(change.directions, change.variance)
     return prior
+
+
+def _with_unnamed(prior: Prior, unnamed: Sequence[Unnamed]) -> Prior:
+    """Return the prior less certain by what may have changed beside."""
+    return reduce(lambda wider, each: wider.with_more(each.covariance), unnamed, prior)
 
 
 def _moved(found: _Found, since_s: float | None) -> tuple[Moved, ...]:
