@@ -464,7 +464,7 @@ def _magnet_aboard(rng: Generator) -> Case:
 
 
 def _cooled(rng: Generator) -> Case:
-    """Return a case with a prior since which each sensor has cooled by itself, its coefficients those of data sheets."""
+    """Return a case with a prior since which each sensor has cooled by itself, as data sheets have it."""
     pier = sound(rng, 2)
     before, vector = calibrate(pier.recording, pier.array), pier.errors.to_vector()
     for each in vector:
