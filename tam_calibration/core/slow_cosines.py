@@ -19,7 +19,7 @@ BLOCKS = 4 * COSINES
 """Of equal length, in which samples are summed: eight in a period of the fastest cosine."""
 
 
-def slow_cosines() -> FloatArray:
-    """Return the cosines (BLOCKS, COSINES) of 1, 2, … half periods in all blocks, of unit mean square."""
+def slow_cosines(count: int = COSINES) -> FloatArray:
+    """Return the cosines (BLOCKS, count) of 1, 2, … half periods in all blocks, of unit mean square."""
     phase = np.pi * (np.arange(BLOCKS) + 0.5) / BLOCKS
-    return np.asarray(np.sqrt(2) * np.cos(np.outer(phase, np.arange(1, COSINES + 1))))
+    return np.asarray(np.sqrt(2) * np.cos(np.outer(phase, np.arange(1, count + 1))))

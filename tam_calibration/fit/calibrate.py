@@ -43,6 +43,9 @@ METHODS: dict[str, Fit] = {
 }
 DEFAULT_METHOD = "maximum_likelihood"
 
+_FEWEST_FOR_SLOW = 160
+"""Samples from which noise that lasts shows in the residuals: ten in each of the blocks that are compared."""
+
 _OURS = ("maximum_likelihood", "robust")
 """They can fit the gradient of the ambient field with the errors, and their standard errors hold what lasts."""
 
@@ -139,6 +142,11 @@ def calibrate(
         calibration = despite_changes(calibration, given if is_joint else uniform, array, accept)
     if takes_priors and not attitude_is_data and (worth := worth_of(recording, calibration)):
         notes.append(worth)
+    if recording.sample_count < _FEWEST_FOR_SLOW:
+        notes.append(
+            f"{recording.sample_count} samples do not tell whether their noise is white, for which the standard errors "
+            "hold: if it may last from sample to sample, record more"
+        )
     calibration = replace(calibration, held_out=_held_out(recording, array, fit))
     warnings = (*found, *calibration.warnings, *doubts_of(uniform, calibration))
     notes = [note for note in (*notes, *calibration.notes) if note not in warnings]

@@ -25,6 +25,9 @@ _FEWEST_FOR_GRADIENT = 3
 _ACCEPTED_RATIO = 1.1
 """Largest residual over noise floor, apart from chance: data sheets are hardly more exact."""
 
+_FEW_INDEPENDENT = 100.0
+"""Samples over how long their noise lasts, from which standard errors hold (benchmarks/coverage.py)."""
+
 _SMALLEST = 0.25
 """Smallest reduced χ², of half the stated noise: data sheets guarantee more than sensors make."""
 
@@ -84,6 +87,8 @@ def _residual(calibration: Calibration) -> str:
     )
     factor = float(np.sqrt(calibration.variance_factors.largest))
     widened = f"; standard errors are widened by {factor:.3g}" if factor > 1 else ""
+    if widened and (independent := calibration.samples / factor**2) < _FEW_INDEPENDENT:
+        widened += f", and may be too small still, as of {independent:.0f} independent samples"
     if high:
         return f"the residual is above the noise floor ({worst}){widened}: {LOOK_FOR_CAUSE}"
     if widened:

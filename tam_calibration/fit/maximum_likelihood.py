@@ -305,7 +305,10 @@ def _fit_in_memory(
     point, information = gauss_newton(partial(_linearize, likelihood, robust), point, robust)
     if robust:
         noise = StudentNoise.of(likelihood.energy(*point), likelihood.channel_count)
-        information = _linearize(likelihood, False, point).information / noise.variance_factor
+        # The residuals are smaller than the noise by what the errors have taken of it.
+        channels = float(likelihood.channel_count.sum())
+        kept = max(channels - 12 * recording.sensor_count, 1.0) / channels
+        information = kept * _linearize(likelihood, False, point).information / noise.variance_factor
     return point, information
 
 

@@ -12,11 +12,13 @@ import numpy as np
 from numpy.linalg import inv
 
 from tam_calibration.core.normal_equations import gram
+from tam_calibration.core.variance_factors import VarianceFactors
 from tam_calibration.correction.calibration import FRAME_STATEMENT, Calibration
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.estimate import Estimate, make_calibration
 from tam_calibration.fit.handedness import require_one_hand
 from tam_calibration.fit.scale import Normalized, free_scale, normalize
+from tam_calibration.fit.slow_residuals import with_variance_factors
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import BLOCK, Recording, SampleSource
@@ -24,6 +26,9 @@ from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, IntArray, from_degrees
 
 _JACKKNIFE_GROUPS = 64
+_LASTS = 1.5
+"""Factor of the variance from which noise that lasts is told: that of white noise in sixty groups keeps below."""
+
 _FEWEST_SAMPLES = 10
 """An ellipsoid has nine parameters; one sample more lets the jackknife leave one out."""
 
@@ -177,14 +182,16 @@ def finish(
     vectors = every.to_vector().reshape(*bias.shape[:2], 12)
     if frame == FRAME_STATEMENT:
         vectors[:, 0, 9:] = 0
+    lasting = lasting_factor(vectors[1:])
     estimate = Estimate(
         SensorErrors.from_vector(vectors[0], orientation),
-        jackknife(vectors[1:]),
+        lasting * jackknife(vectors[1:]),
         covariance_from_noise=False,
         intensity_T=float(data.radius_T / factor[0]),
         frame=frame,
     )
-    return make_calibration(method, source, array, estimate)
+    calibration = make_calibration(method, source, array, estimate)
+    return with_variance_factors(calibration, VarianceFactors(lasting, lasting)) if lasting > _LASTS else calibration
 
 
 def jackknife(replicates: FloatArray) -> FloatArray:
@@ -199,6 +206,26 @@ def jackknife(replicates: FloatArray) -> FloatArray:
     deviation = (replicates - replicates.mean(axis=0)).reshape(groups, -1)
     wider = (stdtrit(groups - 1, 0.975) / ndtri(0.975)) ** 2
     return np.asarray(wider * (groups - 1) / groups * deviation.T @ deviation)
+
+
+def lasting_factor(replicates: FloatArray) -> float:
+    """Return by how much the variance of an estimate exceeds that of groups (G, ...) that were independent.
+
+    Noise that lasts longer than a group moves neighbours alike. The factor is 1 + 2 Σ r_k, with r_k the autocorrelation
+    of what the groups add to the estimate, k groups apart, of all parameters together, up to the first that is not
+    positive (Geyer 1992). That of independent groups is -1/G in the mean.
+    """
+    groups = len(replicates)
+    deviation = (replicates - replicates.mean(axis=0)).reshape(groups, -1)
+    size = deviation.std(axis=0)
+    white = deviation[:, size > 0] / size[size > 0]
+    factor = 1.0
+    for lag in range(1, groups):
+        correlation = float(np.sum(white[lag:] * white[:-lag])) / white.size + 1 / groups
+        if correlation <= 0:
+            break
+        factor += 2 * correlation
+    return factor
 
 
 _LARGEST_TURN = from_degrees(80.0)

@@ -28,6 +28,8 @@ misalignment from linear regression, angle by angle. That alignment reaches the 
 does not: it regresses what the errors of the ellipsoids, upper triangular, do not touch.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.linalg import LinAlgError, inv
 
@@ -47,7 +49,8 @@ from tam_calibration.fit.moments import (
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import SKETCH, Recording, SampleSource
-from tam_calibration.model.units import FloatArray
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray, to_nanotesla
 
 
 def two_step_linear(recording: SampleSource, array: Array) -> Calibration:
@@ -109,7 +112,21 @@ def simplified_linear(recording: SampleSource, array: Array) -> Calibration:
     center = bias + zero
     products = field_products(moments.joint, unmix, center)
     matrix = inv(unmix) @ rotation_by_regression(regression_on_first(products))
-    return finish("simplified_linear", recording, array, moments.data, matrix, center)
+    calibration = finish("simplified_linear", recording, array, moments.data, matrix, center)
+    return replace(calibration, warnings=_second_order(calibration))
+
+
+def _second_order(calibration: Calibration) -> tuple[str, ...]:
+    """Return a warning where the squares of the errors exceed the standard errors, which do not know them."""
+    errors = calibration.errors
+    size = np.abs(errors.to_vector() - SensorErrors.none(errors.sensor_count).to_vector())[:, :6].max()
+    left_T = max(size, np.abs(errors.bias_T).max() / calibration.intensity_T) ** 2 * calibration.intensity_T
+    if left_T <= calibration.standard_errors[:, 6:9].max():
+        return ()
+    return (
+        f"the simplified linear method leaves some {to_nanotesla(left_T):.2g} nT, the squares of the errors, which its "
+        "standard errors do not know: take another method",
+    )
 
 
 def first_order(moments: FloatArray) -> tuple[FloatArray, FloatArray]:

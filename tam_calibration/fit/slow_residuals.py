@@ -146,19 +146,26 @@ def slow_factor(information: FloatArray, score: FloatArray) -> float:
     information, score = white.T @ information @ white, score @ white
     # At the best errors the channels' sums balance each other, and a prior: what is left is no sign of slowness.
     score = score - score.sum(axis=0) @ information
-    cosines = slow_cosines()
+    # What lasts for a few samples only shows in fast cosines too, of which there are more.
+    compared = [_compared(information, score, cosines) for cosines in (slow_cosines(), slow_cosines(BLOCKS - 1))]
+    if max(deviation for _, deviation in compared) <= _BEYOND:
+        return 1.0
+    return max(1.0, *(ratio for ratio, _ in compared))
+
+
+def _compared(information: FloatArray, score: FloatArray, cosines: FloatArray) -> tuple[float, float]:
+    """Return the variance of sums by some cosines over that of white noise, and in standard deviations of chance."""
     energy = float(np.sum((cosines.T @ score) ** 2))
     taken = np.einsum("bc,bpq->cpq", cosines, information)
     covariance = np.einsum("bc,bd,bpq->cdpq", cosines, cosines, information, optimize=True)
     covariance -= np.einsum("cpr,drq->cdpq", taken, taken)
     expected = float(np.einsum("ccpp->", covariance))
     if expected <= 0:
-        return 1.0
+        return 1.0, 0.0
     # A sum of squares of unequal variances is nearly a multiple of a χ² (Satterthwaite 1946), the cube root of which is
     # nearly normal (Wilson and Hilferty 1931).
     variance = 2 / 9 * float(np.sum(covariance**2)) / expected**2
-    deviation = (np.cbrt(energy / expected) - 1 + variance) / np.sqrt(variance)
-    return energy / expected if deviation > _BEYOND else 1.0
+    return energy / expected, (np.cbrt(energy / expected) - 1 + variance) / np.sqrt(variance)
 
 
 def _by_block(

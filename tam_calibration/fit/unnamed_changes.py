@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import expit, logsumexp
 
 from tam_calibration.correction.update import ALL_BIASES, KINDS, SEVERAL, in_words
 from tam_calibration.fit.contradiction import UNNOTICED, Change, Difference, Hypothesis, is_everything, log_odds
@@ -27,6 +26,8 @@ _TIMES = (3.0, 10.0, 30.0)
 _LOG_MORE = 0.0
 """Logarithm of the odds, before any reading, that more has changed with what is named: as likely as not."""
 
+_MOST_LOG_ODDS = 50.0
+"""From which a probability is one, and its odds are still a number."""
 
 _PARTS = (1.0, 0.3, 0.1, 0.03)
 """Of the size of what is named, that others may have changed by."""
@@ -102,7 +103,8 @@ def _weighed(
     directions = derivative @ directions
     changes = [Change(Hypothesis(name, SEVERAL, 0, directions, (), ""), directions, variance) for variance in variances]
     evidence = np.array([difference.evidence(change) for change in changes])
-    total = float(logsumexp(evidence))
-    probability = float(expit(log_odds + total - np.log(len(changes))))
+    total = float(np.logaddexp.reduce(evidence))
+    odds = np.exp(min(log_odds + total - np.log(len(changes)), _MOST_LOG_ODDS))
+    probability = float(odds / (1 + odds))
     variance = probability * np.exp(evidence - total) @ variances
     return Unnamed(name, probability, directions * variance @ directions.T)

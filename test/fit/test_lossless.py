@@ -63,11 +63,14 @@ def test_covariance_tells_the_spread_of_the_estimate(wu_scenario):
 
 
 def test_one_sensor_has_no_alignment(wu_run, wu_scenario):
-    """A single sensor's covariance is that which it has within the array."""
+    """A single sensor's covariance is that which it has within the array, but for how long the noise lasts.
+
+    That is told by all sensors together, here to 5 % of a standard error.
+    """
     recording = replace(wu_run.recording, readings_T=wu_run.recording.readings_T[:, :1])
     array = replace(wu_scenario.array, positions_m=np.zeros((1, 3)), vector_noise_T=np.array([1e-9]))
     within = lossless(wu_run.recording, wu_scenario.array)
-    assert_allclose(lossless(recording, array).standard_errors, within.standard_errors[:1], rtol=1e-9)
+    assert_allclose(lossless(recording, array).standard_errors, within.standard_errors[:1], rtol=0.05)
 
 
 def test_samples_that_share_their_error_count_once(wu_scenario):
