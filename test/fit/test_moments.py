@@ -3,10 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.signal import lfilter
 from scipy.stats import norm, t
 
 from tam_calibration.fit.integrated import integrated
-from tam_calibration.fit.moments import gather, jackknife
+from tam_calibration.fit.moments import _LASTS, gather, jackknife, lasting_factor
 from tam_calibration.fit.published import artificial_vector, fast_rotation, simplified_linear, two_step_linear
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
@@ -107,6 +108,25 @@ def test_a_jackknife_of_means_is_the_covariance_of_a_mean():
         (t.isf(0.025, 19) / norm.isf(0.025)) ** 2 * np.cov(values.T) / 20,
         rtol=1e-12,
     )
+
+
+@pytest.mark.parametrize(("part", "factor"), [(0.0, 1.0), (0.6, 4.0), (0.9, 19.0)])
+def test_noise_that_lasts_counts_for_as_long_as_it_does(part, factor):
+    """That of a mean of AR(1) noise is (1 + r) / (1 - r) times that of white noise."""
+    drawn = np.random.default_rng(5).normal(size=(20_000, 5))
+    assert lasting_factor(lfilter([1], [1, -part], drawn, axis=0)) == pytest.approx(factor, rel=0.1)
+
+
+def test_few_white_groups_hardly_widen():
+    """In sixty groups of forty parameters a fortieth of the standard error in the mean, and never what is told."""
+    factors = [lasting_factor(drawn) for drawn in np.random.default_rng(6).normal(size=(200, 60, 40))]
+    assert np.mean(factors) < 1.05 and max(factors) < _LASTS
+
+
+def test_the_first_order_says_what_its_standard_errors_do_not_know(wu_run, wu_scenario):
+    """Squares of scale factors of 5 % are some hundred nanotesla, of which no jackknife knows."""
+    [warning] = [each for each in simplified_linear(wu_run.recording, wu_scenario.array).warnings if "squares" in each]
+    assert "which its standard errors do not know" in warning
 
 
 @pytest.mark.parametrize("count", [40, 64, 65, 360])
