@@ -109,3 +109,10 @@ def test_eighteen_samples_are_left_to_fit_when_some_are_held_out(wu_run, wu_scen
     """With fewer there are no residuals of held-out samples."""
     found = _held_out(wu_run.recording.take(slice(samples)), wu_scenario.array, METHODS["maximum_likelihood"])
     assert (found is not None) == is_held_out
+
+
+@pytest.mark.parametrize(("samples", "is_said"), [(159, True), (160, False)])
+def test_few_samples_say_that_they_do_not_tell_slow_noise(wu_run, wu_scenario, samples, is_said):
+    """Their standard errors hold for white noise; whether it is white shows from ten samples in each block on."""
+    found = calibrate(wu_run.recording.take(slice(samples)), wu_scenario.array)
+    assert any("whether their noise is white" in note for note in found.notes) == is_said
