@@ -72,7 +72,7 @@ def run_of(rng: Generator, name: str, count: int) -> tuple[Recording, Array, Sen
     return recording, Array(Array.cross(0.5).positions_m, np.full(4, NOISE_T), 0.05 * NOISE_T), truth
 
 
-SAYS_SO = ("if it may last from sample to sample", "may be too small still", "standard errors do not know")
+SAYS_SO = ("may last from sample to sample", "may be too small still", "standard errors do not know")
 """What an answer says whose standard errors may not hold."""
 
 

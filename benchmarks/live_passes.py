@@ -33,7 +33,7 @@ MINUTES, EVERY_S, NEAR_S = 12, 120.0, 50.0
 NOISE_T, SCALAR_NOISE_T = ARRAY.vector_noise_T[0], ARRAY.scalar_noise_T
 
 TIMES_STORED, BESIDE_T_PER_M = 1.2, 0.5e-9
-"""Largest tensor error that a published calibration may have: times that of the stored one, and beside it."""
+"""Largest tensor error that a published calibration may have: a multiple of the stored one's, plus a constant."""
 
 Source = Callable[[Generator], Callable[[FloatArray], FloatArray]]
 """Draws a source, and gives its field (..., 3) at places (..., 3) beside its nearest point, tesla and metres."""

@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 from tam_calibration.model.units import FloatArray
 
 Noise = Callable[[Generator, tuple[int, ...]], FloatArray]
-"""Draws noise of a shape, each channel by itself."""
+"""Makes noise of a given shape, independent in each channel."""
 
 
 def white(rng: Generator, shape: tuple[int, ...]) -> FloatArray:

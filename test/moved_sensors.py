@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from tam_calibration.correction.update import KINDS
+from tam_calibration.fit.contradiction import Difference
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.prior import in_first_frame, prior_of
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -44,3 +45,14 @@ def joined(before, after, first):
     readings = before.readings_T.copy()
     readings[first:] = after.readings_T[first:]
     return replace(before, readings_T=readings)
+
+
+def lone(prior, evidence, kind="bias", sensor=2):
+    """Return a difference that one change of a bias explains by a given evidence, known to 1 nT along x."""
+    information = np.zeros((48, 48))
+    place = 12 * sensor + 3 * KINDS.index(kind)
+    information[place, place] = 1e18
+    size = 1e18 * (10e-9) ** 2
+    score = np.zeros(48)
+    score[place] = np.sqrt((2 * evidence + np.log(1 + size)) * 1e18 * (1 + 1 / size))
+    return Difference(score, information, 1.0, 30)

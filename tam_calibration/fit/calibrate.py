@@ -142,11 +142,6 @@ def calibrate(
         calibration = despite_changes(calibration, given if is_joint else uniform, array, accept)
     if takes_priors and not attitude_is_data and (worth := worth_of(recording, calibration)):
         notes.append(worth)
-    if recording.sample_count < _FEWEST_FOR_SLOW:
-        notes.append(
-            f"{recording.sample_count} samples do not tell whether their noise is white, for which the standard errors "
-            "hold: if it may last from sample to sample, record more"
-        )
     calibration = replace(calibration, held_out=_held_out(recording, array, fit))
     warnings = (*found, *calibration.warnings, *doubts_of(uniform, calibration))
     notes = [note for note in (*notes, *calibration.notes) if note not in warnings]
@@ -162,8 +157,13 @@ def _checked(
     faults = require_sound(recording, array, accept, screened=screened)
     found = [fault.sentence for fault in faults if fault.severity != "note"]
     notes = [fault.sentence for fault in faults if fault.severity == "note"]
+    if used.sample_count < _FEWEST_FOR_SLOW:
+        notes.append(
+            f"{used.sample_count} samples do not show whether their noise is white, as the standard errors assume: "
+            "record more if it may last from sample to sample"
+        )
     recording.thinned(SKETCH).check_plausible(array.field)
-    if left_out is None or (is_joint and left_out.is_lasting):  # what is known beside tells itself what has changed
+    if left_out is None or (is_joint and left_out.is_lasting):  # the joint fit finds what has changed itself
         return recording, found, notes
     change = what_changed(recording, array) if left_out.is_lasting else None
     if change is not None and change.is_explained:

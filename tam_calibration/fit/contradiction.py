@@ -119,10 +119,7 @@ _NO_CHANGE = 1e-9
 MOST_CHANGES = 3
 """Found one after the other: where more moved, the whole array has, which is one of them."""
 
-UNNOTICED = 0.01
-"""Probability that something moved since the prior by more than its rates of change say."""
-
-_PLAUSIBLE = 0.05
+PLAUSIBLE = 0.05
 """Probability from which a change is told beside the most probable one, and the prior widened for it too."""
 
 
@@ -261,24 +258,6 @@ def changes_that_explain(difference: Difference, candidates: Sequence[Sequence[C
     return found
 
 
-def hinted_covariance(difference: Difference, candidates: Sequence[Sequence[Change]]) -> FloatArray:
-    """Return the covariance (12 K, 12 K) that changes too uncertain to be told add to that of a prior.
-
-    Each adds the square of its estimate times its probability (the law of total variance): a difference that chance
-    makes once in a thousand updates is a small change once in ten.
-
-    Parameters
-    ----------
-    difference, candidates
-        As for ``changes_that_explain``, where that finds none.
-    """
-    every = [change for sizes in candidates for change in sizes]
-    evidence = np.array([difference.evidence(change) + log_odds(change) for change in every])
-    weight = UNNOTICED / len(every) * np.exp(evidence)
-    moved = np.array([change.directions @ difference.estimated(change).estimate for change in every])
-    return np.asarray(moved.T * (weight / (1 + weight.sum())) @ moved)
-
-
 def log_odds(change: Change) -> float:
     """Return the logarithm of the probability of a change before any data, over that of one kind of one sensor.
 
@@ -297,7 +276,7 @@ def plausible(weighed: Sequence[tuple[float, Change]]) -> list[Change]:
     return [
         replace(change, probability=probability)
         for (_, change), probability in zip(ordered, part.tolist(), strict=True)
-        if probability >= _PLAUSIBLE or change is ordered[0][1]
+        if probability >= PLAUSIBLE or change is ordered[0][1]
     ]
 
 

@@ -15,7 +15,7 @@ from tam_calibration.correction.update import SEVERAL, Moved, Update, in_words
 from tam_calibration.effects.removal import of_array
 from tam_calibration.fit.attitude_check import judge_attitude
 from tam_calibration.fit.consistency import Fit, accepted, require_one_field, require_one_sphere
-from tam_calibration.fit.contradiction import SIGNIFICANT
+from tam_calibration.fit.contradiction import PLAUSIBLE, SIGNIFICANT
 from tam_calibration.fit.estimate import mean_temperature
 from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, update_of
@@ -34,9 +34,6 @@ from tam_calibration.model.units import FloatArray, to_nanotesla
 
 _MOST_ROUNDS = 5
 """Of an update: the first may take what is slow for a change of the sensors. Three were the most that were needed."""
-
-_WORTH_A_WORD = 0.05
-"""Probability of what else may have changed from which it is told."""
 
 _MUCH_MORE = 3.0
 """Noise over that of the prior, where none is stated: estimates from twenty samples differ by less."""
@@ -273,7 +270,7 @@ def _doubts(calibration: Calibration, given: Prior, update: Update, unnamed: Seq
             "all errors of all sensors seem to have changed since the prior: so look other sensors, sensors in another "
             "order, and a field that is not uniform, as near a source; turn the array elsewhere, and compare"
         )
-    elif update.moved and (more := [each for each in unnamed if each.probability > _WORTH_A_WORD]):
+    elif update.moved and (more := [each for each in unnamed if each.probability > PLAUSIBLE]):
         names = ", ".join(f"{each.name} (probability {each.probability:.2g})" for each in more)
         doubts.append(
             f"more may have changed since the prior than what is named: {names}; the standard errors allow for it: "

@@ -11,7 +11,6 @@ by the energy that is left and the number of their unknowns (Schwarz 1978).
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import reduce
 from itertools import pairwise
 
 import numpy as np
@@ -236,11 +235,9 @@ def resolve(recording: SampleSource, array: Array, known: Known, most_times: int
         return Resolved(recording, known)
     noisy, posterior, _ = with_noise(recording, array, known)
     difference, found = _contradiction(recording, noisy, known)
+    unnamed = unnamed_changes(difference, known.prior, found, _candidates(recording, known))
     if not found:
-        hints = contradiction.hinted_covariance(difference, _candidates(recording, known))
-        unnamed = unnamed_changes(difference, known.prior, found)
-        beside = replace(known, prior=_with_unnamed(known.prior.with_more(hints), unnamed))
-        return Resolved(recording, beside, difference, unnamed=unnamed)
+        return Resolved(recording, _allowing_for(unnamed, known), difference, unnamed=unnamed)
     beside = replace(known, prior=_widened(known.prior, found))
     resolved = Resolved(recording, beside, None, found, _moved(found, None))
     parts: list[Recording] = []
@@ -259,9 +256,7 @@ def resolve(recording: SampleSource, array: Array, known: Known, most_times: int
             posterior = posterior_of(resolved.recording, noisy, resolved.known)
     if resolved.earlier or resolved.refusal is not None:
         return replace(resolved, difference=difference)
-    unnamed = unnamed_changes(difference, known.prior, found)
-    beside = replace(known, prior=_with_unnamed(_widened(known.prior, found), unnamed))
-    return replace(resolved, known=beside, difference=difference, unnamed=unnamed)
+    return replace(resolved, known=_allowing_for(unnamed, beside), difference=difference, unnamed=unnamed)
 
 
 def _in_sequence(parts: Sequence[Recording], array: KnownNoiseArray, known: Known) -> Resolved | None:
@@ -374,9 +369,11 @@ def _widened(prior: Prior, found: _Found) -> Prior:
     return prior
 
 
-def _with_unnamed(prior: Prior, unnamed: Sequence[Unnamed]) -> Prior:
-    """Return the prior less certain by what may have changed beside."""
-    return reduce(lambda wider, each: wider.with_more(each.covariance), unnamed, prior)
+def _allowing_for(unnamed: Sequence[Unnamed], known: Known) -> Known:
+    """Return what is known with a prior that is less certain by what may have changed and is not named."""
+    assert known.prior is not None
+    more = sum((each.covariance for each in unnamed), np.zeros_like(known.prior.covariance))
+    return replace(known, prior=known.prior.with_more(more))
 
 
 def _moved(found: _Found, since_s: float | None) -> tuple[Moved, ...]:

@@ -4,11 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from moved_sensors import SIZES, moved
+from moved_sensors import SIZES, lone, moved, turn
 
 from tam_calibration.fit import calibrate
-from tam_calibration.fit.posterior import Known
+from tam_calibration.fit.contradiction import Difference, candidates_of
+from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
+from tam_calibration.fit.posterior import Known, posterior_of
 from tam_calibration.fit.resolved_prior import resolve
+from tam_calibration.fit.unnamed_changes import small_changes
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import from_degrees
 from tam_calibration.simulation import simulate
@@ -51,10 +54,21 @@ def test_sensors_that_all_warmed_unseen(wu_scenario, prior, seed):
     assert found.update.moved and (off < 4.5 * found.standard_errors[:, :9]).all()
 
 
-def test_an_unchanged_array_loses_nothing(wu_scenario, prior):
-    """Standard errors beside a prior that the readings agree with stay within a hundredth."""
+def test_an_unchanged_array_loses_nothing(wu_scenario, array, prior):
+    """Standard errors with a prior that the readings agree with stay within a hundredth of those of a plain update."""
     made = narrow_turn(wu_scenario, wu_scenario.errors, 4)
     found = calibrate(made, wu_scenario.array, prior=prior)
-    assert not found.update.moved
-    share = np.sqrt(1 - found.update.data_share[:, :9]) * found.update.prior_standard_errors[:, :9]
-    assert (found.standard_errors[:, :9] <= 1.01 * share).all()
+    plain = maximum_a_posteriori(made, array, Known(prior)).standard_errors
+    assert not found.update.moved and (found.standard_errors <= 1.01 * plain).all()
+
+
+def test_a_hint_of_a_change_widens_a_prior(wu_scenario, array, prior):
+    """In proportion to its odds; chance widens no standard error of a clean turn by a hundredth."""
+    candidates = candidates_of(prior, True)
+    small, larger = (small_changes(lone(prior, evidence), candidates).covariance[30, 30] for evidence in (2.0, 5.0))
+    square = [(lone(prior, evidence).score[30] / 1e18) ** 2 for evidence in (2.0, 5.0)]
+    assert larger / square[1] == pytest.approx(np.exp(3) * small / square[0], rel=0.3)
+    difference = Difference.of(prior, posterior_of(turn(wu_scenario, wu_scenario.errors, 3), array, prior))
+    widened = np.diag(small_changes(difference, candidates).covariance)
+    free = np.diag(prior.covariance) > 0
+    assert (widened[free] < 0.02 * np.diag(prior.covariance)[free]).all()
