@@ -42,7 +42,9 @@ class StudentNoise:
     @classmethod
     def of(cls, energy: FloatArray, channels: FloatArray) -> "StudentNoise":
         """Return the noise whose scale is the most likely one."""
-        noise = cls(energy, channels, max(float(np.median(energy / channels)), _SMALLEST_SQUARE))
+        # One sensor tells nothing where the scalar is missing.
+        known = channels > 0
+        noise = cls(energy, channels, max(float(np.median(energy[known] / channels[known])), _SMALLEST_SQUARE))
         for _ in range(_MOST_STEPS):
             previous, square = noise.square, noise.spread_of(1)
             noise = cls(energy, channels, max(square, _SMALLEST_SQUARE))

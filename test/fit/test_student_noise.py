@@ -42,3 +42,12 @@ def test_samples_of_no_noise_count_most():
     """1 + c/6 of c channels; half of that at a distance of √6 of the scale."""
     noise = StudentNoise(np.array([0.0, 6.0]), np.full(2, 3.0), 1.0)
     assert noise.weights.tolist() == [1.5, 0.75]
+
+
+def test_samples_without_a_channel_count_for_nothing():
+    """One sensor tells nothing where the scalar is missing: the noise is that of the other samples."""
+    energy = np.random.default_rng(4).chisquare(3, 500)
+    channels = np.full(500, 3.0)
+    alone = StudentNoise.of(energy, channels)
+    with_gaps = StudentNoise.of(np.append(energy, np.zeros(100)), np.append(channels, np.zeros(100)))
+    assert with_gaps.square == pytest.approx(alone.square, rel=1e-9)
