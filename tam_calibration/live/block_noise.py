@@ -101,6 +101,11 @@ class BlockNoise:
         """Add a block."""
         self._blocks.append(means)
 
+    @property
+    def is_known(self) -> bool:
+        """Whether it has seen blocks enough for noise that lasts."""
+        return len(self._blocks) >= (_PAIRS + 1) * _LAGS[-1]
+
     def factors(self, errors: SensorErrors) -> VarianceFactors:
         """Return the variance of the means of blocks over that of white noise; 1 where it may be that.
 

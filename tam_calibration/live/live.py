@@ -244,8 +244,9 @@ class Live:
         now, published = self.state.recursion.now, self.state.published
         if self.is_suspicious or (self._trial is not None and self._trial.is_over and not self._trial.has_passed):
             self._trial = None
-        if self._trial is None and not self.is_suspicious and published.change_to(now) >= PUBLISHED_FROM:
-            self._trial = Trial(now, published.spread_of(now) > 1)
+        is_begun = self._noise.is_known and self._trial is None and not self.is_suspicious
+        if is_begun and published.change_to(now) >= PUBLISHED_FROM:
+            self._trial = Trial(now)
         if self._trial is not None:
             self._trial = self._trial.after(moments, published, self._likelihood)
 

@@ -28,6 +28,9 @@ from tam_calibration.model.exceptions import InputError
 
 CHANGE_S = 31.0
 
+NOISE_KNOWN_S = 80.0
+"""Stamp from which the noise over a quarter of a minute is known."""
+
 
 @pytest.fixture(scope="module")
 def prior(true_errors, cross):
@@ -168,10 +171,17 @@ def test_tell_leaves_the_calibration_and_restore_brings_the_stored_one_back(prio
     assert not np.array_equal(told.state.recursion.now.errors.to_vector(), prior.errors.to_vector())
 
 
+def test_nothing_is_published_before_slow_noise_can_be_seen(prior, true_errors, cross):
+    """A bias of 20 nT is learned within half a minute, and published once blocks a quarter of a minute apart agree."""
+    after = moved(true_errors, 2, bias_T=np.array([20e-9, 0, 0]))
+    live, _ = run(prior, true_errors, after, cross, "learn", until_s=NOISE_KNOWN_S)
+    assert live.state.recursion.now.distance(after) < 2 and live.news() is None
+
+
 def test_learn_finds_the_new_errors_and_publishes_them(prior, true_errors, cross):
     """They lie within their new standard errors; what has not changed is as certain as before."""
     after = moved(true_errors, 2, bias_T=np.array([20e-9, 0, 0]))
-    live, _ = run(prior, true_errors, after, cross, "learn")
+    live, _ = run(prior, true_errors, after, cross, "learn", until_s=NOISE_KNOWN_S + 20)
     calibration = live.news()
     deviation = (calibration.errors.to_vector() - after.to_vector()) / calibration.standard_errors.clip(1e-15)
     deviation[0, 9:] = 0

@@ -21,9 +21,9 @@ CHANGE = 300
 
 @pytest.fixture(scope="module")
 def mission(true_errors):
-    """Return 70 s at 10 Hz, after 30 of which the bias of sensor 2 moves by 40 nT, and the errors then."""
+    """Return 100 s at 10 Hz, after 30 of which the bias of sensor 2 moves by 40 nT, and the errors then."""
     generator = np.random.default_rng(3)
-    time_s = np.arange(700) / 10
+    time_s = np.arange(1000) / 10
     after = moved(true_errors, 2, bias_T=np.array([32e-9, 0, -24e-9]))
     field = field_of_array(time_s / 3)
     readings = np.concatenate([true_errors.distort(field[:CHANGE]), after.distort(field[CHANGE:])])
