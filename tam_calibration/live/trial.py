@@ -15,8 +15,8 @@ CLEARLY_BETTER = 100.0
 it once in ten thousand trials of four sensors."""
 
 NOTICEABLY_BETTER = 0.01
-"""Part of the squared residuals by which they fall as well: biases of all sensors that were off by a tenth of the noise.
-Errors that the mission does not turn through may become worse with less."""
+"""Part of the squared residuals by which they fall as well: biases of all sensors were off by a tenth of the noise.
+With less, errors that the mission does not turn through may become worse."""
 
 
 @dataclass(frozen=True, eq=False)
