@@ -253,7 +253,7 @@ class Live:
     def _follow_noise(self, means: BlockMeans) -> None:
         """Weigh samples by what the noise of blocks shows, or that of the stored calibration showed."""
         self._noise.add(means)
-        errors = self.state.published.errors if self.is_suspicious else means.errors
+        errors = means.errors if self._suspicion is None else self._suspicion.first.before.errors
         factors = self._calibration.variance_factors.at_least(self._noise.factors(errors))
         if not factors.is_near(self._likelihood.factors, NOISE_CHANGED):
             self._likelihood = replace(self._likelihood, factors=factors)
