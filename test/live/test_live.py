@@ -24,7 +24,9 @@ from tam_calibration.live.change_window import (
 )
 from tam_calibration.live.live import MOST_CHANGES, PUBLISHED_FROM, WIDENED, Live
 from tam_calibration.live.recursion import LARGEST_WALK, Belief, Recursion
+from tam_calibration.model.change_rates import DAY_S, ChangeRates
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.sensor_errors import SensorErrors
 
 CHANGE_S = 31.0
 
@@ -67,6 +69,18 @@ def test_a_change_is_told_by_sensor_and_parameters(prior, true_errors, cross, pa
     assert told.sensor == 3 and told.parameters[0] == parameters
     assert CHANGE_S < told_s < CHANGE_S + 30 and abs(told.since_s - CHANGE_S) < 2 * BLOCK_S
     assert told.sentence.startswith(f"{parameters} of sensor 3 by ")
+
+
+def test_a_change_is_told_of_sensors_that_have_aged(prior, true_errors, cross):
+    """What they have changed in a day is learned, and no noise of the blocks by the calibration of before."""
+    aged = true_errors.to_vector() + np.random.default_rng(8).normal(size=(4, 12)) * np.sqrt(
+        ChangeRates().variances(DAY_S, 0.0)
+    )
+    aged[0, 9:] = 0
+    errors = SensorErrors.from_vector(aged, true_errors.orientation)
+    live, told_s = run(prior, errors, moved(errors, 3, bias_T=np.array([6e-9, 4e-9, 0])), cross)
+    [told] = live.state.changes
+    assert (told.sensor, told.parameters[0]) == (3, "bias") and told_s < CHANGE_S + 30
 
 
 @pytest.mark.parametrize(
