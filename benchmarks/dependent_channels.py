@@ -119,7 +119,9 @@ def changed(case: Case, given: Calibration | str) -> str:
     lag = float(np.corrcoef(error.as_rotvec()[1:, 0], error.as_rotvec()[:-1, 0])[0, 1])
     size *= np.sqrt((1 + lag) / (1 - lag)) if lag > 0.5 else 1.0
     try:
-        require_accurate(maximum_a_posteriori(case.recording, replace(case.array, attitude_noise=size), Known()))
+        require_accurate(
+            maximum_a_posteriori(case.recording, replace(case.array, attitude_noise=size), Known()), case.recording
+        )
     except (InputError, Refused):
         return ""
     return given

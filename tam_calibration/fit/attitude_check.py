@@ -192,7 +192,7 @@ class _Fit:
         for noise in _NOISES[:-1]:
             with suppress(InputError, Refused):
                 calibration = maximum_a_posteriori(recording, replace(array, attitude_noise=noise), known)
-                require_accurate(calibration)
+                require_accurate(calibration, recording)
                 break
         else:
             noise = _NOISES[-1]

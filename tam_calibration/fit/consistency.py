@@ -175,7 +175,7 @@ def accepted(recording: SampleSource, array: Array, fit: Fit) -> Calibration:
         require_one_sphere(recording)
         raise
     require_one_field(recording, calibration)
-    require_accurate(calibration)
+    require_accurate(calibration, recording)
     return calibration
 
 

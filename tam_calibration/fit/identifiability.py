@@ -24,6 +24,9 @@ LARGEST_ANGLE_ERROR = 0.01
 _LARGEST_RELATIVE_ERROR = 0.005
 """The same of a scale factor, and of a bias over the intensity: 250 nT, as large as what is to be found."""
 
+_FROM_STATED_NOISE = "maximum_likelihood"
+"""Method whose standard errors follow from the stated noise; those of all others follow from what the fit leaves."""
+
 _CONTRADICTED = 10.0
 """Residual over the noise from which no noise that is stated too small explains it: data sheets are within twice."""
 
@@ -70,27 +73,42 @@ def require_determined(recording: SampleSource, array: Array, is_uniform: bool =
     some = field[:: -(-len(field) // _SAMPLES)]
     covariance = bound(some, SensorErrors.none(recording.sensor_count), noisy, data.has_scalar)
     excess = _noise_excess(data, noisy) if is_uniform else 1.0
-    # Noise in a plane passes for directions outside it, but not for enough of them.
-    may_contradict = measure_coverage(some).relative_error <= ENOUGH_RELATIVE_ERROR
-    _require_small(np.sqrt(np.diag(covariance)), excess, data.radius_T, may_contradict)
+    _require_small(np.sqrt(np.diag(covariance)), excess, data.radius_T, some)
 
 
-def _require_small(errors: FloatArray, excess: float, intensity_T: float, may_contradict: bool = True) -> None:
-    """Refuse standard errors that an excess of the residual over the noise makes too large, and say what it is."""
+def _require_small(errors: FloatArray, excess: float, intensity_T: float, field_T: FloatArray) -> None:
+    """Refuse standard errors (12 K,) that are too large for the directions of the field (N, 3), or for the noise.
+
+    Noise in a plane passes for directions outside it, but not for enough of them.
+    """
     names = open_parameters(excess * errors, intensity_T)
-    if names and may_contradict and excess > _CONTRADICTED and not open_parameters(errors, intensity_T):
+    if not names:
+        return
+    if measure_coverage(field_T).relative_error > ENOUGH_RELATIVE_ERROR:
+        refuse_open(excess * errors, intensity_T)
+    if excess > _CONTRADICTED:
         raise Refused(
             f"the residual is {excess:.3g} times the noise, which leaves {names} open, although the directions are "
             "enough: look for the cause with tam diagnose"
         )
-    refuse_open(excess * errors, intensity_T)
+    raise InputError(
+        f"the noise leaves {names} open, although the directions are enough: record longer, or check the noise that "
+        "the array file states"
+    )
 
 
-def require_accurate(calibration: Calibration) -> None:
+def require_accurate(calibration: Calibration, recording: SampleSource) -> None:
     """Check, after a fit, that no parameter's standard error is too large to be of use.
 
     The standard errors count for the residual that is left, where it exceeds the noise, but not for how long it lasts:
     what the directions determine is judged, and the accuracy is told.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        Of the recording.
+    recording : SampleSource
+        Raw readings of K sensors.
 
     Raises
     ------
@@ -99,9 +117,12 @@ def require_accurate(calibration: Calibration) -> None:
     Refused
         When noise alone would have left none open.
     """
-    left = (calibration.reduced_chi_square.get(channel, 1.0) for channel in ("differential", "common_mode"))
-    excess = np.sqrt(max(1.0, *left) / calibration.variance_factors.largest)
-    _require_small(calibration.standard_errors.ravel(), float(excess), calibration.intensity_T)
+    excess = 1.0
+    if calibration.method == _FROM_STATED_NOISE:
+        left = (calibration.reduced_chi_square.get(channel, 1.0) for channel in ("differential", "common_mode"))
+        excess = float(np.sqrt(max(1.0, *left) / calibration.variance_factors.largest))
+    field_T = field_of(recording.thinned(SKETCH), calibration.errors)
+    _require_small(calibration.standard_errors.ravel(), excess, calibration.intensity_T, field_T)
 
 
 def _noise_excess(data: Normalized, array: KnownNoiseArray) -> float:

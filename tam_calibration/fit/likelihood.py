@@ -146,8 +146,9 @@ class Likelihood:
 
     @property
     def channel_count(self) -> FloatArray:
-        """(N,) number of whitened channels of each sample: 3K - 3, and one more with a reference."""
-        return np.asarray(3.0 * self.points.shape[1] - 3 + np.isfinite(self.intensity))
+        """(2, N) number of whitened channels of each sample: 3K - 3 between the sensors, and one with a reference."""
+        differential = np.full(len(self.points), 3.0 * self.points.shape[1] - 3)
+        return np.stack([differential, np.isfinite(self.intensity)])
 
     def linearize(
         self,
@@ -164,18 +165,19 @@ class Likelihood:
             D Λ of each sensor.
         bias : (K, 3) array
             Of each sensor, in the unit of the readings.
-        weights : (N,) array, optional
-            By how much each sample counts; by default each counts as one.
+        weights : (2, N) array, optional
+            By how much the differential channels of each sample count, and its common mode; by default as one.
         ambient_gradient : (P,) array
             Components xx, xy, xz, yy, yz of the ambient gradient in the world, in the unit of the readings per metre;
             by default the field is uniform.
         """
         channels = ChannelMaps.at(matrix, bias, ambient_gradient, self.vector_noise, self.turning)
-        moments = self._moments if weights is None else _second_moments(self._flat, weights)
-        return normal_equations(channels, moments, self._common_mode_sums(channels, weights), len(self.points))
+        of_differential, of_common = (None, None) if weights is None else weights
+        moments = self._moments if weights is None else _second_moments(self._flat, of_differential)
+        return normal_equations(channels, moments, self._common_mode_sums(channels, of_common), len(self.points))
 
     def energy(self, matrix: FloatArray, bias: FloatArray, ambient_gradient: FloatArray = UNIFORM) -> FloatArray:
-        """Return the (N,) sums of the squares of each sample's whitened channels.
+        """Return the (2, N) sums of the squares of each sample's differential channels, and of its common mode.
 
         Parameters
         ----------
@@ -189,12 +191,12 @@ class Likelihood:
         """
         assert self.interpolation_noise is None, "what samples share is no sample's own"
         channels = ChannelMaps.at(matrix, bias, ambient_gradient, self.vector_noise, self.turning)
-        energy = np.empty(len(self.points))
+        energy = np.zeros((2, len(self.points)))
         for part in self._pieces():
             unbiased = self._flat[part] @ channels.unbiased[:, :-1].T + channels.unbiased[:, -1]
-            energy[part] = np.sum((unbiased @ channels.elimination.directions) ** 2, axis=1)
+            energy[0, part] = np.sum((unbiased @ channels.elimination.directions) ** 2, axis=1)
             there = self._common_mode(part, channels)
-            energy[part][there.known] += there.precision * there.residual**2
+            energy[1, part][there.known] = there.precision * there.residual**2
         return energy
 
     @cached_property

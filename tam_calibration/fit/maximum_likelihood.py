@@ -160,9 +160,10 @@ def maximum_likelihood(
     array : Array
         Geometry and noise; a noise that is not stated is estimated.
     robust : bool
-        Whether the noise is taken for Student-t with six degrees of freedom and a scale that is estimated, so that
-        outliers count little. Without outliers this costs a few per cent of the standard errors. The intensity is not
-        interpolated: what samples share cannot be weighed sample by sample.
+        Whether the noise is taken for Student-t with six degrees of freedom, so that outliers count little. Two scales
+        are estimated, of the differences of the sensors and of the common mode. Without outliers this costs a few per
+        cent of the standard errors. The intensity is not interpolated: what samples share cannot be weighed sample by
+        sample.
     ambient_gradient : bool
         Whether the field had a gradient that is uniform in the world: its five components are fitted too, from the
         samples with attitude.
@@ -304,20 +305,26 @@ def _fit_in_memory(
         likelihood, point = _aligned_start(recording, array, likelihood, point)
     point, information = gauss_newton(partial(_linearize, likelihood, robust), point, robust)
     if robust:
-        noise = StudentNoise.of(likelihood.energy(*point), likelihood.channel_count)
+        differential, common = _student_noises(likelihood, point)
         # The residuals are smaller than the noise by what the errors have taken of it.
         channels = float(likelihood.channel_count.sum())
         kept = max(channels - 12 * recording.sensor_count, 1.0) / channels
-        information = kept * _linearize(likelihood, False, point).information / noise.variance_factor
+        here = _linearize(likelihood, False, point)
+        information = (here.information - here.common_information) / differential.variance_factor
+        information = kept * (information + here.common_information / common.variance_factor)
     return point, information
 
 
 def _linearize(likelihood: Likelihood, robust: bool, point: Point) -> Linearization:
     weights = None
     if robust:
-        noise = StudentNoise.of(likelihood.energy(*point), likelihood.channel_count)
-        weights = noise.weights / noise.square
+        weights = np.array([noise.weights / noise.square for noise in _student_noises(likelihood, point)])
     return likelihood.linearize(point.matrix, point.bias, weights, point.gradient)
+
+
+def _student_noises(likelihood: Likelihood, point: Point) -> list[StudentNoise]:
+    """Return the noise of the differential channels and of the common mode: each may be other than stated."""
+    return list(map(StudentNoise.of, likelihood.energy(*point), likelihood.channel_count))
 
 
 def _likelihood(recording: Recording, array: KnownNoiseArray, data: Normalized, may_interpolate: bool) -> Likelihood:

@@ -49,8 +49,7 @@ from tam_calibration.fit.moments import (
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import SKETCH, Recording, SampleSource
-from tam_calibration.model.sensor_errors import SensorErrors
-from tam_calibration.model.units import FloatArray, to_nanotesla
+from tam_calibration.model.units import FloatArray
 
 
 def two_step_linear(recording: SampleSource, array: Array) -> Calibration:
@@ -97,7 +96,8 @@ def simplified_linear(recording: SampleSource, array: Array) -> Calibration:
     Returns
     -------
     Calibration
-        With the covariance of a jackknife over groups of samples, which does not know what the first order leaves.
+        With the covariance of a jackknife over groups of samples, and of what the first order leaves: the difference to
+        ``two_step_linear``.
 
     Raises
     ------
@@ -113,20 +113,10 @@ def simplified_linear(recording: SampleSource, array: Array) -> Calibration:
     products = field_products(moments.joint, unmix, center)
     matrix = inv(unmix) @ rotation_by_regression(regression_on_first(products))
     calibration = finish("simplified_linear", recording, array, moments.data, matrix, center)
-    return replace(calibration, warnings=_second_order(calibration))
-
-
-def _second_order(calibration: Calibration) -> tuple[str, ...]:
-    """Return a warning where the squares of the errors exceed the standard errors, which do not know them."""
-    errors = calibration.errors
-    size = np.abs(errors.to_vector() - SensorErrors.none(errors.sensor_count).to_vector())[:, :6].max()
-    left_T = max(size, np.abs(errors.bias_T).max() / calibration.intensity_T) ** 2 * calibration.intensity_T
-    if left_T <= calibration.standard_errors[:, 6:9].max():
-        return ()
-    return (
-        f"the simplified linear method leaves some {to_nanotesla(left_T):.2g} nT, the squares of the errors, which its "
-        "standard errors do not know: take another method",
-    )
+    # What the first order leaves is no noise, and is the same for any number of samples.
+    left = calibration.errors.to_vector() - two_step_linear(recording, array).errors.to_vector()
+    assert calibration.covariance is not None
+    return replace(calibration, covariance=calibration.covariance + np.outer(left, left))
 
 
 def first_order(moments: FloatArray) -> tuple[FloatArray, FloatArray]:

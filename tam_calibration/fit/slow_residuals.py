@@ -8,7 +8,7 @@ would have too few degrees of freedom. The differential channels and the common 
 the scalar's residual may last while the sensors agree to their white noise.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -47,7 +47,7 @@ _DIFFERENTIAL, _COMMON_MODE = 0, 1
 
 
 def variance_factors(
-    calibration: Calibration, recording: SampleSource, student: StudentNoise | None = None
+    calibration: Calibration, recording: SampleSource, student: Sequence[StudentNoise] = ()
 ) -> VarianceFactors:
     """Return the variance of what each channel tells a fit over that of white noise.
 
@@ -57,8 +57,8 @@ def variance_factors(
         With the noise that the information counts with.
     recording : SampleSource
         That it was fitted to, an ambient gradient taken off.
-    student : StudentNoise, optional
-        By which its samples were weighted.
+    student : sequence of StudentNoise, optional
+        By which its samples were weighted: of the differential channels, and of the common mode.
 
     Returns
     -------
@@ -86,14 +86,17 @@ def widened(calibration: Calibration, recording: SampleSource, is_robust: bool =
         Whether its samples were weighted as those of noise with outliers, of which its covariance holds the size.
     """
     assert calibration.covariance is not None
-    student = _student_noise(calibration, recording) if is_robust else None
+    student = _student_noises(calibration, recording) if is_robust else ()
     factors, covariance = variance_factors(calibration, recording, student), calibration.covariance.copy()
     if factors == WHITE:
         return calibration
-    differential, told = _by_block(calibration, recording, None)[0][_DIFFERENTIAL].sum(axis=0), factors
-    if student is not None:
-        differential /= student.variance_factor
-        told = factors.times(student.variance_factor).at_least(WHITE)
+    differential, told = _by_block(calibration, recording, ())[0][_DIFFERENTIAL].sum(axis=0), factors
+    if student:
+        sizes = VarianceFactors(*(noise.variance_factor for noise in student))
+        differential /= sizes.differential
+        told = VarianceFactors(
+            factors.differential * sizes.differential, factors.common_mode * sizes.common_mode
+        ).at_least(WHITE)
     seen = np.delete(np.arange(len(covariance)), _FRAME)
     inside, size = np.ix_(seen, seen), len(seen)
     covariance[inside] = _sandwich(covariance[inside], differential[:size, :size], factors)
@@ -169,7 +172,7 @@ def _compared(information: FloatArray, score: FloatArray, cosines: FloatArray) -
 
 
 def _by_block(
-    calibration: Calibration, recording: SampleSource, student: StudentNoise | None
+    calibration: Calibration, recording: SampleSource, student: Sequence[StudentNoise]
 ) -> tuple[FloatArray, FloatArray]:
     """Return what each channel tells of the errors, and of a free intensity, in blocks of time.
 
@@ -186,16 +189,18 @@ def _by_block(
     information = np.zeros((2, BLOCKS, rows.shape[1], rows.shape[1]))
     score = np.zeros((2, BLOCKS, rows.shape[1]))
     point, first = (errors.matrix, np.zeros_like(errors.bias_T)), 0
+    variance = [noise.spread_of(2) for noise in student] or [1.0, 1.0]
     for block, part in _parts(recording):
-        likelihood, variance = _likelihood(calibration, part, has_scalar), 1.0
+        likelihood = _likelihood(calibration, part, has_scalar)
         here = scored = likelihood.linearize(*point)
-        if student is not None:
-            variance = student.spread_of(2)
-            scored = likelihood.linearize(*point, student.weights[first : first + part.sample_count])
+        if student:
+            weights = np.array([noise.weights[first : first + part.sample_count] for noise in student])
+            scored = likelihood.linearize(*point, weights)
             first += part.sample_count
-        information[_DIFFERENTIAL, block] += rows.T @ (here.information - here.common_information) @ rows * variance
+        differential = here.information - here.common_information
+        information[_DIFFERENTIAL, block] += rows.T @ differential @ rows * variance[_DIFFERENTIAL]
         score[_DIFFERENTIAL, block] += rows.T @ (scored.gradient - scored.common_gradient)
-        information[_COMMON_MODE, block] += rows.T @ here.common_information @ rows * variance
+        information[_COMMON_MODE, block] += rows.T @ here.common_information @ rows * variance[_COMMON_MODE]
         score[_COMMON_MODE, block] += rows.T @ scored.common_gradient
     return information, score
 
@@ -208,10 +213,10 @@ def _likelihood(calibration: Calibration, recording: SampleSource, has_scalar: b
     return Likelihood(data.points, data.intensity, array.vector_noise_T / intensity_T, scalar_noise)
 
 
-def _student_noise(calibration: Calibration, recording: SampleSource) -> StudentNoise:
+def _student_noises(calibration: Calibration, recording: SampleSource) -> list[StudentNoise]:
     likelihood = _likelihood(calibration, recording, recording.scalar_count is not None)
     energy = likelihood.energy(calibration.errors.matrix, np.zeros_like(calibration.errors.bias_T))
-    return StudentNoise.of(energy, likelihood.channel_count)
+    return list(map(StudentNoise.of, energy, likelihood.channel_count))
 
 
 def _parts(recording: SampleSource) -> Iterator[tuple[int, Recording]]:

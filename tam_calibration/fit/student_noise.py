@@ -1,4 +1,4 @@
-"""Noise with outliers, by a multivariate Student-t distribution of a sample's channels: how much each sample counts.
+"""Noise with outliers, by a multivariate Student-t distribution of some channels: how much each sample counts.
 
 An M-estimate solves Σ w s = 0, with s the scores of the samples and w their weights. Its variance is the sandwich of
 the mean square of the weighted channels and the square of their mean derivative.
@@ -44,6 +44,8 @@ class StudentNoise:
         """Return the noise whose scale is the most likely one."""
         # One sensor tells nothing where the scalar is missing.
         known = channels > 0
+        if not known.any():
+            return cls(energy, channels, 1.0)
         noise = cls(energy, channels, max(float(np.median(energy[known] / channels[known])), _SMALLEST_SQUARE))
         for _ in range(_MOST_STEPS):
             previous, square = noise.square, noise.spread_of(1)
@@ -58,12 +60,14 @@ class StudentNoise:
         return (_DEGREES_OF_FREEDOM + self.channels) / (_DEGREES_OF_FREEDOM + self.energy / self.square)
 
     def spread_of(self, power: int) -> float:
-        """Return the mean, over the channels, of the weights to a power times the squares."""
-        return float(np.sum(self.weights**power * self.energy) / self.channels.sum())
+        """Return the mean, over the channels, of the weights to a power times the squares; 1 where there is none."""
+        return float(np.sum(self.weights**power * self.energy) / self.channels.sum()) if self.channels.any() else 1.0
 
     @property
     def variance_factor(self) -> float:
         """Variance of the weighted estimate over that of the inverse information with the stated noise."""
+        if not self.channels.any():
+            return 1.0
         slope = -self.weights / (_DEGREES_OF_FREEDOM * self.square + self.energy)
         derivative = np.sum(self.weights * self.channels + 2 * slope * self.energy) / self.channels.sum()
         return float(self.spread_of(2) / derivative**2)

@@ -127,7 +127,7 @@ def _plain_fit(recording: SampleSource, array: KnownNoiseArray) -> Calibration |
     """
     try:
         calibration = maximum_likelihood(recording, array)
-        require_accurate(calibration)
+        require_accurate(calibration, recording)
     except (InputError, Refused):
         return None
     return calibration

@@ -5,9 +5,11 @@ import pytest
 
 from tam_calibration.fit import METHODS, calibrate
 from tam_calibration.fit.calibrate import _held_out, _pool
+from tam_calibration.fit.prior import in_first_frame
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.residuals import Residuals
+from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 
 EXACT = [method for method in METHODS if method != "simplified_linear"]
@@ -31,6 +33,19 @@ def test_calibration_reaches_the_noise_floor_in_and_out_of_sample(wu_run, wu_sce
     assert calibration.held_out.tensor_rmse_T_per_m == pytest.approx(floor, rel=0.06)
     assert calibration.held_out.tensor_rmse_T_per_m > calibration.in_sample.tensor_rmse_T_per_m
     assert calibration.warnings == ()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_scalar_that_misses_a_varying_field_widens_the_errors(method):
+    """Wu's turntable as the paper has it: one intensity for all 72 poses, in a field that varies by 8 nT."""
+    scenario = read_scenario("wu_turntable")
+    for seed in range(6):
+        run = simulate(replace(scenario, seed=seed))
+        recording = replace(run.recording, scalar_T=np.full(72, 52185e-9))
+        calibration = calibrate(recording, scenario.array, method)
+        free = calibration.standard_errors > 0
+        deviation = calibration.errors.to_vector() - in_first_frame(run.errors)[0].to_vector()
+        assert np.abs(deviation[free] / calibration.standard_errors[free]).max() < 4
 
 
 def test_residuals_before_are_those_of_the_paper(wu_scenario):
