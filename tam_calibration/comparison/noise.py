@@ -119,7 +119,11 @@ def differs(simulation: AxisNoise, recording: AxisNoise) -> bool:
             simulation.level_error_T / simulation.level_T,
             recording.level_error_T / recording.level_T,
         )
-        return bool(_is_beyond(ratio, error))
+        more_T2 = recording.level_T**2 - simulation.level_T**2
+        # Near zero the relative error of a level has no bound; the error of its square has.
+        chance_T2 = 2 * np.hypot(*[noise.level_T * noise.level_error_T for noise in (simulation, recording)])
+        is_certain = abs(ratio) > CERTAIN * error or abs(more_T2) > CERTAIN * chance_T2
+        return bool(is_certain and abs(ratio) > np.log1p(LEAST_DIFFERENCE))
     (before, before_error), (after, after_error) = _powers_of_both(simulation, recording)
     group = np.cumsum(2 / (before_error**2 + after_error**2)) // _FREEDOM
     group = np.minimum(group, group[-1] - 1)

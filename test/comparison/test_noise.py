@@ -256,3 +256,12 @@ def test_the_limits_of_a_difference():
     error = 0.1 * one.level_T
     assert not differs(sure, replace(sure, level_T=np.exp(0.4) * one.level_T, level_error_T=np.exp(0.4) * error))
     assert differs(sure, replace(sure, level_T=np.exp(0.5) * one.level_T, level_error_T=np.exp(0.5) * error))
+
+
+def test_a_level_that_is_hardly_seen_differs_from_a_large_one():
+    """The variance of a quiet scalar is known to what its sensors leave uncertain: its level is 0.003 nT or 0.3."""
+    (one,) = found(np.random.default_rng(3).normal(size=(400, 1)), np.eye(1))
+    quiet = replace(one, level_T=3e-12, level_error_T=0.3e-9)
+    loud = replace(one, level_T=80e-9, level_error_T=7e-9)
+    assert differs(quiet, loud) and differs(loud, quiet)
+    assert not differs(quiet, replace(one, level_T=0.06e-9, level_error_T=0.015e-9))
