@@ -121,8 +121,8 @@ def differs(simulation: AxisNoise, recording: AxisNoise) -> bool:
         )
         more_T2 = recording.level_T**2 - simulation.level_T**2
         # Near zero the relative error of a level has no bound; the error of its square has.
-        chance_T2 = 2 * np.hypot(*[noise.level_T * noise.level_error_T for noise in (simulation, recording)])
-        is_certain = abs(ratio) > CERTAIN * error or abs(more_T2) > CERTAIN * chance_T2
+        before_T2, after_T2 = (2 * noise.level_T * noise.level_error_T for noise in (simulation, recording))
+        is_certain = abs(ratio) > CERTAIN * error or abs(more_T2) > CERTAIN * np.hypot(before_T2, after_T2)
         return bool(is_certain and abs(ratio) > np.log1p(LEAST_DIFFERENCE))
     (before, before_error), (after, after_error) = _powers_of_both(simulation, recording)
     group = np.cumsum(2 / (before_error**2 + after_error**2)) // _FREEDOM
