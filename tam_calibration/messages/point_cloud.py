@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.model.array import OUTPUT_NAMES
-from tam_calibration.model.conversion import ATTITUDE_COLUMNS, reading_columns
+from tam_calibration.model.conversion import ATTITUDE_COLUMNS, RATE_COLUMNS, reading_columns
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.further_channels import is_further, require_further
 from tam_calibration.model.limits import LARGEST, SHORTEST_ATTITUDE, largest_of
-from tam_calibration.model.recording import Recording
+from tam_calibration.model.recording import CHANNELS, Recording
 from tam_calibration.model.units import FloatArray
 
 FRAME_ID = "tam_array"
@@ -32,6 +32,7 @@ CHANNEL_COLUMNS = {
     "temperature": ("temperature_C",),
     "current": ("current_A",),
     "attitude": ATTITUDE_COLUMNS,
+    "gyroscope": RATE_COLUMNS,
 }
 """Columns of the channels beside the sensors, in their order in a sample; those of further channels follow."""
 
@@ -85,8 +86,8 @@ class SampleLayout:
     ----------
     sensor_count : int
         Number of sensors K.
-    scalar, temperature, current, attitude : bool
-        Whether the channel has a column (the attitude four); a value that is missing is NaN.
+    scalar, temperature, current, attitude, gyroscope : bool
+        Whether the channel has a column (the attitude four, the gyroscope three); a value that is missing is NaN.
     further : tuple of str
         Further currents and actuators by the names of their columns, in their order.
     """
@@ -96,11 +97,12 @@ class SampleLayout:
     temperature: bool = False
     current: bool = False
     attitude: bool = False
+    gyroscope: bool = False
     further: tuple[str, ...] = field(default=(), kw_only=True)
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Names of the columns in SI: time_s, b1x_T … bKz_T, scalar_T, temperature_C, current_A, qx … qw, further."""
+        """Names of the columns in SI: time_s, b1x_T … bKz_T, then those of the channels, then further ones."""
         channels = (column for channel in self.channels for column in columns_of(channel))
         return ("time_s", *reading_columns(self.sensor_count), *channels)
 
@@ -111,7 +113,7 @@ class SampleLayout:
 
     @classmethod
     def whole(cls, sensor_count: int, further: tuple[str, ...] = ()) -> "SampleLayout":
-        """Return the layout with all channels, and some further ones."""
+        """Return the layout with all channels of a node, and some further ones."""
         return cls(sensor_count, scalar=True, temperature=True, current=True, attitude=True, further=further)
 
     @classmethod
@@ -146,8 +148,8 @@ class SampleLayout:
         """Return which of (N, columns) rows a recording can hold: of sizes that can be, the readings known."""
         first, sizes = 1 + 3 * self.sensor_count, np.abs(rows)
         has_readings = (sizes[:, :first] <= self._largest[:first]).all(axis=1)
-        last = len(self._largest) - len(self.further)
-        has_attitude = ~(sizes[:, last - 4 : last] < SHORTEST_ATTITUDE).all(axis=1) | (not self.attitude)
+        at = [self.columns.index(name) for name in ATTITUDE_COLUMNS if self.attitude]
+        has_attitude = ~(sizes[:, at] < SHORTEST_ATTITUDE).all(axis=1) | (not self.attitude)
         return np.asarray(has_readings & has_attitude & ~(sizes[:, first:] > self._largest[first:]).any(axis=1))
 
     @cached_property
@@ -192,8 +194,11 @@ class SampleLayout:
             present[channel][:, 0] if channel in present else None for channel in ("scalar", "temperature", "current")
         )
         further = {name: present[name][:, 0] for name in self.further if name in present}
-        return Recording(rows[:, 0], readings, scalar, temperature, current, present.get("attitude"), further)
+        attitude, rates = present.get("attitude"), present.get("gyroscope")
+        return Recording(
+            rows[:, 0], readings, scalar, temperature, current, attitude, further, angular_velocity_rad_s=rates
+        )
 
 
 def _channels(recording: Recording) -> tuple[FloatArray | None, ...]:
-    return recording.scalar_T, recording.temperature_C, recording.current_A, recording.attitude
+    return tuple(recording.channel(name) for name in CHANNELS)

@@ -39,6 +39,7 @@ _MAXIMUM_AGE_NS = {
     "temperature": 60_000_000_000,
     "current": 2_000_000_000,
     "attitude": 200_000_000,
+    "gyroscope": 200_000_000,
 }
 """How old the newest value of a held channel may be."""
 
@@ -83,7 +84,7 @@ class Synchroniser:
     patience_ns : int
         How far in stamps a stream may lag behind the newest sensor before samples go without it.
     hold_patience_ns : int
-        The same for held channels (temperature, current, attitude): 0 takes what has arrived, without delay.
+        The same for held channels (temperature, current, attitude, gyroscope): 0 takes what has arrived, without delay.
     scalar_is_held : bool
         Whether the scalar's messages have no stamp: each joins the next sample, instead of that of its stamp.
     expected : collection of str

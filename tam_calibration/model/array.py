@@ -9,6 +9,7 @@ from tam_calibration.model.change_rates import ChangeRates
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.further_channels import require_further
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
+from tam_calibration.model.gyroscope import Gyroscope
 from tam_calibration.model.limits import ATTITUDE_NOISE, BASELINE, DELAY, LENGTH, MOUNTING_ERROR, NOISE
 from tam_calibration.model.mounting import NOT_TURNED, Mounting
 from tam_calibration.model.recording import SampleSource, require_sensor_count
@@ -79,6 +80,8 @@ class Array:
         Currents and actuators beside ``current_A`` that the nodes listen to, see ``further_channels``.
     tolerances : Tolerances, optional
         How far the errors of new sensors may be from none; None where nothing is known of them before a fit.
+    gyroscope : Gyroscope, optional
+        Noise and bias of the gyroscope; None where they are not stated.
 
     Raises
     ------
@@ -116,6 +119,7 @@ class Array:
     mounting_error: float | None = None
     further_channels: tuple[str, ...] = ()
     tolerances: Tolerances | None = None
+    gyroscope: Gyroscope | None = None
 
     def __post_init__(self) -> None:
         """Check shapes and values."""

@@ -15,7 +15,10 @@ if TYPE_CHECKING:
     import xarray
 
 ATTITUDE_COLUMNS = ("qx", "qy", "qz", "qw")
-"""Columns of the attitude in a table; any other channel is one column of its own name."""
+"""Columns of the attitude in a table."""
+
+RATE_COLUMNS = ("wx_rad_s", "wy_rad_s", "wz_rad_s")
+"""Columns of the angular velocity in a table; any other channel is one column of its own name."""
 
 _SINGLE_CHANNELS = ("scalar_T", "temperature_C", "current_A")
 
@@ -23,10 +26,19 @@ _DIMENSIONS = {
     "readings_T": ("time_s", "sensor", "axis"),
     **dict.fromkeys(_SINGLE_CHANNELS, ("time_s",)),
     "attitude": ("time_s", "quaternion"),
+    "angular_velocity_rad_s": ("time_s", "axis"),
 }
 """Dimensions of each variable of a dataset."""
 
-_UNITS = {"time_s": "s", "readings_T": "T", "scalar_T": "T", "temperature_C": "degC", "current_A": "A", "attitude": "1"}
+_UNITS = {
+    "time_s": "s",
+    "readings_T": "T",
+    "scalar_T": "T",
+    "temperature_C": "degC",
+    "current_A": "A",
+    "attitude": "1",
+    "angular_velocity_rad_s": "rad/s",
+}
 """Attribute ``units`` of each variable of a dataset."""
 
 _COMPONENTS = {"axis": ["x", "y", "z"], "quaternion": ["x", "y", "z", "w"]}
@@ -55,8 +67,9 @@ def to_pandas(values: Mapping[str, FloatArray]) -> "pandas.DataFrame":
     readings = values["readings_T"]
     columns = dict(zip(reading_columns(readings.shape[1]), readings.reshape(len(readings), -1).T, strict=True))
     columns |= {name: values[name] for name in _SINGLE_CHANNELS if name in values}
-    if "attitude" in values:
-        columns |= zip(ATTITUDE_COLUMNS, values["attitude"].T, strict=True)
+    for name, own in (("attitude", ATTITUDE_COLUMNS), ("angular_velocity_rad_s", RATE_COLUMNS)):
+        if name in values:
+            columns |= zip(own, values[name].T, strict=True)
     columns |= {name: channel for name, channel in values.items() if is_further(name)}
     return table.DataFrame(columns, index=table.Index(values["time_s"], name="time_s"))
 

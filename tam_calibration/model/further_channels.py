@@ -59,4 +59,6 @@ def require_further(names: Iterable[str]) -> tuple[str, ...]:
 
 def channel_in_words(name: str) -> str:
     """Return a channel as sentences name it: "current" of current_A, and a further one by its column."""
+    if name == "angular_velocity_rad_s":
+        return "gyroscope"
     return name if is_further(name) else name.partition("_")[0]

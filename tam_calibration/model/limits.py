@@ -15,16 +15,17 @@ LARGEST = {
     "current": 1e6,
     "actuator": 1e6,
     "attitude": 10.0,
+    "angular": 1e4,
 }
 """Size of a value of each channel, SI. Nanoseconds in 64 bits end at 9.2e9 s, in the year 2262. A field in picotesla
 that is taken for tesla is 5e7, and told as such by the check of units. No sensor is as hot as 10 000 °C, and no current
-near it a million amperes; an actuator's angle, speed or power is no larger in its unit. A quaternion has length 1, and
-drivers that do not divide by it are near that."""
+near it a million amperes, and no array turns a thousand times a second; an actuator's angle, speed or power is no
+larger in its unit. A quaternion has length 1, and drivers that do not divide by it are near that."""
 
 
 def largest_of(stream: str) -> float:
     """Return the size that no value of a stream goes beyond: of a channel, a further channel or a sensor."""
-    return LARGEST.get(stream.partition("_")[0], LARGEST["readings"])
+    return LARGEST.get("angular" if stream == "gyroscope" else stream.partition("_")[0], LARGEST["readings"])
 
 
 LEAST_SPREAD_T = 1e-15
@@ -92,6 +93,12 @@ SPEED = Limits(0.0, 1e4, "m/s")
 
 ATTITUDE_NOISE = Limits(1e-6, 0.5, "rad")
 """Standard deviation of an attitude: star trackers are good to a second of arc, and beyond 30° it is none."""
+
+RATE_NOISE = Limits(1e-10, 1e-1, "rad/s/√Hz")
+"""Density of the noise of a gyroscope: ring lasers have 1e-7, the worst chips 1e-3."""
+
+RATE_BIAS = Limits(1e-10, 10.0, "rad/s")
+"""Standard deviation of the bias of a gyroscope: that of the worst chips is below 0.5 rad/s."""
 
 MOUNTING_ERROR = Limits(0.0, 0.5, "rad")
 """Of how a sensor of attitude is mounted: what is not known to 30° is not known."""

@@ -97,6 +97,11 @@ class Mounting:
         """What makes the IMU's attitude that of the array; None where it is turned as the array."""
         return None if self.imu_rotation is None else _attitude_turn(self.imu_rotation)
 
+    @cached_property
+    def rate_turn(self) -> Turn | None:
+        """What turns the IMU's angular velocity into the array's axes; None where it is turned as the array."""
+        return None if self.imu_rotation is None else _vector_turn(self.imu_rotation)
+
     @property
     def inverse(self) -> "Mounting":
         """What turns from the array's axes into those of sensors and IMU."""
@@ -109,21 +114,23 @@ class Mounting:
         Parameters
         ----------
         recording : Recording
-            Of as many sensors, its attitude the IMU's.
+            Of as many sensors, its attitude and angular velocity the IMU's.
 
         Returns
         -------
         Recording
-            Its attitude is the array's.
+            Its attitude and angular velocity are the array's.
         """
         if not (self.sensor_turns or self.attitude_turn):
             return recording
-        readings, attitude = recording.readings_T.copy(), recording.attitude
+        readings, attitude, rates = recording.readings_T.copy(), recording.attitude, recording.angular_velocity_rad_s
         for sensor, turn in self.sensor_turns.items():
             readings[:, sensor] = np.column_stack(turn(*recording.readings_T[:, sensor].T))
         if attitude is not None and self.attitude_turn:
             attitude = np.column_stack(self.attitude_turn(*attitude.T))
-        return replace(recording, readings_T=readings, attitude=attitude)
+        if rates is not None and self.rate_turn:
+            rates = np.column_stack(self.rate_turn(*rates.T))
+        return replace(recording, readings_T=readings, attitude=attitude, angular_velocity_rad_s=rates)
 
 
 NOT_TURNED = Mounting()

@@ -18,8 +18,11 @@ if TYPE_CHECKING:
     import pandas
     import xarray
 
-CHANNELS = ("scalar_T", "temperature_C", "current_A", "attitude")
+CHANNELS = ("scalar_T", "temperature_C", "current_A", "attitude", "angular_velocity_rad_s")
 """What may be recorded beside the sensors; a channel that holds nothing but NaN is absent."""
+
+COMPONENTS = {"attitude": 4, "angular_velocity_rad_s": 3}
+"""Numbers of a value of each channel that has more than one; one NaN among them makes all NaN."""
 
 BLOCK = 16_384
 """Samples that are worked on at once: what is worked out of them stays in the processor's cache."""
@@ -114,6 +117,9 @@ class Recording:
         Further currents and actuators by their names, see ``further_channels``; NaN where there is none.
     interpolated_noise : InterpolatedNoise, optional
         What interpolation made of the sensors' noise; None where all samples hold readings as they came.
+    angular_velocity_rad_s : (N, 3) array, optional
+        Angular velocity of the array against the world, in the array frame, from a gyroscope, rad/s; NaN where there is
+        none.
 
     Raises
     ------
@@ -139,6 +145,7 @@ class Recording:
     attitude: FloatArray | None = None
     further: Mapping[str, FloatArray] = field(default_factory=dict)
     interpolated_noise: InterpolatedNoise | None = None
+    angular_velocity_rad_s: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Check shapes, finiteness and the order of time."""
@@ -146,7 +153,7 @@ class Recording:
             value = getattr(self, name)
             if value is not None:
                 array = np.asarray(value, dtype=float)
-                if name == "attitude" and array.ndim:
+                if name in COMPONENTS and array.ndim:
                     array = np.where(np.isnan(array).any(axis=-1, keepdims=True), np.nan, array)
                 is_absent = name in CHANNELS and bool(np.isnan(array).all())
                 object.__setattr__(self, name, None if is_absent else array)
@@ -165,7 +172,7 @@ class Recording:
 
     def _check_shapes(self) -> None:
         for name, value in self.values().items():
-            shape: tuple[int, ...] = (self.sample_count, 4) if name == "attitude" else (self.sample_count,)
+            shape = (self.sample_count, *((COMPONENTS[name],) if name in COMPONENTS else ()))
             if name != "readings_T" and value.shape != shape:
                 raise InputError(f"{name} must have the shape {shape} to match the readings, not {value.shape}")
 
@@ -314,7 +321,7 @@ class Recording:
 
         Returns
         -------
-        (N,) or (N, 4) array, or None
+        (N,), (N, 3) or (N, 4) array, or None
             As in the recording.
         """
         return cast("FloatArray | None", getattr(self, name)) if name in CHANNELS else self.further.get(name)
@@ -354,7 +361,8 @@ class Recording:
         -------
         pandas.DataFrame
             Index ``time_s``; columns as in a CSV file but SI: b1x_T, b1y_T, b1z_T … bKz_T along the sensors' own axes,
-            then what there is of scalar_T, temperature_C, current_A, qx, qy, qz, qw, and the further channels.
+            then what there is of scalar_T, temperature_C, current_A, qx, qy, qz, qw, wx_rad_s, wy_rad_s, wz_rad_s, and
+            the further channels.
 
         Raises
         ------
@@ -414,8 +422,9 @@ class Recording:
         -------
         xarray.Dataset
             Variables by the names of the fields that are there: ``readings_T`` over ``time_s``, ``sensor`` (1 to K) and
-            ``axis`` (x, y, z, the sensor's own), ``attitude`` over ``time_s`` and ``quaternion`` (x, y, z, w), the
-            others over ``time_s``; each has its unit as the attribute ``units``.
+            ``axis`` (x, y, z, the sensor's own), ``attitude`` over ``time_s`` and ``quaternion`` (x, y, z, w),
+            ``angular_velocity_rad_s`` over ``time_s`` and ``axis``, the others over ``time_s``; each has its unit as
+            the attribute ``units``.
 
         Raises
         ------

@@ -14,6 +14,7 @@ from tam_calibration.files.yaml_document import dump_mapping, mapping_in
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
+from tam_calibration.model.gyroscope import Gyroscope
 from tam_calibration.model.mounting import Mounting, quaternion_of
 from tam_calibration.model.tolerances import Tolerances
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
@@ -52,6 +53,33 @@ class TolerancesFile(Document):
             from_nanotesla(self.bias_nT),
             from_degrees(self.misalignment_deg),
         )
+
+
+class GyroscopeFile(Document):
+    """The keys of ``gyroscope``; what is left out is estimated, or that of a chip.
+
+    Parameters
+    ----------
+    noise_mdps_per_sqrt_Hz : float, optional
+        One-sided density of the noise, as data sheets state it.
+    bias_deg_per_s : float, optional
+        Standard deviation of a constant bias of each axis about zero.
+    """
+
+    noise_mdps_per_sqrt_Hz: float | None = None
+    bias_deg_per_s: float | None = None
+
+    def to_gyroscope(self) -> Gyroscope:
+        """Return the gyroscope in SI.
+
+        Raises
+        ------
+        InputError
+            When a value is not positive, or no gyroscope has it.
+        """
+        noise, bias = self.noise_mdps_per_sqrt_Hz, self.bias_deg_per_s
+        density = None if noise is None else from_degrees(noise) / 1000
+        return Gyroscope(density) if bias is None else Gyroscope(density, from_degrees(bias))
 
 
 class ArrayFile(Document):
@@ -104,6 +132,9 @@ class ArrayFile(Document):
     mounting_error_deg : float, optional
         Standard deviation of how the attitude's sensor is turned against the array beside what ``imu_rotation_deg``
         states; left out where that turn may be any.
+    gyroscope : mapping, optional
+        Of the gyroscope: ``noise_mdps_per_sqrt_Hz`` and ``bias_deg_per_s``. A recorded angular velocity is data of a
+        fit with it or without.
     further_channels : list of str, optional
         Currents and actuators beside ``current_A`` that the nodes listen to: ``current_2_A``, ``actuator_rudder``.
     notes, recording
@@ -129,6 +160,7 @@ class ArrayFile(Document):
     tolerances: TolerancesFile | None = None
     attitude_noise_deg: float | Literal["estimate"] | None = None
     mounting_error_deg: float | None = None
+    gyroscope: GyroscopeFile | None = None
     further_channels: list[str] = field(default_factory=list)
     notes: Any = None
     recording: Any = None
@@ -198,6 +230,7 @@ class ArrayFile(Document):
             None if self.mounting_error_deg is None else from_degrees(self.mounting_error_deg),
             tuple(self.further_channels),
             None if self.tolerances is None else self.tolerances.to_tolerances(),
+            None if self.gyroscope is None else self.gyroscope.to_gyroscope(),
         )
 
     def _attitude_noise(self) -> float | None:
@@ -297,6 +330,7 @@ def array_to_mapping(array: Array) -> dict[str, Any]:
         if array.attitude_noise == inf
         else _written(degrees_to_write, array.attitude_noise),
         "mounting_error_deg": _written(degrees_to_write, array.mounting_error),
+        "gyroscope": None if array.gyroscope is None else _gyroscope_to_mapping(array.gyroscope),
         "further_channels": list(array.further_channels) or None,
         "intensity_nT": None if array.field == EARTH_FIELD else nanotesla_to_write(bounds),
     }
@@ -317,6 +351,14 @@ def _tolerances_to_mapping(tolerances: Tolerances) -> dict[str, float]:
         "misalignment_deg": degrees_to_write(np.array(tolerances.misalignment)),
     }
     return {key: float(value) for key, value in written.items()}
+
+
+def _gyroscope_to_mapping(gyroscope: Gyroscope) -> dict[str, float]:
+    """Return the keys and values of a gyroscope in a file."""
+    written = {"bias_deg_per_s": float(degrees_to_write(np.array(gyroscope.bias)))}
+    if gyroscope.noise_density is None:
+        return written
+    return {"noise_mdps_per_sqrt_Hz": float(degrees_to_write(np.array(1000 * gyroscope.noise_density)))} | written
 
 
 def write_array(path: Path, array: Array) -> None:

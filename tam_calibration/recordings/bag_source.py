@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 
 import numpy as np
 from rosbags.interfaces import Connection, MessageDefinitionFormat
@@ -24,17 +24,37 @@ _Decoder = Callable[[RawMessages], tuple[IntArray | None, FloatArray]]
 
 
 _ORIENTATION = tuple(f"orientation.{axis}" for axis in "xyzw")
+_RATES = tuple(f"angular_velocity.{axis}" for axis in "xyz")
 
 
-def _attitudes(stamps: IntArray | None, doubles: FloatArray) -> tuple[IntArray | None, FloatArray]:
-    """Return the quaternions of (n, 5) numbers, the last the first of their covariance; NaN where the IMU has none."""
-    has_none = (doubles[:, 4] == -1) | ~doubles[:, :4].any(axis=1)
-    return stamps, np.where(has_none[:, None], np.nan, doubles[:, :4])
+_OF_IMU = (_ORIENTATION, _RATES, (*_ORIENTATION, *_RATES))
+"""What is read of an IMU: its attitude, its angular velocity, or both."""
+
+_IMU_NUMBERS = (*_ORIENTATION, "orientation_covariance[0]", *_RATES, "angular_velocity_covariance[0]")
+_IMU_PLACES = (0, 1, 2, 3, 4, 13, 14, 15, 16)
+"""These numbers, and their places among the doubles of a message."""
+
+
+def _imu_values(
+    paths: tuple[str, ...], stamps: IntArray | None, numbers: FloatArray
+) -> tuple[IntArray | None, FloatArray]:
+    """Return what paths mean of the (n, 9) numbers of an IMU; NaN where a covariance of -1 says that it has none."""
+    has_no_attitude = (numbers[:, 4] == -1) | ~numbers[:, :4].any(axis=1)
+    attitude = np.where(has_no_attitude[:, None], np.nan, numbers[:, :4])
+    rates = np.where((numbers[:, 8] == -1)[:, None], np.nan, numbers[:, 5:8])
+    return stamps, np.column_stack(
+        [part for part, own in ((attitude, _ORIENTATION), (rates, _RATES)) if own[0] in paths]
+    )
+
+
+def _read_imu(paths: tuple[str, ...], messages: RawMessages) -> tuple[IntArray | None, FloatArray]:
+    stamps, doubles = read_stamped_doubles(messages, _IMU_PLACES[-1] + 1)
+    return _imu_values(paths, stamps, doubles[:, _IMU_PLACES])
 
 
 _FAST: dict[tuple[str, tuple[str, ...]], _Decoder] = {
     (MAGNETIC_FIELD, tuple(f"magnetic_field.{axis}" for axis in "xyz")): lambda each: read_stamped_doubles(each, 3),
-    (IMU, _ORIENTATION): lambda each: _attitudes(*read_stamped_doubles(each, 13)),
+    **{(IMU, paths): partial(_read_imu, paths) for paths in _OF_IMU},
     (TEMPERATURE, ("temperature",)): lambda each: read_stamped_doubles(each, 1),
     (FLOAT64, ("data",)): read_float64s,
 }
@@ -167,8 +187,8 @@ class BagSource:
         if fast is not None:
             return fast
         fields = self._fields(topic)
-        if (connection.msgtype, paths) == (IMU, _ORIENTATION):
-            return lambda messages: _attitudes(*fields.read(messages, (*paths, "orientation_covariance[0]")))
+        if connection.msgtype == IMU and paths in _OF_IMU:
+            return lambda messages: _imu_values(paths, *fields.read(messages, _IMU_NUMBERS))
         return lambda messages: fields.read(messages, paths)
 
 

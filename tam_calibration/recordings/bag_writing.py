@@ -120,7 +120,7 @@ def write_bag_recording(path: Path, recording: Recording, storage: str = DEFAULT
         ("scalar", recording.scalar_T),
         ("temperature", recording.temperature_C),
         ("current", recording.current_A),
-        ("attitude", recording.attitude),
+        ("attitude", _imu_rows(recording)),
         *recording.further.items(),
     ):
         if values is not None:
@@ -128,6 +128,23 @@ def write_bag_recording(path: Path, recording: Recording, storage: str = DEFAULT
     topics = [(*topic_and_type(stream), values) for stream, values in streams.items()]
     with write_bag(path, storage) as writer:
         _write_rows(writer, stamps_ns, [(f"/{topic}", msgtype, values) for topic, msgtype, values in topics])
+
+
+def _imu_rows(recording: Recording) -> FloatArray | None:
+    """Return the (N, 25) numbers of an IMU: attitude and angular velocity, each before its covariance; None of neither.
+
+    The first number of a covariance is -1 where there is no value, and 0 where its errors are not known.
+    """
+    parts = []
+    for values, absent in ((recording.attitude, (0.0, 0.0, 0.0, 1.0)), (recording.angular_velocity_rad_s, (0.0,) * 3)):
+        rows = np.full((recording.sample_count, len(absent)), np.nan) if values is None else values
+        is_known = np.asarray(np.isfinite(rows).all(axis=1))
+        covariance = np.zeros((len(rows), 9))
+        covariance[~is_known, 0] = -1
+        parts += [np.where(is_known[:, None], rows, absent), covariance]
+    numbers = np.concatenate(parts, axis=1)
+    numbers[(numbers[:, 4] == -1) & (numbers[:, 16] == -1)] = np.nan
+    return None if np.isnan(numbers).all() else numbers
 
 
 def _write_rows(writer: BlockWriter, stamps_ns: IntArray, topics: Sequence[tuple[str, str, FloatArray]]) -> None:
@@ -151,7 +168,8 @@ def serialise(msgtype: str, values: FloatArray, stamps_ns: IntArray) -> ByteArra
     msgtype : str
         ROS type of the messages: ``MAGNETIC_FIELD``, ``TEMPERATURE``, ``FLOAT64`` or ``IMU``.
     values : (N, n) array
-        Doubles of each message: field, tesla (n = 3), temperature, °C, or current, A (1), or quaternion x, y, z, w (4).
+        Doubles of each message: field, tesla (n = 3), temperature, °C, or current, A (1), or of an IMU
+        its first doubles: the quaternion x, y, z, w, its covariance (9), the angular velocity, rad/s, and its own.
     stamps_ns : (N,) array of int
         Stamps of the headers, nanoseconds; ``FLOAT64`` has none.
     """

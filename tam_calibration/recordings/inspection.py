@@ -224,7 +224,7 @@ class _Inspecting:
     @cached_property
     def _apart(self) -> str:
         """Return which two of the streams that are joined by stamps have none at the same time; empty of none."""
-        own = {stream: each.stamps_ns for stream, each in self._of_streams().items() if stream != "gyroscope"}
+        own = {stream: each.stamps_ns for stream, each in self._of_streams().items()}
         stamped = [(in_words(name), each) for name, each in own.items() if each is not None and len(each)]
         return without_overlap(stamped) if stamped and self._clock == "stamp" else ""
 
@@ -270,11 +270,9 @@ def _resolved(source: Source, channel_map: ChannelMap | None) -> tuple[dict[str,
         return {}, "stamp", ()
     try:
         streams = resolve(source, channel_map)
-        rates = channel_map.gyroscope  # it is shown, and not read yet
-        further = {} if rates is None else {"gyroscope": resolve(source, ChannelMap(sensors=[rates])).wanted["tam_1"]}
     except InputError as problem:
         return {}, "stamp", (str(problem),)
-    return dict(streams.wanted) | further, streams.clock, ()
+    return dict(streams.wanted), streams.clock, ()
 
 
 def _is_field(stream: str) -> bool:

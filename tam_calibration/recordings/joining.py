@@ -85,7 +85,7 @@ class Streams:
         """The columns of a sample."""
         sensors = sum(not is_channel(name) for name in self.wanted)
         channels = [name in self.wanted for name in CHANNEL_WIDTHS]
-        order = ("scalar", "temperature", "current", "attitude")
+        order = ("scalar", "temperature", "current", "attitude", "gyroscope")
         present = dict(zip(CHANNEL_WIDTHS, channels, strict=True))
         further = tuple(name for name in self.wanted if is_channel(name) and name not in CHANNEL_WIDTHS)
         return SampleLayout(sensors, *(present[name] for name in order), further=further)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import cast
 
 from tam_calibration.messages.topics import CHANNEL_TOPICS, sensor_topic
-from tam_calibration.model.conversion import ATTITUDE_COLUMNS
+from tam_calibration.model.conversion import ATTITUDE_COLUMNS, RATE_COLUMNS
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.further_channels import is_further, named_by, require_further
 from tam_calibration.model.recording import require_sensor_count
@@ -15,12 +15,11 @@ from tam_calibration.recordings.tables import Table
 
 _OWN_FIELD = re.compile(rf"(b([1-9]\d{{,8}})[xyz]|scalar)_({'|'.join(TESLA_PER_FIELD_UNIT)})")
 _OWN_CHANNELS = {"temperature": "temperature_C", "current": "current_A"}
-_OWN_RATES = ("wx_rad_s", "wy_rad_s", "wz_rad_s")
 
 
 def is_own_column(name: str) -> bool:
     """Return whether a column has one of the names of ours."""
-    known = ("time_s", *ATTITUDE_COLUMNS, *_OWN_CHANNELS.values())
+    known = ("time_s", *ATTITUDE_COLUMNS, *RATE_COLUMNS, *_OWN_CHANNELS.values())
     return name in known or is_further(name) or _OWN_FIELD.fullmatch(name) is not None
 
 
@@ -58,12 +57,11 @@ def own_columns(tables: Sequence[Table]) -> ChannelMap | None:
     channels = {name: Pick(column=column) for name, column in _OWN_CHANNELS.items() if column in fields}
     if scalar := matches.get("scalar"):
         channels["scalar"] = Pick(column=scalar[0], unit=cast(FieldUnit, scalar[3]))
-    if set(ATTITUDE_COLUMNS) & set(fields):
-        if missing := [name for name in ATTITUDE_COLUMNS if name not in fields]:
-            raise InputError(f"column {missing[0]} is missing (of {', '.join(ATTITUDE_COLUMNS)})")
-        channels["attitude"] = Pick(columns=list(ATTITUDE_COLUMNS))
-    if set(_OWN_RATES) <= set(fields):
-        channels["gyroscope"] = Pick(columns=list(_OWN_RATES))
+    for channel, columns in (("attitude", ATTITUDE_COLUMNS), ("gyroscope", RATE_COLUMNS)):
+        if set(columns) & set(fields):
+            if missing := [name for name in columns if name not in fields]:
+                raise InputError(f"column {missing[0]} is missing (of {', '.join(columns)})")
+            channels[channel] = Pick(columns=list(columns))
     further = {name: Pick(column=name) for name in require_further(filter(is_further, fields))}
     return ChannelMap.of(sensors, channels, further)
 

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.interpolated_noise import InterpolatedNoise
-from tam_calibration.model.recording import BLOCK, CHANNELS, Block, Recording
+from tam_calibration.model.recording import BLOCK, CHANNELS, COMPONENTS, Block, Recording
 from tam_calibration.model.units import FloatArray
 
-_CHANNELS = {name: (4,) if name == "attitude" else () for name in CHANNELS}
+_CHANNELS = {name: (COMPONENTS[name],) if name in COMPONENTS else () for name in CHANNELS}
 """The shape of one value of each channel."""
 
 

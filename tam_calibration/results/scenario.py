@@ -18,7 +18,7 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import site_field_T
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla, to_nanotesla
-from tam_calibration.recordings.array_yaml import ArrayFile
+from tam_calibration.recordings.array_yaml import ArrayFile, GyroscopeFile
 from tam_calibration.recordings.iaga2002 import read_iaga2002
 from tam_calibration.results.calibration_schema import SensorFile, errors_of
 from tam_calibration.results.calibration_yaml import sensors_to_mapping
@@ -183,6 +183,7 @@ class ScenarioFile(Document):
     current: _Current | None = None
     further_channels: dict[str, _Switched] = field(default_factory=dict)
     attitude: _Attitude | None = None
+    gyroscope: GyroscopeFile | None = None
     effects: list[EffectFile] = field(default_factory=list)
 
     def build(self, folder: Path) -> Scenario:
@@ -205,6 +206,7 @@ class ScenarioFile(Document):
             attitude=None if self.attitude is None else instruments.AttitudeChannel(*in_si(self.attitude)),
             effects=tuple(effect.to_fitted() for effect in self.effects),
             further={name: instruments.Current(*in_si(channel)) for name, channel in self.further_channels.items()},
+            gyroscope=None if self.gyroscope is None else self.gyroscope.to_gyroscope(),
         )
 
     def _site_field_T(self) -> FloatArray:

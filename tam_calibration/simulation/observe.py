@@ -16,6 +16,7 @@ from tam_calibration.effects.library import effect_named
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.further_channels import is_further
+from tam_calibration.model.gyroscope import Gyroscope
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
@@ -76,6 +77,8 @@ class Scenario:
         Physical effects beyond the sensors' errors.
     further : mapping of str to Current
         Further currents and actuators by name, see ``further_channels``.
+    gyroscope : Gyroscope, optional
+        What records the angular velocity of a motion that is steady.
 
     Raises
     ------
@@ -109,6 +112,7 @@ class Scenario:
     site_gradient_T_per_m: FloatArray | None = None
     effects: tuple[FittedEffect, ...] = ()
     further: Mapping[str, Current] = field(default_factory=dict)
+    gyroscope: Gyroscope | None = None
 
     def __post_init__(self) -> None:
         """Check counts, names and values."""
@@ -195,7 +199,7 @@ def _check(effect: Effect, fitted: FittedEffect, covariates: Covariates) -> None
             )
 
 
-_RANDOM_PARTS = ("motion", "vector", "scalar", "temperature", "current", "attitude", "effect", "further")
+_RANDOM_PARTS = ("motion", "vector", "scalar", "temperature", "current", "attitude", "effect", "further", "gyroscope")
 """What draws random numbers; each has a generator of its own, so that one more channel changes no other's noise."""
 
 
@@ -287,8 +291,27 @@ def simulate(scenario: Scenario) -> Simulation:
             name: channel.readings(time_s, _generator(scenario, "further", number))
             for number, (name, channel) in enumerate(sorted(scenario.further.items()))
         },
+        angular_velocity_rad_s=_angular_velocity(scenario),
     )
     return Simulation(scenario, recording, attitude, center, _gradient(scenario, rotation))
+
+
+_MOMENT_S = 1e-4
+"""Time before and after a sample between which its angular velocity is taken."""
+
+
+def _angular_velocity(scenario: Scenario) -> FloatArray | None:
+    """Return what the gyroscope reads, (N, 3), rad/s; zero where a motion stands still between its samples."""
+    if scenario.gyroscope is None:
+        return None
+    from scipy.spatial.transform import Rotation
+
+    before, after = (
+        Rotation.from_quat(scenario.motion.attitudes(scenario.time_s + moment_s, _generator(scenario, "motion")))
+        for moment_s in (-_MOMENT_S, _MOMENT_S)
+    )
+    rates = (before.inv() * after).as_rotvec() / (2 * _MOMENT_S)
+    return scenario.gyroscope.readings(scenario.time_s, rates, _generator(scenario, "gyroscope"))
 
 
 def _generator(scenario: Scenario, part: str, number: int = 0) -> np.random.Generator:

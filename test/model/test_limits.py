@@ -6,14 +6,15 @@ import pytest
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.limits import LARGEST, LEAST_SPREAD_T, SHORTEST_ATTITUDE
-from tam_calibration.model.recording import CHANNELS, Recording
+from tam_calibration.model.recording import CHANNELS, COMPONENTS, Recording
 
 
 def with_value(name, value):
     """Make a recording of four samples in which one number of a field is another."""
     rng = np.random.default_rng(1)
     values = {"time_s": np.arange(4.0), "readings_T": 5e-5 * rng.normal(size=(4, 2, 3)), "attitude": np.eye(4)}
-    values |= {channel: np.ones(4) for channel in CHANNELS if channel != "attitude"}
+    values |= {channel: np.ones(4) for channel in CHANNELS if channel not in COMPONENTS}
+    values["angular_velocity_rad_s"] = np.ones((4, 3))
     values["actuator_rudder"] = np.ones(4)
     values[name].reshape(-1)[-1] = value
     return Recording.of_values(values)
@@ -27,6 +28,7 @@ LIMITS = {
     "current_A": 1e6,
     "actuator_rudder": 1e6,
     "attitude": 10.0,
+    "angular_velocity_rad_s": 1e4,
 }
 
 

@@ -108,8 +108,9 @@ def rough_messages(count=300, seed=3):
         if index % 7 == 0:
             quaternion = make("geometry_msgs/msg/Quaternion", *(random.random() for _ in range(4)))
             covariance = none if index % 3 == 0 else np.zeros(9)
-            still = vector(0.0, 0.0, 0.0)
-            record("imu/data", IMU, stamp_ns, quaternion, covariance, still, none, still, none)
+            turning, still = vector(0.1, 0.2, random.random()), vector(0.0, 0.0, 0.0)
+            of_rates = none if index % 5 == 0 else np.zeros(9)
+            record("imu/data", IMU, stamp_ns, quaternion, covariance, turning, of_rates, still, none)
             record("temperature", TEMPERATURE, stamp_ns, random.random(), 0.0)
             record("camera", TEXT, stamp_ns, "picture " * random.randint(0, 200))
     return messages
@@ -165,11 +166,14 @@ def read_plainly(path, tolerance_ns=0):
             scalar_is_held=topics.scalar_is_held,
             expected=topics.layout.channels,
         )
-        streams = {wanted.table.name: stream for stream, wanted in topics.wanted.items()}
+        streams = {}
+        for stream, wanted in topics.wanted.items():
+            streams.setdefault(wanted.table.name, []).append(stream)
         samples = []
         for connection, _, raw in reader.messages([one for one in reader.connections if one.topic in streams]):
-            stream, message = streams[connection.topic], STORE.deserialize_cdr(raw, connection.msgtype)
-            samples += synchroniser.push(stream, stamp_of(message), values_of(stream, message))
+            message = STORE.deserialize_cdr(raw, connection.msgtype)
+            for stream in streams[connection.topic]:
+                samples += synchroniser.push(stream, stamp_of(message), values_of(stream, message))
         samples += synchroniser.flush()
     rows = np.array([(one.stamp_ns / 10**9, *one.values) for one in samples])
     return [one.stamp_ns for one in samples], topics.layout.recording(rows), synchroniser.explain_losses()
@@ -186,6 +190,9 @@ def values_of(stream, message):
         field = message.magnetic_field
         norm = (field.x * field.x + field.y * field.y + field.z * field.z) ** 0.5
         return (norm,) if stream == "scalar" else (field.x, field.y, field.z)
+    if stream == "gyroscope":
+        rates, has_none = message.angular_velocity, message.angular_velocity_covariance[0] == -1
+        return (np.nan,) * 3 if has_none else (rates.x, rates.y, rates.z)
     if hasattr(message, "orientation"):
         turn, has_none = message.orientation, message.orientation_covariance[0] == -1
         return (np.nan,) * 4 if has_none else (turn.x, turn.y, turn.z, turn.w)

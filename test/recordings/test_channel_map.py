@@ -108,7 +108,7 @@ def test_what_a_map_means(tmp_path):
     channel_map = read_map(tmp_path / "map.yaml")
     assert list(channel_map.streams) == [
         *(f"tam_{number}" for number in range(1, 5)),
-        *("scalar", "attitude", "temperature", "current", "current_2_A"),
+        *("scalar", "attitude", "gyroscope", "temperature", "current", "current_2_A"),
     ]
     assert channel_map.clock == "received" and channel_map.time_column == TimeColumn()
     assert [pick.factor for pick in channel_map.sensors] == [None, None, 1e-9, None]
