@@ -15,21 +15,21 @@ Roll and pitch come from gravity. Where only the heading fails they are kept, if
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
 from tam_calibration.core.least_squares import whitening
 from tam_calibration.core.noise import complete_noise
-from tam_calibration.core.slow_cosines import BLOCKS
+from tam_calibration.fit.agreement import SEEN, difference, lasting, shares, white_directions
 from tam_calibration.fit.attitude_convention import misread_attitude
+from tam_calibration.fit.attitude_likelihood import AttitudeEquations
 from tam_calibration.fit.contradiction import SIGNIFICANT, probability_of
 from tam_calibration.fit.identifiability import require_accurate
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
 from tam_calibration.fit.posterior import Known, Place, Problem
 from tam_calibration.fit.raw_headings import RawHeadings
 from tam_calibration.fit.recorded_attitude import strayed
-from tam_calibration.fit.slow_residuals import slow_factor, variance_factors
+from tam_calibration.fit.slow_residuals import variance_factors
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.limits import ATTITUDE_NOISE
@@ -51,12 +51,6 @@ _NOISES = (ATTITUDE_NOISE.most, 0.05, 0.005, 5e-4)
 _TOO_FAR = 2.0
 """Stated noise over that of the residuals, or the reverse, from which the stated one is not used: a factor of two in
 standard errors. Both counted are the size of the errors and how long they last."""
-
-_LEAST_TOLD = 1e-3
-"""Part of the information on a direction that both sides have at least where they can contradict."""
-
-_SEEN = 1e-12
-"""Part of the largest eigenvalue of a scaled information below which a direction is open."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,15 +136,12 @@ def lasting_of(
         As of ``AttitudeLikelihood.linearize``: their sizes are the last unknowns.
     """
     assert problem.attitude is not None
-    count = len(problem.attitude.to_world)
-    if count < BLOCKS:
-        return 1.0
     along = problem.basis_at(place) if along is None else along
-    spans = [slice(*span) for span in pairwise(np.linspace(0, count, BLOCKS + 1).astype(int))]
-    parts = [problem.attitude_at(place, span, None if headings is None else headings[:, span]) for span in spans]
-    information = np.array([along.T @ part.information @ along for part in parts])
-    white = whitening(information.sum(axis=0), _SEEN)
-    return slow_factor(white.T @ information @ white, np.array([white.T @ along.T @ part.gradient for part in parts]))
+
+    def equations_of(span: slice) -> AttitudeEquations:
+        return problem.attitude_at(place, span, None if headings is None else headings[:, span])
+
+    return lasting(equations_of, len(problem.attitude.to_world), along)
 
 
 def _scatter_at_start(recording: SampleSource, array: Array, known: Known) -> float:
@@ -218,25 +209,19 @@ class _Fit:
     def measure_scatter(self) -> float:
         """Return the standard deviation of attitude that the residuals show, radians."""
         own = self.problem.attitude_at(self.place)
-        return own.scatter(self.noise, float(np.sum(self._shares(own.information, own.gradient)[0])))
+        return own.scatter(self.noise, float(np.sum(shares(self.white, own.information, own.gradient)[0])))
 
-    def _white(self) -> FloatArray:
-        """Return directions of the free unknowns on which the information of all is one."""
+    @property
+    def white(self) -> FloatArray:
+        """(Q, M) directions of the free unknowns on which the information of all is one."""
         information, gradient = self.problem.data_at(self.place)
         self.problem.add_known(self.place, information, gradient)
-        basis = self.problem.basis_at(self.place)
-        return np.asarray(basis @ whitening(basis.T @ information @ basis, _SEEN))
-
-    def _shares(self, information: FloatArray, gradient: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the part that some information is of all on each direction, and its gradient along them."""
-        white = self._white()
-        shares, directions = np.linalg.eigh(white.T @ information @ white)
-        return np.clip(shares, 0, 1), directions.T @ white.T @ gradient
+        return white_directions(information, self.problem.basis_at(self.place))
 
     def contradiction(self) -> str:
         """Return how attitude contradicts all else, or nothing."""
         own = self.problem.attitude_at(self.place)
-        sizes = self._difference(own.information, own.gradient)
+        sizes = difference(self.white, own.information, own.gradient)
         what = "heading" if self.problem.known.uses_heading else "roll and pitch"
         noise = f"with {to_degrees(self.noise):.2g}° of noise"
         words = f"the {what} of the recorded attitude contradicts the readings, {sizes} {noise}: {_LOOK}"
@@ -253,21 +238,8 @@ class _Fit:
             problem.add_known(beside.place, *own)
             added.append(own)
         (information, gradient), (less, downhill) = added
-        sizes = beside._difference(information - less, gradient - downhill)
+        sizes = difference(beside.white, information - less, gradient - downhill)
         return f"the field of the place contradicts readings and attitude, {sizes}" if sizes else ""
-
-    def _difference(self, information: FloatArray, gradient: FloatArray) -> str:
-        """Return χ² of the difference that some information makes to the estimate, where chance hardly makes as much.
-
-        At the best errors its score is what the others' balances, and has the variance of the parallel sum of both
-        informations (Hausman 1978): no fit without it is needed.
-        """
-        shares, score = self._shares(information, gradient)
-        told = (shares > _LEAST_TOLD) & (1 - shares > _LEAST_TOLD)
-        chi_square, freedom = float(np.sum(score[told] ** 2 / (shares * (1 - shares))[told])), int(told.sum())
-        if probability_of(chi_square, freedom) >= SIGNIFICANT:
-            return ""
-        return f"χ² {chi_square:.3g} of {freedom} errors"
 
     def followed(self, recording: SampleSource) -> str:
         """Return which readings the heading follows, or nothing."""
@@ -277,7 +249,7 @@ class _Fit:
         field = attitude.field(*self.problem.rows_at(self.place))
         turned = attitude.to_world @ view.mount
         raw = RawHeadings.of(readings_T, field, turned, view.direction, self.place.intensity_T)
-        white, size = self._white(), len(self.problem.basis_at(self.place))
+        white, size = self.white, len(self.problem.basis_at(self.place))
         own = self.problem.attitude_at(self.place, headings=raw.columns)
         # Each error of the heading less what errors of the sensors make that are as probable.
         alone = np.vstack([-white @ white.T @ own.information[:size, size:], np.eye(len(raw.columns))])
@@ -285,7 +257,7 @@ class _Fit:
         followed, is_raw = {}, {}
         for index, name in enumerate(raw.names):
             both = slice(2 * index, 2 * index + 2)
-            own_white = whitening(left[both, both], _SEEN)
+            own_white = whitening(left[both, both], SEEN)
             along = own_white.T @ own.gradient[size:][both]
             chi_square, limit = float(along @ along), SIGNIFICANT / len(raw.names)
             if probability_of(chi_square, len(along)) < limit and (own_white @ along).max() > 0:

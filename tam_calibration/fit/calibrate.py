@@ -115,10 +115,11 @@ def calibrate(
     attitude_is_data = array.attitude_noise is not None and recording.whole().attitude is not None
     is_joint = prior is not None or main_field_T is not None or attitude_is_data
     takes_priors = method == DEFAULT_METHOD and not ambient_gradient
+    rates_are_data = takes_priors and recording.thinned(SKETCH).angular_velocity_rad_s is not None
     if is_joint and not takes_priors:
         kind = "an ambient gradient" if ambient_gradient else method
         raise InputError(f"priors and attitude as data go with {DEFAULT_METHOD} in a uniform field, not with {kind}")
-    is_joint |= takes_priors and array.tolerances is not None
+    is_joint |= takes_priors and (array.tolerances is not None or rates_are_data)
     array.require_recording(recording)
     is_screened = not (ambient_gradient or method == "robust")
     recording, found, notes = _checked(recording, array, accept, is_screened, is_joint)

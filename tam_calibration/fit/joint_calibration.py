@@ -17,9 +17,10 @@ from tam_calibration.fit.attitude_check import judge_attitude
 from tam_calibration.fit.consistency import Fit, accepted, require_one_field, require_one_sphere
 from tam_calibration.fit.contradiction import PLAUSIBLE, SIGNIFICANT
 from tam_calibration.fit.estimate import mean_temperature
+from tam_calibration.fit.gyroscope_check import MOST_LINKS, judge_gyroscope
 from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, update_of
-from tam_calibration.fit.posterior import Intensity, Known
+from tam_calibration.fit.posterior import Intensity, Known, Place
 from tam_calibration.fit.prior import Prior, has_date, prior_of
 from tam_calibration.fit.resolved_prior import MOST_TIMES, Resolved, resolve
 from tam_calibration.fit.scalar_check import turning_scalar
@@ -144,14 +145,14 @@ def _as_far_as_they_agree(recording: SampleSource, array: Array, known: Known) -
     """
     scalar = turning_scalar(recording, array)
     if scalar is None:
-        return _beside_attitude(recording, array, known)
+        return _beside_motion(recording, array, known)
     given = recording, known
     without = (
         replace(recording.whole(), scalar_T=None),
         replace(known, intensity=Intensity(scalar.mean_T, scalar.size_T)),
     )
     (taken, beside), (other, other_known) = (without, given) if scalar.is_most else (given, without)
-    joint = _beside_attitude(taken, array, beside)
+    joint = _beside_motion(taken, array, beside)
     calibration = replace(joint.calibration, notes=(scalar.sentence, *joint.calibration.notes))
     with suppress(InputError, Refused):
         compared = _beside(other, array, other_known).calibration
@@ -161,12 +162,42 @@ def _as_far_as_they_agree(recording: SampleSource, array: Array, known: Known) -
     return joint._replace(calibration=calibration)
 
 
-def _beside_attitude(recording: SampleSource, array: Array, known: Known) -> JointCalibration:
-    """Return the calibration with place and attitude as far as they agree, and depend on no sensor."""
+def _beside_motion(recording: SampleSource, array: Array, known: Known) -> JointCalibration:
+    """Return the calibration with place, and angular velocity or attitude, as far as they agree.
+
+    A gyroscope depends on no magnetometer: where attitude contradicts it, or is not used, it counts.
+    """
     known, notes = _without_wrong_place(recording, known)
-    if array.attitude_noise is None or recording.whole().attitude is None:
-        joint = _beside(recording, array, known)
-        return joint._replace(calibration=replace(joint.calibration, notes=notes))
+    is_attitude_used = array.attitude_noise is not None and recording.whole().attitude is not None
+    beside_attitude = _beside_attitude if is_attitude_used else _beside
+    if recording.thinned(SKETCH).angular_velocity_rad_s is None:
+        joint = beside_attitude(recording, array, known)
+        return _noting(joint, notes)
+    alone = replace(array, attitude_noise=None)
+    judged = judge_gyroscope(recording.whole(), alone, known)
+    if judged.use is None:
+        try:
+            joint = beside_attitude(recording, array, known)
+        except (InputError, Refused) as problem:
+            raise type(problem)(f"{problem}; {judged.reason}") from problem
+        return _noting(joint, (*notes, f"{judged.reason}: it is left out"))
+    joint = _beside(judged.recording, alone, replace(known, gyroscope=judged.use, start=judged.place))
+    if judged.doubt:
+        warnings = (judged.doubt, *joint.calibration.warnings)
+        joint = joint._replace(calibration=replace(joint.calibration, warnings=warnings))
+    if is_attitude_used:
+        notes = (*notes, "the recorded attitude is left out beside the gyroscope, which needs no magnetometer")
+    return _noting(joint, (*notes, *judged.notes))
+
+
+def _noting(joint: JointCalibration, notes: tuple[str, ...]) -> JointCalibration:
+    """Return a calibration with more notes before its own."""
+    return joint._replace(calibration=replace(joint.calibration, notes=(*notes, *joint.calibration.notes)))
+
+
+def _beside_attitude(recording: SampleSource, array: Array, known: Known) -> JointCalibration:
+    """Return the calibration with attitude as far as it agrees, and depends on no sensor."""
+    notes: tuple[str, ...] = ()
     judged = judge_attitude(recording, array, known)
     array = replace(array, attitude_noise=judged.attitude_noise)
     kept = "heading of the attitude" if judged.attitude_noise else "attitude"
@@ -242,6 +273,11 @@ def _beside_prior(recording: SampleSource, array: Array, beside: Known) -> Joint
         calibration = replace(
             calibration, update=update, warnings=_doubts(calibration, given, update, resolved.unnamed)
         )
+    if (use := resolved.known.gyroscope) is not None:
+        # Fits to most of the samples begin where that to all has ended.
+        place = Place(calibration.errors, calibration.intensity_T)
+        use = replace(use, stride=-(-resolved.recording.sample_count // MOST_LINKS))
+        fit = partial(maximum_a_posteriori, known=replace(resolved.known, gyroscope=use, start=place))
     return JointCalibration(calibration, resolved.recording, array, fit)
 
 

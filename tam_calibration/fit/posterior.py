@@ -21,6 +21,8 @@ from tam_calibration.core.variance_factors import WHITE, VarianceFactors
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.attitude_likelihood import AttitudeEquations, AttitudeLikelihood, WorldView
 from tam_calibration.fit.gauss_newton import descend
+from tam_calibration.fit.gyroscope_likelihood import GyroscopeEquations, GyroscopeLikelihood
+from tam_calibration.fit.gyroscope_path import GyroscopePath, GyroscopeState, GyroscopeUse
 from tam_calibration.fit.information import inverted, keeping, rows_by_unknowns
 from tam_calibration.fit.likelihood import Likelihood, UniformLikelihood
 from tam_calibration.fit.maximum_likelihood import first_guess, likelihood_of
@@ -74,21 +76,24 @@ class Known:
     curvature : (Q, Q) array, optional
         Covariance of the score of this recording, over the unknowns, by what is no straight line over what stays
         uncertain; it widens the covariance, and does not move the errors.
-    start : Calibration, optional
+    start : Calibration or Place, optional
         Where the iteration begins; by default at the prior, and without one at the closed form.
     uses_heading : bool
         Whether of a recorded attitude the heading counts beside roll and pitch.
     intensity : Intensity, optional
         Of the field, where no scalar reads it in the samples.
+    gyroscope : GyroscopeUse, optional
+        How a recorded angular velocity counts; None where it does not. It does not go with attitude as data.
     """
 
     prior: Prior | None = None
     main_field_T: FloatArray | None = None
     variance_factors: VarianceFactors = WHITE
     curvature: FloatArray | None = None
-    start: Calibration | None = None
+    start: "Calibration | Place | None" = None
     uses_heading: bool = True
     intensity: Intensity | None = None
+    gyroscope: GyroscopeUse | None = None
 
     @property
     def intensities(self) -> tuple[Intensity, ...]:
@@ -179,16 +184,20 @@ def can_be(vector: FloatArray) -> bool:
 
 
 class Place(NamedTuple):
-    """Errors, the intensity where no scalar reads it, tesla, and the view of the world where attitude is data."""
+    """Errors, the intensity where no scalar reads it, tesla, and the view of the world where attitude is data.
+
+    Where angular velocity is data, the state of the gyroscope too.
+    """
 
     errors: SensorErrors
     intensity_T: float
     view: WorldView | None = None
+    gyroscope: GyroscopeState | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """The likelihood of a recording over the unknowns: errors, intensity over its unit, step of the view."""
+    """The likelihood of a recording over the unknowns: errors, intensity over its unit, step of view or gyroscope."""
 
     known: Known
     start_errors: SensorErrors
@@ -197,6 +206,7 @@ class Problem:
     has_scalar: bool
     attitude: AttitudeLikelihood | None
     mounting_error: float | None
+    gyroscope: GyroscopeLikelihood | None = None
 
     @classmethod
     def of(
@@ -224,6 +234,7 @@ class Problem:
             has_scalar,
             attitude,
             array.mounting_error if known.knows_frame else None,
+            None if known.gyroscope is None else _gyroscope_of(data, array, known.gyroscope),
         )
 
     @cached_property
@@ -233,10 +244,16 @@ class Problem:
         view = None
         if self.attitude is not None:
             view = self.attitude.view(errors.matrix, np.zeros_like(errors.bias_T))
-        return Place(errors, self.unit_T, view)
+        state = None
+        if self.gyroscope is not None and (use := self.known.gyroscope):
+            state = use.start.of_modes(self.gyroscope.path.modes)
+        return Place(errors, self.unit_T, view, state)
 
     def most_probable(self) -> tuple[Place, tuple[FloatArray, FloatArray]]:
         """Return the most probable place, and what ``settled`` returns beside it."""
+        if isinstance(self.known.start, Place):
+            with suppress(Refused):
+                return self.settled(self.start, is_corrected=True)
         end, kept = self.settled(self.start, is_corrected=False)
         # Noise that is stated larger than it is, in a turn that tells little more than the prior, has no such place.
         for length in (1.0, _SHORTER):
@@ -279,25 +296,47 @@ class Problem:
         rows = rows_by_unknowns(place.errors, self.unit_T, None if self.has_scalar else place.intensity_T)
         downhill = here.gradient if is_corrected else here.gradient + here.correction
         information, gradient = rows.T @ here.information @ rows, rows.T @ downhill
+        if self.gyroscope is not None:
+            return self._with(self.gyroscope_at(place), information, gradient)
         if self.attitude is None or place.view is None:
             return information, gradient
-        of_attitude = self.attitude_at(place)
-        both, towards = of_attitude.information, of_attitude.gradient
-        both[:-5, :-5] += information
-        towards[:-5] += gradient
-        return both, towards
+        return self._with(self.attitude_at(place), information, gradient)
+
+    @staticmethod
+    def _with(
+        more: AttitudeEquations | GyroscopeEquations, information: FloatArray, gradient: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return normal equations of the first unknowns with those of all, whose arrays are used up."""
+        count = len(gradient)
+        more.information[:count, :count] += information
+        more.gradient[:count] += gradient
+        return more.information, more.gradient
+
+    def gyroscope_at(self, place: Place, samples: slice = slice(None)) -> GyroscopeEquations:
+        """Return the normal equations of the angular velocity at a place, over the unknowns."""
+        assert self.gyroscope is not None and place.gyroscope is not None
+        found = self.gyroscope.part(samples).linearize(*self.rows_at(place), place.gyroscope)
+        extended = self._by_unknowns(place, len(found.gradient))
+        return found._replace(
+            information=extended.T @ found.information @ extended, gradient=extended.T @ found.gradient
+        )
+
+    def _by_unknowns(self, place: Place, count: int) -> FloatArray:
+        """Return the derivative of the rows, and of so many unknowns in all that follow them, by the unknowns."""
+        rows = rows_by_unknowns(place.errors, self.unit_T, None if self.has_scalar else place.intensity_T)
+        more = count - len(rows)
+        extended = np.zeros((count, rows.shape[1] + more))
+        extended[: len(rows), : rows.shape[1]] = rows
+        extended[len(rows) :, rows.shape[1] :] = np.eye(more)
+        return extended
 
     def attitude_at(
         self, place: Place, samples: slice = slice(None), headings: FloatArray | None = None
     ) -> AttitudeEquations:
         """Return the normal equations of attitude at a place, over the unknowns and ``headings`` of ``linearize``."""
         assert self.attitude is not None and place.view is not None
-        rows = rows_by_unknowns(place.errors, self.unit_T, None if self.has_scalar else place.intensity_T)
         found = self.attitude.part(samples).linearize(*self.rows_at(place), place.view, headings)
-        count, more = len(rows), len(found.gradient) - len(rows)
-        extended = np.zeros((count + more, rows.shape[1] + more))
-        extended[:count, :-more] = rows
-        extended[count:, -more:] = np.eye(more)
+        extended = self._by_unknowns(place, len(found.gradient))
         return found._replace(
             information=extended.T @ found.information @ extended, gradient=extended.T @ found.gradient
         )
@@ -325,6 +364,11 @@ class Problem:
             gradient[size] += precision * (intensity.value_T - place.intensity_T) / self.unit_T
         if place.view is not None:
             self._add_known_view(place.view, information[-5:, -5:], gradient[-5:])
+        if place.gyroscope is not None and (use := self.known.gyroscope):
+            precisions, downhill = use.prior(place.gyroscope)
+            own = slice(-place.gyroscope.size, None)
+            information[own, own] += np.diag(precisions)
+            gradient[own] += downhill
 
     def _add_known_view(self, view: WorldView, information: FloatArray, gradient: FloatArray) -> None:
         from scipy.spatial.transform import Rotation
@@ -345,6 +389,9 @@ class Problem:
         size = 12 * place.errors.sensor_count + (not self.has_scalar) + (0 if place.view is None else 5)
         free = np.ones(size, dtype=bool)
         free[9:12] = self.known.knows_frame
+        if place.gyroscope is not None and (use := self.known.gyroscope):
+            free = np.append(free, use.is_free(place.gyroscope))
+            size = len(free)
         if self.has_scalar or self.known.knows_scale:
             return np.eye(size)[:, free]
         gradient = np.zeros(size)
@@ -369,10 +416,11 @@ class Problem:
             )
         errors = SensorErrors.from_vector(vector, errors.orientation)
         view = None if place.view is None else place.view.moved(step[-5:])
+        state = None if place.gyroscope is None else place.gyroscope.moved(step[-place.gyroscope.size :])
         if not self.has_scalar and not self.known.knows_scale:
             scale = float(free_scale(errors.matrix))
             errors, intensity_T = replace(errors, scale_factor=scale * errors.scale_factor), intensity_T / scale
-        return Place(errors, intensity_T, view)
+        return Place(errors, intensity_T, view, state)
 
     def rows_at(self, place: Place) -> tuple[FloatArray, FloatArray]:
         """Return the matrices times the intensity over its unit, and the biases about those of the start."""
@@ -382,6 +430,25 @@ class Problem:
 
 _LEAST_ANGLE = 1e-8
 """Of a mounting that is stated to be exact, radians."""
+
+
+def _gyroscope_of(data: Normalized, array: KnownNoiseArray, use: GyroscopeUse) -> GyroscopeLikelihood | None:
+    """Return the samples as data of the turn between them; None where they have no angular velocity."""
+    recording = data.source.whole()
+    if recording.angular_velocity_rad_s is None:
+        return None
+    path = GyroscopePath(
+        recording.time_s,
+        recording.angular_velocity_rad_s,
+        use.interval_s,
+        recording.time_span_s,
+        use.start.delay_s,
+        use.stride,
+    )
+    if not len(path.links):
+        return None
+    rows = data.points.reshape(recording.sample_count, -1).T
+    return GyroscopeLikelihood.of(rows, path, array.vector_noise_T / data.radius_T, use.density, use.lasting)
 
 
 def _attitude_of(data: Normalized, array: KnownNoiseArray, uses_heading: bool) -> AttitudeLikelihood | None:

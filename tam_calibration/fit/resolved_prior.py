@@ -96,6 +96,7 @@ def time_of_change(
     change : Change
         What moved.
     """
+    known = replace(known, gyroscope=None)  # its turns reach from one block into the next
     count = min(_MOST_BLOCKS, recording.sample_count)
     starts = np.linspace(0, recording.sample_count, count + 1).astype(int)
     place = Place(posterior.errors, posterior.intensity_T, posterior.view)

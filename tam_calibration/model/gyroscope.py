@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.limits import RATE_BIAS, RATE_NOISE
+from tam_calibration.model.limits import RATE_BIAS, RATE_NOISE, RATE_SCALE
 from tam_calibration.model.units import FloatArray, from_degrees
 
 
@@ -21,6 +21,8 @@ class Gyroscope:
     bias : float
         Standard deviation of the constant bias of each axis about zero, rad/s. By default that of consumer chips, which
         data sheets bound by 3 to 10 °/s.
+    scale_error : float
+        Standard deviation of its scale factors, and of the angles of its axes in radians; 0 where they are true.
 
     Raises
     ------
@@ -30,6 +32,7 @@ class Gyroscope:
 
     noise_density: float | None = None
     bias: float = from_degrees(5.0)
+    scale_error: float = 0.0
 
     def __post_init__(self) -> None:
         """Check the values."""
@@ -37,6 +40,7 @@ class Gyroscope:
             raise InputError("noise and bias of a gyroscope must be positive numbers")
         if self.noise_density is not None:
             RATE_NOISE.require("the noise density of the gyroscope", self.noise_density)
+        RATE_SCALE.require("the scale error of the gyroscope", self.scale_error)
         RATE_BIAS.require("the bias of the gyroscope", self.bias)
 
     def readings(self, time_s: FloatArray, rates: FloatArray, generator: np.random.Generator) -> FloatArray:

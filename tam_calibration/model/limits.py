@@ -100,6 +100,9 @@ RATE_NOISE = Limits(1e-10, 1e-1, "rad/s/√Hz")
 RATE_BIAS = Limits(1e-10, 10.0, "rad/s")
 """Standard deviation of the bias of a gyroscope: that of the worst chips is below 0.5 rad/s."""
 
+RATE_SCALE = Limits(0.0, 0.3, "")
+"""Standard deviation of the scale of a gyroscope: that of the worst chips is 0.05."""
+
 MOUNTING_ERROR = Limits(0.0, 0.5, "rad")
 """Of how a sensor of attitude is mounted: what is not known to 30° is not known."""
 

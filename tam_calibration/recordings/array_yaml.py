@@ -64,10 +64,13 @@ class GyroscopeFile(Document):
         One-sided density of the noise, as data sheets state it.
     bias_deg_per_s : float, optional
         Standard deviation of a constant bias of each axis about zero.
+    scale_error_percent : float
+        Standard deviation of the scale of each axis, and of the angles between axes; true where it is left out.
     """
 
     noise_mdps_per_sqrt_Hz: float | None = None
     bias_deg_per_s: float | None = None
+    scale_error_percent: float = 0.0
 
     def to_gyroscope(self) -> Gyroscope:
         """Return the gyroscope in SI.
@@ -79,7 +82,8 @@ class GyroscopeFile(Document):
         """
         noise, bias = self.noise_mdps_per_sqrt_Hz, self.bias_deg_per_s
         density = None if noise is None else from_degrees(noise) / 1000
-        return Gyroscope(density) if bias is None else Gyroscope(density, from_degrees(bias))
+        own = {} if bias is None else {"bias": from_degrees(bias)}
+        return Gyroscope(density, scale_error=self.scale_error_percent / 100, **own)
 
 
 class ArrayFile(Document):
@@ -356,9 +360,11 @@ def _tolerances_to_mapping(tolerances: Tolerances) -> dict[str, float]:
 def _gyroscope_to_mapping(gyroscope: Gyroscope) -> dict[str, float]:
     """Return the keys and values of a gyroscope in a file."""
     written = {"bias_deg_per_s": float(degrees_to_write(np.array(gyroscope.bias)))}
-    if gyroscope.noise_density is None:
-        return written
-    return {"noise_mdps_per_sqrt_Hz": float(degrees_to_write(np.array(1000 * gyroscope.noise_density)))} | written
+    if gyroscope.noise_density is not None:
+        written["noise_mdps_per_sqrt_Hz"] = float(degrees_to_write(np.array(1000 * gyroscope.noise_density)))
+    if gyroscope.scale_error:
+        written["scale_error_percent"] = float(percent_to_write(np.array(gyroscope.scale_error)))
+    return written
 
 
 def write_array(path: Path, array: Array) -> None:

@@ -1,0 +1,267 @@
+"""Angular velocity as data: how the direction of the field that the sensors agree on turns from sample to sample.
+
+The direction u of a field that is uniform and constant in direction in the world is turned back in the array frame by
+what the array is turned by: u' = exp(-X S φ) u. Nothing else of the path matters, as the turn about the field does not
+show. With T two unit vectors across u, F = T'ᵀ exp(-X S φ) T, V the covariance of u across itself, and q that of the
+angular velocity's integral, the two numbers of each interval
+
+    ε = T'ᵀ exp(-X S φ) u,    cov(ε, ε) = q + F V Fᵀ + V',    cov(ε', ε) = -F' V',
+
+are all that the path tells of the errors of the sensors: their covariance has two blocks beside its diagonal, and a
+banded Cholesky factor makes them white at a cost that grows as the number of samples does. The unknown path is
+eliminated with it. Field and turn in the derivatives are the smoothed ones, u + T V (λ' - Fᵀ λ) and less q Tᵀ λ, with λ
+the residuals over their covariance: they do not depend on the noise of the residuals, which would pull the errors of
+sensors and gyroscope towards zero.
+"""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.linalg import inv, norm
+
+from tam_calibration.core.normal_equations import gram
+from tam_calibration.fit.channel_maps import ChannelMaps
+from tam_calibration.fit.gyroscope_path import SHAPE_COLUMNS, SHAPE_ROWS, GyroscopePath, GyroscopeState, Turns, rotated
+from tam_calibration.fit.likelihood import UNIFORM
+from tam_calibration.model.limits import RATE_NOISE
+from tam_calibration.model.units import FloatArray
+
+_BAND = 3
+"""Diagonals below that of a covariance of blocks of two."""
+
+_HALVINGS = 14
+"""Of the exponent of a density: nine decades to a thousandth."""
+
+
+class GyroscopeEquations(NamedTuple):
+    """Normal equations of the angular velocity.
+
+    Parameters
+    ----------
+    information : (P, P) array
+        Over the rows [D Λ | o] of the sensors, then the unknowns of the gyroscope.
+    gradient : (P,) array
+        Downhill.
+    energy : float
+        Sum of the squares of the whitened channels.
+    channels : int
+        Number of these.
+    """
+
+    information: FloatArray
+    gradient: FloatArray
+    energy: float
+    channels: int
+
+
+class _Chain(NamedTuple):
+    """The intervals at a point: directions across the field, its turns, and what they are whitened by."""
+
+    field: FloatArray
+    length: FloatArray
+    across: FloatArray
+    through: FloatArray
+    residual: FloatArray
+    variance: FloatArray
+    band: FloatArray
+    turns: Turns
+    turned: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class GyroscopeLikelihood:
+    """Samples whose angular velocity is known.
+
+    Parameters
+    ----------
+    rows : (3 K, n) array
+        Readings about an origin, in units of a field, of every sample of the path's stride.
+    path : GyroscopePath
+        The angular velocities.
+    vector_noise : (K,) array
+        Standard deviation of each sensor's axes, in the same unit.
+    density : float
+        One-sided density of the noise of the angular velocity, rad/s/√Hz: its integral over Δt has the variance
+        density² Δt / 2.
+    lasting : float
+        By how much what the channels tell varies more than by white noise.
+    """
+
+    rows: FloatArray
+    path: GyroscopePath
+    vector_noise: FloatArray
+    density: float
+    lasting: float = 1.0
+
+    @classmethod
+    def of(
+        cls, rows: FloatArray, path: GyroscopePath, vector_noise: FloatArray, density: float, lasting: float = 1.0
+    ) -> "GyroscopeLikelihood":
+        """Return the likelihood of the rows (3 K, N) of all samples."""
+        return cls(rows[:, :: path.stride], path, vector_noise, density, lasting)
+
+    def part(self, samples: slice) -> "GyroscopeLikelihood":
+        """Return the likelihood of some of the samples, from a whole stride on."""
+        stride = self.path.stride
+        first = -(-(samples.start or 0) // stride)
+        last = self.rows.shape[1] if samples.stop is None else -(-samples.stop // stride)
+        path = self.path.part(slice(first * stride, samples.stop))
+        return replace(self, rows=self.rows[:, first:last], path=path)
+
+    def coarser(self, times: int) -> "GyroscopeLikelihood":
+        """Return the likelihood of turns over so many times as many samples."""
+        path = replace(self.path, stride=times * self.path.stride)
+        return replace(self, rows=self.rows[:, ::times], path=path)
+
+    def linearize(self, matrix: FloatArray, bias: FloatArray, state: GyroscopeState) -> GyroscopeEquations:
+        """Return the normal equations at a point.
+
+        Parameters
+        ----------
+        matrix : (K, 3, 3) array
+            D Λ of each sensor.
+        bias : (K, 3) array
+            Of each sensor, in the unit of the readings.
+        state : GyroscopeState
+            Of the gyroscope.
+        """
+        count, more = 12 * len(matrix), state.size
+        if not len(self.path.links):
+            return GyroscopeEquations(np.zeros((count + more, count + more)), np.zeros(count + more), 0.0, 0)
+        channels = ChannelMaps.at(matrix, bias, UNIFORM, self.vector_noise, None)
+        chain = self._chain(channels, state)
+        factor = self._factor(chain, self.density)
+        white = _whitened(factor, self._columns(chain, factor, state))
+        moments = gram(white) / self.lasting
+        response = np.zeros((count + more, 12 + more))
+        response[:count, :12] = channels.response.reshape(count, 12)
+        response[count:, 12:] = np.eye(more)
+        return GyroscopeEquations(
+            response @ moments[:-1, :-1] @ response.T,
+            -response @ moments[:-1, -1],
+            self.lasting * float(moments[-1, -1]),
+            white.shape[1],
+        )
+
+    def scatter(
+        self, matrix: FloatArray, bias: FloatArray, state: GyroscopeState, taken: float, sigmas: float = 0.0
+    ) -> float:
+        """Return the density with which the residuals are as large as they are, rad/s/√Hz; 0 where they are smaller.
+
+        Parameters
+        ----------
+        matrix, bias, state
+            As of ``linearize``.
+        taken : float
+            Number of channels that the fit has taken.
+        sigmas : float
+            Standard deviations of chance by which the residuals may be smaller than by that density.
+        """
+        chain = self._chain(ChannelMaps.at(matrix, bias, UNIFORM, self.vector_noise, None), state)
+        freedom = max(chain.residual.size - taken, 1.0)
+        wanted = freedom - sigmas * np.sqrt(2 * freedom)
+
+        def excess(exponent: float) -> float:
+            white = _whitened(self._factor(chain, 10**exponent), chain.residual[None].copy())
+            return float(np.sum(white**2) - wanted)
+
+        low, high = (float(np.log10(each)) for each in (RATE_NOISE.least, RATE_NOISE.most))
+        if excess(low) <= 0:
+            return 0.0
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2
+            low, high = (middle, high) if excess(middle) > 0 else (low, middle)
+        return float(10**high)
+
+    def _chain(self, channels: ChannelMaps, state: GyroscopeState) -> _Chain:
+        field = (channels.at_scalar[:, :-1] @ self.rows + channels.at_scalar[:, -1:]).T
+        length = norm(field, axis=1)
+        along = field / length[:, None]
+        across = _across(along)
+        turns, links = self.path.turns(state), self.path.links
+        turned = turns.angle @ (state.mount @ state.shape).T
+        moved = rotated(-turned, np.concatenate([along[links, None], across[links]], axis=1))
+        residual = np.einsum("nai,ni->na", across[links + 1], moved[:, 0])
+        through = np.einsum("nai,nbi->nab", across[links + 1], moved[:, 1:])
+        covariance = channels.elimination.covariance
+        variance = np.einsum("nai,ij,nbj->nab", across, covariance, across, optimize=True) / length[:, None, None] ** 2
+        band = self._band(through, variance)
+        return _Chain(field, length, across, through, residual, variance, band, turns, turned)
+
+    def _band(self, through: FloatArray, variance: FloatArray) -> FloatArray:
+        """Return what the sensors' noise makes of the channels' covariance, (4, 2 L): diagonal, then those below it."""
+        links, count = self.path.links, len(self.path.links)
+        own = through @ variance[links] @ np.swapaxes(through, 1, 2) + variance[links + 1]
+        beside = -(through[1:] @ variance[links[1:]]) * self.path.follows[:, None, None]
+        band = np.zeros((_BAND + 1, count, 2))
+        band[0] = own[:, (0, 1), (0, 1)]
+        band[1, :, 0], band[1, :-1, 1] = own[:, 1, 0], beside[:, 0, 1]
+        band[2, :-1, 0], band[2, :-1, 1] = beside[:, 0, 0], beside[:, 1, 1]
+        band[3, :-1, 0] = beside[:, 1, 0]
+        return band.reshape(_BAND + 1, -1)
+
+    def _factor(self, chain: _Chain, density: float) -> FloatArray:
+        """Return the banded Cholesky factor of the channels' covariance, with the noise of the gyroscope."""
+        from scipy.linalg import cholesky_banded
+
+        band = chain.band.copy()
+        band[0] += np.repeat(density**2 * self.path.duration_s / 2, 2)
+        return np.asarray(cholesky_banded(band, lower=True, overwrite_ab=True))
+
+    def _columns(self, chain: _Chain, factor: FloatArray, state: GyroscopeState) -> FloatArray:
+        """Return (12 + Q + 1, L, 2): across ⊗ [field, 1] / |field|, by the gyroscope, residual."""
+        from scipy.linalg import cho_solve_banded
+
+        links = self.path.links
+        columns = np.empty((13 + state.size, len(links), 2))
+        pull = cho_solve_banded((factor, True), chain.residual.ravel()).reshape(-1, 2)
+        by_field = self._by_field(chain, pull)
+        columns[:12] = by_field[:, links + 1] - np.einsum("nab,pnb->pna", chain.through, by_field[:, links])
+        first, second = np.moveaxis(chain.across[links + 1], 1, 0)
+        # Across is right-handed: a turn δ moves the predicted direction u by -δ × u, which along T is -δ · (u × T).
+        by_turn = np.stack([-second, first], axis=1)
+        by_angle = np.moveaxis(by_turn @ (state.mount @ state.shape), 2, 0).copy()
+        by_bias = -by_angle * self.path.duration_s[:, None]
+        place = 12 + state.bias.size
+        for course, into in zip(self.path.courses, columns[12:place].reshape(-1, 3, len(links), 2), strict=True):
+            np.multiply(by_bias, course[:, None], out=into)
+        columns[place] = np.einsum("ina,ni->na", by_angle, chain.turns.by_delay)
+        noise = np.einsum("nai,na->ni", by_turn, pull) * (self.density**2 * self.path.duration_s / 2)[:, None]
+        turned = chain.turned - noise
+        columns[place + 1 : place + 4] = np.moveaxis(np.cross(turned[:, None], by_turn), 2, 0)
+        by_shape, angle = by_turn @ state.mount, (turned @ inv(state.mount @ state.shape).T)[:, None]
+        for into, row, column in zip(columns[place + 4 : -1], SHAPE_ROWS, SHAPE_COLUMNS, strict=True):
+            np.multiply(by_shape[:, :, row], angle[:, :, column], out=into)
+            if row != column:
+                into += by_shape[:, :, column] * angle[:, :, row]
+        columns[-1] = chain.residual
+        return columns
+
+    def _by_field(self, chain: _Chain, pull: FloatArray) -> FloatArray:
+        """Return the (12, N, 2) directions across ⊗ [smoothed field, 1] over the length of the field."""
+        shift = np.zeros((len(chain.field), 2))
+        shift[self.path.links] -= np.einsum("nba,nb->na", chain.through, pull)
+        shift[self.path.links + 1] += pull
+        shift = np.einsum("nab,nb->na", chain.variance, shift)
+        extended = np.ones((4, len(shift)))
+        extended[:3] = chain.field.T + chain.length * np.einsum("na,nai->in", shift, chain.across)
+        extended /= chain.length
+        across = np.moveaxis(chain.across, 2, 0).copy()
+        return (across[:, None] * extended[None, :, :, None]).reshape(12, -1, 2)
+
+
+def _whitened(factor: FloatArray, columns: FloatArray) -> FloatArray:
+    """Return columns (P, L, 2) as (P, 2 L) of unit variance; they are used up."""
+    from scipy.linalg.lapack import dtbtrs
+
+    white, _ = dtbtrs(factor, columns.reshape(len(columns), -1).T, uplo="L", overwrite_b=1)
+    return np.asarray(white.T)
+
+
+def _across(along: FloatArray) -> FloatArray:
+    """Return two unit vectors (N, 2, 3) across unit vectors (N, 3), right-handed with them as the third."""
+    axis = np.eye(3)[np.abs(along).argmin(axis=1)]
+    first = np.cross(along, axis)
+    first /= norm(first, axis=1, keepdims=True)
+    return np.stack([first, np.cross(along, first)], axis=1)

@@ -1,0 +1,270 @@
+"""The turns of an array between its samples, as a gyroscope measured them.
+
+The angular velocity ω is a cubic spline through its readings; its integral over the interval between two samples, less
+that of the bias, is the turn φ. An angular velocity whose direction changes adds Δt²/12 ω₁ × ω₂ to it (the coning
+correction of two samples, Savage 1998). The frame of the gyroscope is that of the sensors after the turn X and the
+symmetric matrix S, which holds what its axes differ by in scale and angle: in their frame the turn is X S φ.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tam_calibration.model.units import FloatArray
+
+_SLOWEST_S, _MOST_MODES = 100.0, 6
+"""Time in which a bias may wander there and back at most, and the most cosines that describe it."""
+
+_ANY_TURN, _ANY_DELAY_S = np.pi, 1.0
+"""Standard deviations of a mounting and a delay of which nothing is known, radians and seconds: they keep the normal
+equations regular."""
+
+_AT = 0.02
+"""Part of an interval within which a reading is that of a moment."""
+
+_GAP = 1.5
+"""Interval over the usual one from which samples between are missing: what the array did there is not known."""
+
+SHAPE_ROWS, SHAPE_COLUMNS = np.array([[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+"""Row and column of the six elements of S."""
+
+
+@dataclass(frozen=True, eq=False)
+class GyroscopeState:
+    """What a fit finds of a gyroscope.
+
+    Parameters
+    ----------
+    bias : (1 + M, 3) array
+        Constant bias and amplitudes of its M cosines of time, in the frame of the gyroscope, rad/s.
+    delay_s : float
+        How much later than it was measured an angular velocity is stamped.
+    mount : (3, 3) array
+        X: rotation from the frame of the gyroscope to that of the sensors.
+    shape : (3, 3) array
+        S: symmetric.
+    """
+
+    bias: FloatArray
+    delay_s: float
+    mount: FloatArray
+    shape: FloatArray
+
+    @classmethod
+    def at_rest(cls, mount: FloatArray, delay_s: float) -> "GyroscopeState":
+        """Return a gyroscope without bias and with true axes."""
+        return cls(np.zeros((1, 3)), delay_s, mount, np.eye(3))
+
+    def of_modes(self, modes: int) -> "GyroscopeState":
+        """Return the state with so many cosines of the bias: those that it has, then none."""
+        kept = self.bias[: 1 + modes]
+        return replace(self, bias=np.vstack([kept, np.zeros((1 + modes - len(kept), 3))]))
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns: those of the bias, the delay, three of the turn of X, and six of S."""
+        return self.bias.size + 10
+
+    def moved(self, step: FloatArray) -> "GyroscopeState":
+        """Return the state after a step (size,) of the unknowns, in the order of ``size``."""
+        from scipy.spatial.transform import Rotation
+
+        count, shape = self.bias.size, self.shape.copy()
+        shape[SHAPE_ROWS, SHAPE_COLUMNS] += step[count + 4 :]
+        shape[SHAPE_COLUMNS, SHAPE_ROWS] = shape[SHAPE_ROWS, SHAPE_COLUMNS]
+        return replace(
+            self,
+            bias=self.bias + step[:count].reshape(-1, 3),
+            delay_s=self.delay_s + float(step[count]),
+            mount=Rotation.from_rotvec(step[count + 1 : count + 4]).as_matrix() @ self.mount,
+            shape=shape,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class GyroscopeUse:
+    """How the angular velocity of a recording counts.
+
+    Parameters
+    ----------
+    density : float
+        One-sided density of its noise, rad/s/√Hz.
+    bias_error : float
+        Standard deviation of the constant bias about zero, rad/s; that of its n-th cosine is as much over n.
+    interval_s : float
+        Usual interval of the samples: where samples were left out, nothing is known of the turn.
+    start : GyroscopeState
+        Where the fit begins.
+    shape_error : float
+        Standard deviation of the elements of ``GyroscopeState.shape``; 0 where the axes are true.
+    lasting : float
+        By how much what it tells varies more than by white noise.
+    stride : int
+        Over how many samples its turns are taken: more than one makes a fit quicker, and hardly less accurate.
+    """
+
+    density: float
+    bias_error: float
+    interval_s: float
+    start: GyroscopeState
+    shape_error: float = 0.0
+    lasting: float = 1.0
+    stride: int = 1
+
+    def prior(self, state: GyroscopeState) -> tuple[FloatArray, FloatArray]:
+        """Return the precisions (Q,) of the unknowns of a state before a fit, and the downhill gradient (Q,)."""
+        modes = np.maximum(np.arange(len(state.bias)), 1)
+        shape = 1 / self.shape_error**2 if self.shape_error else 0.0
+        of_bias = np.repeat((modes / self.bias_error) ** 2, 3)
+        precision = np.concatenate([of_bias, [_ANY_DELAY_S**-2], np.full(3, _ANY_TURN**-2), np.full(6, shape)])
+        away = np.concatenate([state.bias.ravel(), np.zeros(4), (state.shape - np.eye(3))[SHAPE_ROWS, SHAPE_COLUMNS]])
+        return precision, -precision * away
+
+    def is_free(self, state: GyroscopeState) -> np.ndarray:
+        """Return which of the unknowns of a state are fitted."""
+        free = np.ones(state.size, dtype=bool)
+        free[-6:] = self.shape_error > 0
+        return free
+
+
+class Turns(NamedTuple):
+    """Turns of L intervals in the frame of the gyroscope, and what they depend on.
+
+    Parameters
+    ----------
+    angle : (L, 3) array
+        φ: rotation vectors, radians.
+    by_delay : (L, 3) array
+        Their derivative by the delay, rad/s.
+    """
+
+    angle: FloatArray
+    by_delay: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class GyroscopePath:
+    """The angular velocities of a recording.
+
+    Parameters
+    ----------
+    time_s : (N,) array
+        Of the samples, seconds.
+    rates : (N, 3) array
+        Angular velocities in the frame of the gyroscope, rad/s; NaN where there is none.
+    interval_s : float
+        Usual interval of the samples.
+    span_s : tuple of two floats
+        First and last time over which the bias wanders.
+    delay_s : float
+        By which readings are late, nearly: they must be known at the times of the samples and that.
+    stride : int
+        How many usual intervals are one: more than one where only slow noise shall show.
+    """
+
+    time_s: FloatArray
+    rates: FloatArray
+    interval_s: float
+    span_s: tuple[float, float]
+    delay_s: float = 0.0
+    stride: int = 1
+
+    def part(self, samples: slice) -> "GyroscopePath":
+        """Return the path of some of the samples; the courses of the bias stay."""
+        return replace(self, time_s=self.time_s[samples], rates=self.rates[samples])
+
+    @cached_property
+    def _is_known(self) -> np.ndarray:
+        """(N - 1,) whether the turn between two samples is known."""
+        known = np.asarray(np.isfinite(self.rates).all(axis=1))
+        is_short = np.asarray(np.diff(self.time_s) < _GAP * self.interval_s)
+        # Readings must be known on both sides of the moment at which that of a sample was stamped, or at it.
+        at_s = self.time_s + self.delay_s
+        after = np.searchsorted(self.time_s, at_s)
+        between = np.clip(after - 1, 0, len(is_short) - 1)
+        is_told = np.asarray((known[:-1] & known[1:] & is_short)[between] & (after - 1 == between))
+        for beside in (between, between + 1):
+            is_told |= known[beside] & (np.abs(self.time_s[beside] - at_s) < _AT * self.interval_s)
+        return np.asarray(is_told[:-1] & is_told[1:] & is_short)
+
+    @cached_property
+    def links(self) -> np.ndarray:
+        """(L,) intervals of which the turn is known, by their number: the i-th begins at sample i times the stride."""
+        count = len(self._is_known) // self.stride
+        return np.flatnonzero(self._is_known[: count * self.stride].reshape(count, -1).all(axis=1))
+
+    @property
+    def follows(self) -> np.ndarray:
+        """(L - 1,) whether an interval begins where the one before ends."""
+        return np.asarray(np.diff(self.links) == 1)
+
+    @cached_property
+    def duration_s(self) -> FloatArray:
+        """(L,) durations of the intervals."""
+        return np.asarray(np.diff(self.time_s[:: self.stride])[self.links])
+
+    @cached_property
+    def _middle_s(self) -> FloatArray:
+        """(L,) times in the middle of the intervals."""
+        return np.asarray(self.time_s[:: self.stride][self.links] + self.duration_s / 2)
+
+    @property
+    def modes(self) -> int:
+        """Number of cosines that describe how the bias wanders."""
+        return min(_MOST_MODES, int((self.span_s[1] - self.span_s[0]) / _SLOWEST_S))
+
+    @cached_property
+    def courses(self) -> FloatArray:
+        """(1 + M, L) courses of the bias: constant, and slow cosines."""
+        return self._courses(self._middle_s)
+
+    def _courses(self, time_s: FloatArray) -> FloatArray:
+        first_s, last_s = self.span_s
+        phase = np.pi * (time_s - first_s) / max(last_s - first_s, self.interval_s)
+        return np.cos(np.arange(1 + self.modes)[:, None] * phase)
+
+    @cached_property
+    def _spline(self) -> tuple[Any, Any]:
+        """The angular velocity and its integral as functions of time."""
+        from scipy.interpolate import CubicSpline
+
+        known = np.isfinite(self.rates).all(axis=1)
+        rates = CubicSpline(self.time_s[known], self.rates[known])
+        return rates, rates.antiderivative()
+
+    def integral(self, time_s: FloatArray) -> FloatArray:
+        """Return the integral (n, 3) of the readings up to times (n,), radians."""
+        return np.asarray(self._spline[1](time_s))
+
+    def turns(self, state: GyroscopeState) -> Turns:
+        """Return the turns of the intervals that a state of the gyroscope makes of its readings.
+
+        Parameters
+        ----------
+        state : GyroscopeState
+            Its bias and delay count.
+        """
+        velocity, duration_s = self._spline[0](self.time_s + state.delay_s), np.diff(self.time_s)[:, None]
+        bias = self._courses(self.time_s[:-1] + duration_s[:, 0] / 2).T @ state.bias
+        angle = np.diff(self.integral(self.time_s + state.delay_s), axis=0) - bias * duration_s
+        angle += np.cross(velocity[:-1] - bias, velocity[1:] - bias) * duration_s**2 / 12
+        change = np.diff(velocity[:: self.stride], axis=0)
+        return Turns(self._combined(angle)[self.links], change[self.links])
+
+    def _combined(self, angle: FloatArray) -> FloatArray:
+        """Return the turns over strides: turns that follow each other, to second order in them."""
+        count = len(angle) // self.stride
+        parts = angle[: count * self.stride].reshape(count, self.stride, 3)
+        before = np.cumsum(parts, axis=1) - parts
+        return np.asarray((parts + np.cross(before, parts) / 2).sum(axis=1))
+
+
+def rotated(angle: FloatArray, vectors: FloatArray) -> FloatArray:
+    """Return vectors (L, V, 3) turned by rotation vectors (L, 3): Rodrigues' formula."""
+    size = np.sqrt(np.einsum("ni,ni->n", angle, angle))[:, None, None]
+    axis = angle[:, None] / np.maximum(size, np.finfo(float).tiny)
+    sine, versine = np.sin(size), 2 * np.sin(size / 2) ** 2
+    across = np.cross(axis, vectors)
+    return np.asarray(vectors + sine * across + versine * np.cross(axis, across))

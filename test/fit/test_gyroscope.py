@@ -1,0 +1,203 @@
+"""Angular velocity makes a calibration of a narrow turn; one that is wrong is found, and told in one sentence."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from tam_calibration.fit import calibrate
+from tam_calibration.fit.channel_maps import ChannelMaps
+from tam_calibration.fit.gyroscope_check import judge_gyroscope
+from tam_calibration.fit.gyroscope_likelihood import GyroscopeLikelihood
+from tam_calibration.fit.gyroscope_path import GyroscopePath, GyroscopeState
+from tam_calibration.fit.likelihood import UNIFORM
+from tam_calibration.fit.posterior import Known
+from tam_calibration.model.array import Array
+from tam_calibration.model.gyroscope import Gyroscope
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import from_degrees
+
+RATE_HZ, COUNT = 10.0, 3000
+GYROSCOPE = Gyroscope(from_degrees(4.5e-3), from_degrees(0.1))
+WORLD_T = 50e-6 * np.array([0.0, np.cos(1.08), -np.sin(1.08)])
+
+
+def made(sensors=1, seed=1, count=COUNT, has_scalar=True, noise=1.0):
+    """Return a recording of one full circle with swings of 5°, its array, and the true errors."""
+    rng, time_s = np.random.default_rng(seed), np.arange(count) / RATE_HZ
+
+    def attitude(at_s):
+        yaw, swing = 2 * np.pi * at_s / time_s[-1], from_degrees(5.0)
+        pitch, roll = swing * np.sin(2 * np.pi * at_s / 15), swing * np.sin(2 * np.pi * at_s / 20 + 0.4)
+        return Rotation.from_euler("ZYX", np.column_stack([yaw, pitch, roll]))
+
+    field = attitude(time_s).inv().apply(WORLD_T)
+    rates = (attitude(time_s - 1e-4).inv() * attitude(time_s + 1e-4)).as_rotvec() / 2e-4
+    spread = np.repeat([0.02, 0.005, 30e-9, 0.005], 3)
+    errors = SensorErrors.from_vector(
+        np.repeat([1.0, 0.0], [3, 9]) + spread * rng.normal(size=(sensors, 12)) * (np.arange(12) < 9)
+    )
+    array = Array(Array.cross(0.5).positions_m[:sensors], 1e-9, 1e-10, gyroscope=GYROSCOPE)
+    readings = errors.distort(field)
+    recording = Recording(
+        time_s,
+        readings + rng.normal(0, noise * 1e-9, readings.shape),
+        np.linalg.norm(field, axis=1) + rng.normal(0, 1e-10, count) if has_scalar else None,
+        angular_velocity_rad_s=GYROSCOPE.readings(time_s, rates, rng) if noise else rates,
+    )
+    return recording, array, errors
+
+
+def with_rates(recording, change):
+    """Return a recording whose angular velocity is a function of the recorded one."""
+    return replace(recording, angular_velocity_rad_s=change(recording.angular_velocity_rad_s))
+
+
+@pytest.mark.parametrize("sensors", [1, 4])
+@pytest.mark.parametrize("has_scalar", [True, False])
+def test_a_narrow_turn_becomes_a_calibration(sensors, has_scalar):
+    """The vertical bias is known twice as well as by the intensity alone, and the errors are right."""
+    recording, array, errors = made(sensors, has_scalar=has_scalar)
+    found = calibrate(recording, array)
+    bias_error_T = found.standard_errors[0, 8]
+    assert bias_error_T < 12e-9
+    away = (found.errors.bias_T - errors.bias_T) / found.standard_errors[:, 6:9]
+    assert np.abs(away).max() < 3.5
+    if has_scalar:
+        without = calibrate(replace(recording, angular_velocity_rad_s=None), array)
+        assert without.method == "maximum_likelihood" and without.standard_errors[0, 8] > 2 * bias_error_T
+
+
+def test_its_derivatives_are_those_of_its_residuals():
+    """By every unknown of the gyroscope, and by the errors of the sensors, to first order in the turn of a sample."""
+    recording, _, errors = made(count=1500, noise=0.0)
+    rows = recording.readings_T.reshape(1500, 3).T / 50e-6
+    path = GyroscopePath(recording.time_s, recording.angular_velocity_rad_s, 0.1, recording.time_span_s)
+    likelihood = GyroscopeLikelihood.of(rows, path, np.full(1, 2e-5), GYROSCOPE.noise_density)
+    state = GyroscopeState.at_rest(np.eye(3), 0.0).of_modes(path.modes)
+    matrix, bias = errors.matrix, errors.bias_T / 50e-6
+
+    def residual(matrix, bias, state):
+        channels = ChannelMaps.at(matrix, bias, UNIFORM, likelihood.vector_noise, None)
+        return likelihood._chain(channels, state).residual
+
+    channels = ChannelMaps.at(matrix, bias, UNIFORM, likelihood.vector_noise, None)
+    chain = likelihood._chain(channels, state)
+    columns = likelihood._columns(chain, likelihood._factor(chain, likelihood.density), state)
+    for index in range(state.size):
+        step = np.zeros(state.size)
+        step[index] = 1e-6
+        moved = (residual(matrix, bias, state.moved(step)) - chain.residual) / 1e-6
+        np.testing.assert_allclose(columns[12 + index], moved, atol=1e-2 * np.abs(moved).max())
+    for row, column in [(0, 0), (1, 2), (2, 3)]:
+        step = np.zeros((1, 3, 4))
+        step[0, row, column] = 1e-6
+        moved = residual(matrix + step[..., :3], bias + step[..., 3], state) - chain.residual
+        by_row = np.tensordot(channels.response.reshape(12, 12)[4 * row + column], columns[:12], 1)
+        np.testing.assert_allclose(by_row, moved / 1e-6, atol=1e-2 * np.abs(moved).max() / 1e-6)
+
+
+def test_few_long_turns_tell_as_much_as_many_short_ones():
+    """Turns over several samples know the bias of the gyroscope as well."""
+    recording, array, _ = made()
+    judged = judge_gyroscope(recording, array, Known())
+    assert judged.use is not None and judged.use.stride == 1
+    rows = recording.readings_T.reshape(COUNT, 3).T / 50e-6
+    path = GyroscopePath(recording.time_s, recording.angular_velocity_rad_s, 0.1, recording.time_span_s)
+    fine = GyroscopeLikelihood.of(rows, path, np.full(1, 2e-5), GYROSCOPE.noise_density)
+    state = judged.use.start
+    own = slice(12, 15)
+    for times in (2, 5):
+        first, other = (
+            each.linearize(np.eye(3)[None], np.zeros((1, 3)), state) for each in (fine, fine.coarser(times))
+        )
+        assert other.channels < first.channels / times + 3
+        np.testing.assert_allclose(np.diag(other.information)[own], np.diag(first.information)[own], rtol=0.1)
+
+
+FAULTS = {
+    "in degrees": (np.degrees, "the angular velocity is in °/s"),
+    "late": (lambda rates: np.vstack([rates[:3], rates[:-3]]), "the angular velocity is 0.3 s late"),
+    "early": (lambda rates: np.vstack([rates[2:], rates[-2:]]), "the angular velocity is 0.2 s early"),
+    "biased": (lambda rates: rates + from_degrees(2.0), "the gyroscope's bias is"),
+    "askew": (Rotation.from_rotvec([0.1, -0.1, 0.1]).apply, "the gyroscope is turned by 9.9°"),
+    "on its side": (Rotation.from_rotvec([0, 0, np.pi / 2]).apply, "the gyroscope is turned by 90°"),
+    "saturated": (lambda rates: np.clip(rates, -0.03, 0.03), "are at the end of the gyroscope's range"),
+    "of another scale": (lambda rates: 1.02 * rates, "scale and angles of the gyroscope's axes differ by up to 2"),
+}
+"""What may be wrong with an angular velocity that is used all the same, and what the note of it says."""
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_is_told_and_estimated(fault):
+    """The fault is in the notes, and the bias along the vertical is within its errors."""
+    change, words = FAULTS[fault]
+    recording, array, errors = made(seed=4)
+    found = calibrate(with_rates(recording, change), array)
+    assert any(words in note for note in found.notes), found.notes
+    assert np.abs((found.errors.bias_T - errors.bias_T) / found.standard_errors[:, 6:9]).max() < 4
+
+
+def test_gaps_cost_what_they_hide():
+    """Samples without angular velocity make the errors larger, not wrong."""
+    recording, array, errors = made(seed=5)
+
+    def holed(rates):
+        rates = rates.copy()
+        rates[500:900] = rates[::40] = np.nan
+        return rates
+
+    whole, found = (calibrate(each, array) for each in (recording, with_rates(recording, holed)))
+    assert whole.standard_errors[0, 8] < found.standard_errors[0, 8] < 2 * whole.standard_errors[0, 8]
+    assert np.abs((found.errors.bias_T - errors.bias_T) / found.standard_errors[:, 6:9]).max() < 4
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda rates: np.random.default_rng(1).normal(size=rates.shape), "does not go with the turns of the field"),
+        (lambda rates: rates * [1, -1, 1], "left-handed"),
+        (lambda rates: np.where(np.arange(len(rates))[:, None] % 50 < 2, rates, np.nan), "too few samples"),
+    ],
+)
+def test_what_is_no_angular_velocity_of_the_array_is_left_out(change, words):
+    """The answer is then that of the readings alone, with a note."""
+    recording, array, _ = made()
+    found = calibrate(with_rates(recording, change), array)
+    alone = calibrate(replace(recording, angular_velocity_rad_s=None), array)
+    assert any(words in note and "left out" in note for note in found.notes), found.notes
+    np.testing.assert_allclose(found.standard_errors[0, 8], alone.standard_errors[0, 8], rtol=0.02)
+    np.testing.assert_allclose(found.errors.bias_T, alone.errors.bias_T, atol=1e-9)
+
+
+@pytest.mark.parametrize(("factor", "size"), [(0.1, "small"), (10.0, "large")])
+def test_a_wrong_noise_is_told(factor, size):
+    """A stated noise that is ten times too small or too large is a warning, and the noise of the residuals counts."""
+    recording, array, _ = made()
+    stated = replace(array, gyroscope=replace(GYROSCOPE, noise_density=factor * GYROSCOPE.noise_density))
+    right, found, estimated = (calibrate(recording, each) for each in (array, stated, replace(array, gyroscope=None)))
+    assert any(f"is too {size}" in warning for warning in found.warnings)
+    for each in (found, estimated):
+        np.testing.assert_allclose(each.standard_errors[0, 8], right.standard_errors[0, 8], rtol=0.2)
+
+
+def test_a_scale_error_that_is_stated_counts():
+    """A scale that is known to one per mille makes the bias of the vertical less certain, and needs no note."""
+    recording, array, _ = made()
+    exact = calibrate(recording, array)
+    assert any("scale_error_percent" in note for note in exact.notes)
+    stated = calibrate(recording, replace(array, gyroscope=replace(GYROSCOPE, scale_error=1e-3)))
+    assert not any("scale_error_percent" in note for note in stated.notes)
+    assert stated.standard_errors[0, 8] > 2 * exact.standard_errors[0, 8]
+
+
+def test_a_gyroscope_counts_before_a_recorded_attitude():
+    """An attitude that leans on the raw readings does no harm beside a gyroscope, and the answer says so."""
+    recording, array, errors = made(seed=6)
+    rng = np.random.default_rng(2)
+    attitude = rng.normal(size=(COUNT, 4))
+    found = calibrate(replace(recording, attitude=attitude), replace(array, attitude_noise=from_degrees(0.1)))
+    assert any("attitude is left out beside the gyroscope" in note for note in found.notes)
+    assert np.abs((found.errors.bias_T - errors.bias_T) / found.standard_errors[:, 6:9]).max() < 4
