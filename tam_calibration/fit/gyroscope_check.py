@@ -20,8 +20,10 @@ from tam_calibration.fit.gyroscope_likelihood import GyroscopeEquations
 from tam_calibration.fit.gyroscope_path import GyroscopePath, GyroscopeState, GyroscopeUse
 from tam_calibration.fit.gyroscope_start import UNITS, matched
 from tam_calibration.fit.information import inverted
+from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
 from tam_calibration.fit.posterior import Known, Place, Problem
-from tam_calibration.model.array import Array, KnownNoiseArray
+from tam_calibration.fit.slow_residuals import variance_factors
+from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.gyroscope import Gyroscope
 from tam_calibration.model.limits import RATE_NOISE
@@ -123,12 +125,12 @@ def judge_gyroscope(recording: Recording, array: Array, known: Known) -> Gyrosco
         start = GyroscopeState.at_rest(match.mount, match.delay_s)
         stride = -(-recording.sample_count // MOST_LINKS)
         use = GyroscopeUse(noise, stated.bias, interval_s, start, stated.scale_error, stride=stride)
-        fit = _Fit.settled(recording, noisy, known, use)
+        fit = _Fit.settled(recording, array, known, use)
         if not use.shape_error and fit.is_bent:
-            fit = _Fit.settled(recording, noisy, known, replace(fit.use, start=fit.state, shape_error=_SHAPE))
+            fit = _Fit.settled(recording, array, known, replace(fit.use, start=fit.state, shape_error=_SHAPE))
             notes += (f"{_bent(fit.state)}, which is estimated",)
         if (bias := float(norm(fit.state.bias[0]))) > _FAR * stated.bias:
-            fit = _Fit.settled(recording, noisy, known, replace(fit.use, start=fit.state, bias_error=bias))
+            fit = _Fit.settled(recording, array, known, replace(fit.use, start=fit.state, bias_error=bias))
             notes += (_biased(bias, stated.bias),)
     except (InputError, Refused):
         return GyroscopeJudgement(recording, None, "the angular velocity and the readings make no calibration together")
@@ -201,9 +203,16 @@ class _Fit:
     place: Place
 
     @classmethod
-    def settled(cls, recording: Recording, array: KnownNoiseArray, known: Known, use: GyroscopeUse) -> "_Fit":
-        """Return the fit with the noise that its residuals show, or the first one where that is more."""
-        problem = Problem.of(recording, array, replace(known, gyroscope=use))
+    def settled(cls, recording: Recording, array: Array, known: Known, use: GyroscopeUse) -> "_Fit":
+        """Return the fit with the noise that its residuals show, or the first one where that is more.
+
+        The readings are weighed by what they leave.
+        """
+        first = maximum_a_posteriori(recording, array, replace(known, gyroscope=use))
+        factors = known.variance_factors.at_least(variance_factors(first, recording))
+        start = Place(first.errors, first.intensity_T)
+        beside = replace(known, gyroscope=use, variance_factors=factors, start=start)
+        problem = Problem.of(recording, first.array, beside)
         fit = cls(problem, problem.most_probable()[0])
         for _ in range(_MOST_ROUNDS):
             density = max(fit.measured(), use.density)

@@ -9,9 +9,9 @@ angular velocity's integral, the two numbers of each interval
 
 are all that the path tells of the errors of the sensors: their covariance has two blocks beside its diagonal, and a
 banded Cholesky factor makes them white at a cost that grows as the number of samples does. The unknown path is
-eliminated with it. Field and turn in the derivatives are the smoothed ones, u + T V (λ' - Fᵀ λ) and less q Tᵀ λ, with λ
-the residuals over their covariance: they do not depend on the noise of the residuals, which would pull the errors of
-sensors and gyroscope towards zero.
+eliminated with it. Field and turn in the derivatives are the smoothed ones, u + T V (λ' - Fᵀ λ) with T across it, and
+the turn less q Tᵀ λ, with λ the residuals over their covariance: they do not depend on the noise of the residuals,
+which would pull the errors of sensors and gyroscope towards zero.
 """
 
 from dataclasses import dataclass, replace
@@ -216,9 +216,10 @@ class GyroscopeLikelihood:
         links = self.path.links
         columns = np.empty((13 + state.size, len(links), 2))
         pull = cho_solve_banded((factor, True), chain.residual.ravel()).reshape(-1, 2)
-        by_field = self._by_field(chain, pull)
+        along, across = self._smoothed(chain, pull)
+        by_field = _by_field(along, across, chain.length)
         columns[:12] = by_field[:, links + 1] - np.einsum("nab,pnb->pna", chain.through, by_field[:, links])
-        first, second = np.moveaxis(chain.across[links + 1], 1, 0)
+        first, second = np.moveaxis(across[links + 1], 1, 0)
         # Across is right-handed: a turn δ moves the predicted direction u by -δ × u, which along T is -δ · (u × T).
         by_turn = np.stack([-second, first], axis=1)
         by_angle = np.moveaxis(by_turn @ (state.mount @ state.shape), 2, 0).copy()
@@ -238,17 +239,22 @@ class GyroscopeLikelihood:
         columns[-1] = chain.residual
         return columns
 
-    def _by_field(self, chain: _Chain, pull: FloatArray) -> FloatArray:
-        """Return the (12, N, 2) directions across ⊗ [smoothed field, 1] over the length of the field."""
+    def _smoothed(self, chain: _Chain, pull: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the smoothed directions u (N, 3) of the field, and T (N, 2, 3) across them."""
         shift = np.zeros((len(chain.field), 2))
         shift[self.path.links] -= np.einsum("nba,nb->na", chain.through, pull)
         shift[self.path.links + 1] += pull
         shift = np.einsum("nab,nb->na", chain.variance, shift)
-        extended = np.ones((4, len(shift)))
-        extended[:3] = chain.field.T + chain.length * np.einsum("na,nai->in", shift, chain.across)
-        extended /= chain.length
-        across = np.moveaxis(chain.across, 2, 0).copy()
-        return (across[:, None] * extended[None, :, :, None]).reshape(12, -1, 2)
+        along = chain.field / chain.length[:, None]
+        moved = along + np.einsum("na,nai->ni", shift, chain.across)
+        return moved, chain.across - shift[:, :, None] * along[:, None]
+
+
+def _by_field(along: FloatArray, across: FloatArray, length: FloatArray) -> FloatArray:
+    """Return the (12, N, 2) directions across ⊗ [field, 1] over the length of the field."""
+    extended = np.concatenate([along.T, 1 / length[None]])
+    sides = np.moveaxis(across, 2, 0).copy()
+    return (sides[:, None] * extended[None, :, :, None]).reshape(12, -1, 2)
 
 
 def _whitened(factor: FloatArray, columns: FloatArray) -> FloatArray:
