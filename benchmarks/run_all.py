@@ -6,8 +6,8 @@ and with it the test that kills ``tam batch`` at ten random moments. About a qua
 
 Not here, as they take up to hours, or tell accuracy and not speed: ``large.py`` (ten million samples),
 ``diagnosis.py`` (an hour of data), ``diagnose_scale.py`` (a million rows), ``limit.py``, ``localization.py``,
-``localization_fit.py``, ``localization_moving.py``, ``mission.py``, ``changes_within.py``, ``live.py``,
-``live_over_dds.py``,
+``localization_fit.py``, ``localization_moving.py``, ``mission.py``, ``gyroscope.py``, ``changes_within.py``,
+``live.py``, ``live_over_dds.py``,
 ``platform_field.py``, ``platform_field_named.py``, ``blind.py``, ``compare_pairs.py``, ``compare_recordings.py``,
 ``wu_table_1.py``, ``ambient_gradient.py``, ``gradient_truth.py``, ``slow_scalar.py``, ``clocks.py``, ``delays.py``,
 ``integrity.py``, ``dependent_channels.py`` and ``papers_gap.py``; ``structure.py``, which counts modules and names; and

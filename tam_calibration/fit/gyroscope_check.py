@@ -33,6 +33,9 @@ from tam_calibration.model.units import FloatArray, from_degrees, to_degrees, to
 _FEWEST = 100
 """Intervals whose turn is known: of fewer the noise is not told to a tenth."""
 
+MOST_SAMPLES, _MOST_FITTED = 2_000_000, 200_000
+"""Samples up to which angular velocity is used, as all are in memory then, and turns of a fit to all of them."""
+
 MOST_LINKS = 20_000
 """Turns from sample to sample that are judged: of more those over several samples."""
 
@@ -236,7 +239,9 @@ class _Fit:
     @property
     def begun(self) -> GyroscopeUse:
         """How the angular velocity counts, its fit begun where this one ends."""
-        return replace(self.use, start=self.state, stride=1)
+        likelihood = self.problem.gyroscope
+        assert likelihood is not None
+        return replace(self.use, start=self.state, stride=-(-len(likelihood.path.time_s) // _MOST_FITTED))
 
     def _with(self, use: GyroscopeUse) -> "_Fit":
         likelihood = self.problem.gyroscope

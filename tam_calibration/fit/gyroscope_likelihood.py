@@ -254,7 +254,7 @@ def _by_field(along: FloatArray, across: FloatArray, length: FloatArray) -> Floa
     """Return the (12, N, 2) directions across ⊗ [field, 1] over the length of the field."""
     extended = np.concatenate([along.T, 1 / length[None]])
     sides = np.moveaxis(across, 2, 0).copy()
-    return (sides[:, None] * extended[None, :, :, None]).reshape(12, -1, 2)
+    return np.asarray((sides[:, None] * extended[None, :, :, None]).reshape(12, -1, 2))
 
 
 def _whitened(factor: FloatArray, columns: FloatArray) -> FloatArray:

@@ -17,7 +17,7 @@ from tam_calibration.fit.attitude_check import judge_attitude
 from tam_calibration.fit.consistency import Fit, accepted, require_one_field, require_one_sphere
 from tam_calibration.fit.contradiction import PLAUSIBLE, SIGNIFICANT
 from tam_calibration.fit.estimate import mean_temperature
-from tam_calibration.fit.gyroscope_check import MOST_LINKS, judge_gyroscope
+from tam_calibration.fit.gyroscope_check import MOST_LINKS, MOST_SAMPLES, judge_gyroscope
 from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, update_of
 from tam_calibration.fit.posterior import Intensity, Known, Place
@@ -171,8 +171,12 @@ def _beside_motion(recording: SampleSource, array: Array, known: Known) -> Joint
     is_attitude_used = array.attitude_noise is not None and recording.whole().attitude is not None
     beside_attitude = _beside_attitude if is_attitude_used else _beside
     if recording.thinned(SKETCH).angular_velocity_rad_s is None:
-        joint = beside_attitude(recording, array, known)
-        return _noting(joint, notes)
+        return _noting(beside_attitude(recording, array, known), notes)
+    if recording.sample_count > MOST_SAMPLES:
+        note = (
+            f"of more than {MOST_SAMPLES} samples the angular velocity is not used: take parts with --from and --until"
+        )
+        return _noting(beside_attitude(recording, array, known), (*notes, note))
     alone = replace(array, attitude_noise=None)
     judged = judge_gyroscope(recording.whole(), alone, known)
     if judged.use is None:

@@ -20,10 +20,12 @@ from tam_calibration.messages.stream import sensor_stream
 from tam_calibration.messages.turning import turns_of
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
+from tam_calibration.model.conversion import RATE_COLUMNS
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.limits import largest_of
 from tam_calibration.model.mounting import Mounting
 from tam_calibration.model.units import FloatArray, IntArray
+from tam_calibration.recordings.averaged_rates import AveragedRates
 from tam_calibration.recordings.channel_map import CHANNEL_WIDTHS, Clock, FieldUnit, Pick
 from tam_calibration.recordings.intake import Intake
 from tam_calibration.recordings.reading import Reading
@@ -123,6 +125,7 @@ class Joining:
         self._other_frames = () if array is None else streams.other_frames(array.mounting)
         self.intakes = streams.intakes(reading, array)
         self._missing, self._first_ns, self._run = Missing(), None, Run()
+        self._averaged = AveragedRates()
         self._synchroniser = BatchSynchroniser(
             streams.layout,
             round(reading.tolerance_s * 1e9),
@@ -234,7 +237,10 @@ class Joining:
         if is_unusable.any():
             self._synchroniser.refuse(stream, int(is_unusable.sum()))
             usable = usable.take(~is_unusable)
-        return usable.turned(self._turns[stream]) if stream in self._turns else usable
+        usable = usable.turned(self._turns[stream]) if stream in self._turns else usable
+        if stream == "gyroscope":
+            self._averaged.add(usable.stamps_ns, usable.values)
+        return usable
 
     def _within(self, stream: str, messages: StreamMessages) -> StreamMessages:
         """Return the messages within the part of the recording that is read."""
@@ -264,6 +270,9 @@ class Joining:
             When the first sample comes again.
         """
         synchroniser, run = self._synchroniser, self._run
+        if "gyroscope" in self.streams.wanted:
+            first = self.streams.layout.columns.index(RATE_COLUMNS[0]) - 1
+            values[:, first : first + 3] = self._averaged.means(stamps_ns, values[:, first : first + 3])
         times_ns, count, last = stamps_ns.copy(), len(stamps_ns), 3 * synchroniser.sensor_count
         # As long as stamps rise the run needs to know its first sample, and the newest two.
         for index in range(count) if synchroniser.restarts else sorted({0, max(count - 2, 0), count - 1}):

@@ -1,7 +1,7 @@
 """Scenario files, shipped ones by name, and the truth that is written beside a simulated recording."""
 
 from collections.abc import Callable
-from dataclasses import field
+from dataclasses import field, replace
 from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -189,6 +189,8 @@ class ScenarioFile(Document):
     def build(self, folder: Path) -> Scenario:
         """Return the scenario, paths in it relative to a folder."""
         array, gradient = self.array.to_array(), self.site_gradient_nT_per_m
+        gyroscope = array.gyroscope if self.gyroscope is None else self.gyroscope.to_gyroscope()
+        array = replace(array, gyroscope=gyroscope)
         return Scenario(
             array=array,
             errors=SensorErrors.none(array.sensor_count) if self.sensors is None else errors_of(self.sensors),
@@ -206,7 +208,7 @@ class ScenarioFile(Document):
             attitude=None if self.attitude is None else instruments.AttitudeChannel(*in_si(self.attitude)),
             effects=tuple(effect.to_fitted() for effect in self.effects),
             further={name: instruments.Current(*in_si(channel)) for name, channel in self.further_channels.items()},
-            gyroscope=None if self.gyroscope is None else self.gyroscope.to_gyroscope(),
+            gyroscope=None if self.gyroscope is None else gyroscope,
         )
 
     def _site_field_T(self) -> FloatArray:

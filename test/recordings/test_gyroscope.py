@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from tam_calibration import read_array, read_recording
+from tam_calibration.messages.topics import IMU, MAGNETIC_FIELD
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.gyroscope import Gyroscope
 from tam_calibration.model.mounting import Mounting, quaternion_of
 from tam_calibration.model.recording import Recording
 from tam_calibration.recordings.array_yaml import write_array
+from tam_calibration.recordings.bag_writing import serialise, write_bag
 from tam_calibration.recordings.inspection import inspect
 from tam_calibration.recordings.recording_file import read_stream
 from tam_calibration.results.data_files import write_recording
@@ -90,3 +92,27 @@ def test_a_simulated_gyroscope_reads_the_turn():
     np.testing.assert_allclose(error.std(axis=0), np.radians(4.5e-3) * np.sqrt(5), rtol=0.06)
     assert 1e-4 < np.abs(error.mean(axis=0)).max() < 0.006
     assert simulate(replace(scenario, gyroscope=None)).recording.angular_velocity_rad_s is None
+
+
+def test_a_quick_gyroscope_counts_by_its_mean(tmp_path):
+    """Of ten messages a sample the mean since the sample before is read, in whatever pieces."""
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    rng, period_ns, first_ns = np.random.default_rng(3), 100_000_000, 1_700_000_000_000_000_000
+    rates = rng.normal(size=(400, 3))
+    with write_bag(tmp_path / "run", "sqlite3") as writer:
+        field = writer.add_connection("/tam_1/magnetic_field", MAGNETIC_FIELD, typestore=store)
+        imu = writer.add_connection("/imu/data", IMU, typestore=store)
+        for index in range(400):
+            stamps = np.array([first_ns + index * period_ns // 10])
+            none, known = np.array([-1.0, *[0.0] * 8]), np.zeros(9)
+            numbers = np.concatenate([[0, 0, 0, 1], none, rates[index], known])[None]
+            writer.write(imu, int(stamps[0]), serialise(IMU, numbers, stamps).tobytes())
+            if index % 10 == 0:
+                reading = 3e-5 * rng.normal(size=(1, 3))
+                writer.write(field, int(stamps[0]), serialise(MAGNETIC_FIELD, reading, stamps).tobytes())
+    means = rates[1:391].reshape(39, 10, 3).mean(axis=1)
+    for read in (read_recording(tmp_path / "run"), read_stream(tmp_path / "run").whole()):
+        np.testing.assert_allclose(read.angular_velocity_rad_s[1:], means, atol=1e-12)
+        np.testing.assert_allclose(read.angular_velocity_rad_s[0], rates[0])

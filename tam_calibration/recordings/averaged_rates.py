@@ -1,0 +1,56 @@
+"""Angular velocities that come quicker than samples: their mean since the sample before, not the newest alone.
+
+Of the newest alone, noise and vibration between the samples would count as if they lasted until the next.
+"""
+
+import numpy as np
+
+from tam_calibration.model.units import FloatArray, IntArray
+
+_LONGEST = 1.5
+"""Intervals of samples over which angular velocities are averaged at most: longer ones are gaps."""
+
+
+class AveragedRates:
+    """The angular velocities since the last sample."""
+
+    def __init__(self) -> None:
+        self._stamps_ns, self._rates = np.empty(0, dtype=np.int64), np.empty((0, 3))
+        self._last_ns: int | None = None
+        self._is_even = True
+
+    def add(self, stamps_ns: IntArray | None, rates: FloatArray) -> None:
+        """Take messages: their stamps (n,) and angular velocities (n, 3)."""
+        if stamps_ns is None:
+            self._is_even = False
+            return
+        known = np.isfinite(rates).all(axis=1)
+        self._stamps_ns = np.concatenate([self._stamps_ns, stamps_ns[known]])
+        self._rates = np.concatenate([self._rates, rates[known]])
+
+    def means(self, stamps_ns: IntArray, newest: FloatArray) -> FloatArray:
+        """Return the angular velocities (n, 3) of samples, the newest ones where there are not several for one.
+
+        Parameters
+        ----------
+        stamps_ns : (n,) array of int
+            Of samples that follow each other.
+        newest : (n, 3) array
+            What joined them; NaN where nothing did.
+        """
+        edges = stamps_ns if self._last_ns is None else np.append(self._last_ns, stamps_ns)
+        intervals = np.diff(edges)
+        self._is_even &= bool((np.diff(self._stamps_ns) > 0).all()) and bool((intervals > 0).all())
+        if not self._is_even or not len(intervals):
+            self._last_ns = int(stamps_ns[-1])
+            return newest
+        usual_ns = int(np.median(intervals))
+        before = stamps_ns[0] - usual_ns if self._last_ns is None else self._last_ns
+        begins = np.maximum(np.append(before, stamps_ns[:-1]), stamps_ns - int(_LONGEST * usual_ns))
+        first, last = (np.searchsorted(self._stamps_ns, each, side="right") for each in (begins, stamps_ns))
+        sums = np.vstack([np.zeros(3), np.cumsum(self._rates, axis=0)])
+        count = (last - first)[:, None]
+        means = (sums[last] - sums[first]) / np.maximum(count, 1)
+        self._last_ns = int(stamps_ns[-1])
+        self._stamps_ns, self._rates = self._stamps_ns[last[-1] :], self._rates[last[-1] :]
+        return np.where((count > 1) & np.isfinite(newest), means, newest)
