@@ -46,7 +46,7 @@ def plan_turns(path: Path, array: Array, vehicle: Vehicle, inclination: float, a
     if not calibration.is_of(array):
         raise InputError(f"{path} is of another array: use the calibration of this array")
     prior = prior_of(calibration, time(), None, array.change_rates)
-    turns = best_turns(prior, vehicle, inclination)
+    turns = best_turns(prior, vehicle, inclination, array.gyroscope)
     before = excess_of(prior, prior.covariance)
     if as_json:
         say(to_json({"excess_before": before, "turns": [_to_mapping(turn) for turn in turns]}))

@@ -5,11 +5,13 @@ from itertools import product
 
 import numpy as np
 
+from tam_calibration.fit.gyroscope_path import GyroscopeState, GyroscopeUse
 from tam_calibration.fit.information import inverted
 from tam_calibration.fit.plan import field_directions
-from tam_calibration.fit.posterior import Problem
+from tam_calibration.fit.posterior import Known, Problem
 from tam_calibration.fit.prior import Prior
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.gyroscope import Gyroscope
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, from_degrees
 
@@ -93,7 +95,7 @@ def excess_of(prior: Prior, covariance: FloatArray) -> float:
     return float(np.nanmean(with_errors / noise)) - 1
 
 
-def best_turns(prior: Prior, vehicle: Vehicle, inclination: float) -> list[Turn]:
+def best_turns(prior: Prior, vehicle: Vehicle, inclination: float, gyroscope: Gyroscope | None = None) -> list[Turn]:
     """Return the turns that a vehicle can make, the one that buys most per minute first.
 
     Parameters
@@ -104,6 +106,8 @@ def best_turns(prior: Prior, vehicle: Vehicle, inclination: float) -> list[Turn]
         What it can do.
     inclination : float
         Of the field, positive downwards, radians.
+    gyroscope : Gyroscope, optional
+        What records the angular velocity of the turns; it counts where its noise is stated.
     """
     before = excess_of(prior, prior.covariance)
     swings = [(0.0,) if limit == 0 else (0.0, limit) for limit in (vehicle.pitch_limit, vehicle.roll_limit)]
@@ -113,7 +117,7 @@ def best_turns(prior: Prior, vehicle: Vehicle, inclination: float) -> list[Turn]
             continue
         angles = _angles(yaw, pitch, roll, vehicle)
         duration_s = len(angles) / vehicle.sample_rate_hz
-        excess = excess_of(prior, _covariance_after(prior, angles, vehicle, inclination))
+        excess = excess_of(prior, _covariance_after(prior, angles, vehicle, inclination, gyroscope))
         turns.append(Turn(yaw, pitch, roll, duration_s, excess, (before - excess) * _MINUTE_S / duration_s))
     return sorted(turns, key=lambda turn: -turn.gain_per_minute)
 
@@ -130,14 +134,31 @@ def _angles(yaw: float, pitch: float, roll: float, vehicle: Vehicle) -> FloatArr
     return np.stack([yaw * time_s / time_s[-1], *swings], axis=1)
 
 
-def _covariance_after(prior: Prior, angles: FloatArray, vehicle: Vehicle, inclination: float) -> FloatArray:
+def _covariance_after(
+    prior: Prior, angles: FloatArray, vehicle: Vehicle, inclination: float, gyroscope: Gyroscope | None
+) -> FloatArray:
     calibration, intensity_T = prior.calibration, prior.calibration.intensity_T
     field_T = intensity_T * field_directions(angles, inclination)
     scalar_T = np.full(len(angles), intensity_T) if calibration.array.scalar_noise_T else None
     time_s = np.arange(len(angles)) / vehicle.sample_rate_hz
     recording = Recording(time_s, prior.errors.distort(field_T), scalar_T)
-    problem = Problem.of(recording, calibration.array, prior)
+    known = Known(prior)
+    if gyroscope is not None and gyroscope.noise_density is not None:
+        interval_s, start = 1 / vehicle.sample_rate_hz, GyroscopeState.at_rest(np.eye(3), 0.0)
+        recording = replace(recording, angular_velocity_rad_s=_rates(angles, interval_s))
+        use = GyroscopeUse(gyroscope.noise_density, gyroscope.bias, interval_s, start, gyroscope.scale_error)
+        known = replace(known, gyroscope=use)
+    problem = Problem.of(recording, calibration.array, known)
     information, gradient = problem.data_at(problem.start)
     problem.add_known(problem.start, information, gradient)
     size = len(prior.covariance)
     return inverted(information, problem.basis_at(problem.start))[:size, :size]
+
+
+def _rates(angles: FloatArray, interval_s: float) -> FloatArray:
+    """Return the angular velocities (N, 3) in the array frame of yaw, pitch and roll (N, 3), rad/s."""
+    from scipy.spatial.transform import Rotation
+
+    attitude = Rotation.from_euler("ZYX", angles)
+    turns = (attitude[:-1].inv() * attitude[1:]).as_rotvec() / interval_s
+    return np.vstack([turns[:1], (turns[:-1] + turns[1:]) / 2, turns[-1:]])

@@ -12,6 +12,7 @@ from tam_calibration.fit import calibrate
 from tam_calibration.fit.plan_turns import Vehicle, _angles, best_turns, excess_of
 from tam_calibration.fit.prior import prior_of
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.gyroscope import Gyroscope
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import from_degrees
 
@@ -104,3 +105,18 @@ def test_a_vehicle_that_cannot_be_is_refused(change, told):
     """Limits beyond those of a hull are of another unit."""
     with pytest.raises(InputError, match=told):
         replace(AUV, **change)
+
+
+def test_a_gyroscope_makes_turns_worth_more(prior, turns):
+    """Every turn leaves less with a gyroscope, and nothing changes without a stated noise of it."""
+    gyroscope = Gyroscope(from_degrees(0.5e-3), from_degrees(0.1))
+    better = {each[:3]: each for each in map(_as_tuple, best_turns(prior, AUV, INCLINATION, gyroscope))}
+    for turn in map(_as_tuple, turns):
+        assert better[turn[:3]][3] <= turn[3] * (1 + 1e-9)
+    assert min(better[turn[:3]][3] / turn[3] for turn in map(_as_tuple, turns)) < 0.95
+    silent = best_turns(prior, AUV, INCLINATION, Gyroscope())
+    assert list(map(_as_tuple, silent)) == list(map(_as_tuple, turns))
+
+
+def _as_tuple(turn):
+    return turn.yaw, turn.pitch, turn.roll, turn.excess
