@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.model.array import OUTPUT_NAMES
-from tam_calibration.model.conversion import ATTITUDE_COLUMNS, RATE_COLUMNS, reading_columns
+from tam_calibration.model.conversion import ATTITUDE_COLUMNS, POSITION_COLUMNS, RATE_COLUMNS, reading_columns
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.further_channels import is_further, require_further
 from tam_calibration.model.limits import LARGEST, SHORTEST_ATTITUDE, largest_of
@@ -33,6 +33,7 @@ CHANNEL_COLUMNS = {
     "current": ("current_A",),
     "attitude": ATTITUDE_COLUMNS,
     "gyroscope": RATE_COLUMNS,
+    "position": POSITION_COLUMNS,
 }
 """Columns of the channels beside the sensors, in their order in a sample; those of further channels follow."""
 
@@ -86,8 +87,9 @@ class SampleLayout:
     ----------
     sensor_count : int
         Number of sensors K.
-    scalar, temperature, current, attitude, gyroscope : bool
-        Whether the channel has a column (the attitude four, the gyroscope three); a value that is missing is NaN.
+    scalar, temperature, current, attitude, gyroscope, position : bool
+        Whether the channel has a column (the attitude four, gyroscope and position three); a value that is missing is
+        NaN.
     further : tuple of str
         Further currents and actuators by the names of their columns, in their order.
     """
@@ -98,6 +100,7 @@ class SampleLayout:
     current: bool = False
     attitude: bool = False
     gyroscope: bool = False
+    position: bool = False
     further: tuple[str, ...] = field(default=(), kw_only=True)
 
     @property
@@ -194,9 +197,17 @@ class SampleLayout:
             present[channel][:, 0] if channel in present else None for channel in ("scalar", "temperature", "current")
         )
         further = {name: present[name][:, 0] for name in self.further if name in present}
-        attitude, rates = present.get("attitude"), present.get("gyroscope")
+        attitude, rates, position = (present.get(channel) for channel in ("attitude", "gyroscope", "position"))
         return Recording(
-            rows[:, 0], readings, scalar, temperature, current, attitude, further, angular_velocity_rad_s=rates
+            rows[:, 0],
+            readings,
+            scalar,
+            temperature,
+            current,
+            attitude,
+            further,
+            angular_velocity_rad_s=rates,
+            position_m=position,
         )
 
 

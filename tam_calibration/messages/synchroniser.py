@@ -40,6 +40,7 @@ _MAXIMUM_AGE_NS = {
     "current": 2_000_000_000,
     "attitude": 200_000_000,
     "gyroscope": 200_000_000,
+    "position": 2_000_000_000,
 }
 """How old the newest value of a held channel may be."""
 

@@ -18,7 +18,10 @@ ATTITUDE_COLUMNS = ("qx", "qy", "qz", "qw")
 """Columns of the attitude in a table."""
 
 RATE_COLUMNS = ("wx_rad_s", "wy_rad_s", "wz_rad_s")
-"""Columns of the angular velocity in a table; any other channel is one column of its own name."""
+"""Columns of the angular velocity in a table."""
+
+POSITION_COLUMNS = ("x_m", "y_m", "z_m")
+"""Columns of the position in a table; any other channel is one column of its own name."""
 
 _SINGLE_CHANNELS = ("scalar_T", "temperature_C", "current_A")
 
@@ -27,6 +30,7 @@ _DIMENSIONS = {
     **dict.fromkeys(_SINGLE_CHANNELS, ("time_s",)),
     "attitude": ("time_s", "quaternion"),
     "angular_velocity_rad_s": ("time_s", "axis"),
+    "position_m": ("time_s", "axis"),
 }
 """Dimensions of each variable of a dataset."""
 
@@ -38,6 +42,7 @@ _UNITS = {
     "current_A": "A",
     "attitude": "1",
     "angular_velocity_rad_s": "rad/s",
+    "position_m": "m",
 }
 """Attribute ``units`` of each variable of a dataset."""
 
@@ -67,7 +72,12 @@ def to_pandas(values: Mapping[str, FloatArray]) -> "pandas.DataFrame":
     readings = values["readings_T"]
     columns = dict(zip(reading_columns(readings.shape[1]), readings.reshape(len(readings), -1).T, strict=True))
     columns |= {name: values[name] for name in _SINGLE_CHANNELS if name in values}
-    for name, own in (("attitude", ATTITUDE_COLUMNS), ("angular_velocity_rad_s", RATE_COLUMNS)):
+    of_vectors = {
+        "attitude": ATTITUDE_COLUMNS,
+        "angular_velocity_rad_s": RATE_COLUMNS,
+        "position_m": POSITION_COLUMNS,
+    }
+    for name, own in of_vectors.items():
         if name in values:
             columns |= zip(own, values[name].T, strict=True)
     columns |= {name: channel for name, channel in values.items() if is_further(name)}

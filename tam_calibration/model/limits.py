@@ -16,11 +16,13 @@ LARGEST = {
     "actuator": 1e6,
     "attitude": 10.0,
     "angular": 1e4,
+    "position": 1e8,
 }
 """Size of a value of each channel, SI. Nanoseconds in 64 bits end at 9.2e9 s, in the year 2262. A field in picotesla
 that is taken for tesla is 5e7, and told as such by the check of units. No sensor is as hot as 10 000 °C, and no current
 near it a million amperes, and no array turns a thousand times a second; an actuator's angle, speed or power is no
-larger in its unit. A quaternion has length 1, and drivers that do not divide by it are near that."""
+larger in its unit. A quaternion has length 1, and drivers that do not divide by it are near that. No place is farther
+than twice around the Earth."""
 
 
 def largest_of(stream: str) -> float:

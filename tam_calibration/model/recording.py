@@ -18,10 +18,10 @@ if TYPE_CHECKING:
     import pandas
     import xarray
 
-CHANNELS = ("scalar_T", "temperature_C", "current_A", "attitude", "angular_velocity_rad_s")
+CHANNELS = ("scalar_T", "temperature_C", "current_A", "attitude", "angular_velocity_rad_s", "position_m")
 """What may be recorded beside the sensors; a channel that holds nothing but NaN is absent."""
 
-COMPONENTS = {"attitude": 4, "angular_velocity_rad_s": 3}
+COMPONENTS = {"attitude": 4, "angular_velocity_rad_s": 3, "position_m": 3}
 """Numbers of a value of each channel that has more than one; one NaN among them makes all NaN."""
 
 BLOCK = 16_384
@@ -120,6 +120,8 @@ class Recording:
     angular_velocity_rad_s : (N, 3) array, optional
         Angular velocity of the array against the world, in the array frame, from a gyroscope, rad/s; NaN where there is
         none.
+    position_m : (N, 3) array, optional
+        Place of the array's centre in the attitude's world, from navigation, metres; NaN where there is none.
 
     Raises
     ------
@@ -146,6 +148,7 @@ class Recording:
     further: Mapping[str, FloatArray] = field(default_factory=dict)
     interpolated_noise: InterpolatedNoise | None = None
     angular_velocity_rad_s: FloatArray | None = None
+    position_m: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Check shapes, finiteness and the order of time."""
@@ -361,8 +364,8 @@ class Recording:
         -------
         pandas.DataFrame
             Index ``time_s``; columns as in a CSV file but SI: b1x_T, b1y_T, b1z_T … bKz_T along the sensors' own axes,
-            then what there is of scalar_T, temperature_C, current_A, qx, qy, qz, qw, wx_rad_s, wy_rad_s, wz_rad_s, and
-            the further channels.
+            then what there is of scalar_T, temperature_C, current_A, qx, qy, qz, qw, wx_rad_s, wy_rad_s, wz_rad_s, x_m,
+            y_m, z_m, and the further channels.
 
         Raises
         ------
@@ -423,8 +426,8 @@ class Recording:
         xarray.Dataset
             Variables by the names of the fields that are there: ``readings_T`` over ``time_s``, ``sensor`` (1 to K) and
             ``axis`` (x, y, z, the sensor's own), ``attitude`` over ``time_s`` and ``quaternion`` (x, y, z, w),
-            ``angular_velocity_rad_s`` over ``time_s`` and ``axis``, the others over ``time_s``; each has its unit as
-            the attribute ``units``.
+            ``angular_velocity_rad_s`` and ``position_m`` over ``time_s`` and ``axis``, the others over ``time_s``; each
+            has its unit as the attribute ``units``.
 
         Raises
         ------

@@ -154,7 +154,7 @@ def map_of_topics(path: str, layout: SampleLayout) -> ChannelMap:
     InputError
         When it cannot be read, is the map of a file, or for another array.
     """
-    found = replace(read_map(path), gyroscope=None)  # it is not read on line
+    found = replace(read_map(path), gyroscope=None, position=None)  # neither is read on line
     if isinstance(found.time, TimeColumn) or not all(
         pick.topic and not pick.instance for pick in found.streams.values()
     ):

@@ -18,7 +18,7 @@ from tam_calibration.model.units import TESLA_PER_FIELD_UNIT
 FieldUnit = Literal["", "T", "mT", "uT", "nT", "G", "mG"]
 """Unit of a field; empty where it is not stated."""
 
-CHANNEL_WIDTHS = {"scalar": 1, "attitude": 4, "gyroscope": 3, "temperature": 1, "current": 1}
+CHANNEL_WIDTHS = {"scalar": 1, "attitude": 4, "gyroscope": 3, "temperature": 1, "current": 1, "position": 3}
 """Values of each channel that a recording holds beside its sensors."""
 
 
@@ -48,7 +48,7 @@ class Pick(Document):
     type : str
         Type of the topic's messages, such as ``sensor_msgs/msg/Imu``; only the collector needs it.
     world : str
-        Of an attitude: the axes of its world, east-north-up or north-east-down.
+        Of an attitude or a position: the axes of its world, east-north-up or north-east-down.
     """
 
     topic: str = ""
@@ -157,7 +157,7 @@ class ChannelMap(Document):
     further : mapping of str to Pick
         Further currents and actuators by the names of their columns, such as ``current_2_A``.
     scalar, attitude, gyroscope, temperature, current, position : Pick, optional
-        The same of the channels. The position is checked, and not read yet.
+        The same of the channels.
     time : {"stamp", "received"} or TimeColumn
         Clock of the messages, or where a text file has its time.
     text : TextFormat

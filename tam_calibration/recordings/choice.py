@@ -17,6 +17,7 @@ from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.units import TESLA_PER_FIELD_UNIT
 from tam_calibration.recordings.channel_map import CHANNEL_WIDTHS, ChannelMap, Clock, FieldUnit, Pick
 from tam_calibration.recordings.joining import Streams
+from tam_calibration.recordings.navigation import POSITION_FIELDS
 from tam_calibration.recordings.own_names import own_columns, own_map, unread
 from tam_calibration.recordings.tables import Source, Table, Wanted
 
@@ -528,6 +529,8 @@ def _column(path: str | int, table: Table) -> str:
 
 def _suggested(stream: str, table: Table, widths: Sequence[int]) -> tuple[str, ...]:
     """Return the fields of a stream that a type or names suggest."""
+    if stream == "position" and table.type in POSITION_FIELDS:
+        return POSITION_FIELDS[table.type]
     if stream == "attitude":
         for pick in attitudes_in(table):
             return tuple(map(str, pick.fields or pick.columns)) or _below(pick.field, table, widths)

@@ -11,6 +11,7 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import FieldBounds
 from tam_calibration.model.units import NANOTESLA_PER_TESLA, TESLA_PER_FIELD_UNIT, FloatArray, from_nanotesla
 from tam_calibration.recordings.channel_map import Pick
+from tam_calibration.recordings.navigation import LOCAL, Axes, Navigation
 
 _COUNTER_BITS = (8, 12, 16, 24)
 """Widths of converters whose readings overflow."""
@@ -50,15 +51,20 @@ class Intake:
         Whether overflows of a counter are taken out.
     doubtful : str
         Unit that the format states, where the field may tell another; empty of none.
+    axes : {"local", "altitude", "depth"}
+        What the three numbers of a position are.
     """
 
-    def __init__(self, stream: str, pick: Pick, bounds: FieldBounds, unwrap: bool, doubtful: str = "") -> None:
+    def __init__(
+        self, stream: str, pick: Pick, bounds: FieldBounds, unwrap: bool, doubtful: str = "", axes: Axes = LOCAL
+    ) -> None:
         self.stream, self._pick, self._doubtful = stream, pick, doubtful
         self.unit: str = pick.unit
         self._bounds, self._unwrap = bounds, unwrap
         self._factor = pick.factor if self._is_field else 1.0
         self._range: Range | None = None
         self._counter: Counter | None = None
+        self._navigation = Navigation(axes, pick.world)
 
     @property
     def is_detected(self) -> bool:
@@ -85,6 +91,8 @@ class Intake:
         if self.stream == "scalar" and raw.shape[1] == 3:
             raw = np.sqrt(np.sum(raw**2, axis=1, keepdims=True))
         codes = codes_of(self.stream, raw)
+        if self.stream == "position":
+            return self._navigation.local_m(raw), codes
         is_there = (codes == 0) & ~np.isnan(raw[:, 0])  # a sensor's reading that is NaN has a code
         if not is_there.all():
             raw = np.where(is_there[:, None], raw, np.nan)

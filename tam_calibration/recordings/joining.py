@@ -28,6 +28,7 @@ from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.recordings.averaged_rates import AveragedRates
 from tam_calibration.recordings.channel_map import CHANNEL_WIDTHS, Clock, FieldUnit, Pick
 from tam_calibration.recordings.intake import Intake
+from tam_calibration.recordings.navigation import axes_of
 from tam_calibration.recordings.reading import Reading
 from tam_calibration.recordings.tables import Source, Wanted
 
@@ -78,7 +79,9 @@ class Streams:
         """Return what takes the values of each stream."""
         bounds = reading.bounds(array)
         return {
-            name: Intake(name, pick, bounds, reading.unwrap, self.doubtful.get(name, ""))
+            name: Intake(
+                name, pick, bounds, reading.unwrap, self.doubtful.get(name, ""), axes_of(self.wanted[name].fields)
+            )
             for name, pick in self.picks.items()
         }
 
@@ -87,7 +90,7 @@ class Streams:
         """The columns of a sample."""
         sensors = sum(not is_channel(name) for name in self.wanted)
         channels = [name in self.wanted for name in CHANNEL_WIDTHS]
-        order = ("scalar", "temperature", "current", "attitude", "gyroscope")
+        order = ("scalar", "temperature", "current", "attitude", "gyroscope", "position")
         present = dict(zip(CHANNEL_WIDTHS, channels, strict=True))
         further = tuple(name for name in self.wanted if is_channel(name) and name not in CHANNEL_WIDTHS)
         return SampleLayout(sensors, *(present[name] for name in order), further=further)

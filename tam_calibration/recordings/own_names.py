@@ -5,12 +5,13 @@ from collections.abc import Sequence
 from typing import cast
 
 from tam_calibration.messages.topics import CHANNEL_TOPICS, sensor_topic
-from tam_calibration.model.conversion import ATTITUDE_COLUMNS, RATE_COLUMNS
+from tam_calibration.model.conversion import ATTITUDE_COLUMNS, POSITION_COLUMNS, RATE_COLUMNS
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.further_channels import is_further, named_by, require_further
 from tam_calibration.model.recording import require_sensor_count
 from tam_calibration.model.units import TESLA_PER_FIELD_UNIT
 from tam_calibration.recordings.channel_map import ChannelMap, FieldUnit, Pick
+from tam_calibration.recordings.navigation import GEOGRAPHIC_COLUMNS
 from tam_calibration.recordings.tables import Table
 
 _OWN_FIELD = re.compile(rf"(b([1-9]\d{{,8}})[xyz]|scalar)_({'|'.join(TESLA_PER_FIELD_UNIT)})")
@@ -19,7 +20,8 @@ _OWN_CHANNELS = {"temperature": "temperature_C", "current": "current_A"}
 
 def is_own_column(name: str) -> bool:
     """Return whether a column has one of the names of ours."""
-    known = ("time_s", *ATTITUDE_COLUMNS, *RATE_COLUMNS, *_OWN_CHANNELS.values())
+    vectors = (*ATTITUDE_COLUMNS, *RATE_COLUMNS, *POSITION_COLUMNS, *GEOGRAPHIC_COLUMNS)
+    known = ("time_s", *vectors, *_OWN_CHANNELS.values())
     return name in known or is_further(name) or _OWN_FIELD.fullmatch(name) is not None
 
 
@@ -57,7 +59,14 @@ def own_columns(tables: Sequence[Table]) -> ChannelMap | None:
     channels = {name: Pick(column=column) for name, column in _OWN_CHANNELS.items() if column in fields}
     if scalar := matches.get("scalar"):
         channels["scalar"] = Pick(column=scalar[0], unit=cast(FieldUnit, scalar[3]))
-    for channel, columns in (("attitude", ATTITUDE_COLUMNS), ("gyroscope", RATE_COLUMNS)):
+    if set(POSITION_COLUMNS) & set(fields) and set(GEOGRAPHIC_COLUMNS) & set(fields):
+        raise InputError("the position is there twice: keep x_m, y_m, z_m or lat_deg, lon_deg, depth_m")
+    for channel, columns in (
+        ("attitude", ATTITUDE_COLUMNS),
+        ("gyroscope", RATE_COLUMNS),
+        ("position", POSITION_COLUMNS),
+        ("position", GEOGRAPHIC_COLUMNS),
+    ):
         if set(columns) & set(fields):
             if missing := [name for name in columns if name not in fields]:
                 raise InputError(f"column {missing[0]} is missing (of {', '.join(columns)})")

@@ -15,6 +15,7 @@ def with_value(name, value):
     values = {"time_s": np.arange(4.0), "readings_T": 5e-5 * rng.normal(size=(4, 2, 3)), "attitude": np.eye(4)}
     values |= {channel: np.ones(4) for channel in CHANNELS if channel not in COMPONENTS}
     values["angular_velocity_rad_s"] = np.ones((4, 3))
+    values["position_m"] = np.ones((4, 3))
     values["actuator_rudder"] = np.ones(4)
     values[name].reshape(-1)[-1] = value
     return Recording.of_values(values)
@@ -29,6 +30,7 @@ LIMITS = {
     "actuator_rudder": 1e6,
     "attitude": 10.0,
     "angular_velocity_rad_s": 1e4,
+    "position_m": 1e8,
 }
 
 
