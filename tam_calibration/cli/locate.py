@@ -1,21 +1,27 @@
 """`tam locate`: where the source in a recording is."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import click
 import numpy as np
 
 from tam_calibration.cli import terminal
-from tam_calibration.cli.streams import say
+from tam_calibration.cli.streams import GradedBad, say
 from tam_calibration.files.text_files import to_json
 from tam_calibration.localization.alternating import locate_alternating
+from tam_calibration.localization.euler import DIPOLE_INDEX
 from tam_calibration.localization.steady import locate_steady
 from tam_calibration.localization.survey import Survey
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.localization.target_line import locate_line
+from tam_calibration.localization.targets import Target
+from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.geomagnetic_field import LOCAL_VARIANCE_T2, field_at
 from tam_calibration.model.units import FloatArray, from_degrees
 from tam_calibration.recordings.reading import Reading
 from tam_calibration.recordings.recording_file import read_source
+from tam_calibration.report import target_rows
 from tam_calibration.report.blocks import Text
 from tam_calibration.report.survey_rows import answer, sample_blocks, source_blocks, statements
 from tam_calibration.results import read_calibration
@@ -33,6 +39,8 @@ from tam_calibration.results import read_calibration
 @click.option("--find-frequency", is_flag=True, help="Find the frequency of an alternating source.")
 @click.option("--velocity", help="X,Y,Z of a platform that goes straight [m/s], in the world of the attitude.")
 @click.option("--velocity-error", type=float, help="Its standard error along each axis [m/s]; else a tenth of it.")
+@click.option("--position-error-m", type=float, help="White error of recorded positions [m]; else estimated.")
+@click.option("--position-drift-m", type=float, help="Slow error of recorded positions over the line [m].")
 @click.option("--place", help="LAT,LON,DATE: the regional field is that of IGRF there, instead of a fitted one.")
 @click.option("--attitude-noise-deg", default=0.0, show_default=True, help="Standard deviation about each axis.")
 @terminal.reading_options
@@ -47,6 +55,8 @@ def command(
     find_frequency: bool,
     velocity: str | None,
     velocity_error: float | None,
+    position_error_m: float | None,
+    position_drift_m: float | None,
     place: str | None,
     attitude_noise_deg: float,
     how: Reading,
@@ -56,8 +66,9 @@ def command(
 ) -> None:
     """Locate the source in RECORDING, of any format.
 
-    A steady source is located in each sample, less the regional field; with --velocity the dipoles of a straight track
-    from all samples together. An alternating source is located in each pose in which the array stood still.
+    With positions of the platform, or --velocity of one that goes straight, all targets along the line are found from
+    all samples together. Otherwise a steady source is located in each sample, less the regional field. An alternating
+    source is located in each pose in which the array stood still.
     """
     is_alternating = frequency is not None or find_frequency
     _check(frequency, find_frequency, is_alternating and bool(velocity or place or attitude_noise_deg))
@@ -65,19 +76,30 @@ def command(
         raise InputError(f"--attitude-noise-deg must not be negative, nor above 180, not {attitude_noise_deg:g}")
     if velocity_error is not None and (velocity is None or not 0 <= velocity_error < np.inf):
         raise InputError("--velocity-error is that of --velocity: a finite number of m/s, not negative")
+    for name, value in (("error", position_error_m), ("drift", position_drift_m)):
+        if value is not None and not 0 <= value < np.inf:
+            raise InputError(f"--position-{name}-m must be a finite number of metres, not negative, not {value:g}")
     regional = None if place is None else field_at(place)
     speed = None if velocity is None else _vector(velocity)
     noise = float(from_degrees(attitude_noise_deg))
     calibration = read_calibration(calibration_path)
     inputs = [recording, calibration_path, *how.files]
-    with terminal.graded(as_json), terminal.write_together({"report": report}, inputs) as beside:
+    with _graded(as_json), terminal.write_together({"report": report}, inputs) as beside:
         with terminal.showing_progress() as progress:
             source, usage = read_source(recording, calibration.array, how, terminal.reading(progress))
             data = source.whole()
         for remark in () if usage is None else usage.missing:
             say(f"warning: {remark}", err=True)
+        survey: Survey | list[Target]
         if is_alternating:
             survey = locate_alternating(data, calibration, frequency, index=index)
+        elif data.position_m is None and (position_error_m is not None or position_drift_m is not None):
+            raise InputError(
+                "--position-error-m and --position-drift-m are those of positions, of which there are none"
+            )
+        elif index == DIPOLE_INDEX and place is None and (speed is not None or data.position_m is not None):
+            error = position_error_m, position_drift_m or 0.0
+            survey = locate_line(data, calibration, noise, speed, velocity_error, *error)
         else:
             survey = locate_steady(
                 data,
@@ -90,10 +112,34 @@ def command(
                 velocity_error_m_per_s=velocity_error,
             )
         if "report" in beside:
+            if isinstance(survey, list):
+                raise InputError("a page is written of one or two sources: print the targets of a line with --json")
             from tam_calibration.report.survey_report import write_survey_report
 
             write_survey_report(beside["report"], survey, recording.name)
-    _print(survey, as_json, report, detail)
+    if isinstance(survey, list):
+        _print_targets(survey, as_json, detail)
+    else:
+        _print(survey, as_json, report, detail)
+
+
+@contextmanager
+def _graded(as_json: bool) -> Iterator[None]:
+    """Answer a refusal by its reason: in words, or as JSON without targets."""
+    try:
+        yield
+    except Refused as problem:
+        raise GradedBad(str(problem), as_json, {"targets": [], "refused": str(problem)}) from problem
+
+
+def _print_targets(targets: list[Target], as_json: bool, detail: terminal.Detail) -> None:
+    if as_json:
+        from tam_calibration.results.targets_json import targets_to_mapping
+
+        say(to_json(targets_to_mapping(targets)))
+        return
+    table = target_rows.target_table(targets)
+    terminal.print_answer(target_rows.answer(targets), [table] * bool(targets), [table], detail)
 
 
 def _check(frequency: float | None, find_frequency: bool, is_mixed: bool) -> None:

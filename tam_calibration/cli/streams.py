@@ -19,11 +19,21 @@ _LONGEST = 2000
 
 
 class GradedBad(Refused):
-    """A refusal by a command that grades its answer."""
+    """A refusal by a command that grades its answer.
 
-    def __init__(self, reason: str, as_json: bool) -> None:
+    Parameters
+    ----------
+    reason : str
+        Why.
+    as_json : bool
+        Whether it is told as JSON.
+    further : dict of str to object, optional
+        What the JSON holds beside the grade.
+    """
+
+    def __init__(self, reason: str, as_json: bool, further: dict[str, object] | None = None) -> None:
         super().__init__(reason)
-        self._as_json = as_json
+        self._as_json, self._further = as_json, further or {}
 
     def say(self, reason: str) -> None:
         """Write the grade and a reason to standard output, as the answer."""
@@ -32,7 +42,11 @@ class GradedBad(Refused):
         from tam_calibration.results.calibration_yaml import quality_to_mapping
 
         quality = quality_for("bad", [reason])
-        say(to_json({"quality": quality_to_mapping(quality)}) if self._as_json else f"{on_one_line(str(quality))}.")
+        say(
+            to_json({"quality": quality_to_mapping(quality)} | self._further)
+            if self._as_json
+            else f"{on_one_line(str(quality))}."
+        )
 
 
 @contextmanager

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from tam_calibration.comparison.result import Closing
 from tam_calibration.correction.calibration import Provenance
 from tam_calibration.effects.effect import Sized
@@ -260,6 +262,7 @@ def survey_to_mapping(survey: Survey) -> dict[str, Any]:
         "located": int(survey.solutions.is_located.sum()),
         "refused": {status.name.lower(): count for status, count in survey.refusals.items()},
         "overall": survey.overall and _overall(survey.overall),
+        "targets": [_as_target(one) for one in (survey.overall, *survey.further) if one is not None],
         "samples": [_sample(survey, index) for index in range(len(survey.time_s))],
     }
 
@@ -274,6 +277,18 @@ def _overall(overall: Overall) -> dict[str, Any]:
         "moment_covariance_A2m4": overall.moment_covariance_A2m4.tolist(),
         "chi_square": overall.chi_square,
         "degrees_of_freedom": overall.degrees_of_freedom,
+    }
+
+
+def _as_target(overall: Overall) -> dict[str, Any]:
+    """Return a source as the targets of a line are told: its evidence is the square of its moment over its errors."""
+    moment = overall.moment_Am2
+    return {
+        "position_m": overall.position_m.tolist(),
+        "standard_error_m": standard_errors(overall.position_covariance_m2).tolist(),
+        "moment_A_m2": moment.tolist(),
+        "evidence": float(moment @ np.linalg.solve(overall.moment_covariance_A2m4, moment)),
+        "extended": False,
     }
 
 

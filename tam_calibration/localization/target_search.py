@@ -1,0 +1,240 @@
+"""Dipoles along a survey line: found in windows that overlap, added and removed as the evidence for them says."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.linalg import norm
+
+from tam_calibration.localization.line_data import LineData
+from tam_calibration.localization.line_path import Path
+from tam_calibration.localization.line_window import OF_SOURCE, Solved, Window
+from tam_calibration.model.units import FloatArray
+
+_STEP_M, _HALF_M = 25.0, 30.0
+"""Way from window to window, and half of a window's length, metres: targets are seen within three times their depth."""
+
+_ACTIVE_M = 25.0
+"""Way from a window's middle within which dipoles are fitted in it, metres."""
+
+_TOGETHER_M = 10.0
+"""Way within which dipoles are told by one window, metres."""
+
+LEAST_GAIN = 60.0
+"""Fall of χ² from which a dipole is there: six unknowns and the places of a line's ten thousand cells make 60 with a
+probability of 1e-6 (χ² of six degrees of freedom, times the cells)."""
+
+_TRIED_GAIN = 40.0
+"""Fall of χ², to first order, from which a place is tried."""
+
+_MOST_TRIED, _MOST_SOURCES = 2, 10
+"""Places that are tried one after the other, and dipoles of a window."""
+
+_SPACING_M, _DISTANCES_M, _ANGLES = 2.0, (2.0, 3.0, 4.5, 6.5, 9.5, 14.0), 8
+"""Places that are looked at: way between them, distances from the path, and directions across it."""
+
+_THIN_M = 1.0
+"""Way between the moments at which they are looked at, metres."""
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A dipole, and the window that tells most of it.
+
+    Parameters
+    ----------
+    unknowns : (6,) array
+        Place in metres and moment in A m².
+    covariance : (6, 6) array
+        Of both, for the stated noise.
+    misfit : float
+        Mean squared residual about it, in units of the noise.
+    gain : float
+        Fall of χ² by it, to first order.
+    distance_m : float
+        From the path.
+    """
+
+    unknowns: FloatArray
+    covariance: FloatArray
+    misfit: float
+    gain: float
+    distance_m: float
+
+
+def search(data: LineData, path: Path) -> list[Found]:
+    """Return the dipoles that a line shows.
+
+    Parameters
+    ----------
+    data : LineData
+        Of the whole line.
+    path : Path
+        Of the array's centre.
+    """
+    line = _Line(data, path)
+    sources: FloatArray = np.zeros((0, OF_SOURCE))
+    for middle in line.middles():
+        sources, _ = line.explained(middle, sources)
+    found: list[Found] = []
+    for middle in line.groups(sources):
+        sources, solved = line.explained(middle, sources)
+        found += line.told(middle, solved)
+    return found
+
+
+class _Line:
+    """The whole line, and its windows."""
+
+    def __init__(self, data: LineData, path: Path) -> None:
+        self._data, self._path = data, path
+        self._places = path.at(data.time_s)
+
+    def middles(self) -> Iterator[float]:
+        """Yield the ways along the line at which windows have their middle."""
+        first, last = float(self._data.along_m[0]), float(self._data.along_m[-1])
+        count = max(1, round((last - first) / _STEP_M))
+        edges = np.linspace(first, last, count + 1)
+        yield from (edges[:-1] + edges[1:]) / 2
+
+    def groups(self, sources: FloatArray) -> list[float]:
+        """Return the middles of windows about dipoles (S, 6) that lie close together along the line."""
+        middles: list[list[float]] = []
+        for way in sorted(self._way(sources)[0].tolist()):
+            if middles and way - middles[-1][0] < _TOGETHER_M:
+                middles[-1].append(way)
+            else:
+                middles.append([way])
+        return [(ways[0] + ways[-1]) / 2 for ways in middles]
+
+    def _way(self, sources: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the way (S,) along the line at which each dipole is passed, and its distance."""
+        if not len(sources):
+            return np.zeros(0), np.zeros(0)
+        distance = norm(self._places[:, None] - sources[:, :3], axis=2)
+        return self._data.along_m[np.argmin(distance, axis=0)], distance.min(axis=0)
+
+    def explained(self, middle: float, sources: FloatArray) -> tuple[FloatArray, Solved]:
+        """Return the dipoles (S, 6) of the line with those of a window fitted anew, and the window's solution."""
+        at = np.flatnonzero(np.abs(self._data.along_m - middle) <= _HALF_M)
+        is_active = np.abs(self._way(sources)[0] - middle) <= _ACTIVE_M
+        window = Window(self._data.take(at), self._path, sources[~is_active])
+        solved = window.annealed(np.concatenate([sources[is_active].ravel(), window.start()]))
+        while len(solved.sources) < _MOST_SOURCES:
+            more = _with_another(solved)
+            if more is None:
+                break
+            solved = more
+        solved = _without_needless(solved)
+        return np.concatenate([sources[~is_active], solved.sources]), solved
+
+    def told(self, middle: float, solved: Solved) -> Iterator[Found]:
+        """Yield the dipoles that a window is about."""
+        covariance, data = solved.covariance, solved.window.data
+        ways, distances = self._way(solved.sources)
+        worth = _worth(solved)
+        for number, (source, way, distance) in enumerate(zip(solved.sources, ways, distances, strict=True)):
+            if abs(way - middle) > _TOGETHER_M / 2:
+                continue
+            own = slice(OF_SOURCE * number, OF_SOURCE * (number + 1))
+            near = np.abs(data.along_m - way) <= max(4.0, 1.5 * distance)
+            misfit = float(np.mean(solved.residual[near] ** 2))
+            yield Found(source, covariance[own, own], misfit, worth[number], float(distance))
+
+
+def _worth(solved: Solved) -> FloatArray:
+    """Return by how much χ² would rise (S,) without each dipole, to first order."""
+    worth = []
+    for number, source in enumerate(solved.sources):
+        own = slice(OF_SOURCE * number + 3, OF_SOURCE * (number + 1))
+        worth.append(float(source[3:] @ np.linalg.lstsq(solved.covariance[own, own], source[3:], rcond=None)[0]))
+    return np.array(worth)
+
+
+def _reduced(solved: Solved) -> float:
+    """Return the mean squared residual, at least one."""
+    return max(1.0, float(np.mean(solved.residual**2)))
+
+
+def _with_another(solved: Solved) -> Solved | None:
+    """Return the solution with one more dipole, where the evidence for it is enough."""
+    gains, places, moments = _gains(solved)
+    for _ in range(_MOST_TRIED):
+        best = int(np.argmax(gains))
+        if gains[best] < _TRIED_GAIN * _reduced(solved):
+            return None
+        start = np.concatenate([solved.sources.ravel(), places[best], moments[best], solved.others])
+        more = solved.window.annealed(start)
+        if solved.chi_square - more.chi_square > LEAST_GAIN * _reduced(more) and _is_sound(more):
+            return more
+        gains[norm(places - places[best], axis=1) < _THIN_M * 4] = 0.0
+    return None
+
+
+def _is_sound(solved: Solved) -> bool:
+    """Return whether all dipoles are within sight of the line: at least half a metre off, at most half a window."""
+    distance = norm(solved.sources[:, None, :3] - solved.window.path.at(solved.window.data.time_s), axis=2).min(axis=1)
+    return bool(((distance > 0.5) & (distance < _HALF_M)).all())
+
+
+def _without_needless(solved: Solved) -> Solved:
+    """Return the solution without dipoles that χ² hardly rises without."""
+    while len(solved.sources):
+        worth = _worth(solved)
+        weakest = int(np.argmin(worth))
+        if worth[weakest] > LEAST_GAIN * _reduced(solved):
+            break
+        rest = np.delete(solved.sources, weakest, axis=0)
+        fewer = solved.window.annealed(np.concatenate([rest.ravel(), solved.others]))
+        if fewer.chi_square - solved.chi_square > LEAST_GAIN * _reduced(solved):
+            break
+        solved = fewer
+    return solved
+
+
+def _gains(solved: Solved) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the fall of χ² (n,) by a further dipole at places (n, 3), and its moment (n, 3), to first order."""
+    window = solved.window
+    way = window.data.along_m
+    order = np.argsort(way)
+    picked = order[np.unique(np.searchsorted(way[order], np.arange(way.min(), way.max(), _THIN_M)))]
+    at = np.unique(np.concatenate([[0], picked[picked < len(way)], [len(way) - 1]]))
+    thin = Window(window.data.take(at), window.path, window.fixed)
+    residual, slopes = thin.linearized(solved.unknowns)
+    rows = slopes.reshape(-1, slopes.shape[2])
+    count = solved.sources.size
+    precision = np.zeros((rows.shape[1],) * 2)
+    precision[count:, count:] = thin.precision
+    normal = rows.T @ rows + precision + 1e-12 * np.diag(np.diag(rows.T @ rows))
+    places = _places(thin)
+    columns = thin.by_moment(places).reshape(len(rows), -1)
+    scale = np.sqrt(np.diag(normal))
+    root = np.linalg.cholesky(normal / scale[:, None] / scale + 1e-12 * np.eye(len(normal)))
+    basis = np.linalg.solve(root, (rows / scale).T)
+    left = residual.ravel() - basis.T @ (basis @ residual.ravel())
+    seen = (basis @ columns).reshape(len(basis), -1, 3)
+    cube = columns.reshape(len(rows), -1, 3)
+    information = np.einsum("rpi,rpj->pij", cube, cube, optimize=True) - np.einsum(
+        "rpi,rpj->pij", seen, seen, optimize=True
+    )
+    slope = (columns.T @ left).reshape(-1, 3)
+    size = np.trace(information, axis1=1, axis2=2)[:, None, None]
+    moments = np.linalg.solve(information + 1e-6 * size * np.eye(3), slope[..., None])[..., 0]
+    return np.sum(moments * slope, axis=1), places, moments
+
+
+def _places(window: Window) -> FloatArray:
+    """Return places (n, 3) around the path of a window."""
+    way = window.data.along_m
+    path = window.path.at(window.data.time_s)
+    marks = np.arange(way.min() + _SPACING_M, way.max() - _SPACING_M / 2, _SPACING_M)
+    at = np.array([np.argmin(np.abs(way - mark)) for mark in marks]) if len(marks) else np.array([len(way) // 2])
+    ahead = path[np.minimum(at + 2, len(path) - 1)] - path[np.maximum(at - 2, 0)]
+    ahead /= np.maximum(norm(ahead, axis=1, keepdims=True), 1e-9)
+    side = np.cross(ahead, [0.0, 0.0, 1.0])
+    side /= np.maximum(norm(side, axis=1, keepdims=True), 1e-9)
+    up = np.cross(side, ahead)
+    angle = 2 * np.pi * (np.arange(_ANGLES) + 0.5) / _ANGLES
+    across = np.cos(angle)[:, None, None] * side + np.sin(angle)[:, None, None] * up
+    distances = np.array(_DISTANCES_M)[:, None, None, None]
+    return np.asarray((path[at] + distances * across).reshape(-1, 3))
