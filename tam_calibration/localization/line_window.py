@@ -36,7 +36,7 @@ _DIRECTION, _GRADIENT_T_PER_M = 3e-3, 1e-6
 _MOST_STEPS, _ROUGH_STEPS = 25, 8
 """Steps of a fit, and of one with a larger noise."""
 
-_LEAST_FALL, _ROUGH_FALL = 0.02, 1.0
+LEAST_FALL, ROUGH_FALL = 0.02, 1.0
 """Fall of χ² below which they end."""
 
 _FARTHEST_M, _STRONGEST_AM2, _LARGEST_ERROR = 150.0, 1e7, 30.0
@@ -239,7 +239,7 @@ class Window:
             axis=2,
         )
 
-    def annealed(self, start: FloatArray) -> "Solved":
+    def annealed(self, start: FloatArray, least_fall: float = ROUGH_FALL) -> "Solved":
         """Return the solution that begins with unknowns (P,) and with a larger noise, which falls tenfold each time.
 
         With little noise χ² is a narrow, bent valley that is followed by small steps only.
@@ -247,8 +247,8 @@ class Window:
         size = float(np.sqrt(np.mean(self.linearized(start, False)[0] ** 2)))
         for factor in 10.0 ** np.arange(np.ceil(np.log10(max(size / 3, 1.0))), 0, -1):
             rough = replace(self, data=replace(self.data, noise_T=factor * self.data.noise_T))
-            start = rough.solve(start, _ROUGH_STEPS, _ROUGH_FALL).unknowns
-        return self.solve(start)
+            start = rough.solve(start, _ROUGH_STEPS, ROUGH_FALL).unknowns
+        return self.solve(start, least_fall=least_fall)
 
     def _can_be(self, unknowns: FloatArray) -> bool:
         """Return whether dipoles are in reach, and errors small: steps that are not are too long."""
@@ -260,7 +260,7 @@ class Window:
         is_weak = norm(sources[:, 3:], axis=1) < _STRONGEST_AM2
         return bool(is_near.all() and is_weak.all() and (np.abs(others[unit]) < _LARGEST_ERROR).all())
 
-    def solve(self, start: FloatArray, most_steps: int = _MOST_STEPS, least_fall: float = _LEAST_FALL) -> "Solved":
+    def solve(self, start: FloatArray, most_steps: int = _MOST_STEPS, least_fall: float = LEAST_FALL) -> "Solved":
         """Return the solution by steps of Levenberg and Marquardt.
 
         Parameters

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.linalg import norm
@@ -26,6 +27,9 @@ probability of 1e-6 (χ² of six degrees of freedom, times the cells)."""
 
 _TRIED_GAIN = 40.0
 """Fall of χ², to first order, from which a place is tried."""
+
+_CLEAR = 1.05
+"""Mean squared residual, over the noise, below which all dipoles of a window have been found."""
 
 _MOST_TRIED, _MOST_SOURCES = 2, 10
 """Places that are tried one after the other, and dipoles of a window."""
@@ -78,7 +82,7 @@ def search(data: LineData, path: Path) -> list[Found]:
         sources, _ = line.explained(middle, sources)
     found: list[Found] = []
     for middle in line.groups(sources):
-        sources, solved = line.explained(middle, sources)
+        sources, solved = line.explained(middle, sources, is_last=True)
         found += line.told(middle, solved)
     return found
 
@@ -114,18 +118,21 @@ class _Line:
         distance = norm(self._places[:, None] - sources[:, :3], axis=2)
         return self._data.along_m[np.argmin(distance, axis=0)], distance.min(axis=0)
 
-    def explained(self, middle: float, sources: FloatArray) -> tuple[FloatArray, Solved]:
+    def explained(self, middle: float, sources: FloatArray, is_last: bool = False) -> tuple[FloatArray, Solved]:
         """Return the dipoles (S, 6) of the line with those of a window fitted anew, and the window's solution."""
         at = np.flatnonzero(np.abs(self._data.along_m - middle) <= _HALF_M)
         is_active = np.abs(self._way(sources)[0] - middle) <= _ACTIVE_M
         window = Window(self._data.take(at), self._path, sources[~is_active])
         solved = window.annealed(np.concatenate([sources[is_active].ravel(), window.start()]))
-        while len(solved.sources) < _MOST_SOURCES:
+        may_add = not is_last or _reduced(solved) > _CLEAR
+        while may_add and len(solved.sources) < _MOST_SOURCES:
             more = _with_another(solved)
             if more is None:
                 break
             solved = more
         solved = _without_needless(solved)
+        if is_last:
+            solved = window.solve(solved.unknowns)
         return np.concatenate([sources[~is_active], solved.sources]), solved
 
     def told(self, middle: float, solved: Solved) -> Iterator[Found]:
@@ -195,19 +202,13 @@ def _without_needless(solved: Solved) -> Solved:
 def _gains(solved: Solved) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the fall of χ² (n,) by a further dipole at places (n, 3), and its moment (n, 3), to first order."""
     window = solved.window
-    way = window.data.along_m
-    order = np.argsort(way)
-    picked = order[np.unique(np.searchsorted(way[order], np.arange(way.min(), way.max(), _THIN_M)))]
-    at = np.unique(np.concatenate([[0], picked[picked < len(way)], [len(way) - 1]]))
-    thin = Window(window.data.take(at), window.path, window.fixed)
+    thin, places, columns = _looked_at(window)
     residual, slopes = thin.linearized(solved.unknowns)
     rows = slopes.reshape(-1, slopes.shape[2])
     count = solved.sources.size
     precision = np.zeros((rows.shape[1],) * 2)
     precision[count:, count:] = thin.precision
     normal = rows.T @ rows + precision + 1e-12 * np.diag(np.diag(rows.T @ rows))
-    places = _places(thin)
-    columns = thin.by_moment(places).reshape(len(rows), -1)
     scale = np.sqrt(np.diag(normal))
     root = np.linalg.cholesky(normal / scale[:, None] / scale + 1e-12 * np.eye(len(normal)))
     basis = np.linalg.solve(root, (rows / scale).T)
@@ -221,6 +222,18 @@ def _gains(solved: Solved) -> tuple[FloatArray, FloatArray, FloatArray]:
     size = np.trace(information, axis1=1, axis2=2)[:, None, None]
     moments = np.linalg.solve(information + 1e-6 * size * np.eye(3), slope[..., None])[..., 0]
     return np.sum(moments * slope, axis=1), places, moments
+
+
+@lru_cache(maxsize=1)
+def _looked_at(window: Window) -> tuple[Window, FloatArray, FloatArray]:
+    """Return some moments of a window, places (n, 3), and the data's derivatives (R, 3 n) by moments there."""
+    way = window.data.along_m
+    order = np.argsort(way)
+    picked = order[np.unique(np.searchsorted(way[order], np.arange(way.min(), way.max(), _THIN_M)))]
+    at = np.unique(np.concatenate([[0], picked[picked < len(way)], [len(way) - 1]]))
+    thin = Window(window.data.take(at), window.path, window.fixed)
+    places = _places(thin)
+    return thin, places, thin.by_moment(places).reshape(-1, 3 * len(places))
 
 
 def _places(window: Window) -> FloatArray:
