@@ -20,7 +20,7 @@ NOISE_T = from_nanotesla(0.1)
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """What a line passes: bodies (B) by their centres, moments, and whether each is extended; what was stated."""
+    """What a line passes: bodies by their centres, moments and whether each is extended; what was stated; the path."""
 
     position_m: FloatArray
     moment_Am2: FloatArray
@@ -29,6 +29,7 @@ class Truth:
     error_m: float
     drift_m: float
     attitude: float
+    path_m: FloatArray
 
 
 def dipoles_T(points: FloatArray, places: FloatArray, moments: FloatArray) -> FloatArray:
@@ -150,7 +151,7 @@ def line_of(kind: str, seed: int, judged: bool = False, length: float = 200.0) -
     error = attitude * (waves(rng, time_s, (4, 40)) if judged and lasting > 2 else wandering(rng, time_s, lasting))
     reported = true * Rotation.from_rotvec(error)
     recording = Recording(time_s, readings, attitude=reported.as_quat(), position_m=position)
-    return recording, array, Truth(places, moments, extended, signal, white, drift, attitude)
+    return recording, array, Truth(places, moments, extended, signal, white, drift, attitude, path)
 
 
 def wandering_smooth(rng: np.random.Generator, time_s: FloatArray) -> FloatArray:

@@ -31,7 +31,7 @@ navigation tells them."""
 DRIFT_TIMES = (0.05, 0.3, 3.0)
 """Correlation times of a drift, as parts of the line, each with a part of its variance."""
 
-_PARTS = (0.02, 0.18, 0.8)
+_PARTS = (0.04, 0.5, 0.46)
 """Parts of the variance of a drift, by its correlation times."""
 
 _LEAST_ERROR_M = 1e-3

@@ -9,7 +9,7 @@ from numpy.linalg import norm
 
 from tam_calibration.localization.line_data import LineData
 from tam_calibration.localization.line_path import Path
-from tam_calibration.localization.line_window import OF_SOURCE, Solved, Window
+from tam_calibration.localization.line_window import OF_SOURCE, ROUGH_FALL, Solved, Window
 from tam_calibration.model.units import FloatArray
 
 _STEP_M, _HALF_M = 25.0, 30.0
@@ -31,8 +31,11 @@ _TRIED_GAIN = 40.0
 _CLEAR = 1.05
 """Mean squared residual, over the noise, below which all dipoles of a window have been found."""
 
-_MOST_TRIED, _MOST_SOURCES = 2, 10
-"""Places that are tried one after the other, and dipoles of a window."""
+_MOST_TRIED, _MOST_TRIED_BESIDE_MUCH, _MOST_SOURCES = 2, 6, 10
+"""Places that are tried one after the other, also beside large residuals, and dipoles of a window."""
+
+LARGEST_LEFT = 2.0
+"""Mean squared residual, over the noise, above which something large is still missing."""
 
 _SPACING_M, _DISTANCES_M, _ANGLES = 2.0, (2.0, 3.0, 4.5, 6.5, 9.5, 14.0), 8
 """Places that are looked at: way between them, distances from the path, and directions across it."""
@@ -166,14 +169,17 @@ def _reduced(solved: Solved) -> float:
 def _with_another(solved: Solved) -> Solved | None:
     """Return the solution with one more dipole, where the evidence for it is enough."""
     gains, places, moments = _gains(solved)
-    for _ in range(_MOST_TRIED):
+    for _ in range(_MOST_TRIED if _reduced(solved) < LARGEST_LEFT else _MOST_TRIED_BESIDE_MUCH):
         best = int(np.argmax(gains))
-        if gains[best] < _TRIED_GAIN * _reduced(solved):
+        if gains[best] < _TRIED_GAIN * min(_reduced(solved), LARGEST_LEFT):
             return None
         start = np.concatenate([solved.sources.ravel(), places[best], moments[best], solved.others])
-        more = solved.window.annealed(start)
-        if solved.chi_square - more.chi_square > LEAST_GAIN * _reduced(more) and _is_sound(more):
-            return more
+        for fit in (solved.window.annealed, solved.window.solve):
+            more = fit(start, least_fall=ROUGH_FALL)
+            if solved.chi_square - more.chi_square > LEAST_GAIN * _reduced(more) and _is_sound(more):
+                return more
+            if _reduced(solved) < LARGEST_LEFT:
+                break
         gains[norm(places - places[best], axis=1) < _THIN_M * 4] = 0.0
     return None
 

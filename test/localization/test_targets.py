@@ -1,0 +1,96 @@
+"""Targets along a survey line: several dipoles beside a swaying path, and errors of navigation and attitude."""
+
+import numpy as np
+import pytest
+from numpy.linalg import norm
+from scipy.spatial.transform import Rotation
+
+from tam_calibration.localization.line_data import line_data
+from tam_calibration.localization.line_window import Window
+from tam_calibration.localization.target_line import locate_line
+from tam_calibration.localization.targets import find_targets, path_in
+from tam_calibration.model.recording import Recording
+from tam_calibration.sources.dipole import dipole_field
+
+EARTH_T = np.array([1.2e-6, 20.5e-6, -44e-6])
+TIME_S = np.arange(600) / 10
+PLACES_M = np.array([[15.0, 2.0, -4.0], [35.0, -3.0, -6.0], [48.0, 1.0, -5.0]])
+MOMENTS_AM2 = np.array([[30.0, 80.0, -60.0], [-100.0, 150.0, 90.0], [40.0, 10.0, -90.0]])
+
+
+def passed(array, errors, places=PLACES_M, moments=MOMENTS_AM2, *, sway=0.2, white=0.0, attitude=0.0, lasting=1.0):
+    """Return the recording of a line past dipoles, 0.1 nT of noise."""
+    generator = np.random.default_rng(7)
+    path = np.column_stack([TIME_S, sway * np.sin(TIME_S), sway * np.cos(0.7 * TIME_S)])
+    turns = Rotation.from_euler("zyx", 0.08 * np.sin(np.outer(TIME_S, [0.9, 0.7, 1.1])))
+    points = path[:, None] + np.einsum("nij,kj->nki", turns.as_matrix(), array.positions_m)
+    world = EARTH_T + sum(
+        dipole_field(points - place, moment)[0] for place, moment in zip(places, moments, strict=True)
+    )
+    fields = np.einsum("nji,nkj->nki", turns.as_matrix(), world)
+    error, drawn = np.zeros((600, 3)), generator.standard_normal((600, 3))
+    keep = np.exp(-0.1 / lasting)
+    for number in range(1, 600):
+        error[number] = keep * error[number - 1] + np.sqrt(1 - keep**2) * drawn[number]
+    reported = turns * Rotation.from_rotvec(np.radians(attitude) * error)
+    position = path + white * generator.standard_normal(path.shape)
+    noisy = fields + 1e-10 * generator.standard_normal(fields.shape)
+    return Recording(TIME_S, errors.distort(noisy), attitude=reported.as_quat(), position_m=position)
+
+
+@pytest.fixture(scope="module")
+def exact(recording, cross, true_errors):
+    """Return the calibration of the array with its true errors."""
+    from dataclasses import replace
+
+    from tam_calibration.fit import calibrate
+
+    return replace(calibrate(recording, cross), errors=true_errors, covariance=None)
+
+
+@pytest.mark.parametrize("errors", [{}, {"white": 0.1}, {"attitude": 0.1, "lasting": 5.0}])
+def test_all_targets_of_a_line_are_found(cross, true_errors, exact, errors):
+    """Three dipoles beside a swaying path, within five standard errors whatever navigation and attitude err by."""
+    recording = passed(cross, true_errors, **errors)
+    targets = find_targets(recording, exact, path_in(recording))
+    assert len(targets) == 3 and not any(each.is_extended for each in targets)
+    for each in targets:
+        away = PLACES_M - each.position_m
+        nearest = away[np.argmin(norm(away, axis=1))]
+        assert (np.abs(nearest) < 5 * each.standard_errors_m).all()
+        assert norm(each.standard_errors_m) < 0.5
+    assert [each.evidence for each in targets] == sorted((each.evidence for each in targets), reverse=True)
+
+
+def test_a_line_past_nothing_has_no_target(cross, true_errors, exact):
+    """Noise, and an attitude that errs for seconds, are no target."""
+    recording = passed(cross, true_errors, PLACES_M[:1], 1e-9 * MOMENTS_AM2[:1], attitude=0.2, lasting=5.0)
+    assert find_targets(recording, exact, path_in(recording)) == []
+
+
+def test_a_swaying_path_without_navigation_is_found_by_its_velocity(cross, true_errors, exact):
+    """A velocity is true but for a random walk: the straight track does not hold, and no phantom appears."""
+    recording = passed(cross, true_errors, PLACES_M[:1], MOMENTS_AM2[:1], sway=0.05)
+    bare = Recording(recording.time_s, recording.readings_T, attitude=recording.attitude)
+    targets = locate_line(bare, exact, 0.0, np.array([1.0, 0, 0]), 0.01, None, 0.0)
+    assert isinstance(targets, list) and len(targets) == 1
+    start_m = np.array([0.0, 0.0, 0.05])
+    assert (np.abs(targets[0].position_m - PLACES_M[0] + start_m) < 5 * targets[0].standard_errors_m).all()
+
+
+def test_derivatives_are_those_of_the_residuals(cross, true_errors, exact):
+    """Differences of the residuals agree with the stated derivatives by dipoles, path and regional field."""
+    recording = passed(cross, true_errors, white=0.1)
+    path = path_in(recording)
+    fields = true_errors.restore(recording.readings_T)
+    none = np.zeros((600, 12, 0))
+    data = line_data(recording.time_s, fields, recording.attitude, cross, recording.time_s, 1e-3, none)
+    window = Window(data, path, np.zeros((0, 6)))
+    unknowns = np.concatenate([np.column_stack([PLACES_M, MOMENTS_AM2]).ravel(), window.start()])
+    slopes = window.linearized(unknowns)[1]
+    for number in (0, 2, 5, 18, 30, len(unknowns) - 3):
+        step = np.zeros(len(unknowns))
+        step[number] = 0.5 / norm(slopes[..., number])
+        sides = [window.linearized(unknowns + sign * step, with_slopes=False)[0] for sign in (-1, 1)]
+        found = (sides[0] - sides[1]) / (2 * step[number])
+        assert norm(found - slopes[..., number]) < 0.02 * norm(slopes[..., number])
