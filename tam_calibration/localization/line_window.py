@@ -45,7 +45,7 @@ _FARTHEST_M, _STRONGEST_AM2, _LARGEST_ERROR = 150.0, 1e7, 30.0
 _MOST_STALLED = 3
 """Such steps in a row that end a fit, where damping has become large."""
 
-_LEAST_SEEN = 0.02
+_LEAST_SEEN = 0.1
 """Part of what is known of an error beforehand that the data must add for it to be fitted."""
 
 _FIRST_DAMPING, _LEAST_DAMPING, _LARGEST_DAMPING = 1e-3, 1e-7, 1e8

@@ -34,6 +34,9 @@ _CLEAR = 1.05
 _MOST_TRIED, _MOST_TRIED_BESIDE_MUCH, _MOST_SOURCES = 2, 6, 10
 """Places that are tried one after the other, also beside large residuals, and dipoles of a window."""
 
+_GLANCE_STEPS = 6
+"""Steps after which a place that explains less than half of what is needed is given up."""
+
 LARGEST_LEFT = 2.0
 """Mean squared residual, over the noise, above which something large is still missing."""
 
@@ -174,6 +177,12 @@ def _with_another(solved: Solved) -> Solved | None:
         if gains[best] < _TRIED_GAIN * min(_reduced(solved), LARGEST_LEFT):
             return None
         start = np.concatenate([solved.sources.ravel(), places[best], moments[best], solved.others])
+        if _reduced(solved) < LARGEST_LEFT:
+            glance = solved.window.solve(start, _GLANCE_STEPS, ROUGH_FALL)
+            if solved.chi_square - glance.chi_square < LEAST_GAIN / 2:
+                gains[norm(places - places[best], axis=1) < _THIN_M * 4] = 0.0
+                continue
+            start = glance.unknowns
         for fit in (solved.window.annealed, solved.window.solve):
             more = fit(start, least_fall=ROUGH_FALL)
             if solved.chi_square - more.chi_square > LEAST_GAIN * _reduced(more) and _is_sound(more):

@@ -16,8 +16,9 @@ from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
 
-WITHIN_BODY = 0.6
-"""Distance between dipoles, over that from the path, below which three or more are parts of one body."""
+WITHIN_BODY, NEAR_BODY = 0.75, 1.0
+"""Distance between dipoles, over that from the path, below which three or more are parts of one body, and below which
+an uncertain one is a part of the body beside it: a body as large as its distance shows as dipoles so far apart."""
 
 LARGEST_MISFIT = 1.5
 """Mean squared residual, over the noise, above which a target is no dipole: noise alone has less than 1.3."""
@@ -159,15 +160,18 @@ def _told(found: list[Found]) -> list[Target]:
     targets = []
     for group in _bodies(found):
         misfit = max(max(each.misfit for each in group), 1.0)
-        is_extended = len(group) > 2 or misfit > LARGEST_MISFIT
-        told = [_of_body(group, misfit)] if is_extended else [_of_dipole(each) for each in group]
-        targets += [each for each in told if _is_certain(each)]
+        has_parts = len(group) > 2 or (len(group) > 1 and not all(map(_is_certain, group)))
+        is_extended = has_parts or misfit > LARGEST_MISFIT
+        told = [_of_body(group, misfit)] if is_extended else [_of_dipole(each) for each in group if _is_certain(each)]
+        targets += [each for each in told if each.evidence > LEAST_GAIN]
     return sorted(targets, key=lambda each: -each.evidence)
 
 
-def _is_certain(target: Target) -> bool:
-    error = float(target.standard_errors_m.max())
-    return target.evidence > LEAST_GAIN and (target.is_extended or error < _LARGEST_ERROR * target.distance_m)
+def _is_certain(each: Found) -> bool:
+    """Return whether a dipole is there, and its place known to a part of its distance."""
+    factor = max(each.misfit, 1.0)
+    error = float(np.sqrt(factor * np.diag(each.covariance)[:3].max()))
+    return each.gain > LEAST_GAIN * factor and error < _LARGEST_ERROR * each.distance_m
 
 
 def _bodies(found: list[Found]) -> list[list[Found]]:
@@ -181,7 +185,8 @@ def _bodies(found: list[Found]) -> list[list[Found]]:
 
 def _are_one(one: Found, other: Found) -> bool:
     apart = float(norm(one.unknowns[:3] - other.unknowns[:3]))
-    return apart < WITHIN_BODY * max(one.distance_m, other.distance_m)
+    reach = WITHIN_BODY if _is_certain(one) and _is_certain(other) else NEAR_BODY
+    return apart < reach * max(one.distance_m, other.distance_m)
 
 
 def _of_dipole(each: Found) -> Target:
