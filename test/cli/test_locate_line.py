@@ -1,0 +1,84 @@
+"""`tam locate` of a survey line with recorded positions: a list of targets, or the reason for none."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy.spatial.transform import Rotation
+
+from tam_calibration.cli.main import main
+from tam_calibration.fit import calibrate
+from tam_calibration.results import write_calibration
+from tam_calibration.sources.dipole import dipole_field
+
+EARTH_T = np.array([1.2e-6, 20.5e-6, -44e-6])
+TIME_S = np.arange(600) / 10
+PLACES_M = np.array([[15.0, 2.0, -4.0], [45.0, -3.0, -5.0]])
+MOMENTS_AM2 = np.array([[300.0, 800.0, -600.0], [-100.0, 150.0, 90.0]])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, recording, cross, true_errors):
+    """Return a folder with a calibration, a line past two dipoles, and its first samples."""
+    folder = tmp_path_factory.mktemp("line")
+    write_calibration(folder / "c.yaml", calibrate(recording, cross))
+    turns = Rotation.from_euler("zyx", 0.08 * np.sin(np.outer(TIME_S, [0.9, 0.7, 1.1])))
+    path = np.column_stack([TIME_S, 0.1 * np.sin(TIME_S), np.zeros(600)])
+    points = path[:, None] + np.einsum("nij,kj->nki", turns.as_matrix(), cross.positions_m)
+    world = EARTH_T + sum(
+        dipole_field(points - place, moment)[0] for place, moment in zip(PLACES_M, MOMENTS_AM2, strict=True)
+    )
+    fields = np.einsum("nji,nkj->nki", turns.as_matrix(), world)
+    noise = 1e-9 * np.random.default_rng(3).normal(size=fields.shape)
+    readings = true_errors.distort(fields) + noise
+    names = ["time_s", *(f"b{sensor}{axis}_T" for sensor in range(1, 5) for axis in "xyz")]
+    names += ["qx", "qy", "qz", "qw", "x_m", "y_m", "z_m"]
+    rows = np.column_stack([TIME_S, readings.reshape(600, -1), turns.as_quat(), path])
+    for name, count in (("line.csv", 600), ("short.csv", 12)):
+        np.savetxt(folder / name, rows[:count], delimiter=",", header=",".join(names), comments="", fmt="%.15g")
+    np.savetxt(folder / "bare.csv", rows[:, :-3], delimiter=",", header=",".join(names[:-3]), comments="", fmt="%.15g")
+    return folder
+
+
+def run(folder, name, *words):
+    """Run the command."""
+    return CliRunner().invoke(main, ["locate", str(folder / name), "--calibration", str(folder / "c.yaml"), *words])
+
+
+def test_targets_are_listed_with_their_errors(folder):
+    """Both dipoles, in the world of the positions, within five standard errors."""
+    result = run(folder, "line.csv", "--position-error-m", "0.01", "--position-drift-m", "0.02", "--json")
+    assert result.exit_code == 0, result.stderr
+    targets = json.loads(result.stdout)["targets"]
+    assert len(targets) == 2
+    for target in targets:
+        away = np.abs(PLACES_M - target["position_m"]) / target["standard_error_m"]
+        assert away.max(axis=1).min() < 5
+        assert target["evidence"] > 0 and target["extended"] is False
+        assert len(target["moment_A_m2"]) == 3
+    words = run(folder, "line.csv").stdout
+    assert words.startswith("2 targets along the line.")
+
+
+def test_a_refusal_has_a_reason_and_no_target(folder):
+    """Exit code 1, and what to do."""
+    result = run(folder, "short.csv", "--json")
+    assert result.exit_code == 1
+    answer = json.loads(result.stdout)
+    assert answer["targets"] == [] and "too short" in answer["refused"]
+
+
+@pytest.mark.parametrize(
+    ("name", "words", "sentence"),
+    [
+        ("line.csv", ("--position-error-m", "-1"), "--position-error-m must be a finite number"),
+        ("line.csv", ("--position-drift-m", "nan"), "--position-drift-m must be a finite number"),
+        ("bare.csv", ("--position-drift-m", "0.1"), "those of positions, of which there are none"),
+    ],
+)
+def test_errors_of_positions_are_checked(folder, name, words, sentence):
+    """Exit code 2 and one sentence."""
+    result = run(folder, name, *words)
+    assert result.exit_code == 2
+    assert sentence in result.stderr
