@@ -70,6 +70,13 @@ class Basis:
         """(count,) abscissas of the maxima."""
         return np.asarray(self.first + self.step * (np.arange(self.count) - 1))
 
+    def four(self, at: FloatArray) -> tuple[np.ndarray, FloatArray]:
+        """Return which coefficients (N, 4) count at abscissas (N,), and their values (N, 4): others are zero."""
+        centers = self.centers
+        first = np.clip(np.floor((at - centers[0]) / self.step).astype(int) - 1, 0, self.count - 4)
+        index = first[:, None] + np.arange(4)
+        return index, _cubic(np.abs(at[:, None] - centers[index]) / self.step)
+
     def matrix(self, at: FloatArray) -> FloatArray:
         """Return the values (N, count) of the basis at abscissas (N,)."""
         return _cubic(np.abs(np.asarray(at)[:, None] - self.centers) / self.step)
@@ -101,11 +108,8 @@ class Path:
 
     def at(self, time_s: FloatArray) -> FloatArray:
         """Return the path (N, 3) at times (N,), metres."""
-        centers, step = self.basis.centers, self.basis.step
-        first = np.clip(np.floor((time_s - centers[0]) / step).astype(int) - 1, 0, len(centers) - 4)
-        four = first[:, None] + np.arange(4)
-        values = _cubic(np.abs(time_s[:, None] - centers[four]) / step)
-        return np.asarray(np.einsum("nc,nci->ni", values, self.coefficients_m[four]))
+        index, values = self.basis.four(time_s)
+        return np.asarray(np.einsum("nc,nci->ni", values, self.coefficients_m[index]))
 
     def error(self, first_s: float, last_s: float) -> tuple[slice, list[FloatArray]]:
         """Return which coefficients (n) are used between two times, and the roots (n, ·) of each axis' covariance."""
@@ -157,29 +161,29 @@ def path_of(time_s: FloatArray, position_m: FloatArray, error_m: float | None = 
         raise InputError(f"the recording has {len(times)} different positions, and a line needs four: record them")
     span = float(time_s[-1] - time_s[0])
     basis = Basis.over(float(time_s[0]), float(time_s[-1]), max(_STEP_S, 2 * span / len(times)))
-    rows, rough = _bands(basis.matrix(times)), _roughness(basis.count)
-    fits = [_smoothed(basis.matrix(times), rows, rough, places[:, axis], error_m or 0.0) for axis in range(3)]
+    fits = [_smoothed(basis, times, places[:, axis], error_m or 0.0) for axis in range(3)]
     coefficients, precision = (np.array(part) for part in zip(*fits, strict=True))
     return Path(basis, coefficients.T, precision, drift_m)
 
 
-def _smoothed(
-    matrix: FloatArray, rows: FloatArray, rough: FloatArray, places: FloatArray, error_m: float
-) -> tuple[FloatArray, FloatArray]:
+def _smoothed(basis: Basis, times: FloatArray, places: FloatArray, error_m: float) -> tuple[FloatArray, FloatArray]:
     """Return coefficients (C,) of a smooth curve through places (N,), and the bands (4, C) of their precision.
 
     The velocity changes as a random walk, of the size of which the likelihood of the places is the largest.
     """
     from scipy.linalg import cho_solve_banded, cholesky_banded
 
+    index, values = basis.four(times)
+    rows, rough = _bands(index, values, basis.count), _roughness(basis.count)
     best, least = None, np.inf
     centred = places - places.mean()
+    right = np.bincount(index.ravel(), (values * centred[:, None]).ravel(), basis.count)
     for balance in _BALANCES:
         bands = rows + balance * rough
         bands[3] += 1e-10 * rows[3].mean()
         root = cholesky_banded(bands)
-        coefficients = cho_solve_banded((root, False), matrix.T @ centred)
-        residual = centred - matrix @ coefficients
+        coefficients = cho_solve_banded((root, False), right)
+        residual = centred - np.sum(values * coefficients[index], axis=1)
         energy = float(residual @ centred) / (len(places) - 2)
         variance = max(energy, error_m**2, _LEAST_WHITE_M**2)
         score = (len(places) - 2) * (np.log(variance) + energy / variance)
@@ -190,17 +194,25 @@ def _smoothed(
     return best
 
 
-def _bands(matrix: FloatArray) -> FloatArray:
-    """Return the upper bands (4, C) of the products of a basis (N, C), the diagonal last."""
-    bands = np.zeros((4, matrix.shape[1]))
+def _bands(index: np.ndarray, values: FloatArray, count: int) -> FloatArray:
+    """Return the upper bands (4, C) of the products of a basis at N abscissas, the diagonal last."""
+    bands = np.zeros((4, count))
     for away in range(4):
-        bands[3 - away, away:] = np.sum(matrix[:, away:] * matrix[:, : matrix.shape[1] - away], axis=0)
+        products = values[:, away:] * values[:, : 4 - away]
+        bands[3 - away] = np.bincount(index[:, away:].ravel(), products.ravel(), count)
     return bands
 
 
 def _roughness(count: int) -> FloatArray:
-    """Return the upper bands (4, C) of the squares of second differences."""
-    return _bands(np.diff(np.eye(count), 2, axis=0))
+    """Return the upper bands (4, C) of the squares of second differences 1, -2, 1."""
+    bands = np.zeros((4, count))
+    bands[3, :-2] += 1
+    bands[3, 1:-1] += 4
+    bands[3, 2:] += 1
+    bands[2, 1:-1] -= 2
+    bands[2, 2:] -= 2
+    bands[1, 2:] += 1
+    return bands
 
 
 def reckoned(time_s: FloatArray, velocity_m_per_s: FloatArray, error_m_per_s: float) -> Path:

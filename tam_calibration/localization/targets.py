@@ -20,8 +20,9 @@ WITHIN_BODY, NEAR_BODY = 0.75, 1.0
 """Distance between dipoles, over that from the path, below which three or more are parts of one body, and below which
 an uncertain one is a part of the body beside it: a body as large as its distance shows as dipoles so far apart."""
 
-LARGEST_MISFIT = 1.5
-"""Mean squared residual, over the noise, above which a target is no dipole: noise alone has less than 1.3."""
+LARGEST_MISFIT = 10.0
+"""Mean squared residual, over the noise, above which a target that no further dipole explains is no dipole: a path that
+sways faster than its knots leaves some times the noise, by which standard errors are widened."""
 
 _LARGEST_ERROR = 0.3
 """Standard error of a place, over its distance, beyond which first order says nothing."""
