@@ -1,0 +1,224 @@
+"""The evidence of a law: log marginal likelihoods over that of no law, the nominal parameters marginalised.
+
+A law adds A_n c to the whitened residual of sample n. Either c is the same throughout, with independent normal elements
+(``constant``), or it goes with an index such as time as p independent Ornstein-Uhlenbeck processes (``course``), whose
+precision is tridiagonal (Rue and Held 2005, section 2.4), so that the cost is proportional to the number of bins.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tam_calibration.gap.laws.decisions import ABSORBED, SIZES
+from tam_calibration.model.units import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Sums:
+    """Sums over samples in B bins, for p columns and q nuisance directions.
+
+    Parameters
+    ----------
+    information : (B, p, p) array
+    score : (B, p) array
+    cross : (B, p, q) array
+        Information between the columns and the nuisance directions.
+    place : (B,) array
+        Mean of the index in each bin, increasing within a branch.
+    is_first : (B,) array of bool
+        Whether a bin begins a branch, which is independent of the previous.
+    """
+
+    information: FloatArray
+    score: FloatArray
+    cross: FloatArray
+    place: FloatArray
+    is_first: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, columns: FloatArray, z: FloatArray, nuisance: FloatArray, bins: "Bins") -> "Sums":
+        """Return the sums of columns (N, C, p) with residuals (N, C) and nuisance directions (N, C, q)."""
+        width = columns.shape[2]
+        shape = (len(bins.place), -1)
+        left = bins.arranged(columns).reshape(*shape, width)
+        turned = np.swapaxes(left, 1, 2)
+        score = turned @ bins.arranged(z).reshape(*shape, 1)
+        cross = turned @ bins.arranged(nuisance).reshape(*shape, nuisance.shape[2])
+        return cls(turned @ left, score[:, :, 0], cross, bins.place, bins.is_first)
+
+    def merged(self, bin_count: int) -> "Sums":
+        """Return the sums over runs of neighbouring bins, about so many."""
+        step = len(self.place) // bin_count
+        if step < 2:
+            return self
+        starts = np.flatnonzero((np.arange(len(self.place)) % step == 0) | self.is_first)
+        information, score, cross = (
+            np.add.reduceat(one, starts, axis=0) for one in (self.information, self.score, self.cross)
+        )
+        size = np.diff(np.append(starts, len(self.place)))
+        return Sums(information, score, cross, np.add.reduceat(self.place, starts) / size, self.is_first[starts])
+
+    def along(self, pattern: FloatArray) -> "Sums":
+        """Return the sums of one column, a combination (p,) of these."""
+        information = np.einsum("bij,i,j->b", self.information, pattern, pattern)[:, None, None]
+        cross = np.einsum("bij,i->bj", self.cross, pattern)[:, None]
+        return Sums(information, (self.score @ pattern)[:, None], cross, self.place, self.is_first)
+
+
+@dataclass(frozen=True, eq=False)
+class Bins:
+    """Bins of an index: the order of the samples, padded with -1 to B rows of equal length."""
+
+    order: NDArray[np.intp]
+    place: FloatArray
+    is_first: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, index: FloatArray, bin_count: int, branch: FloatArray | None = None) -> "Bins":
+        """Return bins of about equal counts over an index (N,), separate in each branch (N,)."""
+        branches = np.zeros(len(index)) if branch is None else branch
+        size = max(-(-len(index) // bin_count), 1)
+        rows, places, firsts = [], [], []
+        for value in np.unique(branches):
+            own = np.flatnonzero(branches == value)
+            own = own[np.argsort(index[own], kind="stable")]
+            parts = -(-len(own) // size)
+            padded = np.append(own, np.full(parts * size - len(own), -1)).reshape(parts, size)
+            rows.append(padded)
+            places.append([index[row[row >= 0]].mean() for row in padded])
+            firsts.append(np.arange(parts) == 0)
+        return cls(np.vstack(rows), np.concatenate(places), np.concatenate(firsts))
+
+    def arranged(self, values: FloatArray) -> FloatArray:
+        """Return values (N, ...) by bins, (B, m, ...), zero where a bin has fewer samples."""
+        taken: FloatArray = values[self.order]
+        if (self.order < 0).any():
+            taken[self.order < 0] = 0
+        return taken
+
+    def spread(self, by_bin: NDArray[Any], count: int) -> NDArray[Any]:
+        """Return values by bin (B, ...) at the samples (N, ...)."""
+        result = np.empty((count, *by_bin.shape[1:]))
+        for_each = np.broadcast_to(np.arange(len(self.order))[:, None], self.order.shape)
+        known = self.order >= 0
+        result[self.order[known]] = by_bin[for_each[known]]
+        return result
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A law with its evidence, mean (B, p) and standard deviation (B, p) of its coefficients, and spent freedom."""
+
+    evidence: float
+    mean: FloatArray
+    deviation: FloatArray | None
+    variance: float
+    length: float
+
+
+def course(sums: Sums, length: float, variances: FloatArray, with_errors: bool = False) -> Fit:
+    """Return the best fit of p processes of one correlation length, at the best of some variances.
+
+    Parameters
+    ----------
+    sums : Sums
+        Of B bins.
+    length : float
+        Correlation length, in units of the index; 0 for independent bins.
+    variances : (V,) array
+        Variances of the processes that are tried.
+    with_errors : bool
+        Whether the standard deviations are wanted.
+    """
+    diagonal, beside, log_determinant = _precision(sums, length)
+    fits = [_at(sums, diagonal, beside, log_determinant, variance) for variance in variances]
+    evidence, mean, factor, variance = max(fits, key=lambda one: one[0])
+    deviation = _deviations(factor, mean.shape) if with_errors else None
+    return Fit(evidence, mean, deviation, float(variance), length)
+
+
+def _precision(sums: Sums, length: float) -> tuple[FloatArray, FloatArray, float]:
+    """Return the tridiagonal precision of a process of unit variance, and the log determinant of its covariance."""
+    step = np.diff(sums.place)
+    kept = np.exp(-np.maximum(step, 0) / length) if length > 0 else np.zeros(len(step))
+    kept = np.where(sums.is_first[1:], 0.0, np.minimum(kept, 1 - 1e-9))
+    inverse = 1 / (1 - kept**2)
+    diagonal = np.ones(len(sums.place))
+    diagonal[:-1] += kept**2 * inverse
+    diagonal[1:] += kept**2 * inverse
+    return diagonal, -kept * inverse, float(-np.log(inverse).sum())
+
+
+def _at(
+    sums: Sums, diagonal: FloatArray, beside: FloatArray, log_determinant: float, variance: float
+) -> tuple[float, FloatArray, FloatArray, float]:
+    from scipy.linalg import cho_solve_banded, cholesky_banded
+
+    bins, width = sums.score.shape
+    band = np.zeros((width + 1, bins * width))
+    by_bin = band.reshape(width + 1, bins, width)
+    for i in range(width):
+        for j in range(i, width):
+            by_bin[width - (j - i), :, j] = sums.information[:, i, j]
+    by_bin[width] += diagonal[:, None] / variance
+    by_bin[0, 1:] = beside[:, None] / variance if width > 0 else 0
+    factor = cholesky_banded(band, check_finite=False)
+    right = np.concatenate([sums.score.reshape(-1, 1), sums.cross.reshape(bins * width, -1)], axis=1)
+    solved = cho_solve_banded((factor, False), right, check_finite=False)
+    products = right.T @ solved
+    left = np.eye(len(products) - 1) - products[1:, 1:]
+    left = left + 1e-9 * np.eye(len(left))
+    root = np.linalg.cholesky(left)
+    off = np.linalg.solve(root, products[1:, 0])
+    prior = width * (log_determinant + bins * np.log(variance))
+    determinants = prior + 2 * np.log(factor[-1]).sum() + 2 * np.log(np.diag(root)).sum()
+    beta = -np.linalg.solve(root.T, off)
+    mean = (solved[:, 0] - solved[:, 1:] @ beta).reshape(bins, width)
+    return float(0.5 * (products[0, 0] + off @ off - determinants)), mean, factor, float(variance)
+
+
+def _deviations(factor: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    """Return standard deviations from the diagonal of the inverse, by probing with random signs (Hutchinson)."""
+    from scipy.linalg import cho_solve_banded
+
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], (factor.shape[1], 64))
+    inverse = np.mean(signs * cho_solve_banded((factor, False), signs, check_finite=False), axis=1)
+    return np.asarray(np.sqrt(np.maximum(inverse, 0)).reshape(shape))
+
+
+def constant(columns: FloatArray, z: FloatArray, nuisance: FloatArray) -> Fit:
+    """Return the fit of columns (N, C, P) with coefficients that stay, of the best common variance."""
+    flat = columns.reshape(z.size, -1)
+    size = np.sqrt((flat**2).mean(axis=0) * z.shape[1])
+    flat = flat / np.where(size > 0, size, np.inf)
+    own = nuisance.reshape(z.size, -1)
+    crossed = own.T @ flat
+    return of_normal(
+        flat.T @ flat - crossed.T @ crossed, flat.T @ z.ravel(), np.where(size > 0, size, np.inf), z.shape[0]
+    )
+
+
+def of_normal(information: FloatArray, score: FloatArray, size: FloatArray, whole: float = 0.0) -> Fit:
+    """Return the fit from normal equations (P, P) and (P,), the coefficients divided by the columns' sizes (P,).
+
+    Parameters
+    ----------
+    information : (P, P) array
+        Beside the nominal parameters.
+    score, size : (P,) array
+        Products of the columns with the residual, and what the coefficients are divided by.
+    whole : float
+        Information of a column of size one with no nominal parameters.
+    """
+    values, vectors = np.linalg.eigh(information)
+    # What the nominal parameters can do as well is not counted: its rest is made of the errors of the field.
+    seen = values > ABSORBED * max(float(values[-1]), whole)
+    values, vectors = values[seen], vectors[:, seen]
+    along = vectors.T @ score
+    weighed = 1 + SIZES[:, None] * values
+    evidence = 0.5 * (SIZES[:, None] * along**2 / weighed - np.log(weighed)).sum(axis=1)
+    best = int(evidence.argmax())
+    mean = vectors @ (SIZES[best] * along / weighed[best]) / size
+    return Fit(float(evidence[best]), mean[None], None, float(SIZES[best]), np.inf)

@@ -1,0 +1,150 @@
+"""The search for the laws of a gap: the one of most evidence, then those of what it leaves."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tam_calibration.gap.laws.candidates import Candidate, candidates
+from tam_calibration.gap.laws.decisions import (
+    FREEDOM,
+    LEAST_EVIDENCE,
+    LEAST_SHARE,
+    MOST_LAWS,
+    NEARLY,
+    TIE,
+    TOLERANCE,
+)
+from tam_calibration.gap.laws.evidence import Sums, constant, course
+from tam_calibration.gap.laws.patterns import sharp_attitudes, switched_gains
+from tam_calibration.gap.laws.states import jumping, sharpened
+from tam_calibration.gap.laws.whitened import Residual
+from tam_calibration.model.units import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A law that was found, its share of the gap's energy out of sample, and the others tried, the best first."""
+
+    best: Candidate
+    energy: float
+    others: tuple[Candidate, ...]
+    residual: Residual
+
+
+def predictive_laws(residual: Residual, positions_m: FloatArray, whole: float) -> tuple[list[Found], Residual]:
+    """Return the laws that predict samples from others, the strongest first, and the residual without them.
+
+    Parameters
+    ----------
+    residual : Residual
+        Of the samples that count.
+    positions_m : (K, 3) array
+        Of the sensors.
+    whole : float
+        Energy of the gap, of which the laws have their shares.
+    """
+    found: list[Found] = []
+    for _ in range(MOST_LAWS):
+        if residual.excess < 2 * np.sqrt(2.0 * residual.size) and found:
+            break
+        error = TOLERANCE**2 * max(residual.excess, 0.0) / residual.size
+        factor = float(np.sqrt(max(1 + error, residual.white)))
+        scaled = residual.scaled(factor)
+        tried = candidates(scaled, positions_m)
+        tried = sorted([*tried, *_refined(scaled, tried)], key=lambda one: -one.evidence)
+        accepted = next(_accepted(scaled, tried), None)
+        if accepted is None:
+            break
+        best, share = accepted
+        share = share * max(residual.excess, 0.0) / max(whole, residual.excess, 1.0)
+        if found and share < LEAST_SHARE:
+            break
+        found.append(Found(best, share, tuple(tried), scaled))
+        residual = residual.without(best.signal(scaled, best.fitted(scaled)) * factor)
+    return found, residual
+
+
+def _refined(residual: Residual, tried: list[Candidate]) -> Iterator[Candidate]:
+    """Yield courses that jump, courses along one direction, and sharper functions of direction, of the best laws."""
+    top = tried[0].evidence
+    if top < LEAST_EVIDENCE:
+        return
+    timed = [one for one in tried if one.course in ("slow", "random", "step", "tone") and one.evidence > 0.7 * top]
+    seen: set[int] = set()
+    jumps: list[Candidate] = []
+    for one in timed:
+        if (
+            one.pattern.law in ("offset", "gain")
+            and one.course != "tone"
+            and id(one.pattern) not in seen
+            and len(seen) < 5
+        ):
+            seen.add(id(one.pattern))
+            jumps += jumping(residual, one.pattern)
+    gains = [one for one in timed if one.pattern.law == "gain" and one.pattern.sensors != ("scalar",)]
+    if gains:
+        for pattern in switched_gains(residual, int(gains[0].pattern.sensors[0])):
+            if pattern.axes == gains[0].pattern.axes or len(pattern.axes) == 3:
+                jumps += jumping(residual, pattern)
+    yield from jumps
+    jumps = sorted((one for one in jumps if one.begins_on is not None), key=lambda one: -one.evidence)
+    for one in jumps[:4]:
+        if one.evidence > 0.8 * top and one.bins is not None and one.bins.order.shape[1] > 1:
+            fine = sharpened(residual, one)
+            if fine is not None:
+                yield fine
+    for one in [one for one in timed if one.bins is not None and not one.steps and one.course != "tone"][:3]:
+        yield from _along_one_direction(residual, one)
+    by_motion = [one for one in tried if one.pattern.law == "attitude" and len(one.pattern.sensors) == 1]
+    if timed and timed[0] is tried[0] and by_motion and by_motion[0].evidence > 0.4 * top:
+        first = by_motion[0].pattern
+        if first.sensors != ("scalar",):
+            pattern = sharp_attitudes(residual, int(first.sensors[0]), first.axes)
+            fit = constant(pattern.columns(residual), residual.z, residual.nuisance)
+            yield Candidate(pattern, "motion", fit.evidence, "attitude")
+
+
+def _along_one_direction(residual: Residual, one: Candidate) -> Iterator[Candidate]:
+    """Yield a course with a pattern that stays: the direction in which its coefficients go together."""
+    assert one.bins is not None
+    sums = Sums.of(one.pattern.columns(residual), residual.z, residual.nuisance, one.bins)
+    if sums.score.shape[1] < 2:
+        return
+    fit = course(sums, one.length, np.array([one.variance]))
+    direction = np.linalg.svd(fit.mean, full_matrices=False)[2][0]
+    variances = one.variance * np.array([1.0, len(direction)])
+    single = course(sums.along(direction), one.length, variances)
+    penalty = 0.5 * len(direction) * np.log(residual.count)
+    yield replace(one, evidence=single.evidence - penalty, direction=direction, variance=single.variance)
+
+
+def _accepted(residual: Residual, tried: list[Candidate]) -> Iterator[tuple[Candidate, float]]:
+    """Yield the laws that predict what they explain, the simplest of those with about the most evidence first."""
+    for first in tried[:6]:
+        if first.evidence < LEAST_EVIDENCE:
+            return
+        margin = TIE + NEARLY * first.evidence
+        simpler = [one for one in tried if first.evidence - margin <= one.evidence <= first.evidence]
+        simpler = [one for one in simpler if one is first or _freedom(one) <= _freedom(first) - 1]
+        best = min(simpler, key=lambda one: (_freedom(one), -one.evidence))
+        share = predicted_share(residual, best)
+        if share * max(residual.excess, 1.0) > LEAST_EVIDENCE:
+            yield best, share
+
+
+def _freedom(one: Candidate) -> float:
+    return FREEDOM[one.course] + FREEDOM[one.pattern.law] + (len(one.pattern.sensors) > 1)
+
+
+def predicted_share(residual: Residual, law: Candidate) -> float:
+    """Return the part of the excess energy of every other sample that a law fitted to the samples between predicts."""
+    even = np.arange(residual.count) % 2 == 0
+    fallen = 0.0
+    for chosen in (even, ~even):
+        training, rest = residual.taking(chosen), residual.taking(~chosen)
+        signal = law.signal(rest, law.fitted(training))
+        flat = rest.nuisance.reshape(signal.size, -1)
+        signal = signal - (flat @ (flat.T @ signal.ravel())).reshape(signal.shape)
+        fallen += float((rest.z**2).sum() - ((rest.z - signal) ** 2).sum())
+    return float(np.clip(fallen / max(residual.excess, 1.0), 0, 1))

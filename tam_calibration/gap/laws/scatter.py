@@ -1,0 +1,159 @@
+"""Laws that predict nothing: noise, errors of time that tremble, spikes, and readings that are held or filled in."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tam_calibration.gap.laws.decisions import (
+    CLUSTERED,
+    LEAST_EVIDENCE,
+    MOST_OF,
+    MOST_SPIKES,
+    NEIGHBOURS,
+    RARE,
+    ROUNDING,
+    RUN,
+    SCATTER_SIZES,
+    SPIKE,
+)
+from tam_calibration.gap.laws.law import Place
+from tam_calibration.gap.laws.patterns import AXES, sensor_rows
+from tam_calibration.gap.laws.whitened import Residual
+from tam_calibration.model.units import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Scatter:
+    """A law of single samples or of variance at a place, with its evidence and its part of the gap."""
+
+    law: str
+    course: str
+    sensors: Place
+    axes: tuple[str, ...]
+    evidence: float
+    energy: float
+    times_s: tuple[float, float] | None = None
+
+
+def scatter_of(residual: Residual, whole: float) -> list[Scatter]:
+    """Return the laws of scatter that explain the residual, the best first; those of evidence only."""
+    common = _widened(*_resolved(residual.response[:, :, :-1], residual))[0]
+    found = []
+    for law, sensors, axes, columns in _places(residual):
+        values, along = _resolved(columns, residual)
+        steady, _ = _widened(values, along)
+        sparse, share, often = _sparse(values, along)
+        energy = float(np.clip(((along**2 / np.maximum(values, 1e-12)).sum() - (values > 1e-9).sum()) / whole, 0, 1))
+        kind, evidence, course = law, steady, "random"
+        is_rare = share < RARE
+        if sparse > steady + LEAST_EVIDENCE and not (is_rare and law == "rate"):
+            evidence = sparse
+            clustered = np.corrcoef(often[1:], often[:-1])[0, 1] > CLUSTERED if often.std() > 0 else False
+            kind, course = (
+                ("samples", "random") if is_rare and law == "noise" else (law, "episodes" if clustered else "random")
+            )
+        found.append(Scatter(kind, course, sensors, axes, evidence - max(common, 0.0), energy))
+    found = [one for one in found if one.evidence > LEAST_EVIDENCE]
+    return sorted(found, key=lambda one: -one.evidence)
+
+
+def _places(residual: Residual) -> Iterator[tuple[str, Place, tuple[str, ...], FloatArray]]:
+    """Yield laws of scatter with their places and columns (N, C, p)."""
+    for sensor in range(1, residual.sensor_count + 1):
+        rows = sensor_rows(sensor)
+        response = residual.response[:, :, rows]
+        yield "noise", (sensor,), tuple(AXES), response
+        for axis in range(3):
+            yield "noise", (sensor,), (AXES[axis],), response[:, :, axis : axis + 1]
+        rate = residual.sensed_rate[:, rows]
+        yield "rate", (sensor,), tuple(AXES), response @ rate[:, :, None]
+        for axis in range(3):
+            yield "rate", (sensor,), (AXES[axis],), response[:, :, axis : axis + 1] * rate[:, None, axis : axis + 1]
+    yield "noise", ("scalar",), (), residual.response[:, :, -1:]
+
+
+def _resolved(columns: FloatArray, residual: Residual) -> tuple[FloatArray, FloatArray]:
+    """Return the information (N, p) and the score (N, p) along the principal directions of each sample."""
+    turned = np.swapaxes(columns, 1, 2)
+    information = turned @ columns
+    score = (turned @ residual.z[:, :, None])[:, :, 0]
+    values, vectors = np.linalg.eigh(information)
+    values = np.maximum(values, 0)
+    return values, (np.swapaxes(vectors, 1, 2) @ score[:, :, None])[:, :, 0]
+
+
+def _of_sizes(values: FloatArray, along: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the log likelihood ratio (S, N) of further variance of each size."""
+    mean = max(float(values.mean()), 1e-300)
+    sizes = SCATTER_SIZES / mean
+    weighed = 1 + sizes[:, None, None] * values
+    return 0.5 * (sizes[:, None, None] * along**2 / weighed - np.log(weighed)).sum(axis=2), sizes
+
+
+def _widened(values: FloatArray, along: FloatArray) -> tuple[float, float]:
+    """Return the evidence of noise that is larger throughout, and its variance."""
+    ratio, sizes = _of_sizes(values, along)
+    total = ratio.sum(axis=1)
+    best = int(total.argmax())
+    return float(total[best] - np.log(len(values))), float(sizes[best])
+
+
+def _sparse(values: FloatArray, along: FloatArray) -> tuple[float, float, FloatArray]:
+    """Return the evidence of large deviations in some samples, how many, and the probability (N,) of each."""
+    ratio, _ = _of_sizes(values, along)
+    best: tuple[float, float, FloatArray] = (-np.inf, 0.0, np.zeros(len(values)))
+    for row in ratio[::2]:
+        part = 0.02
+        for _ in range(10):
+            often = 1 / (1 + (1 - part) / part * np.exp(-np.clip(row, -500, 500)))
+            part = float(np.clip(often.mean(), 1e-4, 0.4))
+        total = np.logaddexp(np.log1p(-part), np.log(part) + row).sum()
+        best = max(best, (float(total - 1.5 * np.log(len(row))), part, often), key=lambda one: one[0])
+    return best
+
+
+def spikes(residual: Residual) -> NDArray[np.bool_]:
+    """Return which samples (N,) lie far from their neighbours; none where many do."""
+    energy = (residual.z**2).sum(axis=1)
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(energy, NEIGHBOURS, mode="reflect"), 2 * NEIGHBOURS + 1)
+    middle = np.median(windows, axis=1)
+    width = residual.z.shape[1]
+    found = energy > np.maximum(width + SPIKE**2, SPIKE * middle)
+    beside = np.convolve(found, np.ones(2 * RUN + 1), mode="same") > RUN
+    found &= ~beside
+    return found if found.mean() <= MOST_SPIKES else np.zeros(len(found), dtype=bool)
+
+
+def repeated(readings: FloatArray) -> NDArray[np.bool_]:
+    """Return which samples (N, K) of sensors repeat their last reading in all axes, or lie on a line between others.
+
+    Parameters
+    ----------
+    readings : (N, K, 3) array
+        In any unit.
+    """
+    change = np.diff(readings, axis=0)
+    usual = np.maximum(np.median(np.abs(change), axis=0), 1e-300)
+    held = np.zeros(readings.shape[:2], dtype=bool)
+    same = (np.abs(change) <= ROUNDING * usual).all(axis=2)
+    held[1:] |= same
+    bend = np.abs(np.diff(change, axis=0))
+    on_line = (bend <= 1e-3 * usual).all(axis=2)
+    held[1:-1] |= on_line & ~same[1:]
+    return held
+
+
+def place_of(rest: Residual, chosen: NDArray[np.bool_]) -> tuple[Place, tuple[str, ...]]:
+    """Return the sensors and axes whose shifts explain most of some samples (N,), the fewest that do."""
+    energies = []
+    for law, sensors, axes, columns in _places(rest):
+        if law == "noise":
+            values, along = _resolved(columns[chosen], replace(rest, z=rest.z[chosen]))
+            seen = values > 1e-9 * max(values.max(), 1e-300)
+            explained = (along**2 / np.where(seen, values, np.inf)).sum()
+            energies.append((explained, -columns.shape[2], sensors, axes))
+    best = max(energies, key=lambda one: one[0])[0]
+    _, _, sensors, axes = max((one for one in energies if one[0] > MOST_OF * best), key=lambda one: one[1])
+    return sensors, axes

@@ -1,0 +1,176 @@
+"""The signature of a gap: its laws with their places, courses and shares, as the answer states them."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tam_calibration.effects.quantization import find_lattices
+from tam_calibration.gap.laws.candidates import Candidate
+from tam_calibration.gap.laws.curve import curve_of
+from tam_calibration.gap.laws.decisions import FEW, LATTICE, LEAST_SHARE, MANY, TIE, TOLERANCE
+from tam_calibration.gap.laws.find import Found, predictive_laws
+from tam_calibration.gap.laws.law import Place, Signature
+from tam_calibration.gap.laws.patterns import AXES
+from tam_calibration.gap.laws.scatter import Scatter, place_of, repeated, scatter_of, spikes
+from tam_calibration.gap.laws.whitened import Residual, residual_of
+from tam_calibration.gap.model import Model
+
+
+def signature_of(model: Model) -> tuple[Signature, ...]:
+    """Return the laws of the gap of a nominal model, the strongest first; none where no law is certain.
+
+    Parameters
+    ----------
+    model : Model
+        The nominal fit.
+    """
+    residual = residual_of(model)
+    whole, positions_m = max(residual.excess, 1.0), np.asarray(model.array.positions_m)
+    if lattice := _lattice(model, residual):
+        return (lattice,)
+    held = repeated(model.recording.readings_T)[residual.index]
+    lost = [one for one in range(held.shape[1]) if FEW <= held[:, one].sum() < held.shape[0] / 2]
+    outlying = spikes(residual)
+    apart = outlying | held[:, lost].any(axis=1)
+    quiet = residual.taking(~apart) if apart.any() else residual
+    found, rest = predictive_laws(quiet, positions_m, whole)
+    if apart.any():
+        rest = _at_all(residual, quiet, found)
+        if outlying.any() and not lost and _left(rest) > whole / 2:
+            again, left = predictive_laws(residual, positions_m, whole)
+            # A clipped axis is far off in few samples too, but these are a function of its reading.
+            if again and again[0].best.pattern.law == "own_field":
+                found, rest, outlying = again, left, np.zeros_like(outlying)
+    laws = [_of_found(one, residual) for one in found]
+    for sensor in lost:
+        laws.append(_of_samples(rest, whole, held[:, sensor], (sensor + 1,)))
+    if outlying.any():
+        laws.append(_of_samples(rest, whole, outlying, None))
+    laws = [one for one in laws if one.energy >= LEAST_SHARE or (one.law == "samples" and one.evidence > 0)]
+    if not any(one.law == "samples" for one in laws):
+        scattered = scatter_of(_tolerant(rest), whole)
+        if scattered and scattered[0].energy >= LEAST_SHARE:
+            laws.append(_of_noise(scattered))
+    return tuple(sorted(_merged(laws), key=lambda one: -one.energy))
+
+
+def _left(rest: Residual) -> float:
+    return float((rest.z**2).sum() - rest.size)
+
+
+def _tolerant(rest: Residual) -> Residual:
+    """Return the residual in units of its noise and of the error of any law of that size."""
+    return rest.scaled(float(np.sqrt(1 + TOLERANCE**2 * max(_left(rest), 0) / rest.size)))
+
+
+def _at_all(residual: Residual, quiet: Residual, found: list[Found]) -> Residual:
+    """Return the residual of all samples without laws and nominal parameters, fitted to the quiet samples alone."""
+    z = residual.z.copy()
+    for one in found:
+        factor = float(np.abs(quiet.response).max() / np.abs(one.residual.response).max())
+        z -= one.best.signal(residual.scaled(factor), one.best.fitted(one.residual)) * factor
+    own = residual.nuisance.reshape(z.size, -1)
+    taken = (residual.nuisance * quiet.live[:, None, None]).reshape(z.size, -1)
+    return replace(residual, z=z - (own @ np.linalg.lstsq(taken, z.ravel(), rcond=None)[0]).reshape(z.shape))
+
+
+def _of_samples(rest: Residual, whole: float, chosen: NDArray[np.bool_], sensors: Place | None) -> Signature:
+    """Return the law of single samples, at the place that holds most of what is in them."""
+    energy = float(((rest.z[chosen] ** 2).sum() - chosen.sum() * rest.z.shape[1]) / whole)
+    axes = tuple(AXES)
+    if sensors is None:
+        sensors, axes = place_of(rest, chosen)
+    certain = chosen.sum() if energy >= LEAST_SHARE or chosen.mean() > MANY else 0.0
+    times = tuple(rest.time_s[chosen].tolist())
+    share = float(np.clip(energy, 0, 1))
+    return Signature("samples", "random", sensors, axes, share, (sensors,), None, times, float(certain))
+
+
+def _of_noise(scattered: list[Scatter]) -> Signature:
+    best = scattered[0]
+    places = tuple(dict.fromkeys(one.sensors for one in scattered if one.evidence >= best.evidence - TIE))
+    return Signature(best.law, best.course, best.sensors, best.axes, best.energy, places, None, (), best.evidence)
+
+
+def _lattice(model: Model, residual: Residual) -> Signature | None:
+    """Return the law of readings that lie on a coarse lattice, where that makes most of the gap."""
+    lattices = find_lattices(model.channels().residuals)
+    rows = [one.row for one in lattices if one.row < 3 * residual.sensor_count]
+    if not rows:
+        return None
+    information = (residual.response**2).sum(axis=1).mean(axis=0) / residual.unit_T**2
+    energy = sum(one.step_T**2 / 12 * information[one.row] for one in lattices if one.row in rows) * residual.count
+    if energy < max(residual.excess, 0) / 4 or energy < LATTICE * residual.size:
+        return None
+    sensors = tuple(sorted({row // 3 + 1 for row in rows}))
+    axes = tuple(axis for at, axis in enumerate(AXES) if any(row % 3 == at for row in rows))
+    share = float(np.clip(energy / max(residual.excess, energy), 0, 1))
+    return Signature("own_field", "motion", sensors, axes, share, (sensors,), "own reading", (), np.inf)
+
+
+def _of_found(found: Found, residual: Residual) -> Signature:
+    best, pattern = found.best, found.best.pattern
+    return Signature(
+        pattern.law,
+        best.course,
+        pattern.sensors,
+        pattern.axes,
+        found.energy,
+        _places(found, residual.sensor_count),
+        best.follows or pattern.follows,
+        _times(best, residual),
+        best.evidence,
+        curve_of(best, found.residual),
+    )
+
+
+def _times(best: Candidate, residual: Residual) -> tuple[float, ...]:
+    """Return the times of steps, or of the begin and end of episodes, seconds."""
+    if not best.steps or best.bins is None:
+        return ()
+    order = best.bins.order
+    first = [float(residual.time_s[row[row >= 0]].min()) for row in order[list(best.steps)]]
+    return tuple(first)
+
+
+def _places(found: Found, sensor_count: int) -> tuple[Place, ...]:
+    best = found.best
+    sure = best.evidence - TIE
+    places = [best.pattern.sensors]
+    for one in found.others:
+        if one.evidence >= max(sure, found.others[0].evidence - TIE) and one.pattern.sensors not in places:
+            places.append(one.pattern.sensors)
+    every = tuple(range(1, sensor_count + 1))
+    if places[0] == ("scalar",) and every not in places and sensor_count > 1:
+        places.append(every)
+    return tuple(places)
+
+
+def _merged(laws: list[Signature]) -> list[Signature]:
+    """Return the laws with those that are alike in several sensors as one."""
+    merged: list[Signature] = []
+    for one in laws:
+        alike = [
+            other for other in merged if (other.law, other.follows) == (one.law, one.follows) and _like(other, one)
+        ]
+        if not alike:
+            merged.append(one)
+            continue
+        first = alike[0]
+        sensors = tuple(sorted({*first.sensors, *one.sensors}, key=str))
+        axes = tuple(axis for axis in AXES if axis in {*first.axes, *one.axes})
+        joined = replace(
+            first,
+            sensors=sensors,
+            axes=axes,
+            energy=min(first.energy + one.energy, 1.0),
+            places=first.places if sensors == first.sensors else (sensors,),
+        )
+        merged[merged.index(first)] = joined
+    return merged
+
+
+def _like(first: Signature, second: Signature) -> bool:
+    same = first.sensors == second.sensors
+    return first.course == second.course and (same or first.course in ("channel", "motion", "constant"))

@@ -1,0 +1,132 @@
+"""Courses that jump: between two states, or in a few steps."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from tam_calibration.gap.laws.candidates import Candidate
+from tam_calibration.gap.laws.decisions import BINS, MOST_STEPS, ROUNDS
+from tam_calibration.gap.laws.evidence import Bins, Sums, course, of_normal
+from tam_calibration.gap.laws.patterns import Pattern
+from tam_calibration.gap.laws.whitened import Residual
+from tam_calibration.model.units import FloatArray
+
+
+def jumping(residual: Residual, pattern: Pattern) -> Iterator[Candidate]:
+    """Yield the courses of a pattern with two states, and with a few steps."""
+    bins = Bins.of(residual.time_s, max(min(BINS, residual.count // 2), 4))
+    sums = Sums.of(pattern.columns(residual), residual.z, residual.nuisance, bins)
+    yield from _steps(pattern, sums, bins)
+    variance = np.array([max(residual.excess, 1.0) / residual.count])
+    for length in (0.06, 0.008):
+        mean = course(sums, length * float(np.ptp(residual.time_s)), variance).mean
+        along = np.linalg.svd(mean - mean.mean(axis=0), full_matrices=False)[2][0]
+        candidate = _two_states(pattern, sums, bins, _parted(mean @ along))
+        if candidate is not None:
+            yield candidate
+
+
+def sharpened(residual: Residual, one: Candidate) -> Candidate | None:
+    """Return a course between two states with the changes found to the sample."""
+    assert one.bins is not None
+    bin_of = one.bins.spread(np.arange(len(one.bins.place)), residual.count)
+    on = np.searchsorted(one.steps, bin_of, side="right")
+    state = (on + (one.begins_on or False)) % 2 == 1
+    bins = Bins.of(residual.time_s, residual.count)
+    sums = Sums.of(one.pattern.columns(residual), residual.z, residual.nuisance, bins)
+    return _two_states(one.pattern, sums, bins, state)
+
+
+def _two_states(pattern: Pattern, sums: Sums, bins: Bins, state: FloatArray) -> Candidate | None:
+    """Return the course between two states, from a first guess of when the second of them holds."""
+    switch = np.log(len(state))
+    for _ in range(ROUNDS):
+        if state.all() or not state.any():
+            return None
+        information, score, cross = _of_state(sums, state)
+        own = information - cross @ cross.T
+        change = np.linalg.solve(own + 1e-6 * (np.trace(own) + 1e-9) * np.eye(len(own)), score)
+        gain = (sums.score + sums.cross @ (cross.T @ change)) @ change
+        gain = gain - 0.5 * np.einsum("bij,i,j->b", sums.information, change, change)
+        found = _best_path(gain, switch)
+        if (found == state).all():
+            break
+        state = found
+    if state.all() or not state.any():
+        return None
+    information, score, cross = _of_state(sums, state)
+    evidence = of_normal(information - cross @ cross.T, score, np.ones(len(score))).evidence
+    changes = np.flatnonzero(np.diff(state.astype(int)) != 0) + 1
+    label = "step" if len(changes) <= 2 else "episodes"
+    edges = tuple(int(one) for one in changes)
+    return Candidate(
+        pattern, label, evidence - len(changes) * switch, None, bins, 0.0, 1.0, edges, None, bool(state[0])
+    )
+
+
+def _of_state(sums: Sums, state: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    return sums.information[state].sum(axis=0), sums.score[state].sum(axis=0), sums.cross[state].sum(axis=0)
+
+
+def _parted(values: FloatArray) -> FloatArray:
+    """Return which values (B,) are in the upper of the two groups that differ most (Otsu 1979)."""
+    order = np.sort(values)
+    count = np.arange(1, len(order))
+    total = np.cumsum(order)
+    between = (total[:-1] / count - (total[-1] - total[:-1]) / (len(order) - count)) ** 2 * count * (len(order) - count)
+    return np.asarray(values > order[int(between.argmax())])
+
+
+def _best_path(gain: FloatArray, switch: float) -> FloatArray:
+    """Return the most likely states (B,) for log odds of the second state, each change at a cost (Viterbi)."""
+    came = np.zeros((len(gain), 2), dtype=bool)
+    low, high = 0.0, float(gain[0])
+    for at, value in enumerate(gain.tolist()[1:], 1):
+        came[at] = high - switch > low, low - switch > high
+        low, high = max(low, high - switch), max(high, low - switch) + value
+    state = np.empty(len(gain), dtype=bool)
+    state[-1] = high > low
+    for at in range(len(gain) - 1, 0, -1):
+        state[at - 1] = state[at] != came[at, int(state[at])]
+    return state
+
+
+def _steps(pattern: Pattern, sums: Sums, bins: Bins) -> Iterator[Candidate]:
+    """Yield the courses of one step to a few, each step where it explains most beside the others."""
+    after = [np.cumsum(one[::-1], axis=0)[::-1] for one in (sums.information, sums.score, sums.cross)]
+    count, edges = len(sums.place), list[int]()
+    for _ in range(MOST_STEPS):
+        at = _next_step(after, edges, count)
+        edges = sorted([*edges, at])
+        information, score = _joint(after, edges)
+        evidence = of_normal(information, score, np.ones(len(score))).evidence - len(edges) * np.log(count)
+        yield Candidate(pattern, "step", evidence, None, bins, 0.0, 1.0, tuple(edges))
+
+
+def _joint(after: list[FloatArray], edges: list[int]) -> tuple[FloatArray, FloatArray]:
+    """Return the normal equations of steps at some bins, beside the nuisance directions."""
+    information, score, cross = after
+    later = np.maximum.outer(edges, edges)
+    blocks = np.block([[information[at] for at in row] for row in later.tolist()])
+    crossed = np.concatenate([cross[at] for at in edges])
+    return blocks - crossed @ crossed.T, np.concatenate([score[at] for at in edges])
+
+
+def _next_step(after: list[FloatArray], edges: list[int], count: int) -> int:
+    """Return the bin at which a further step explains most."""
+    information, score, cross = after
+    width = score.shape[1]
+    own = information - cross @ np.swapaxes(cross, 1, 2)
+    rest = score
+    if edges:
+        known, known_score = _joint(after, edges)
+        known = known + 1e-9 * np.trace(known) * np.eye(len(known))
+        bins = np.arange(count)
+        beside = np.concatenate([information[np.maximum(bins, at)] - cross @ cross[at].T for at in edges], axis=2)
+        solved = np.linalg.solve(known, np.swapaxes(beside, 1, 2).reshape(count, len(known), width))
+        own = own - beside @ solved
+        rest = score - beside @ np.linalg.solve(known, known_score)
+    fixed = own + (1e-6 * np.trace(own, axis1=1, axis2=2).max() + 1e-9) * np.eye(width)
+    gain = (rest * np.linalg.solve(fixed, rest[:, :, None])[:, :, 0]).sum(axis=1)
+    gain[[0, *edges]] = -np.inf
+    return int(gain.argmax())

@@ -1,0 +1,224 @@
+"""The whitened residual of a recording, and what a disturbance of its rows does to it."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tam_calibration.effects.covariates import to_world, upwards
+from tam_calibration.effects.motion import rates
+from tam_calibration.gap.floor import white_variance
+from tam_calibration.gap.laws.decisions import DEPENDENT, MOST_SAMPLES, SHEET
+from tam_calibration.gap.model import Model
+from tam_calibration.gap.world import turns
+from tam_calibration.model.units import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Residual:
+    """The residual of N samples in C whitened channels, and their motion; R = 3K + 1 rows, the last is the scalar.
+
+    Parameters
+    ----------
+    time_s : (N,) array
+        Time stamps, seconds.
+    z : (N, C) array
+        Whitened residual, without the part that the nominal parameters explain.
+    response : (N, C, R) array
+        Change of the residual by a shift of each row, in units of the row's own noise.
+    nuisance : (N, C, q) array
+        Orthonormal directions of the nominal parameters.
+    field, rate : (N, 3) array
+        Direction of the field in the array's frame, and its rate of change in units of its own size.
+    sensed : (N, 3K) array
+        What each axis senses of a field of length one.
+    up : (N, 3) array, optional
+        Direction upwards in the array's frame.
+    rotation : (N, 3, 3) array, optional
+        From the array's frame to the world.
+    channels : dict
+        Recorded channels by name, standardised.
+    unit_T : float
+        Unit of a row's shift, tesla.
+    field_T : float
+        Mean length of the field, tesla.
+    own : (N, 3K) array
+        Readings without bias, in units of the field.
+    live : (N,) array of bool
+        Which samples count.
+    index : (N,) array
+        Which samples of the recording these are.
+    noise : float
+        Variance of the recording's noise in units of the one that is reckoned with.
+    """
+
+    time_s: FloatArray
+    z: FloatArray
+    response: FloatArray
+    nuisance: FloatArray
+    field: FloatArray
+    rate: FloatArray
+    sensed: FloatArray
+    sensed_rate: FloatArray
+    up: FloatArray | None
+    rotation: FloatArray | None
+    turning: FloatArray | None
+    channels: dict[str, FloatArray]
+    unit_T: float
+    field_T: float
+    own: FloatArray
+    live: NDArray[np.bool_]
+    index: NDArray[np.intp]
+    noise: float = 1.0
+
+    @property
+    def count(self) -> int:
+        """Number of samples N."""
+        return int(self.z.shape[0])
+
+    @property
+    def sensor_count(self) -> int:
+        """Number of sensors K."""
+        return int(self.response.shape[2] // 3)
+
+    @property
+    def excess(self) -> float:
+        """Energy beyond that of noise."""
+        return float((self.z**2).sum() - self.noise * (self.size - self.nuisance.shape[2]))
+
+    @property
+    def size(self) -> int:
+        """Number of values of the channels that count."""
+        return int(self.live.sum() * self.z.shape[1])
+
+    @property
+    def white(self) -> float:
+        """Variance of the white noise along the noisiest row that is certain, at least one."""
+        response = self.response[self.live]
+        size = np.sqrt((response**2).sum(axis=1))
+        score = np.einsum("ncr,nc->nr", response, self.z[self.live])
+        known = size.mean(axis=0) > 0
+        along = score[:, known] / np.maximum(size[:, known], 1e-12 * size.max())
+        found = [white_variance(one[:, None]) for one in along.T]
+        return max(1.0, *(variance - 2 * error for variance, error in found))
+
+    def without(self, signal: FloatArray) -> "Residual":
+        """Return the residual without a signal (N, C), and without what the nominal parameters explain of the rest."""
+        return replace(self, z=_perpendicular(self.z - signal, self.nuisance))
+
+    def taking(self, chosen: NDArray[np.bool_]) -> "Residual":
+        """Return the residual with the samples that are not chosen (N,) of bool left out of every sum."""
+        keep = chosen[:, None]
+        nuisance = _orthonormal(self.nuisance * keep[:, :, None])
+        z = _perpendicular(self.z * keep, nuisance)
+        return replace(self, z=z, response=self.response * keep[:, :, None], nuisance=nuisance, live=self.live & chosen)
+
+    def scaled(self, factor: float) -> "Residual":
+        """Return the residual in units of a noise that is larger by a factor."""
+        return replace(self, z=self.z / factor, response=self.response / factor, noise=self.noise / factor**2)
+
+
+def residual_of(model: Model) -> Residual:
+    """Return the residual of a nominal model at the samples that count, every so many of a long recording."""
+    channels = model.channels()
+    covariates = channels.covariates
+    index = np.flatnonzero(channels.is_counted)
+    index = index[:: -(-len(index) // MOST_SAMPLES)]
+    root = np.sqrt(channels.precision[index])
+    response = np.concatenate(
+        [
+            np.broadcast_to(
+                np.vstack([channels.directions, 0 * channels.directions[:1]]).T,
+                (len(index), *channels.directions.T.shape[:1], len(channels.directions) + 1),
+            ),
+            (root[:, None] * channels.row_direction[index])[:, None, :],
+        ],
+        axis=1,
+    )
+    z = np.column_stack([channels.differential[index], root * channels.intensity_residual_T[index]])
+    known = np.abs(response).max(axis=(0, 2)) > 0
+    response, z = response[:, known], z[:, known]
+    level = _levels(z, len(channels.directions.T))
+    response, z = response / level[:, None], z / level
+    size = np.sqrt(np.mean(np.sum(response[:, :, :-1] ** 2, axis=1)))
+    row_T = 1 / float(size)
+    response = response * row_T
+    unit_T = float(np.mean(covariates.intensity_T))
+    field = covariates.field_T[index] / unit_T
+    # The length of the field holds errors of the scalar, the direction does not.
+    unit = field / np.linalg.norm(field, axis=1, keepdims=True)
+    rate = rates(covariates)[index] / unit_T
+    rate = rate - unit * (unit * rate).sum(axis=1, keepdims=True)
+    rate = rate / max(float(np.sqrt(np.mean(np.sum(rate**2, axis=1)))), 1e-12)
+    matrix = covariates.errors.matrix.reshape(-1, 3)
+    sensors: FloatArray = response[:, :, :-1]
+    parts = [sensors, *(sensors * field[:, None, axis, None] for axis in range(3))]
+    known_attitude = covariates.attitude is not None
+    if covariates.follows_attitude and covariates.attitude is not None:
+        world = turns(covariates.attitude)[index]
+        in_rows: FloatArray = matrix @ world
+        parts.append(sensors @ in_rows)
+    nuisance = _orthonormal(np.concatenate(parts, axis=2))
+    further = {"temperature": covariates.temperature_C, "current": covariates.current_A, **covariates.further}
+    named = {name: values[index] for name, values in further.items() if values is not None}
+    standard = {name: (one - one.mean()) / one.std() for name, one in named.items() if one.std() > 0}
+    own = (model.recording.readings_T[index] - covariates.errors.bias_T).reshape(len(index), -1) / unit_T
+    return Residual(
+        covariates.time_s[index],
+        _perpendicular(z, nuisance),
+        response,
+        nuisance,
+        unit,
+        rate,
+        unit @ matrix.T,
+        rate @ matrix.T,
+        upwards(covariates)[index] if known_attitude else None,
+        to_world(covariates)[index] if known_attitude else None,
+        _turning(to_world(covariates), covariates.time_s)[index] if known_attitude else None,
+        standard,
+        row_T,
+        unit_T,
+        own,
+        np.ones(len(index), dtype=bool),
+        index,
+    )
+
+
+def _levels(z: FloatArray, differential: int) -> FloatArray:
+    """Return the white noise of each channel from differences, within what data sheets are off, of unit expectation."""
+    level = np.ones(z.shape[1])
+    for part in (slice(differential), slice(differential, None)):
+        variance, _ = white_variance(z[:, part])
+        if variance > 0:
+            level[part] = np.clip(np.sqrt(variance), 1 - SHEET, 1 + SHEET)
+    return level
+
+
+def _turning(rotation: FloatArray, time_s: FloatArray) -> FloatArray:
+    """Return the rate of turning (N, 3) in the array's frame, in units of its root mean square."""
+    change = np.swapaxes(rotation[:-1], 1, 2) @ rotation[1:]
+    turn = (
+        np.stack(
+            [change[:, 2, 1] - change[:, 1, 2], change[:, 0, 2] - change[:, 2, 0], change[:, 1, 0] - change[:, 0, 1]],
+            axis=1,
+        )
+        / 2
+    )
+    rate = turn / np.diff(time_s)[:, None]
+    rate = np.vstack([rate[:1], (rate[1:] + rate[:-1]) / 2, rate[-1:]])
+    return np.asarray(rate / max(float(np.sqrt(np.mean(np.sum(rate**2, axis=1)))), 1e-12))
+
+
+def _orthonormal(columns: FloatArray) -> FloatArray:
+    """Return orthonormal directions (N, C, q) of the span of columns (N, C, p)."""
+    flat = columns.reshape(-1, columns.shape[2])
+    size = np.sqrt((flat**2).sum(axis=0))
+    flat = flat[:, size > 0] / size[size > 0]
+    values, vectors = np.linalg.eigh(flat.T @ flat)
+    kept = values > DEPENDENT * values[-1]
+    return np.asarray((flat @ (vectors[:, kept] / np.sqrt(values[kept]))).reshape(*columns.shape[:2], -1))
+
+
+def _perpendicular(z: FloatArray, nuisance: FloatArray) -> FloatArray:
+    flat = nuisance.reshape(z.size, -1)
+    return np.asarray(z - (flat @ (flat.T @ z.ravel())).reshape(z.shape))

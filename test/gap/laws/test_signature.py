@@ -1,0 +1,164 @@
+"""The laws of a gap: each is found with its sensor, axes and course, and nothing is said of noise."""
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tam_calibration.gap.laws as laws
+from tam_calibration.gap.laws.signature import signature_of
+
+
+def signature(run):
+    """Return the signature of a run."""
+    return signature_of(run.model())
+
+
+def episodes(time_s):
+    """Return a course that is on in four episodes."""
+    return (np.sin(2 * np.pi * time_s / 15) > 0.5).astype(float)
+
+
+def along_axis(run, sensor, axis):
+    """Return the field (N,) along an axis of a sensor, tesla."""
+    readings = run.recording.readings_T[:, sensor] - run.errors.bias_T[sensor]
+    return readings[:, axis]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_nothing_is_said_of_noise(run, seed):
+    """White noise of the stated size has no law, whether the sheet is right or off by a tenth."""
+    assert signature(run(seed=seed)) == ()
+    assert signature(run(seed=seed, sheet=1.1)) == ()
+
+
+def test_a_step_of_an_offset(run):
+    """An offset that steps once: its sensor, its axis, its time, its size, and its share of the gap."""
+    clean = run(samples=900)
+    time_s = clean.recording.time_s
+    (law,) = signature(clean.with_row(7, 3e-9 * (time_s > 22)))
+    assert (law.law, law.course, law.sensors, law.axes) == ("offset", "step", (3,), ("y",))
+    assert law.times_s == pytest.approx((22.0,), abs=0.3)
+    assert law.energy > 0.85
+    assert law.curve is not None
+    assert np.ptp(law.curve.size) == pytest.approx(3e-9, abs=3 * law.curve.error.max())
+
+
+def test_a_gain_in_episodes(run):
+    """A gain that falls in four episodes follows nothing that was recorded."""
+    clean = run(samples=1200)
+    change = -1e-4 * episodes(clean.recording.time_s) * along_axis(clean, 1, 2)
+    first = signature(clean.with_row(5, change))[0]
+    assert (first.law, first.course, first.sensors, first.axes) == ("gain", "episodes", (2,), ("z",))
+    assert first.follows is None
+    assert len(first.times_s) in (7, 8)
+
+
+def test_an_offset_that_follows_a_channel(run):
+    """An offset proportional to the current names the channel."""
+    clean = run(samples=900)
+    first = signature(clean.with_row(3, 1.5e-9 * clean.recording.current_A))[0]
+    assert (first.law, first.course, first.sensors, first.follows) == ("offset", "channel", (2,), "current")
+
+
+def test_a_delay(run):
+    """A sensor that is late has a law of the rate of change, which stays."""
+    clean = run(samples=900)
+    sensed = clean.recording.readings_T[:, 2] - clean.errors.bias_T[2]
+    rate = np.gradient(sensed, clean.recording.time_s, axis=0)
+    added = np.zeros((900, clean.row_count))
+    added[:, 6:9] = -2e-4 * rate
+    first = signature(clean.with_added(added))[0]
+    assert (first.law, first.course, first.sensors) == ("rate", "constant", (3,))
+
+
+def test_a_curved_axis(run):
+    """A cubic of an axis' own reading is a law of that reading."""
+    clean = run(samples=900)
+    own = along_axis(clean, 3, 0)
+    first = signature(clean.with_row(9, 5e-9 * (own / 5e-5) ** 3 * 4))[0]
+    assert (first.law, first.course, first.sensors, first.axes) == ("own_field", "motion", (4,), ("x",))
+
+
+def test_a_tone(run):
+    """A hum above the motion is a tone, with its frequency."""
+    clean = run(samples=1800)
+    first = signature(clean.with_row(0, 2e-9 * np.sin(2 * np.pi * 4.3 * clean.recording.time_s)))[0]
+    assert (first.law, first.course, first.sensors) == ("offset", "tone", (1,))
+    assert float(first.follows.split()[0]) == pytest.approx(4.3, abs=0.01)
+
+
+def test_a_noisy_axis(run):
+    """White noise that is larger in one axis predicts nothing, and is told as variance."""
+    clean = run(samples=900)
+    noise = np.random.default_rng(5).normal(size=900)
+    first = signature(clean.with_row(4, 2e-9 * noise))[0]
+    assert (first.law, first.sensors, first.axes) == ("noise", (2,), ("y",))
+
+
+def test_spikes(run):
+    """Single deviations in one axis, each of its own size and sign, are samples."""
+    clean = run(samples=900)
+    added = np.zeros(900)
+    added[np.arange(37, 900, 91)] = 60e-9 * np.random.default_rng(2).normal(size=10)
+    first = signature(clean.with_row(8, added))[0]
+    assert (first.law, first.sensors, first.axes) == ("samples", (3,), ("z",))
+
+
+def test_readings_that_are_held(run):
+    """A sensor that repeats its readings is told by these, though they also follow the motion."""
+    clean = run(samples=900)
+    readings = clean.recording.readings_T.copy()
+    for sample in range(20, 880, 40):
+        readings[sample : sample + 3, 1] = readings[sample - 1, 1]
+    change = (readings - clean.recording.readings_T).reshape(900, -1)
+    first = signature(clean.with_added(np.column_stack([change, np.zeros(900)])))[0]
+    assert (first.law, first.sensors) == ("samples", (2,))
+
+
+def test_a_drift_of_the_scalar_may_be_a_field_that_all_sensors_feel(run):
+    """The places hold both, as a uniform field at the array is seen by the scalar alone."""
+    clean = run(samples=900)
+    drift = 1e-9 * np.sin(2 * np.pi * clean.recording.time_s / 45)
+    first = signature(clean.with_row(12, drift))[0]
+    assert first.law == "offset"
+    assert first.places[:2] == (("scalar",), (1, 2, 3, 4))
+
+
+def test_two_laws_beside_each_other(run):
+    """A step in one sensor and a channel in another are both told, the stronger first."""
+    clean = run(samples=1200)
+    time_s = clean.recording.time_s
+    both = clean.with_row(2, 3e-9 * (time_s > 30)).with_row(10, 1e-9 * clean.recording.current_A)
+    found = {(one.law, one.course, one.sensors) for one in signature(both)}
+    assert found == {("offset", "step", (1,)), ("offset", "channel", (4,))}
+
+
+def test_shares_are_those_of_samples_that_were_not_fitted(run):
+    """Of an offset in one sensor beside white noise of its size in another, each has about half of the gap."""
+    clean = run(samples=1500)
+    noise = np.random.default_rng(8).normal(size=1500)
+    changing = 2e-9 * np.sign(np.sin(clean.recording.time_s / 1.3))
+    both = clean.with_row(4, changing).with_row(11, 2e-9 * noise)
+    shares = {one.law: one.energy for one in signature(both)}
+    assert shares["offset"] == pytest.approx(0.5, abs=0.12)
+    assert shares["noise"] == pytest.approx(0.5, abs=0.12)
+
+
+def test_decisions_stand_in_one_place():
+    """No other module of the laws has a number of its own at module level, and the one has at most forty names."""
+    folder = Path(laws.__file__).parent
+    found = {
+        path.name: [
+            target.id
+            for one in ast.parse(path.read_text()).body
+            if isinstance(one, ast.Assign)
+            for target in one.targets
+            if isinstance(target, ast.Name) and target.id.isupper()
+        ]
+        for path in folder.glob("*.py")
+    }
+    decisions = found.pop("decisions.py")
+    assert len(decisions) <= 40
+    assert [name for names in found.values() for name in names if name != "AXES"] == []
