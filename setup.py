@@ -23,7 +23,7 @@ setup(
     maintainer_email="maintainers@tam-calibration.org",
     license="Apache-2.0",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["py.typed", "effects/*.toml", "model/*.shc", "report/templates/*"]},
+    package_data={NAME: ["py.typed", "effects/*.toml", "gap/laws/*.toml", "model/*.shc", "report/templates/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (SHARE, ["package.xml"]),

@@ -24,6 +24,7 @@ from tam_calibration.recordings.recording_file import read_every, read_source
 from tam_calibration.report.blocks import Block, Points, Text
 from tam_calibration.report.formatting import sentence
 from tam_calibration.report.gap_rows import cause_blocks, hypotheses, size_blocks, summary_blocks, where_words
+from tam_calibration.report.signature_rows import first_sentence, signature_blocks, summary_of_laws
 from tam_calibration.results import read_calibration
 from tam_calibration.results.results_json import gap_to_mapping
 
@@ -33,7 +34,7 @@ _LEFT = "What is left with the causes, and the simulated twin does not have:"
 def _blocks(gap: Gap) -> list[Block]:
     """Return the size of the gap, its causes, where it lies, what became of each hypothesis, and what to record."""
     sensor_count = len(gap.residue.floor_T) // 3
-    blocks = size_blocks(gap)
+    blocks = [*signature_blocks(gap, sensor_count), *size_blocks(gap)]
     if gap.where.sensors:
         blocks.append(Text(f"Where: {where_words(gap.where, sensor_count)}."))
     if gap.causes:
@@ -114,8 +115,12 @@ def command(
         effects = ",".join(cause.fitted.effect for cause in gap.causes)
         advice = f"tam calibrate {recording} --array {array} --effects {effects}" if effects else ""
         used = [] if usage is None else [Text(sentence(str(usage)))]
-        summary, tables = [*summary_blocks(gap), *used], [*_blocks(gap), *used]
-        answer = " ".join((gap.headline, *gap.remarks[:1]))
+        summary, tables = (
+            [*summary_of_laws(gap, len(gap.residue.floor_T) // 3), *summary_blocks(gap), *used],
+            [*_blocks(gap), *used],
+        )
+        law = first_sentence(gap, len(gap.residue.floor_T) // 3)
+        answer = " ".join(filter(None, (law, gap.headline, *gap.remarks[:1])))
         terminal.print_answer(answer, summary, tables, detail, outputs.values(), advice)
     ctx.exit(0 if gap.verdict in _ANSWERS else 1)
 

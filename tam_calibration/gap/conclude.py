@@ -17,6 +17,7 @@ from tam_calibration.effects.library import effect_named, installed_effects, uni
 from tam_calibration.gap.checks import checks_of
 from tam_calibration.gap.coloured import covariance_of
 from tam_calibration.gap.hypothesis import Hypothesis, Place, places_of, sensors_of
+from tam_calibration.gap.laws.signature import signature_of
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.next_recording import next_recording
 from tam_calibration.gap.regression import Base
@@ -306,6 +307,7 @@ def conclude(found: Search) -> Gap:
         smallest_gap=smallest_gap(whole_nominal.channels().count),
         checks=checks,
         remainder=describe(found, verdict, size, residue, variance),
+        signature=() if verdict == "no_gap" else signature_of(found.nominal),
     )
 
 

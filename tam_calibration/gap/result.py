@@ -9,6 +9,7 @@ import numpy as np
 from tam_calibration.effects.effect import Sized
 from tam_calibration.gap.checks import Checks
 from tam_calibration.gap.floor import Floor
+from tam_calibration.gap.laws.law import Signature
 from tam_calibration.gap.surrogates import SurrogateTest
 from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.units import FloatArray
@@ -200,6 +201,8 @@ class Gap:
         Number n of whitened channels, of which a gap of g noise floors has the energy g² n; NaN without a verdict.
     checks : Checks, optional
         Whether the residual with the causes looks like the twin's; None without a verdict.
+    signature : tuple of Signature
+        Laws of the gap, the strongest first: what it does to a reading, where, and its course, whatever its cause is.
     remainder : str
         Description of the part that no cause explains; empty where there is none.
 
@@ -230,6 +233,7 @@ class Gap:
     channel_count: float = float("nan")
     checks: Checks | None = field(default=None, repr=False)
     remainder: str = ""
+    signature: tuple[Signature, ...] = ()
 
     @property
     def most_unseen_errors(self) -> float:

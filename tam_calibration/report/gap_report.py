@@ -5,6 +5,7 @@ from pathlib import Path
 
 from tam_calibration.correction.calibration import Provenance
 from tam_calibration.gap.checks import Check, Checks, row_name
+from tam_calibration.gap.laws.causes import causes_of
 from tam_calibration.gap.result import Gap
 from tam_calibration.report import gap_rows
 from tam_calibration.report.blocks import Block, Points, Section, Table, Text
@@ -12,6 +13,8 @@ from tam_calibration.report.formatting import count, fixed, number, sentence
 from tam_calibration.report.gap_cause_plots import GapView, plot_dependence, plot_evidence, plot_sphere
 from tam_calibration.report.gap_residual_plots import plot_histogram, plot_map, plot_spectrum, plot_time
 from tam_calibration.report.page import figure_blocks, sections_of, write_page
+from tam_calibration.report.signature_plots import plot_course
+from tam_calibration.report.signature_rows import law_sentence, signature_blocks
 
 _HEADER = {
     "chi_square": "χ²/n",
@@ -172,7 +175,26 @@ def next_recording_section(view: GapView) -> Section | None:
     return Section("What to record next", [Text(sentence(words))]) if words else None
 
 
+def signature_section(view: GapView) -> Section | None:
+    """Return what the gap does, where and when, and what could do that; None without a law."""
+    blocks = list(signature_blocks(view.gap, view.sensor_count))
+    for law in view.gap.signature:
+        if law.curve is not None:
+            blocks += figure_blocks(
+                plot_course(law.curve),
+                f"Course: {law_sentence(law, view.sensor_count)}",
+                "the size of the disturbance, with a band of two standard errors on either side.",
+                "no curve: noise has no course.",
+            )
+    for cause in causes_of(view.gap.signature[0]) if view.gap.signature else ():
+        size = f" In nature: {cause.size}." if cause.size else ""
+        title = f"{cause.title[:1].upper()}{cause.title[1:]}. {cause.physics}"
+        blocks.append(Text(f"{title}{size} To prove it: {cause.proof}. Then: {cause.remedy}."))
+    return Section("What the gap does", blocks) if blocks else None
+
+
 SECTIONS: tuple[Callable[[GapView], Section | None], ...] = (
+    signature_section,
     verdict_section,
     where_section,
     causes_section,

@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from tam_calibration.effects.effect import Sized
 from tam_calibration.files.text_files import to_json, write_text
 from tam_calibration.gap.checks import Check, Checks
 from tam_calibration.gap.floor import Floor
+from tam_calibration.gap.laws.law import Signature
 from tam_calibration.gap.result import Cause, Considered, Gap, Size, Where
 from tam_calibration.gap.surrogates import SurrogateTest
 from tam_calibration.localization.solutions import Status
@@ -61,6 +62,7 @@ def gap_to_mapping(gap: Gap, source: Provenance | None = None) -> dict[str, Any]
         "verdict": gap.verdict,
         "statement": gap.statement,
         "remarks": list(gap.remarks),
+        "signature": [_law(one) for one in gap.signature],
         "gap": _size(gap.size),
         "noise": None if gap.floor is None else _noise(gap.floor),
         "where": _where(gap.where),
@@ -74,6 +76,30 @@ def gap_to_mapping(gap: Gap, source: Provenance | None = None) -> dict[str, Any]
         "remainder": gap.remainder,
         "next_recording": gap.next_recording,
         "recording": source_to_mapping(source),
+    }
+
+
+def _law(one: Signature) -> dict[str, Any]:
+    """Return one law of a gap; sizes of its course in nT, or in per cent of the field for a gain."""
+    curve = None
+    if one.curve is not None:
+        unit, factor = ("percent", 100.0) if one.curve.unit == "1" else ("nT", to_nanotesla(1.0))
+        curve = {
+            "time_s": _list(one.curve.time_s),
+            "size": _list(factor * one.curve.size),
+            "standard_error": _list(factor * one.curve.error),
+            "unit": unit,
+        }
+    return {
+        "law": one.law,
+        "course": one.course,
+        "sensors": list(one.sensors),
+        "axes": list(one.axes),
+        "energy": _round(one.energy),
+        "time_s": _list(one.times_s),
+        "follows": one.follows,
+        "places": [list(place) for place in one.places],
+        "curve": curve,
     }
 
 
@@ -233,6 +259,10 @@ def _considered(considered: Considered) -> dict[str, Any]:
     tried = {"delta_bic": considered.delta_bic, "r2_cv": considered.r2_cv}
     evidence = rounded({name: value for name, value in tried.items() if value is not None})
     return {"effect": considered.effect, "status": considered.status, "why": considered.why, "evidence": evidence}
+
+
+def _list(values: Iterable[float]) -> list[float]:
+    return [_round(float(value)) for value in values]
 
 
 def rounded(values: Mapping[str, float]) -> dict[str, float]:

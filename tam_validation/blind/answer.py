@@ -41,6 +41,17 @@ class _Size:
 
 
 @dataclass(frozen=True)
+class _Law:
+    may_hold_more: ClassVar = True
+
+    law: str
+    course: str
+    sensors: list[Any]
+    axes: list[str]
+    places: list[list[Any]] | None = None
+
+
+@dataclass(frozen=True)
 class Answer:
     """The keys of an answer with their types; ``{"verdict": "error", "why": …}`` is one too."""
 
@@ -52,3 +63,4 @@ class Answer:
     where: _Place | None = None
     gap: _Size | None = None
     set_95: list[str] | None = None
+    signature: list[_Law] | None = None

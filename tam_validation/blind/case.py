@@ -10,7 +10,7 @@ from numpy.random import Generator
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.units import FloatArray, from_degrees, to_nanotesla
 from tam_validation.blind.case_plan import CasePlan
-from tam_validation.blind.catalogue import CAUSES, CHANNELS
+from tam_validation.blind.catalogue import CAUSES, CHANNELS, LAWS
 from tam_validation.blind.continuous_motion import MOTIONS
 from tam_validation.blind.disturbance import ALL, Signal
 from tam_validation.blind.scene import Scene, Wish, draw_scene
@@ -93,6 +93,7 @@ def cause_key(cause: Scaled) -> dict[str, Any]:
         "parameters": disturbance.parameters,
         "coefficients": {name: value * cause.amplitude for name, value in disturbance.coefficients.items()},
         "named": entry.named,
+        **LAWS[disturbance.effect],
     }
 
 

@@ -32,4 +32,8 @@ calibrates."""
 CAUSES = CATALOGUE | OUTSIDE
 """Every cause that a case may hold."""
 
+LAWS: dict[str, dict[str, list[str]]] = tomllib.loads(Path(__file__).with_name("laws.toml").read_text(encoding="utf-8"))
+"""Of each cause the laws and the courses that are a right answer, the usual ones first: what it does to a reading, and
+how its size goes with time. More than one where the same data bear out either."""
+
 CHANNELS = ("temperature", "current", "attitude")

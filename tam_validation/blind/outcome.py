@@ -152,6 +152,30 @@ class Outcome:
         everywhere = frozenset(map(str, range(1, self.key["sensors"] + 1)))
         return frozenset({"all"}) if place >= everywhere else place
 
+    @cached_property
+    def laws(self) -> list[dict[str, Any]]:
+        """Laws of the gap that the answer states, the strongest first."""
+        return list(self.answer.get("signature") or [])
+
+    def law_is_right(self, cause: int = 0) -> bool:
+        """Say whether a stated law is that of a cause, with a place and an axis that it may have: the first of one."""
+        laws = self.laws[:1] if len(self.truth) == 1 else self.laws
+        return any(self._is_law_of(law, self.key["effects"][cause]) for law in laws)
+
+    def _is_law_of(self, law: dict[str, Any], effect: dict[str, Any]) -> bool:
+        places = [self._place(one) for one in [law["sensors"], *(law.get("places") or [])]]
+        one_axis = len(effect["axes"]) == 1
+        return (
+            law["law"] in (effect.get("law") or [])
+            and self._place(effect["sensors"]) in places
+            and (not one_axis or list(law["axes"]) == list(effect["axes"]))
+        )
+
+    @property
+    def course_is_right(self) -> bool:
+        """Whether the course of the first law is one of the true cause."""
+        return bool(self.laws) and self.laws[0]["course"] in (self.key["effects"][0].get("course") or [])
+
     @property
     def true_axis(self) -> str:
         """The one disturbed axis; nothing when it is not one."""

@@ -67,6 +67,7 @@ class Score:
             *probability_rows(known),
             *set_rows(one_truth),
             *interval_rows(self.outcomes),
+            *self._laws(),
             *self._left_out(),
         ]
 
@@ -117,6 +118,32 @@ class Score:
         count = sum(one.count for one in self.reliability)
         value = calibration_error(self.reliability)
         return ScoreRow("probabilities calibrated (reliability error)", "", value, None, 0.05, count)
+
+    def _laws(self) -> list[ScoreRow]:
+        """Return how often the law, its place and its axis are right, of all kinds, and how often its course is."""
+        stated = [one for one in self.outcomes if "signature" in one.answer]
+        alone = [one for one in stated if one.kind in ("single", "outside", "large")]
+        both = [one for one in stated if one.kind in ("pair", "mixed")]
+        sizes = (("g ≥ 1", 0.65, 10.0, 0.95), ("g = 0.3", 0.0, 0.65, 0.85), ("g = 30, 1000", 10.0, 1e9, 0.98))
+        rows = [
+            rate_row(
+                f"law, sensor and axes right{of}",
+                size,
+                (one.law_is_right() for one in group if low < one.visible_gap <= high),
+                least,
+            )
+            for size, low, high, least in sizes
+            for of, group in (
+                ("", alone),
+                (", outside the library", [one for one in alone if one.kind == "outside"]),
+            )
+        ]
+        return [
+            *rows,
+            rate_row("course right", "", (one.course_is_right for one in alone), 0.90),
+            rate_row("both of two laws", "", (one.law_is_right(0) and one.law_is_right(1) for one in both), 0.85),
+            rate_row("clean: no law", "", (not one.laws for one in stated if one.kind == "clean"), 0.98),
+        ]
 
     def _left_out(self) -> list[ScoreRow]:
         if not self.without:

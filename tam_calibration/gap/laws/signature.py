@@ -106,7 +106,7 @@ def _lattice(model: Model, residual: Residual) -> Signature | None:
     sensors = tuple(sorted({row // 3 + 1 for row in rows}))
     axes = tuple(axis for at, axis in enumerate(AXES) if any(row % 3 == at for row in rows))
     share = float(np.clip(energy / max(residual.excess, energy), 0, 1))
-    return Signature("own_field", "motion", sensors, axes, share, (sensors,), "own reading", (), np.inf)
+    return Signature("own_field", "motion", sensors, axes, share, (sensors,), "motion", (), np.inf)
 
 
 def _of_found(found: Found, residual: Residual) -> Signature:
@@ -118,7 +118,7 @@ def _of_found(found: Found, residual: Residual) -> Signature:
         pattern.axes,
         found.energy,
         _places(found, residual.sensor_count),
-        best.follows or pattern.follows,
+        best.follows or pattern.follows or ("motion" if best.course == "motion" else None),
         _times(best, residual),
         best.evidence,
         curve_of(best, found.residual),

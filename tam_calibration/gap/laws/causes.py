@@ -1,0 +1,86 @@
+"""Causes by their signatures: what can make a law, in order."""
+
+import tomllib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tam_calibration.effects.library import effect_named
+from tam_calibration.gap.laws.law import Signature
+
+
+@dataclass(frozen=True)
+class PossibleCause:
+    """A cause with the signature of a law.
+
+    Parameters
+    ----------
+    name : str
+        Of an effect of the library, or of a cause without simulation.
+    title, physics : str
+        What it is, and why, with a source.
+    law, course : tuple of str
+        Its laws and their courses.
+    proof, remedy : str
+        What would prove it, and what to do about it.
+    channel : str
+        The recorded channel that goes with it, where there is one.
+    sensors : str
+        "one", "several", "scalar", or empty for any place.
+    size : str
+        In nature, where no effect of the library states it.
+    """
+
+    name: str
+    title: str
+    physics: str
+    law: tuple[str, ...]
+    course: tuple[str, ...]
+    proof: str
+    remedy: str
+    channel: str = ""
+    sensors: str = ""
+    size: str = ""
+
+    def agrees_with(self, law: Signature) -> bool:
+        """Say whether it can make a law: what it does to a reading, its course, one of its places."""
+        if law.law not in self.law or law.course not in self.course:
+            return False
+        if law.course == "channel" and self.channel != law.follows:
+            return False
+        return not self.sensors or any(_kind(place) == self.sensors for place in law.places)
+
+
+def _kind(place: tuple[int | str, ...]) -> str:
+    return "scalar" if place == ("scalar",) else "one" if len(place) == 1 else "several"
+
+
+def _read() -> tuple[PossibleCause, ...]:
+    table = tomllib.loads(Path(__file__).with_name("causes.toml").read_text(encoding="utf-8"))
+    causes = []
+    for name, entry in table.items():
+        known: dict[str, Any] = {
+            key: tuple(value) if isinstance(value, list) else value for key, value in entry.items()
+        }
+        if "title" not in known:
+            effect = effect_named(name)
+            known |= {"title": effect.title, "physics": effect.physics}
+        causes.append(PossibleCause(name, **known))
+    return tuple(causes)
+
+
+CAUSES = _read()
+"""All causes that are known, ours and those of which there is no simulation."""
+
+
+def causes_of(law: Signature) -> tuple[PossibleCause, ...]:
+    """Return the causes that can make a law: first those whose channel it follows, then in the order of the table."""
+    agreeing = [one for one in CAUSES if one.agrees_with(law)]
+    return tuple(sorted(agreeing, key=lambda one: not (one.channel and one.channel == law.follows)))
+
+
+def agrees(effect: str, laws: Iterable[Signature]) -> bool:
+    """Say whether an effect can make one of the laws; True for an effect that the table does not hold."""
+    entries = [one for one in CAUSES if one.name == effect]
+    return not entries or any(one.agrees_with(law) for one in entries for law in laws)

@@ -1,0 +1,111 @@
+"""The laws of a gap in words: what a disturbance does, where and when, and what could do that."""
+
+import numpy as np
+
+from tam_calibration.gap.laws.causes import causes_of
+from tam_calibration.gap.laws.law import Signature
+from tam_calibration.gap.result import Gap
+from tam_calibration.model.units import to_nanotesla
+from tam_calibration.report.blocks import Block, Points, Text
+from tam_calibration.report.formatting import join, number
+from tam_calibration.report.gap_rows import percent
+
+_DOES = {
+    "offset": "its offset changes",
+    "gain": "its gain changes",
+    "rate": "its error goes with the field's rate of change",
+    "own_field": "its error is a function of its own reading",
+    "attitude": "its error is a function of direction",
+    "noise": "its noise is larger",
+    "samples": "single readings are off",
+}
+"""What a law does to the readings of a place."""
+
+_MOST_TIMES = 6
+"""Times that a sentence lists."""
+
+_MOST_CAUSES = 4
+"""Causes that a sentence lists."""
+
+
+def law_sentence(law: Signature, sensor_count: int) -> str:
+    """Return a law in a sentence or two: where, what, how much, when, its share, and what it goes with."""
+    words = (
+        f"{_place(law, sensor_count)}: {_DOES[law.law]}{_size(law)}{_course(law)}, {percent(law.energy)} of the gap."
+    )
+    if law.course in ("step", "episodes", "slow", "random") and law.law in ("offset", "gain"):
+        words += " No recorded channel goes with it."
+    others = [_place_of(place, sensor_count) for place in law.places[1:]]
+    return words + (f" As far as the data tell it may sit in {' or '.join(others)} instead." if others else "")
+
+
+def _place(law: Signature, sensor_count: int) -> str:
+    where = _place_of(law.sensors, sensor_count)
+    axes = f", axis {law.axes[0]}" if len(law.axes) == 1 else ""
+    return where[:1].upper() + where[1:] + axes
+
+
+def _place_of(sensors: tuple[int | str, ...], sensor_count: int) -> str:
+    if sensors == ("scalar",):
+        return "the scalar"
+    if len(sensors) == sensor_count > 1:
+        return "all sensors"
+    numbers = [str(sensor) for sensor in sensors]
+    return f"sensor {numbers[0]}" if len(numbers) == 1 else f"sensors {join(numbers)}"
+
+
+def _size(law: Signature) -> str:
+    if law.curve is None or law.course not in ("step", "episodes", "slow", "random", "channel", "tone"):
+        return ""
+    span = float(np.ptp(law.curve.size))
+    if law.curve.unit == "1":
+        return f" by {number(100 * span, 2)} %"
+    return f" by {number(to_nanotesla(span), 2)} nT"
+
+
+def _course(law: Signature) -> str:
+    if law.course in ("step", "episodes"):
+        times = [f"{number(time, 4)} s" for time in law.times_s[:_MOST_TIMES]]
+        more = ", …" if len(law.times_s) > _MOST_TIMES else ""
+        if law.course == "step":
+            return f" in {'one step' if len(law.times_s) == 1 else f'{len(law.times_s)} steps'} (at {', '.join(times)})"
+        return f" in {(len(law.times_s) + 1) // 2} episodes (from and until {', '.join(times)}{more})"
+    if law.course == "channel":
+        return f" with the recorded {law.follows}"
+    if law.course == "tone":
+        return f" with a tone of {law.follows}"
+    return {
+        "slow": " slowly",
+        "random": " irregularly" if law.law not in ("noise", "samples") else "",
+        "constant": ", the same throughout",
+        "motion": "",
+    }[law.course]
+
+
+def causes_sentence(law: Signature) -> str:
+    """Return what could make a law, the likeliest first, with what would prove the first ones."""
+    causes = causes_of(law)
+    if not causes:
+        return ""
+    named = [f"{one.title} ({one.proof})" for one in causes[:_MOST_CAUSES]]
+    return f"Causes with this signature: {'; '.join(named)}."
+
+
+def signature_blocks(gap: Gap, sensor_count: int) -> list[Block]:
+    """Return the laws of a gap, each with its possible causes, the strongest first; nothing without a law."""
+    if not gap.signature:
+        return []
+    words = [" ".join(filter(None, (law_sentence(law, sensor_count), causes_sentence(law)))) for law in gap.signature]
+    return [Text(words[0], "doubt")] if len(words) == 1 else [Text("What the gap does:"), Points(words)]
+
+
+def summary_of_laws(gap: Gap, sensor_count: int) -> list[Block]:
+    """Return what could make the strongest law, and the laws beside it, one line each."""
+    first = [causes_sentence(law) for law in gap.signature[:1]]
+    beside = [law_sentence(law, sensor_count) for law in gap.signature[1:]]
+    return [Text(words) for words in (*first, *beside) if words]
+
+
+def first_sentence(gap: Gap, sensor_count: int) -> str:
+    """Return the strongest law in words; empty without one."""
+    return law_sentence(gap.signature[0], sensor_count) if gap.signature else ""
