@@ -1,0 +1,47 @@
+"""Write ``docs/causes.md`` from the table of causes.
+
+Run ``python docs/list_causes.py`` after the table was changed; a test holds the two together.
+"""
+
+from pathlib import Path
+
+from tam_calibration.gap.laws.causes import CAUSES, PossibleCause
+
+PAGE = Path(__file__).parent / "causes.md"
+
+_HEAD = """\
+# Causes by their signature
+
+`tam diagnose` finds the *law* of a gap first: what the disturbance does to a reading, in which sensor and axes, and how
+its size goes with time. This page lists what can make such a law. Written by `docs/list_causes.py` from
+`tam_calibration/gap/laws/causes.toml`.
+
+| law | what the disturbance does |
+|---|---|
+| `offset` | adds a vector to the readings |
+| `gain` | multiplies the field by a matrix: scale, tilt, leakage between axes or sensors |
+| `rate` | follows the field's rate of change |
+| `own_field` | is a function of the axis' own reading |
+| `attitude` | is a function of direction or position in the world |
+| `noise` | adds variance |
+| `samples` | makes single or held readings |
+
+| cause | law | course | what it is, and its source | what would prove it | what to do |
+|---|---|---|---|---|---|
+"""
+
+
+def page() -> str:
+    """Return the page in Markdown."""
+    return _HEAD + "".join(map(_row, CAUSES))
+
+
+def _row(cause: PossibleCause) -> str:
+    title = cause.title[:1].upper() + cause.title[1:]
+    size = f" In nature: {cause.size}." if cause.size else ""
+    law, course = (", ".join(f"`{one}`" for one in words) for words in (cause.law, cause.course))
+    return f"| `{cause.name}` | {law} | {course} | {title}. {cause.physics}{size} | {cause.proof} | {cause.remedy} |\n"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")

@@ -1,0 +1,57 @@
+"""The causes of a law: the table holds every effect, and agrees with the laws and courses that exist."""
+
+import runpy
+from pathlib import Path
+
+import pytest
+
+from tam_calibration.effects.library import installed_effects
+from tam_calibration.gap.laws.causes import CAUSES, agrees, causes_of
+from tam_calibration.gap.laws.law import Signature
+
+ROOT = Path(__file__).parents[3]
+LAWS = {"offset", "gain", "rate", "own_field", "attitude", "noise", "samples"}
+COURSES = {"constant", "step", "episodes", "slow", "tone", "channel", "motion", "random"}
+
+
+def law(name, course, sensors=(2,), places=None, follows=None):
+    """Return a law."""
+    return Signature(name, course, sensors, ("x",), 0.9, places or (sensors,), follows, (), 100.0)
+
+
+def test_every_effect_of_the_library_has_an_entry():
+    """An effect without a signature could never be held against a law."""
+    assert set(installed_effects()) <= {cause.name for cause in CAUSES}
+
+
+@pytest.mark.parametrize("cause", CAUSES, ids=lambda cause: cause.name)
+def test_entries_use_the_words_of_the_interface(cause):
+    """Laws and courses are those of the JSON, and each cause says how to prove and what to do."""
+    assert set(cause.law) <= LAWS
+    assert set(cause.course) <= COURSES
+    assert cause.title and cause.physics and cause.proof and cause.remedy
+
+
+def test_the_channel_that_a_law_follows_decides():
+    """A current that an offset follows leaves the causes of that current only."""
+    assert [one.name for one in causes_of(law("offset", "channel", follows="current"))] == ["current_interference"]
+
+
+def test_the_places_of_a_law_count():
+    """What may sit in the scalar may be a cause of the scalar."""
+    drift = law("offset", "slow", ("scalar",), (("scalar",), (1, 2, 3, 4)))
+    assert "geomagnetic_drift" in {one.name for one in causes_of(drift)}
+    assert "geomagnetic_drift" not in {one.name for one in causes_of(law("offset", "slow"))}
+
+
+def test_agreement_with_a_law():
+    """An effect agrees with the laws that it can make; one of a plugin, which has no entry, with any."""
+    assert agrees("scale_step", [law("gain", "step")])
+    assert not agrees("scale_step", [law("offset", "step")])
+    assert agrees("effect_of_a_plugin", [law("offset", "step")])
+
+
+def test_the_page_is_that_of_the_table():
+    """After a change of the table, run ``python docs/list_causes.py``."""
+    written = runpy.run_path(str(ROOT / "docs" / "list_causes.py"))["page"]()
+    assert (ROOT / "docs" / "causes.md").read_text(encoding="utf-8") == written
