@@ -4,6 +4,7 @@ It tells the share of each cause in the energy that all explain, and the calibra
 """
 
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from itertools import combinations
 from math import exp, expm1, factorial, log, log1p
 
@@ -16,6 +17,7 @@ from tam_calibration.effects.grades import FEWEST, MINOR, MOST, NEARLY_ALL, NOTA
 from tam_calibration.effects.library import effect_named, installed_effects, units_of
 from tam_calibration.gap.checks import checks_of
 from tam_calibration.gap.coloured import covariance_of
+from tam_calibration.gap.discipline import considered_without, contradicted, doubted, without_causes
 from tam_calibration.gap.hypothesis import Hypothesis, Place, places_of, sensors_of
 from tam_calibration.gap.laws.signature import signature_of
 from tam_calibration.gap.model import Model
@@ -119,6 +121,20 @@ def probabilities(found: Search, verdict: Verdict, departures: int) -> Mapping[s
     chances["none_of_these"] = rest / 2
     _spread(chances, found, named, rest / 2)
     return chances
+
+
+DOUBTED = 0.6
+"""Largest probability of a cause that does not make the law of the gap: of such names 6 of 10 were right."""
+
+
+def with_doubt(chances: Mapping[str, float], doubted: Collection[str]) -> Mapping[str, float]:
+    """Return the probabilities with those of doubted causes lowered, and what they lose given to none of these."""
+    lowered = dict(chances)
+    for name in doubted:
+        lost = max(lowered.get(name, 0.0) - DOUBTED, 0.0)
+        lowered[name] = lowered.get(name, 0.0) - lost
+        lowered["none_of_these"] = min(lowered["none_of_these"] + lost, 1.0)
+    return lowered
 
 
 def right(features: Sequence[float]) -> float:
@@ -271,7 +287,23 @@ def _named(where: Where) -> str:
 
 
 def conclude(found: Search) -> Gap:
-    """Return the gap that a search found."""
+    """Return the gap that a search found, its law first: causes that do not make that law are not named, or doubted."""
+    gap = _concluded(found, ())
+    if gap.verdict == "no_gap":
+        return gap
+    laws = signature_of(found.nominal)
+    if names := contradicted(found, laws):
+        gap = _concluded(without_causes(found, names), ())
+        verdict: Verdict = "unexplained" if gap.verdict == "no_gap" else gap.verdict
+        words = statement(verdict, gap.size, gap.where, gap.causes)
+        considered = considered_without(gap.considered, names, laws)
+        gap = replace(gap, verdict=verdict, statement=words, considered=considered)
+    elif unsure := doubted(found, laws):
+        gap = _concluded(found, unsure)
+    return replace(gap, signature=laws)
+
+
+def _concluded(found: Search, doubted: Collection[str]) -> Gap:
     variance = noise_variance(found.model, found.remaining, LEAST_EVIDENCE)
     noisier = None if found.steps else _noisier_rows(found.nominal)
     if noisier is not None:
@@ -287,7 +319,7 @@ def conclude(found: Search) -> Gap:
     residue = residue_of(whole_nominal, whole, whole_nominal.channels(), variance)
     noise = whole.recording.interpolated_noise
     checks = checks_of(residue.time_s, residue.direction, residue.after, residue.floor_T, noise)
-    chances = probabilities(found, verdict, checks.departures)
+    chances = with_doubt(probabilities(found, verdict, checks.departures), doubted)
     causes = _causes(found, whole, size, chances, variance) if is_named else ()
     places = [_places(cause.fitted, base.channels.covariates) for cause in causes]
     where = Where() if verdict == "no_gap" else locate(base, places, found.rivals, variance)
@@ -307,7 +339,6 @@ def conclude(found: Search) -> Gap:
         smallest_gap=smallest_gap(whole_nominal.channels().count),
         checks=checks,
         remainder=describe(found, verdict, size, residue, variance),
-        signature=() if verdict == "no_gap" else signature_of(found.nominal),
     )
 
 

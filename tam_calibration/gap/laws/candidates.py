@@ -18,6 +18,7 @@ from tam_calibration.gap.laws.decisions import (
     RANGES,
     SLOW,
     STEADY,
+    TIE,
     VARIANCES,
 )
 from tam_calibration.gap.laws.evidence import Bins, Fit, Sums, constant, course, of_normal
@@ -170,8 +171,8 @@ def _in_time(residual: Residual, pattern: Pattern, bins: Bins) -> Iterator[Candi
     variances = _sizes(residual)
     best = None
     for length in LENGTHS:
-        fit = course(coarse if length >= SLOW else sums, length * whole, variances)
-        if best is not None and fit.evidence < best - 5 and length < SLOW:
+        fit = course(coarse if length >= LENGTHS[1] else sums, length * whole, variances)
+        if best is not None and fit.evidence < best - TIE and length < SLOW:
             break
         best = fit.evidence if best is None else max(best, fit.evidence)
         label = "slow" if length >= SLOW else "random"

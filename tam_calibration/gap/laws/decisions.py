@@ -9,13 +9,13 @@ BINS = 512
 """Bins of a course in time, at most: an eighth of a second in a minute."""
 
 LENGTHS = (1.0, 0.25, 0.06, 0.015, 0.004)
-"""Correlation lengths of a course, as parts of the recording: slow, to as fast as the bins show."""
+"""Correlation lengths of a course, as parts of the recording; ``COARSE`` bins show the first two."""
 
 COARSE = 64
 """Bins for courses that are slow: sixteen in a quarter of the recording."""
 
 SLOW = 0.06
-"""Least correlation length of a course that ``COARSE`` bins show, as a part of the recording."""
+"""Least correlation length of a course that is called slow, as a part of the recording."""
 
 TOLERANCE = 0.1
 """Model error of any law, as a part of the gap's amplitude: no law of nature is as simple as the one fitted."""
@@ -53,7 +53,7 @@ RANGES = (0.5, 0.1, 0.02)
 OWN_BINS = 256
 """Bins of an own reading."""
 
-VARIANCES = (0.1, 1.0)
+VARIANCES = (0.1, 1.0, 5.0)
 """Variances of a course, as parts of the one that explains the whole gap."""
 
 STEADY = 0.5

@@ -301,3 +301,41 @@ def test_intervals_of_coefficients():
     result = score((sized, told), (key(), told))
     (row,) = [row for row in result.rows if row.name.startswith("95 % intervals") and not row.size]
     assert (row.value, row.cases, row.is_met) == (0.5, 2, False)
+
+
+def test_laws_courses_and_places():
+    """A law counts with its place and axis; a place among those that the answer cannot tell apart counts too."""
+    true = key(axes=("x",))
+    true["effects"][0] |= {"law": ["offset"], "course": ["step"]}
+    stated = {"law": "offset", "course": "step", "sensors": [2], "axes": ["x"], "places": [[2]]}
+
+    def answered(**other):
+        return answer("bias_jump", signature=[stated | other])
+
+    result = score(
+        (true, answered()),
+        (true, answered(law="gain")),
+        (true, answered(axes=["y"])),
+        (true, answered(sensors=[1], places=[[1], [2]], course="slow")),
+    )
+    assert value(result, "law, sensor and axes right", "g ≥ 1") == 0.5
+    assert value(result, "course right") == 0.75
+
+
+def test_both_of_two_laws():
+    """Of two causes each has its law, in any order; of clean recordings none is stated."""
+    both = key("pair", effects=("bias_jump", "time_skew"))
+    both["effects"][0] |= {"law": ["offset"], "course": ["step"]}
+    both["effects"][1] |= {"law": ["rate"], "course": ["constant"]}
+    laws = [
+        {"law": law, "course": course, "sensors": [2], "axes": []}
+        for law, course in (("rate", "constant"), ("offset", "step"))
+    ]
+    clean = key("clean", effects=())
+    result = score(
+        (both, answer("bias_jump", signature=laws)),
+        (both, answer("bias_jump", signature=laws[:1])),
+        (clean, answer(verdict="no_gap", signature=[])),
+    )
+    assert value(result, "both of two laws") == 0.5
+    assert value(result, "clean: no law") == 1
