@@ -9,8 +9,8 @@ from tam_calibration.gap.result import Considered
 from tam_calibration.gap.search import Search
 from tam_calibration.gap.size import rivals
 
-_FREE = (("offset", "random"), ("gain", "random"))
-"""Laws with courses that imitate any function of motion or time: they contradict no cause."""
+_FREE = ("random", "slow")
+"""Courses of an offset or a gain that imitate any function of motion or time: they contradict no cause."""
 
 _PREDICT_NOTHING = ("noise", "samples")
 """Laws that do the same."""
@@ -21,10 +21,14 @@ _DECISIVE = 0.6
 
 def contradicted(found: Search, laws: Sequence[Signature]) -> tuple[str, ...]:
     """Return the effects named by a search that can make none of the laws, where these explain most of the gap."""
-    sure = [law for law in laws if (law.law, law.course) not in _FREE and law.law not in _PREDICT_NOTHING]
+    sure = [law for law in laws if law.law not in _PREDICT_NOTHING and not _is_free(law)]
     if sum(law.energy for law in sure) < _DECISIVE:
         return ()
     return _disagreeing(found, laws)
+
+
+def _is_free(law: Signature) -> bool:
+    return law.law in ("offset", "gain") and law.course in _FREE
 
 
 def doubted(found: Search, laws: Sequence[Signature]) -> tuple[str, ...]:

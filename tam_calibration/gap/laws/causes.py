@@ -81,6 +81,13 @@ def causes_of(law: Signature) -> tuple[PossibleCause, ...]:
 
 
 def agrees(effect: str, laws: Iterable[Signature]) -> bool:
-    """Say whether an effect can make one of the laws; True for an effect that the table does not hold."""
+    """Say whether an effect can make one of the laws; True for an effect that the table does not hold.
+
+    The course counts for an offset and a gain; other laws are of few effects, whatever their course.
+    """
     entries = [one for one in CAUSES if one.name == effect]
-    return not entries or any(one.agrees_with(law) for one in entries for law in laws)
+    return not entries or any(
+        one.agrees_with(law) or (law.law in one.law and law.law not in ("offset", "gain"))
+        for one in entries
+        for law in laws
+    )
