@@ -124,7 +124,7 @@ def probabilities(found: Search, verdict: Verdict, departures: int) -> Mapping[s
 
 
 DOUBTED = 0.6
-"""Largest probability of a cause that does not make the law of the gap: of such names 6 of 10 were right."""
+"""Largest probability of a cause that does not make the law of the gap: six of eight such names were right."""
 
 
 def with_doubt(chances: Mapping[str, float], doubted: Collection[str]) -> Mapping[str, float]:

@@ -201,10 +201,10 @@ class Gap:
         Number n of whitened channels, of which a gap of g noise floors has the energy g² n; NaN without a verdict.
     checks : Checks, optional
         Whether the residual with the causes looks like the twin's; None without a verdict.
-    signature : tuple of Signature
-        Laws of the gap, the strongest first: what it does to a reading, where, and its course, whatever its cause is.
     remainder : str
         Description of the part that no cause explains; empty where there is none.
+    signature : tuple of Signature
+        Laws of the gap, the strongest first: what it does to a reading, where, and its course, whatever its cause is.
 
     Examples
     --------

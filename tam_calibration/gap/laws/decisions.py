@@ -115,9 +115,6 @@ MOST_OF = 0.97
 ROUNDING = 1e-6
 """Difference of readings, as a part of their usual change, below which they are the same number."""
 
-FEW = 4
-"""Samples that are held or filled in, at least: fewer are chance."""
-
 LATTICE = 0.02
 """Energy of a lattice, in units of the noise of all channels, from which it is told: a seventh of the noise."""
 
@@ -135,3 +132,6 @@ ABSORBED = 1e-4
 
 DEPENDENT = 1e-9
 """Relative eigenvalue of the nominal parameters' information below which they are not determined: rounding."""
+
+SAME_LAW = 0.03
+"""The same for a simpler course of the same law: a switch takes its time, a channel is recorded with errors."""

@@ -12,6 +12,7 @@ from tam_calibration.gap.laws.decisions import (
     LEAST_SHARE,
     MOST_LAWS,
     NEARLY,
+    SAME_LAW,
     TIE,
     TOLERANCE,
 )
@@ -124,13 +125,22 @@ def _accepted(residual: Residual, tried: list[Candidate]) -> Iterator[tuple[Cand
     for first in tried[:6]:
         if first.evidence < LEAST_EVIDENCE:
             return
-        margin = TIE + NEARLY * first.evidence
-        simpler = [one for one in tried if first.evidence - margin <= one.evidence <= first.evidence]
+        simpler = [
+            one
+            for one in tried
+            if first.evidence - TIE - _behind(one, first) * first.evidence <= one.evidence <= first.evidence
+        ]
         simpler = [one for one in simpler if one is first or _freedom(one) <= _freedom(first) - 1]
         best = min(simpler, key=lambda one: (_freedom(one), -one.evidence))
         share = predicted_share(residual, best)
         if share * max(residual.excess, 1.0) > LEAST_EVIDENCE:
             yield best, share
+
+
+def _behind(one: Candidate, first: Candidate) -> float:
+    """Return the part of the evidence by which a simpler law may be behind: more for another course of the same law."""
+    same = (one.pattern.law, one.pattern.sensors) == (first.pattern.law, first.pattern.sensors)
+    return SAME_LAW if same else NEARLY
 
 
 def _freedom(one: Candidate) -> float:

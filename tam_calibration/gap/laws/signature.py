@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.effects.grades import FEWEST
 from tam_calibration.effects.quantization import find_lattices
 from tam_calibration.gap.laws.candidates import Candidate
 from tam_calibration.gap.laws.curve import curve_of
-from tam_calibration.gap.laws.decisions import FEW, LATTICE, LEAST_SHARE, MANY, TIE, TOLERANCE
+from tam_calibration.gap.laws.decisions import LATTICE, LEAST_SHARE, MANY, TIE, TOLERANCE
 from tam_calibration.gap.laws.find import Found, predictive_laws
 from tam_calibration.gap.laws.law import Place, Signature
 from tam_calibration.gap.laws.patterns import AXES
@@ -30,7 +31,7 @@ def signature_of(model: Model) -> tuple[Signature, ...]:
     if lattice := _lattice(model, residual):
         return (lattice,)
     held = repeated(model.recording.readings_T)[residual.index]
-    lost = [one for one in range(held.shape[1]) if FEW <= held[:, one].sum() < held.shape[0] / 2]
+    lost = [one for one in range(held.shape[1]) if FEWEST <= held[:, one].sum() < held.shape[0] / 2]
     outlying = spikes(residual)
     apart = outlying | held[:, lost].any(axis=1)
     quiet = residual.taking(~apart) if apart.any() else residual
