@@ -37,15 +37,27 @@ class Scatter:
     times_s: tuple[float, float] | None = None
 
 
-def scatter_of(residual: Residual, whole: float) -> list[Scatter]:
-    """Return the laws of scatter that explain the residual, the best first; those of evidence only."""
+def scatter_of(residual: Residual, whole: float, unit: float) -> list[Scatter]:
+    """Return the laws of scatter that explain the residual, the best first; those of evidence only.
+
+    Parameters
+    ----------
+    residual : Residual
+        What the other laws leave.
+    whole : float
+        Energy of the gap, in units of the noise.
+    unit : float
+        Noise that the residual counts in, over that of the sensors.
+    """
+    residual = residual.scaled(unit)
     common = _widened(*_resolved(residual.response[:, :, :-1], residual))[0]
     found = []
     for law, sensors, axes, columns in _places(residual):
         values, along = _resolved(columns, residual)
         steady, _ = _widened(values, along)
         sparse, share, often = _sparse(values, along)
-        energy = float(np.clip(((along**2 / np.maximum(values, 1e-12)).sum() - (values > 1e-9).sum()) / whole, 0, 1))
+        explained = unit**2 * (along**2 / np.maximum(values, 1e-12)).sum() - (values > 1e-9).sum()
+        energy = float(np.clip(explained / whole, 0, 1))
         kind, evidence, course = law, steady, "random"
         is_rare = share < RARE
         if sparse > steady + LEAST_EVIDENCE and not (is_rare and law == "rate"):

@@ -46,13 +46,14 @@ def signature_of(model: Model) -> tuple[Signature, ...]:
     laws = [_of_found(one, residual) for one in found]
     for sensor in lost:
         laws.append(_of_samples(rest, whole, held[:, sensor], (sensor + 1,)))
-    if outlying.any():
-        laws.append(_of_samples(rest, whole, outlying, None))
-    laws = [one for one in laws if one.energy >= LEAST_SHARE or (one.law == "samples" and one.evidence > 0)]
-    if not any(one.law == "samples" for one in laws):
-        scattered = scatter_of(_tolerant(rest), whole)
-        if scattered and scattered[0].energy >= LEAST_SHARE:
-            laws.append(_of_noise(scattered))
+    spiky = [_of_samples(rest, whole, outlying, None)] if outlying.any() else []
+    laws = [one for one in (*laws, *spiky) if one.energy >= LEAST_SHARE or (one.law == "samples" and one.evidence > 0)]
+    if not lost:
+        scattered = scatter_of(rest, whole, _tolerance(rest))
+        least = max([LEAST_SHARE, *(one.energy for one in spiky)])
+        # The largest values of noise in one channel look like spikes, which explain only a part of it.
+        if scattered and scattered[0].energy >= least and not (spiky and scattered[0].law == "samples"):
+            laws = [*(one for one in laws if one.law != "samples"), _of_noise(scattered)]
     return tuple(sorted(_merged(laws), key=lambda one: -one.energy))
 
 
@@ -60,9 +61,9 @@ def _left(rest: Residual) -> float:
     return float((rest.z**2).sum() - rest.size)
 
 
-def _tolerant(rest: Residual) -> Residual:
-    """Return the residual in units of its noise and of the error of any law of that size."""
-    return rest.scaled(float(np.sqrt(1 + TOLERANCE**2 * max(_left(rest), 0) / rest.size)))
+def _tolerance(rest: Residual) -> float:
+    """Return the noise and the error of any law of the residual's size together, over the noise."""
+    return float(np.sqrt(1 + TOLERANCE**2 * max(_left(rest), 0) / rest.size))
 
 
 def _at_all(residual: Residual, quiet: Residual, found: list[Found]) -> Residual:

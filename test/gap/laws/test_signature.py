@@ -146,6 +146,17 @@ def test_shares_are_those_of_samples_that_were_not_fitted(run):
     assert shares["noise"] == pytest.approx(0.5, abs=0.12)
 
 
+@pytest.mark.parametrize("row", [4, 12])
+@pytest.mark.parametrize("size_T", [3e-9, 300e-9])
+def test_large_noise_of_a_channel_is_no_spikes(run, row, size_T):
+    """Its largest values lie far from their neighbours; they explain only a part of it."""
+    clean = run(samples=300)
+    noisy = clean.with_row(row, size_T * np.random.default_rng(9).normal(size=300))
+    (first,) = signature(noisy)
+    assert (first.law, first.course) == ("noise", "random") and first.energy > 0.8
+    assert first.sensors == (("scalar",) if row == 12 else (2,))
+
+
 def test_decisions_stand_in_one_place():
     """No other module of the laws has a number of its own at module level, and the one has at most forty names."""
     folder = Path(laws.__file__).parent
