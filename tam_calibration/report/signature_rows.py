@@ -28,12 +28,22 @@ _MOST_CAUSES = 4
 """Causes that a sentence lists."""
 
 
-def law_sentence(law: Signature, sensor_count: int) -> str:
-    """Return a law in a sentence or two: where, what, how much, when, its share, and what it goes with."""
+def law_sentence(law: Signature, sensor_count: int, is_caused: bool = False) -> str:
+    """Return a law in a sentence or two: where, what, how much, when, its share, and what it goes with.
+
+    Parameters
+    ----------
+    law : Signature
+        Of a gap.
+    sensor_count : int
+        Number of sensors K.
+    is_caused : bool
+        Whether a cause of the gap was found, which may go with a channel.
+    """
     words = (
         f"{_place(law, sensor_count)}: {_DOES[law.law]}{_size(law)}{_course(law)}, {percent(law.energy)} of the gap."
     )
-    if law.course in ("step", "episodes", "slow", "random") and law.law in ("offset", "gain"):
+    if not is_caused and law.course in ("step", "episodes", "slow", "random") and law.law in ("offset", "gain"):
         words += " No recorded channel goes with it."
     others = [_place_of(place, sensor_count) for place in law.places[1:]]
     return words + (f" As far as the data tell it may sit in {' or '.join(others)} instead." if others else "")
@@ -95,17 +105,21 @@ def signature_blocks(gap: Gap, sensor_count: int) -> list[Block]:
     """Return the laws of a gap, each with its possible causes, the strongest first; nothing without a law."""
     if not gap.signature:
         return []
-    words = [" ".join(filter(None, (law_sentence(law, sensor_count), causes_sentence(law)))) for law in gap.signature]
+    is_caused = bool(gap.causes)
+    words = [
+        " ".join(filter(None, (law_sentence(law, sensor_count, is_caused), causes_sentence(law))))
+        for law in gap.signature
+    ]
     return [Text(words[0], "doubt")] if len(words) == 1 else [Text("What the gap does:"), Points(words)]
 
 
 def summary_of_laws(gap: Gap, sensor_count: int) -> list[Block]:
     """Return what could make the strongest law, and the laws beside it, one line each."""
     first = [causes_sentence(law) for law in gap.signature[:1]]
-    beside = [law_sentence(law, sensor_count) for law in gap.signature[1:]]
+    beside = [law_sentence(law, sensor_count, bool(gap.causes)) for law in gap.signature[1:]]
     return [Text(words) for words in (*first, *beside) if words]
 
 
 def first_sentence(gap: Gap, sensor_count: int) -> str:
     """Return the strongest law in words; empty without one."""
-    return law_sentence(gap.signature[0], sensor_count) if gap.signature else ""
+    return law_sentence(gap.signature[0], sensor_count, bool(gap.causes)) if gap.signature else ""
