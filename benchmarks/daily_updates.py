@@ -24,6 +24,7 @@ from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
 DAYS, SAMPLES, BEGIN_S = 10, 600, 1.7e9
+"""Updates, samples of each, and a date of the first, without which a day would be assumed between any two."""
 
 KINDS = {name: np.array(part) for name, part in {"all errors": [1, 1, 1, 1], "biases": [0, 0, 1, 0]}.items()}
 """Which kinds of errors change faster, in the order of the errors of a sensor."""

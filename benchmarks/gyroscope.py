@@ -39,6 +39,8 @@ from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, to_nanotesla
 
 FIELD_T, DIP = 50e-6, from_degrees(62.0)
+"""Field of middle latitudes."""
+
 SWINGS_S = (15.0, 20.0)
 """Periods of pitch and roll: the issue states none. With these, and this dip, the bound is that of its table to 8 %."""
 
@@ -189,6 +191,8 @@ def biases_nT(values: FloatArray) -> float:
 
 
 TABLE = (None, 0.1, 0.05, 0.01, 0.002)
+"""Noise of a sample, degrees per second: none at all, a cheap chip, to fibre optics."""
+
 CASES = (
     *(Case(rate) for rate in TABLE),
     *(Case(rate, sensors=4) for rate in TABLE[1:]),

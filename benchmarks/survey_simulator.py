@@ -14,8 +14,8 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 
-EARTH_T = np.array([1.2e-6, 20.5e-6, -44.0e-6])
-NOISE_T = from_nanotesla(0.1)
+EARTH_T, NOISE_T = np.array([1.2e-6, 20.5e-6, -44.0e-6]), from_nanotesla(0.1)
+"""Field of middle latitudes, east, north, up, and noise of each axis."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,7 +34,6 @@ class Scatter:
     axes: tuple[str, ...]
     evidence: float
     energy: float
-    times_s: tuple[float, float] | None = None
 
 
 def scatter_of(residual: Residual, whole: float, unit: float) -> list[Scatter]:
@@ -50,11 +49,11 @@ def scatter_of(residual: Residual, whole: float, unit: float) -> list[Scatter]:
         Noise that the residual counts in, over that of the sensors.
     """
     residual = residual.scaled(unit)
-    common = _widened(*_resolved(residual.response[:, :, :-1], residual))[0]
+    common = _widened(*_resolved(residual.response[:, :, :-1], residual))
     found = []
     for law, sensors, axes, columns in _places(residual):
         values, along = _resolved(columns, residual)
-        steady, _ = _widened(values, along)
+        steady = _widened(values, along)
         sparse, share, often = _sparse(values, along)
         explained = unit**2 * (along**2 / np.maximum(values, 1e-12)).sum() - (values > 1e-9).sum()
         energy = float(np.clip(explained / whole, 0, 1))
@@ -96,27 +95,23 @@ def _resolved(columns: FloatArray, residual: Residual) -> tuple[FloatArray, Floa
     return values, (np.swapaxes(vectors, 1, 2) @ score[:, :, None])[:, :, 0]
 
 
-def _of_sizes(values: FloatArray, along: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _of_sizes(values: FloatArray, along: FloatArray) -> FloatArray:
     """Return the log likelihood ratio (S, N) of further variance of each size."""
     mean = max(float(values.mean()), 1e-300)
     sizes = SCATTER_SIZES / mean
     weighed = 1 + sizes[:, None, None] * values
-    return 0.5 * (sizes[:, None, None] * along**2 / weighed - np.log(weighed)).sum(axis=2), sizes
+    return np.asarray(0.5 * (sizes[:, None, None] * along**2 / weighed - np.log(weighed)).sum(axis=2))
 
 
-def _widened(values: FloatArray, along: FloatArray) -> tuple[float, float]:
-    """Return the evidence of noise that is larger throughout, and its variance."""
-    ratio, sizes = _of_sizes(values, along)
-    total = ratio.sum(axis=1)
-    best = int(total.argmax())
-    return float(total[best] - np.log(len(values))), float(sizes[best])
+def _widened(values: FloatArray, along: FloatArray) -> float:
+    """Return the evidence of noise that is larger throughout."""
+    return float(_of_sizes(values, along).sum(axis=1).max() - np.log(len(values)))
 
 
 def _sparse(values: FloatArray, along: FloatArray) -> tuple[float, float, FloatArray]:
     """Return the evidence of large deviations in some samples, how many, and the probability (N,) of each."""
-    ratio, _ = _of_sizes(values, along)
     best: tuple[float, float, FloatArray] = (-np.inf, 0.0, np.zeros(len(values)))
-    for row in ratio[::2]:
+    for row in _of_sizes(values, along)[::2]:
         part = 0.02
         for _ in range(10):
             often = 1 / (1 + (1 - part) / part * np.exp(-np.clip(row, -500, 500)))
