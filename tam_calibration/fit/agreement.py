@@ -9,7 +9,7 @@ import numpy as np
 from tam_calibration.core.least_squares import whitening
 from tam_calibration.core.slow_cosines import BLOCKS
 from tam_calibration.fit.contradiction import SIGNIFICANT, probability_of
-from tam_calibration.fit.slow_residuals import slow_factor
+from tam_calibration.fit.slow_sums import SlowSums
 from tam_calibration.model.units import FloatArray
 
 LEAST_TOLD = 1e-3
@@ -74,4 +74,6 @@ def lasting(equations_of: Callable[[slice], Equations], count: int, along: Float
     parts = [equations_of(span) for span in spans]
     information = np.array([along.T @ part.information @ along for part in parts])
     white = whitening(information.sum(axis=0), SEEN)
-    return slow_factor(white.T @ information @ white, np.array([white.T @ along.T @ part.gradient for part in parts]))
+    return SlowSums.of(
+        white.T @ information @ white, np.array([white.T @ along.T @ part.gradient for part in parts])
+    ).factor

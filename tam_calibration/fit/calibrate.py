@@ -22,7 +22,7 @@ from tam_calibration.fit.published import artificial_vector, fast_rotation, simp
 from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.fit.scalar_check import turning_scalar
 from tam_calibration.fit.screening import without_bad_readings
-from tam_calibration.fit.slow_residuals import widened
+from tam_calibration.fit.slow_residuals import OURS, widened
 from tam_calibration.fit.what_changed import despite_changes, naming_changes, what_changed
 from tam_calibration.integrity import require_enough, require_sound
 from tam_calibration.model.array import Array
@@ -45,9 +45,6 @@ DEFAULT_METHOD = "maximum_likelihood"
 
 _FEWEST_FOR_SLOW = 160
 """Samples from which noise that lasts shows in the residuals: ten in each of the blocks that are compared."""
-
-_OURS = ("maximum_likelihood", "robust")
-"""They can fit the gradient of the ambient field with the errors, and their standard errors hold what lasts."""
 
 _FOLDS, _BLOCKS_PER_FOLD = 5, 10
 """A fifth of the samples is held out at once, in blocks of time so short that no fold lacks an attitude."""
@@ -136,8 +133,8 @@ def calibrate(
             with _naming_attitude(recording, takes_priors):
                 calibration = accepted(recording, array, fit)
     uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient)
-    if not is_joint and method in _OURS:
-        calibration = widened(calibration, uniform, is_robust=method == "robust")
+    if not is_joint:
+        calibration = widened(calibration, uniform)
     if prior is None:
         # A scalar that was left out still tells changes of the field.
         calibration = despite_changes(calibration, given if is_joint else uniform, array, accept)
@@ -188,8 +185,8 @@ def _fit_of(method: str, ambient_gradient: bool) -> Fit:
         raise InputError(f"there is no method {method!r}: choose one of {', '.join(METHODS)}")
     if not ambient_gradient:
         return METHODS[method]
-    if method not in _OURS:
-        able = " or ".join(_OURS)
+    if method not in OURS:
+        able = " or ".join(OURS)
         raise InputError(f"{method} takes the field for uniform: {able} can fit an ambient gradient")
     return partial(maximum_likelihood, robust=method == "robust", ambient_gradient=True)
 

@@ -86,7 +86,7 @@ def _residual(calibration: Calibration) -> str:
         f"{name} {value:.3g} times" for name, value in sorted(high, key=lambda one: -one[1])[:_MOST_NAMED]
     )
     factor = float(np.sqrt(calibration.variance_factors.largest))
-    widened = f"; standard errors are widened by {factor:.3g}" if factor > 1 else ""
+    widened = f"; standard errors are {factor:.3g} times those of white noise" if factor > 1 else ""
     if widened and (independent := calibration.samples / factor**2) < _FEW_INDEPENDENT:
         widened += f", and may be too small still, as of {independent:.0f} independent samples"
     if high:

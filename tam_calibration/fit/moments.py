@@ -12,13 +12,11 @@ import numpy as np
 from numpy.linalg import inv
 
 from tam_calibration.core.normal_equations import gram
-from tam_calibration.core.variance_factors import VarianceFactors
 from tam_calibration.correction.calibration import FRAME_STATEMENT, Calibration
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.estimate import Estimate, make_calibration
 from tam_calibration.fit.handedness import require_one_hand
 from tam_calibration.fit.scale import Normalized, free_scale, normalize
-from tam_calibration.fit.slow_residuals import with_variance_factors
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import BLOCK, Recording, SampleSource
@@ -26,9 +24,6 @@ from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, IntArray, from_degrees
 
 _JACKKNIFE_GROUPS = 64
-_LASTS = 1.5
-"""Factor of the variance from which noise that lasts is told: that of white noise in sixty groups keeps below."""
-
 _FEWEST_SAMPLES = 10
 """An ellipsoid has nine parameters; one sample more lets the jackknife leave one out."""
 
@@ -182,16 +177,14 @@ def finish(
     vectors = every.to_vector().reshape(*bias.shape[:2], 12)
     if frame == FRAME_STATEMENT:
         vectors[:, 0, 9:] = 0
-    lasting = lasting_factor(vectors[1:])
     estimate = Estimate(
         SensorErrors.from_vector(vectors[0], orientation),
-        lasting * jackknife(vectors[1:]),
+        lasting_factor(vectors[1:]) * jackknife(vectors[1:]),
         covariance_from_noise=False,
         intensity_T=float(data.radius_T / factor[0]),
         frame=frame,
     )
-    calibration = make_calibration(method, source, array, estimate)
-    return with_variance_factors(calibration, VarianceFactors(lasting, lasting)) if lasting > _LASTS else calibration
+    return make_calibration(method, source, array, estimate)
 
 
 def jackknife(replicates: FloatArray) -> FloatArray:

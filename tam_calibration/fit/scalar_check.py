@@ -15,7 +15,7 @@ from tam_calibration.core.least_squares import whitening
 from tam_calibration.core.noise import complete_noise
 from tam_calibration.core.slow_cosines import BLOCKS, slow_cosines
 from tam_calibration.fit.coverage import ellipsoid_rows
-from tam_calibration.fit.slow_residuals import slow_factor
+from tam_calibration.fit.slow_sums import SlowSums
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import SKETCH, SampleSource
 from tam_calibration.model.units import FloatArray, to_nanotesla
@@ -105,7 +105,9 @@ def _turning_part(scalar_T: FloatArray, field: FloatArray, recording: SampleSour
     noise_T = float(np.sqrt(np.sum(residual_T**2) / (count - columns.shape[1] - slow.shape[1])))
     edges = np.searchsorted(block, np.arange(1, BLOCKS))
     parts = list(zip(np.split(columns, edges), np.split(residual_T / noise_T, edges), strict=True))
-    lasting = slow_factor(np.array([own.T @ own for own, _ in parts]), np.array([own.T @ left for own, left in parts]))
+    lasting = SlowSums.of(
+        np.array([own.T @ own for own, _ in parts]), np.array([own.T @ left for own, left in parts])
+    ).factor
     energy = float(explained @ explained)
     # The cube root of a χ² is nearly normal (Wilson and Hilferty 1931).
     variance = 2 / 9 / len(explained)

@@ -15,26 +15,27 @@ from itertools import pairwise
 import numpy as np
 
 from tam_calibration.core.least_squares import whitening
-from tam_calibration.core.slow_cosines import BLOCKS, slow_cosines
+from tam_calibration.core.slow_cosines import BLOCKS
 from tam_calibration.core.variance_factors import WHITE, VarianceFactors
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.information import rows_by_unknowns
 from tam_calibration.fit.likelihood import Likelihood
 from tam_calibration.fit.scale import Normalized
+from tam_calibration.fit.slow_sums import SlowSums
 from tam_calibration.fit.student_noise import StudentNoise
 from tam_calibration.model.recording import Recording, SampleSource
 from tam_calibration.model.units import FloatArray
 
-_BEYOND = 3.09
-"""Standard deviations of a normal law beyond which white noise of the stated size is once in a thousand recordings: as
-often standard errors are widened without need."""
+OURS = ("maximum_likelihood", "robust")
+"""Methods whose covariance is that of noise of the stated size."""
+
+GROWING = (
+    "the residual lasts as long as the recording, and no recording shows by how much such noise moves its mean: "
+    "standard errors, of biases above all, may be too small still"
+)
 
 _SEEN = 1e-9
 """Part of the largest eigenvalue of a scaled information below which a direction is open."""
-
-_OWN = 0.5
-"""Part of the information on a direction from which it is one of a channel: each channel tells what the other does not,
-so that it is all or nothing but for rounding."""
 
 _FRAME = np.s_[9:12]
 """Turns of sensor 1: a turn of all sensors is seen by no uniform field."""
@@ -68,39 +69,51 @@ def variance_factors(
     """
     if recording.sample_count < BLOCKS:
         return WHITE
-    information, score = _by_block(calibration, recording, student)
-    white = whitening(information.sum(axis=(0, 1)), _SEEN)
-    return VarianceFactors(*map(slow_factor, white.T @ information @ white, score @ white))
+    return VarianceFactors(*(slow.factor for slow in _slow_sums(*_by_block(calibration, recording, student))))
 
 
-def widened(calibration: Calibration, recording: SampleSource, is_robust: bool = False) -> Calibration:
-    """Return a calibration of maximum likelihood with standard errors that hold what its residuals show.
+def widened(calibration: Calibration, recording: SampleSource) -> Calibration:
+    """Return a calibration that says how long its residuals last, and whose standard errors hold it.
+
+    Those of the published methods come from the scatter of groups of samples, which lasts as long: they stay.
 
     Parameters
     ----------
     calibration : Calibration
-        With a multiple of the inverse of the information for its covariance.
+        That of maximum likelihood has a multiple of the inverse of the information for its covariance; of a robust
+        fit the covariance holds the size of the noise.
     recording : SampleSource
         As for ``variance_factors``.
-    is_robust : bool
-        Whether its samples were weighted as those of noise with outliers, of which its covariance holds the size.
     """
-    assert calibration.covariance is not None
-    student = _student_noises(calibration, recording) if is_robust else ()
-    factors, covariance = variance_factors(calibration, recording, student), calibration.covariance.copy()
-    if factors == WHITE:
+    if recording.sample_count < BLOCKS:
         return calibration
-    differential, told = _by_block(calibration, recording, ())[0][_DIFFERENTIAL].sum(axis=0), factors
+    student = _student_noises(calibration, recording) if calibration.method == "robust" else ()
+    by_block = _by_block(calibration, recording, student)
+    slow = _slow_sums(*by_block)
+    factors = told = VarianceFactors(*(one.factor for one in slow))
+    if any(one.is_growing for one in slow):
+        calibration = replace(calibration, warnings=(*calibration.warnings, GROWING))
+    if factors == WHITE or calibration.method not in OURS:
+        return with_variance_factors(calibration, factors)
+    assert calibration.covariance is not None
+    covariance = calibration.covariance.copy()
+    differential = by_block[0][_DIFFERENTIAL].sum(axis=0)
     if student:
-        sizes = VarianceFactors(*(noise.variance_factor for noise in student))
-        differential /= sizes.differential
+        differential /= student[_DIFFERENTIAL].spread_of(2) * student[_DIFFERENTIAL].variance_factor
         told = VarianceFactors(
-            factors.differential * sizes.differential, factors.common_mode * sizes.common_mode
+            factors.differential * student[_DIFFERENTIAL].variance_factor,
+            factors.common_mode * student[_COMMON_MODE].variance_factor,
         ).at_least(WHITE)
     seen = np.delete(np.arange(len(covariance)), _FRAME)
     inside, size = np.ix_(seen, seen), len(seen)
     covariance[inside] = _sandwich(covariance[inside], differential[:size, :size], factors)
     return replace(with_variance_factors(calibration, told), covariance=covariance)
+
+
+def _slow_sums(information: FloatArray, score: FloatArray) -> list[SlowSums]:
+    """Return what each channel shows, from what ``_by_block`` returns."""
+    white = whitening(information.sum(axis=(0, 1)), _SEEN)
+    return list(map(SlowSums.of, white.T @ information @ white, score @ white))
 
 
 def with_variance_factors(calibration: Calibration, factors: VarianceFactors) -> Calibration:
@@ -132,43 +145,6 @@ def _sandwich(covariance: FloatArray, differential: FloatArray, factors: Varianc
     least = min(factors.differential, factors.common_mode)
     more = part * factors.differential + (1 - part) * factors.common_mode - least
     return np.asarray(least * covariance + directions * more @ directions.T)
-
-
-def slow_factor(information: FloatArray, score: FloatArray) -> float:
-    """Return the variance of a channel's slow sums over that of white noise; 1 where that makes as much by chance.
-
-    Parameters
-    ----------
-    information : (M, Q, Q) array
-        Of the channel in blocks of time, in units of which that of both channels in all blocks is one.
-    score : (M, Q) array
-        Of the channel in these blocks.
-    """
-    part, directions = np.linalg.eigh(information.sum(axis=0))
-    white = directions[:, part > _OWN] / np.sqrt(part[part > _OWN])
-    information, score = white.T @ information @ white, score @ white
-    # At the best errors the channels' sums balance each other, and a prior: what is left is no sign of slowness.
-    score = score - score.sum(axis=0) @ information
-    # What lasts for a few samples only shows in fast cosines too, of which there are more.
-    compared = [_compared(information, score, cosines) for cosines in (slow_cosines(), slow_cosines(BLOCKS - 1))]
-    if max(deviation for _, deviation in compared) <= _BEYOND:
-        return 1.0
-    return max(1.0, *(ratio for ratio, _ in compared))
-
-
-def _compared(information: FloatArray, score: FloatArray, cosines: FloatArray) -> tuple[float, float]:
-    """Return the variance of sums by some cosines over that of white noise, and in standard deviations of chance."""
-    energy = float(np.sum((cosines.T @ score) ** 2))
-    taken = np.einsum("bc,bpq->cpq", cosines, information)
-    covariance = np.einsum("bc,bd,bpq->cdpq", cosines, cosines, information, optimize=True)
-    covariance -= np.einsum("cpr,drq->cdpq", taken, taken)
-    expected = float(np.einsum("ccpp->", covariance))
-    if expected <= 0:
-        return 1.0, 0.0
-    # A sum of squares of unequal variances is nearly a multiple of a χ² (Satterthwaite 1946), the cube root of which is
-    # nearly normal (Wilson and Hilferty 1931).
-    variance = 2 / 9 * float(np.sum(covariance**2)) / expected**2
-    return energy / expected, (np.cbrt(energy / expected) - 1 + variance) / np.sqrt(variance)
 
 
 def _by_block(

@@ -20,7 +20,7 @@ from tam_calibration.fit.likelihood import Likelihood
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.prior import in_first_frame
 from tam_calibration.fit.scale import free_scale_gradient
-from tam_calibration.fit.slow_residuals import variance_factors, widened
+from tam_calibration.fit.slow_residuals import GROWING, variance_factors, widened
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import BLOCK, Recording
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -111,12 +111,24 @@ def test_a_robust_fit_holds_what_lasts_and_not_outliers(wu_scenario, part_spoilt
         recording = turned(wu_scenario, seed, 2e-9)
         plain = maximum_likelihood(spoilt(recording, part_spoilt), wu_scenario.array.with_stated_noise(), robust=True)
         narrow.append(pulls(plain, wu_scenario.errors))
-        wide.append(pulls(widened(plain, spoilt(recording, part_spoilt), is_robust=True), wu_scenario.errors))
+        wide.append(pulls(widened(plain, spoilt(recording, part_spoilt)), wu_scenario.errors))
     assert np.sqrt(np.mean(np.square(narrow))) > 3.5
     assert 0.85 < np.sqrt(np.mean(np.square(wide))) < 1.15
     quiet = spoilt(turned(wu_scenario, 1), part_spoilt)
     plain = maximum_likelihood(quiet, wu_scenario.array.with_stated_noise(), robust=True)
-    assert widened(plain, quiet, is_robust=True).covariance.tolist() == plain.covariance.tolist()
+    assert widened(plain, quiet).covariance.tolist() == plain.covariance.tolist()
+
+
+@pytest.mark.parametrize("method", ["maximum_likelihood", "robust", "lossless", "two_step_linear"])
+@pytest.mark.parametrize(("kept", "is_said"), [(0.8, False), (0.9999, True)])
+def test_noise_that_outlasts_the_recording_is_said(wu_scenario, method, kept, is_said):
+    """4000 samples show how much noise of five samples moves a bias, not how much that of ten thousand does."""
+    white = np.random.default_rng(7).normal(size=(4000, 4, 3))
+    recording = turned(wu_scenario, 7)
+    noisy = recording.readings_T + 2e-9 * lfilter([1], [1, -kept], white, axis=0)
+    calibration = calibrate(replace(recording, readings_T=noisy), wu_scenario.array.with_stated_noise(), method)
+    assert (GROWING in calibration.warnings) == is_said
+    assert calibration.variance_factors.differential > 5
 
 
 def test_noise_that_a_robust_fit_finds_counts_once(wu_scenario):
@@ -212,7 +224,7 @@ def test_a_calibration_says_by_how_much_they_are_wider(wu_scenario, has_scalar):
     [warning] = [one for one in calibration.warnings if "the residual" in one]
     factor = calibration.variance_factors.largest
     few = f", and may be too small still, as of {calibration.samples / factor:.0f} independent samples"
-    assert f"; standard errors are widened by {np.sqrt(factor):.3g}{few}: look" in warning
+    assert f"; standard errors are {np.sqrt(factor):.3g} times those of white noise{few}: look" in warning
     expected = np.sqrt(np.diag(sandwich(calibration, recording))).reshape(4, 12)
     assert_allclose(calibration.standard_errors, expected, rtol=1e-3)
 
