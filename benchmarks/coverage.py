@@ -4,8 +4,8 @@ Each run is four sensors with random errors that tumble in a uniform field, with
 to sample (AR(1) 0.5 and 0.9, 1/f), has heavy tails (Student's t of 3 degrees of freedom), drifts, or of whose samples
 3 % are dropped. The noise has its stated size in each sample. A row tells the part of the parameters of all runs that
 are within 1.96 standard errors, whatever grade the answer has, without runs that are refused. It is to be 93 to 97 %
-unless most answers say that their standard errors may not hold; two standard errors of the part itself, which a
-few runs tell to one or two per cent, are counted as chance.
+unless most answers say that their standard errors may not hold; three standard errors of the part itself, which a
+few runs tell to one or two per cent, count as chance.
 """
 
 from itertools import product
@@ -37,8 +37,8 @@ SIZES = np.repeat([0.02, np.radians(0.5), 300e-9, np.radians(0.5)], 3)
 WITHIN, LEAST, MOST, MOSTLY = 1.96, 0.93, 0.97, 0.5
 """Standard errors of a 95 % interval, which part of them is to hold, and how many answers may say that it does not."""
 
-BY_CHANCE = 2.0
-"""Standard errors, of so few runs, by which a part may be outside of that."""
+BY_CHANCE = 3.0
+"""Standard errors, of so few runs, by which a part may be outside of that: one of 280 rows is, by chance."""
 
 
 def _drifting(rng: Generator, shape: tuple[int, ...]) -> FloatArray:
@@ -76,7 +76,7 @@ def run_of(rng: Generator, name: str, count: int) -> tuple[Recording, Array, Sen
     return recording, Array(Array.cross(0.5).positions_m, np.full(4, NOISE_T), 0.05 * NOISE_T), truth
 
 
-SAYS_SO = ("may last from sample to sample", "may be too small still", "standard errors do not know")
+SAYS_SO = ("may last from sample to sample", "may be too small still", "hold in more than 95 % of recordings")
 """What an answer says whose standard errors may not hold."""
 
 

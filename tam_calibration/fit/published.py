@@ -82,6 +82,12 @@ def two_step_linear(recording: SampleSource, array: Array) -> Calibration:
     return finish("two_step_linear", recording, array, moments.data, matrix, center)
 
 
+FIRST_ORDER = (
+    "standard errors hold all that the first order leaves, which is no noise and does not become less with more "
+    "samples: 95 % intervals hold in more than 95 % of recordings"
+)
+
+
 def simplified_linear(recording: SampleSource, array: Array) -> Calibration:
     """Fit the errors of the sensors to first order.
 
@@ -116,7 +122,8 @@ def simplified_linear(recording: SampleSource, array: Array) -> Calibration:
     # What the first order leaves is no noise, and is the same for any number of samples.
     left = calibration.errors.to_vector() - two_step_linear(recording, array).errors.to_vector()
     assert calibration.covariance is not None
-    return replace(calibration, covariance=calibration.covariance + np.outer(left, left))
+    covariance = calibration.covariance + np.outer(left, left)
+    return replace(calibration, covariance=covariance, notes=(*calibration.notes, FIRST_ORDER))
 
 
 def first_order(moments: FloatArray) -> tuple[FloatArray, FloatArray]:
