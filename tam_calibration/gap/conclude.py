@@ -331,7 +331,7 @@ def _concluded(found: Search, doubted: Collection[str]) -> Gap:
         causes,
         considered,
         chances,
-        next_recording(found, verdict, causes, variance),
+        next_recording(found, verdict, causes),
         statement(verdict, size, where, causes),
         residue,
         channel_count=whole_nominal.channels().count,

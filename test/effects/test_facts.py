@@ -72,23 +72,6 @@ def evidence(effect, delta_bic=100.0):
     return Evidence(effect.name, Hypothesis(effect, {}, (term,), SimpleNamespace(rank=1)), delta_bic, delta_bic)
 
 
-@pytest.mark.parametrize("is_special_first", [True, False])
-def test_separation_puts_the_holding_effect_first(monkeypatch, special, whole, is_special_first):
-    """And asks for evidence that there is more than the special case, never that there is not."""
-    asked = []
-    monkeypatch.setattr(next_recording, "_fitted", lambda base, form: form)
-    monkeypatch.setattr(next_recording, "candidates", lambda covariates, needed: ["offer"])
-    monkeypatch.setattr(next_recording, "expected_evidence", lambda *given: asked.append(given) or 50.0)
-    monkeypatch.setattr(next_recording, "Candidate", lambda *given: SimpleNamespace(minutes=1.0))
-    monkeypatch.setattr(next_recording, "max", lambda offers, key: (50.0, SimpleNamespace(minutes=1.0)), raising=False)
-    monkeypatch.setattr(next_recording, "long_enough", lambda gained, minutes: minutes)
-    pair = (special, whole) if is_special_first else (whole, special)
-    ambiguity = next_recording.Ambiguity(*map(evidence, pair), SimpleNamespace(base=lambda: None))
-    found = next_recording.separate(SimpleNamespace(covariates=None, minutes=1.0), ambiguity)
-    assert (found.first.effect, found.second.effect) == (whole, special)
-    assert asked[0][-1]
-
-
 @pytest.mark.parametrize("fact", ["limit_of", "nearly_within"])
 def test_support_treats_them_as_nested(whole, fact):
     """In either order; an effect is not within itself."""
@@ -105,8 +88,8 @@ def test_a_cause_may_be_what_its_class_says(monkeypatch, fact):
     monkeypatch.setattr(next_recording, "effect_named", {"special": effect}.get)
     found = SimpleNamespace(rivals=(), steps=(SimpleNamespace(accepted=evidence(effect)),))
     causes = (SimpleNamespace(fitted=SimpleNamespace(effect="special")),)
-    assert next_recording._hidden(found, causes, {"whole"})[1] == ["whole"]
-    assert next_recording._hidden(found, causes, set()) is None
+    assert next_recording._hidden(found, causes, {"whole"}) == ["whole"]
+    assert next_recording._hidden(found, causes, set()) == []
 
 
 def test_what_a_function_may_be_is_ranked_by_the_classes(monkeypatch):
