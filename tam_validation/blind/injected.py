@@ -135,7 +135,7 @@ class Injected:
     key : dict
     """
 
-    columns: dict[str, FloatArray]
+    columns: dict[str, Any]
     key: dict[str, Any]
 
 
