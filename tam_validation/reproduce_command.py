@@ -49,7 +49,7 @@ def command(paper: str, seeds: int, as_published: bool, output_dir: Path | None)
     with write_together(outputs, []) as beside, showing_progress() as progress:
         rows = {}
         for name in papers:
-            show = partial(_show, progress, progress.add_task(name, total=seeds))
+            show = partial(_show, progress, progress.add_task(name, total=seeds), name, seeds)
             draws = simulate(name, seeds, as_published, show)
             rows[name] = rows_of(name, draws)
             beside[name].write_text(rows_to_csv(rows[name], words[name]), encoding="utf-8")
@@ -63,5 +63,5 @@ def command(paper: str, seeds: int, as_published: bool, output_dir: Path | None)
         say(summary(name, rows[name]))
 
 
-def _show(progress: Progress, task: TaskID, done: int) -> None:
-    progress.update(task, completed=done)
+def _show(progress: Progress, task: TaskID, name: str, seeds: int, done: int) -> None:
+    progress.update(task, completed=done, description=f"{name}: {done} of {seeds} seeds")
