@@ -132,6 +132,16 @@ def bending(case: SetUp, to_world: FloatArray, rng: np.random.Generator) -> Floa
     return through(case, np.cross(turn, case.field_T[:, None]))
 
 
+def both(first: Form, second: Form) -> Form:
+    """Add two laws of equal size."""
+
+    def form(case: SetUp, to_world: FloatArray, rng: np.random.Generator) -> FloatArray:
+        forms = [one(case, to_world, rng) for one in (first, second)]
+        return sum((one - one.mean(axis=0)) / np.std(one - one.mean(axis=0)) for one in forms)
+
+    return form
+
+
 OWN = "none: the paper's own model"
 LAWS: dict[str, Form] = {
     "noise of each axis": noise,
@@ -144,6 +154,7 @@ LAWS: dict[str, Form] = {
     "own reading and its direction": direction_of_change,
     "offset that wanders": slow_offset,
     "attitude: arms that bend": bending,
+    "field at all sensors alike, and offsets that wander": both(common_field, slow_offset),
 }
 
 
