@@ -145,7 +145,7 @@ def both(first: Form, second: Form) -> Form:
 OWN = "none: the paper's own model"
 LAWS: dict[str, Form] = {
     "noise of each axis": noise,
-    "field at all sensors alike": common_field,
+    "same field at all sensors": common_field,
     "gradient of the site": site_gradient,
     "field that changes, of a source 0.5 m away": moving_source(0.5),
     "field that changes, of a source 1 m away": moving_source(1.0),
@@ -154,7 +154,7 @@ LAWS: dict[str, Form] = {
     "own reading and its direction": direction_of_change,
     "offset that wanders": slow_offset,
     "attitude: arms that bend": bending,
-    "field at all sensors alike, and offsets that wander": both(common_field, slow_offset),
+    "same field at all sensors, and offsets that wander": both(common_field, slow_offset),
 }
 
 
@@ -351,7 +351,7 @@ def main(seeds: int, cases: int) -> None:
         rows += found
         answers += diagnosed(name, law, size_nT, cases)
         if name == "wu2025":
-            common = "field at all sensors alike"
+            common = "same field at all sensors"
             size_nT = next(float(cells[2]) for cells in found if cells[1] == common)
             answers += diagnosed(name, common, size_nT, cases)
     console = Console(width=260)

@@ -26,7 +26,7 @@ _SWEPT = "wu2025"
 )
 @click.option("--output-dir", type=PATH, help=f"Of the CSV files.  [default: {RESULTS} if there is one, else here]")
 def command(paper: str, seeds: int, as_published: bool, output_dir: Path | None) -> None:
-    """Run the simulations of PAPER again and print its numbers beside ours.
+    """Run the simulations of PAPER again and compare its numbers with ours.
 
     A number is reproduced if it lies within the 95 % range of the seeds: of 40 from the smallest to the largest. A
     paper is in error where only another number does that theory gives, or that follows from what it prints elsewhere.

@@ -9,7 +9,7 @@ from tam_calibration.files.yaml_document import mapping_in
 
 @cache
 def printed_in(paper: str) -> dict[str, Any]:
-    """Return what the file of a paper holds.
+    """Return the content of the file of a paper.
 
     Parameters
     ----------

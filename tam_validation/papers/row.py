@@ -1,4 +1,4 @@
-"""One number of a paper beside the same number in many simulations of it, and the verdict."""
+"""One number of a paper, the same number in many simulations of it, and the verdict."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -72,7 +72,7 @@ class PaperNumber:
         """The 95 % range: where another seed's number lies in 95 of 100 cases, widened by the rounding of the paper's.
 
         It is taken between two of the S numbers in order, the k-th from either end, where k/(S + 1) is no more than
-        2.5 %: of 40 seeds the smallest and the largest. That assumes no distribution; fewer than 39 seeds hold less.
+        2.5 %: of 40 seeds the smallest and the largest. That assumes no distribution; fewer than 39 seeds contain less.
         """
         ordered = np.sort(self.draws)
         outside = max(1, int(_OUTSIDE * (len(ordered) + 1)))
@@ -80,7 +80,7 @@ class PaperNumber:
 
     @property
     def status(self) -> Status:
-        """Whether the range holds the paper's number, or only what is right."""
+        """Whether the range contains the paper's number, or only what is right."""
         low, high = self.range
         # Rounding of the numbers themselves must not decide.
         slack = 1e-9 * max(abs(low), abs(high))
@@ -90,7 +90,7 @@ class PaperNumber:
 
 
 def rows_of(paper: str, draws: Draws) -> list[PaperNumber]:
-    """Return the numbers of a paper beside ours, in the order of its file.
+    """Return the numbers of a paper with ours, in the order of its file.
 
     Parameters
     ----------

@@ -63,7 +63,7 @@ def print_rows(console: Console, title: str, rows: Sequence[PaperNumber]) -> Non
     title : str
         Of the table.
     rows : sequence of PaperNumber
-        Numbers of the paper beside ours.
+        Numbers of the paper with ours.
     """
     table = Table(title=title)
     for heading in HEADER:
@@ -101,7 +101,7 @@ def summary(paper: str, rows: Sequence[PaperNumber]) -> str:
     paper : str
         Name of the paper.
     rows : sequence of PaperNumber
-        Its numbers beside ours.
+        Its numbers with ours.
     """
     counts = ", ".join(f"{count} {status}" for count, status in zip(tally(rows), STATUSES, strict=True))
     return f"{paper}: {len(rows)} numbers, {counts}"
@@ -122,7 +122,7 @@ def rows_to_csv(rows: Sequence[PaperNumber], command: str) -> str:
     Parameters
     ----------
     rows : sequence of PaperNumber
-        Numbers of the paper beside ours.
+        Numbers of the paper with ours.
     command : str
         The command that makes the file, for its first line.
     """

@@ -17,7 +17,7 @@ _HORIZONTAL_NT, _VERTICAL_NT = 25_560.0, 48_650.0
 _THRESHOLD_SAMPLES = 720
 """From where on more samples are looked at for what they still bring."""
 _OUTGROWN_NT = 3.0
-"""Scalar noise beside which 1 nT of the sensors hardly counts."""
+"""Scalar noise from which on 1 nT of the sensors hardly counts."""
 
 _TURNED = "Section 4.1, relative errors, {} over random rotation"
 _ONE, _MANY = "one draw per data set", "one draw per sample"
