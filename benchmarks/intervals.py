@@ -40,6 +40,7 @@ from tam_validation.blind.case_plan import CasePlan, plan_cases
 from tam_validation.blind.folder import write_case
 from tam_validation.blind.injected import inject
 from tam_validation.blind.rates import WITHIN_95, Rate
+from tam_validation.blind.recorded import Recorded
 
 SIZED = ("bias_jump", "current_interference", "time_skew")
 """Simulated effects whose size is one number for each axis, in key and answer alike."""
@@ -93,7 +94,7 @@ def main(paths: tuple[Path, ...], seed: int, cases: int, draws: int, diagnosed: 
         for effect in PUT_IN:
             for times in TIMES:
                 for draw in range(draws):
-                    made = put_into(recording, effect, times, seed + draw)
+                    made = put_into(recording, array, effect, times, seed + draw)
                     if made is None:
                         continue
                     told[f"recorded, {effect}, calibrated"] += calibrated(*made, array)
@@ -127,15 +128,18 @@ def simulated(plan: CasePlan, seed: int, number: int) -> tuple[Recording, dict[s
     return recording, case.key["effects"][0], array
 
 
-def put_into(recording: Recording, effect: str, times: float, seed: int) -> tuple[Recording, dict[str, Any]] | None:
+def put_into(
+    recording: Recording, array: Array, effect: str, times: float, seed: int
+) -> tuple[Recording, dict[str, Any]] | None:
     """Return a recording with an effect in it, and the key; None where it cannot be so large."""
     attitude = None if recording.attitude is None else Rotation.from_quat(recording.attitude).as_matrix()
     try:
-        made = inject(recording.time_s, recording.readings_T, attitude, effect, times, seed)
+        recorded = Recorded(recording.time_s, recording.readings_T, recording.scalar_T, attitude, array.positions_m)
+        made = inject(recorded, effect, times, seed)
     except Refused:
         return None
     own = {"temperature_C": None, "current_A": None, **made.columns}
-    changed = replace(recording, readings_T=made.readings_T, **own)
+    changed = replace(recording, **own)
     return changed, made.key
 
 

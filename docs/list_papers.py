@@ -16,12 +16,11 @@ RESULTS = Path(__file__).parents[1] / "benchmarks" / "results"
 BEGIN, END = "<!-- papers: written by docs/list_papers.py -->\n", "<!-- end of papers -->\n"
 
 _SOURCES = ("printed", "derived from printed numbers", "said in words")
-_OUR_OWN = "our own earlier result"
 
 
 def papers_tables() -> str:
     """Return how many numbers of each paper are compared, with what outcome, and the list of what is not."""
-    columns = ["paper", "numbers", *_SOURCES, *STATUSES, f"judged by {_OUR_OWN}"]
+    columns = ["paper", "numbers", *_SOURCES, *STATUSES]
     counts = [_row(columns), _row(["---"] * len(columns)), *(_row(_counts(paper)) for paper in PAPERS)]
     absent = [_row([paper, *item]) for paper in PAPERS for item in not_compared(paper).items()]
     return "\n".join([*counts, "", "| paper | not compared | reason |", "|---|---|---|", *absent, ""])
@@ -30,8 +29,8 @@ def papers_tables() -> str:
 def _counts(paper: str) -> list[str]:
     _, *lines = (RESULTS / f"reproduce_{paper}.csv").read_text(encoding="utf-8").splitlines()
     rows = list(csv.DictReader(lines))
-    source, status, right = (Counter(row[key] for row in rows) for key in ("paper_source", "status", "right_source"))
-    numbers = [len(rows), *(source[each] for each in _SOURCES), *(status[each] for each in STATUSES), right[_OUR_OWN]]
+    source, status = (Counter(row[key] for row in rows) for key in ("source", "status"))
+    numbers = [len(rows), *(source[each] for each in _SOURCES), *(status[each] for each in STATUSES)]
     return [f"`{paper}`", *map(str, numbers)]
 
 

@@ -38,8 +38,8 @@ if TYPE_CHECKING:
 def inject(recording: Path, array: Path, effect: str | None, times: float, output: Path, seed: int) -> None:
     """Put an effect into a real RECORDING, made by the check's own physics and not the library's.
 
-    Its visible size is so many times the residual that the recording leaves by itself. Where the effect follows a
-    temperature or a current, the column is made up and added.
+    Its visible size is so many times the residual that the recording leaves by itself. A recorded scalar changes where
+    the effect reaches it. Where the effect follows a temperature or a current, the column is made up and added.
     """
     import numpy as np
     from scipy.spatial.transform import Rotation
@@ -47,20 +47,24 @@ def inject(recording: Path, array: Path, effect: str | None, times: float, outpu
     from tam_validation.blind.folder import write_json
     from tam_validation.blind.injected import INJECTED
     from tam_validation.blind.injected import inject as put
+    from tam_validation.blind.recorded import Recorded
 
     if effect not in INJECTED:
         raise InputError(f"name an effect to put in with --effect: one of {', '.join(INJECTED)}")
     if output.suffix != ".csv":
         raise InputError(f"{output} must end in .csv")
     real = read_recording(recording)
-    sensors = read_array(array).sensor_count
-    if sensors != real.sensor_count:
-        raise InputError(f"{recording} holds {real.sensor_count} sensors, but {array} describes {sensors}")
+    described = read_array(array)
+    if described.sensor_count != real.sensor_count:
+        raise InputError(
+            f"{recording} holds {real.sensor_count} sensors, but {array} describes {described.sensor_count}"
+        )
     attitude = real.attitude if real.attitude is not None and np.isfinite(real.attitude).all() else None
     to_world = None if attitude is None else Rotation.from_quat(attitude).as_matrix()
-    made = put(real.time_s, real.readings_T, to_world, effect, times, seed)
+    recorded = Recorded(real.time_s, real.readings_T, real.scalar_T, to_world, described.positions_m)
+    made = put(recorded, effect, times, seed)
     with write_together({"data": output, "key": output.with_suffix(".key.json")}, [recording, array]) as beside:
-        write_csv_recording(beside["data"], replace(real, readings_T=made.readings_T, **made.columns))
+        write_csv_recording(beside["data"], replace(real, **made.columns))
         write_json(beside["key"], {"recording": recording.name, **made.key})
     visible_nT, own_nT = made.key["visible_nT"], made.key["own_residual_nT"]
     say(

@@ -165,39 +165,30 @@ def undrawn(monkeypatch):
 
 
 @pytest.fixture(scope="session")
-def wu2025_sweeps():
-    """Return the sweeps of Wu 2025 with two runs a point; few groups in the jackknife make the fits quick."""
-    from functools import partial
-    from importlib import import_module
-
-    from tam_calibration.results.scenario import read_scenario
-    from tam_validation.papers.sweep import sweeps_of, tasks_of
-    from tam_validation.papers.wu2025_sweeps import plans, score
-
-    planned = plans(read_scenario("wu_table_1"))
-    with pytest.MonkeyPatch.context() as patch:
-        lossless = import_module("tam_calibration.fit.lossless")
-        patch.setattr(lossless, "gather", partial(lossless.gather, groups=2))
-        results = [score(*task) for task in tasks_of(list(planned.values()), 2)]
-    return dict(zip(planned, sweeps_of(list(planned.values()), results), strict=True))
-
-
-@pytest.fixture(scope="session")
-def kept_verdicts():
-    """Return a function that gives the verdicts on a paper in the CSV file that is kept: number, source and status."""
+def kept_numbers():
+    """Return a function that gives the numbers of a paper in the CSV file that is kept, by name."""
     import csv
 
     results = Path(__file__).parents[1] / "benchmarks" / "results"
 
     def read(paper):
         _, *lines = (results / f"reproduce_{paper}.csv").read_text(encoding="utf-8").splitlines()
-        keys = ("number", "paper_source", "status", "recorded", "right_source")
-        return [tuple(row[key] for key in keys) for row in csv.DictReader(lines)]
+        return {row["number"]: row for row in csv.DictReader(lines)}
 
     return read
 
 
 @pytest.fixture(scope="session")
-def verdicts():
-    """Return a function that gives the same of rows."""
-    return lambda rows: [(row.name, row.source, row.status, row.recorded, row.right_source) for row in rows]
+def simulated_numbers():
+    """Return a function that gives the numbers of a paper by name, from some seeds."""
+    from importlib import import_module
+
+    from tam_validation.papers.row import rows_of
+
+    def simulate(paper, seeds=40, as_published=False):
+        module = import_module(f"tam_validation.papers.{paper}")
+        results = [module.simulate(seed, as_published) for seed in range(seeds)]
+        draws = {name: np.array([np.ravel(result[name]) for result in results]) for name in results[0]}
+        return {row.name: row for row in rows_of(paper, draws)}
+
+    return simulate

@@ -8,9 +8,10 @@ from numpy.random import Generator
 
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.units import FloatArray, to_nanotesla
-from tam_validation.blind.disorder import noise_excess, outliers
+from tam_validation.blind.disorder import bias_jump, noise_excess, outliers
 from tam_validation.blind.disturbance import (
     ALL,
+    SCALAR,
     Disturbance,
     Draw,
     by_axis,
@@ -27,8 +28,9 @@ from tam_validation.blind.instrument_faults import (
     time_skew,
 )
 from tam_validation.blind.material import hysteresis
-from tam_validation.blind.recorded import RecordedScene, model_of, own_residual, scene_of
+from tam_validation.blind.recorded import Recorded, RecordedScene, model_of, own_residual, scene_of
 from tam_validation.blind.scene import Scene
+from tam_validation.blind.surroundings import current_interference, geomagnetic_drift, scalar_heading_error
 from tam_validation.blind.visible import Scaled, scale_to
 
 _TRIES = 20
@@ -44,13 +46,17 @@ def _temperature_drift(rng: Generator, scene: Scene) -> Disturbance:
 
 
 def _current_interference(rng: Generator, scene: Scene) -> Disturbance:
-    """Lay a wire that carries the current beside a sensor."""
+    """Lay a wire that carries the current beside a lone sensor, or a cable near an array and its scalar."""
+    if scene.sensor_count > 1:
+        return current_interference(rng, scene)
     load = scene.current(scene.time_s)
     return _following(rng, scene, "current_interference", "field", load - load.mean(), {})
 
 
 def _bias_jump(rng: Generator, scene: Scene) -> Disturbance:
-    """Put a magnet at a sensor, for the rest of the recording or for some of it."""
+    """Let the offset of a lone sensor step, or of one in an array; a magnet there reaches the scalar too."""
+    if scene.sensor_count > 1:
+        return bias_jump(rng, scene)
     start = rng.uniform(0.2, 0.6)
     share = np.array([start, start + rng.uniform(0.15, 0.3)] if rng.random() < 0.5 else [start])
     on = np.searchsorted(share * scene.duration_s, scene.time_s) % 2.0
@@ -80,15 +86,22 @@ def _periodic_interference(rng: Generator, scene: Scene) -> Disturbance:
 
 
 def _of_one_axis(draw: Draw) -> Draw:
-    """Return what draws a cause until it disturbs one axis: of a whole sensor the fit takes up too much."""
+    """Return what draws a cause until it disturbs one axis or the scalar: of a sensor the fit takes up too much."""
 
     def drawn(rng: Generator, scene: Scene) -> Disturbance:
         while True:
             cause = draw(rng, scene)
-            if cause.axes:
+            if cause.axes or cause.sensors == (SCALAR,):
                 return cause
 
     return drawn
+
+
+def _scalar_heading_error(rng: Generator, scene: Scene) -> Disturbance:
+    """Let the scalar magnetometer err with the direction of the field."""
+    if not scene.with_scalar:
+        raise Refused("the recording holds no scalar, whose heading error is asked for")
+    return scalar_heading_error(rng, scene)
 
 
 INJECTED: dict[str, Draw] = {
@@ -104,6 +117,8 @@ INJECTED: dict[str, Draw] = {
     "quantization": quantization,
     "saturation": saturation,
     "stale_samples": stale_samples,
+    "geomagnetic_drift": geomagnetic_drift,
+    "scalar_heading_error": _scalar_heading_error,
 }
 """What can be put into a recording, by its name."""
 
@@ -114,28 +129,22 @@ class Injected:
 
     Parameters
     ----------
-    readings_T : (N, K, 3) array
     columns : dict
-        What is made up where the effect follows it, by the names of a recording's channels.
+        What differs from the recording as it was, by the names of its channels: readings_T, scalar_T where it was
+        recorded, and a temperature or current that is made up where the effect follows it.
     key : dict
     """
 
-    readings_T: FloatArray
     columns: dict[str, Any]
     key: dict[str, Any]
 
 
-def inject(
-    time_s: FloatArray, readings_T: FloatArray, to_world: FloatArray | None, effect: str, times: float, seed: int
-) -> Injected:
+def inject(recorded: Recorded, effect: str, times: float, seed: int) -> Injected:
     """Inject an effect into a recording, at a multiple of the recording's own residual.
 
     Parameters
     ----------
-    time_s : (N,) array
-    readings_T : (N, K, 3) array
-    to_world : (N, 3, 3) array, optional
-        Recorded attitudes.
+    recorded : Recorded
     effect : str
         One of `INJECTED`.
     times : float
@@ -147,10 +156,10 @@ def inject(
         When the recording cannot be fitted, or the effect cannot be so large in it.
     """
     rng = np.random.default_rng([seed, list(INJECTED).index(effect)])
-    scene = scene_of(rng, time_s, readings_T, to_world)
+    scene = scene_of(rng, recorded)
     model = model_of(scene)
-    own_nT = own_residual(model, scene.fit, readings_T)
-    seen = (readings_T, scene.intensity_T)
+    own_nT = own_residual(model, scene, recorded)
+    seen = (recorded.readings_T, scene.intensity_T if recorded.intensity_T is None else recorded.intensity_T)
     for _ in range(_TRIES):
         scaled = scale_to(model, INJECTED[effect](rng, scene), times * own_nT, seen)
         if scaled is not None and _is_seen(scene, scaled):
@@ -171,17 +180,25 @@ def inject(
         "parameters": disturbance.parameters,
         "seed": seed,
     }
-    return Injected(readings_T + scaled.signal[0], _made_up(rng, scene, effect), key)
+    columns = _made_up(rng, scene, effect) | {"readings_T": recorded.readings_T + scaled.signal[0]}
+    if recorded.scalar_T is not None:
+        columns["scalar_T"] = recorded.scalar_T + scaled.signal[1]
+    return Injected(columns, key)
 
 
 def _is_seen(scene: RecordedScene, scaled: Scaled) -> bool:
-    """Say whether the fit takes up no more than is usual, and nothing but a spike is larger than the field."""
-    sensors = [int(sensor) - 1 for sensor in scaled.disturbance.sensors if sensor != ALL] or slice(None)
-    change = scaled.signal[0][:, sensors]
-    added_nT = to_nanotesla(float(np.sqrt(((change - change.mean(axis=0)) ** 2).mean() * 3)))
+    """Say whether the fit takes up no more than is usual, and nothing but a spike is larger than the field.
+
+    The visible gap is a mean over all sensors, the change that of the disturbed ones.
+    """
+    vectors, scalar = scaled.signal
+    sensors = [int(sensor) - 1 for sensor in scaled.disturbance.sensors if sensor not in (ALL, SCALAR)]
+    in_scalar = scaled.disturbance.sensors == (SCALAR,)
+    change = scalar[:, None] if in_scalar else vectors[:, sensors or slice(None)].reshape(len(vectors), -1)
+    squares = ((change - change.mean(axis=0)) ** 2).mean() * (1 if in_scalar else 3)
     spikes = scaled.disturbance.effect in ("outliers", "noise_excess")
     within = spikes or float(np.abs(change).max()) < float(scene.intensity_T.mean())
-    return within and scaled.visible_gap > _SEEN * added_nT
+    return within and scaled.visible_gap * scene.sensor_count**0.5 > _SEEN * to_nanotesla(float(squares**0.5))
 
 
 def _made_up(rng: Generator, scene: RecordedScene, effect: str) -> dict[str, FloatArray]:

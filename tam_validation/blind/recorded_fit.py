@@ -44,17 +44,24 @@ class Fit:
         return np.asarray(np.einsum("kij,nj->nki", self.response, self.field_T) + self.bias_T)
 
 
-def fit_ellipsoids(readings_T: FloatArray) -> Fit:
+def fit_ellipsoids(readings_T: FloatArray, scalar_T: FloatArray | None) -> Fit:
     """Fit |U (reading - bias)| = intensity for each sensor, and turn all sensors into the frame of the first.
+
+    Parameters
+    ----------
+    readings_T : (N, K, 3) array
+    scalar_T : (N,) array, optional
+        Intensity as measured; without it a constant.
 
     Raises
     ------
     Refused
         When the readings of a sensor lie on no ellipsoid of the size of the Earth's field.
     """
-    sensors = [_ellipsoid(readings_T[:, k], k + 1) for k in range(readings_T.shape[1])]
+    length = np.ones(len(readings_T)) if scalar_T is None else scalar_T / scalar_T.mean()
+    sensors = [_ellipsoid(readings_T[:, k], length, k + 1) for k in range(readings_T.shape[1])]
     first = _directions(readings_T[:, 0], *sensors[0])
-    intensity_T = det(inv(sensors[0][0])) ** (1 / 3)
+    intensity_T = det(inv(sensors[0][0])) ** (1 / 3) if scalar_T is None else scalar_T.mean()
     matrices, field = [], np.zeros_like(first)
     for k, (upper, bias) in enumerate(sensors):
         unit = _directions(readings_T[:, k], upper, bias)
@@ -62,7 +69,7 @@ def fit_ellipsoids(readings_T: FloatArray) -> Fit:
         turn = left @ np.diag([1, 1, det(left @ right)]) @ right
         matrices.append(inv(upper) @ turn / intensity_T)
         field += unit @ turn
-    field *= intensity_T / norm(field, axis=1, keepdims=True)
+    field *= (intensity_T * length / norm(field, axis=1))[:, None]
     return Fit(field, np.array(matrices), np.array([bias for _, bias in sensors]))
 
 
@@ -71,8 +78,11 @@ def _directions(reading_T: FloatArray, upper: FloatArray, bias_T: FloatArray) ->
     return np.asarray(unit / norm(unit, axis=1, keepdims=True))
 
 
-def _ellipsoid(reading_T: FloatArray, number: int) -> tuple[FloatArray, FloatArray]:
-    """Return U, upper triangular, and the bias of |U (reading - bias)| = 1, by Gauss–Newton with Tukey's weights."""
+def _ellipsoid(reading_T: FloatArray, wanted: FloatArray, number: int) -> tuple[FloatArray, FloatArray]:
+    """Return U, upper triangular, and the bias of |U (reading - bias)| = wanted, by Gauss–Newton with Tukey's weights.
+
+    The wanted lengths (N,) have a mean of one.
+    """
     middle, scale = reading_T.mean(axis=0), norm(reading_T - reading_T.mean(axis=0), axis=1).mean()
     point = (reading_T - middle) / scale
     upper, bias = _algebraic(point, number)
@@ -82,8 +92,8 @@ def _ellipsoid(reading_T: FloatArray, number: int) -> tuple[FloatArray, FloatArr
         length = norm(turned, axis=1)
         unit = turned / length[:, None]
         slopes = np.column_stack([unit[:, places[0]] * (point - bias)[:, places[1]], -unit @ upper])
-        weight = _tukey(length - 1)[:, None] ** 0.5
-        step = lstsq(weight * slopes, weight[:, 0] * (1 - length), rcond=None)[0]
+        weight = _tukey(length - wanted) ** 0.5
+        step = lstsq(weight[:, None] * slopes, weight * (wanted - length), rcond=None)[0]
         upper[places] += step[:6]
         bias = bias + step[6:]
     size_T = scale * abs(det(upper)) ** (-1 / 3)

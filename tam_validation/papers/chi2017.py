@@ -1,7 +1,8 @@
-"""The simulation of Chi 2017: 200 attitudes in 50 000 nT with hard and soft iron, Tables 2 and 3.
+"""Chi 2017: the simulation of 200 attitudes in 50 000 nT with hard and soft iron, Tables 2 and 3, and Table 4.
 
-ψ of sensor 1 must be -0.025 where Table 1 prints +0.025: then Table 2 comes out. The attitudes are not printed; they
-are drawn here from uniform angles. What is measured is in the file of what it prints.
+ψ of sensor 1 must be -0.025 where Table 1 prints +0.025: then Table 2 comes out. The attitudes are not printed. Of 27
+ways to draw them one gives the tensor of Table 3 before calibration: the field's angle from the x axis and its turn
+about it are uniform.
 """
 
 from dataclasses import replace
@@ -14,23 +15,27 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_nanotesla, to_degrees, to_nanotesla
-from tam_validation.papers.cross import SENSORS, SetUp, site_field
-from tam_validation.papers.printed import finding, printed_in
-from tam_validation.papers.row import PaperNumber, compare
+from tam_validation.papers.cross import SetUp, intensity_rms_T, site_field, tensor_rms_T_per_m
+from tam_validation.papers.li2018a import aligned_angles
+from tam_validation.papers.printed import printed_in
+from tam_validation.papers.row import Draws, right_name
 
 _BASELINE_M = 0.5
 _SAMPLES = 200
-_VARIANCES_NT2 = (9, 12, 15)
+_VARIANCES_NT2 = (9.0, 12.0, 15.0)
+_SITE = site_field(from_nanotesla(50_000.0), 55.0, -7.0)
+_EXPERIMENT_SITE = site_field(from_nanotesla(52_561.0), 55.0, -7.0)
+_EXPERIMENT_BASELINE_M, _EXPERIMENT_SAMPLES = 0.26, 30
 
 _PRINTED = printed_in("chi2017")
 NON_ORTHOGONALITY = np.array(_PRINTED["non_orthogonality"])
-"""θ, φ, ψ of the sensors [rad]; ψ of sensor 1 with its sign mended."""
-_UNMIX, _ROTATION = np.array(_PRINTED["unmix"]), np.array(_PRINTED["rotation"])
+"""θ, φ, ψ of the sensors [rad]; ψ of sensor 1 with its sign reversed."""
 COMBINED_BIAS_NT = np.array(_PRINTED["combined_bias_nT"])
-_COMPONENTS = ("Bxx", "Bxy", "Bxz", "Byy", "Byz")
+_UPPER = np.triu_indices(3)
+_FRAME = "Section 3.1, turn of the calibrated frame of sensor 1 from its own"
 
 
-def set_up(variance_nT2: float = 9.0, seed: int = 0) -> SetUp:
+def set_up(variance_nT2: float = 9.0, seed: int = 0, non_orthogonality: FloatArray = NON_ORTHOGONALITY) -> SetUp:
     """Return the cross of Table 1 and its readings, with the attitude of the platform.
 
     Parameters
@@ -39,21 +44,32 @@ def set_up(variance_nT2: float = 9.0, seed: int = 0) -> SetUp:
         Variance of the noise of each axis, nT².
     seed : int
         Of the random attitudes and noise.
+    non_orthogonality : (4, 3) array
+        θ, φ, ψ of the sensors, radians.
     """
+    return _observed(true_errors(non_orthogonality), _SITE, _SAMPLES, _BASELINE_M, variance_nT2, seed)
+
+
+def experiment(seed: int, variance_nT2: float = 9.0) -> SetUp:
+    """Return the cross of section 4.2, of whose errors nothing is printed, with those of the simulation."""
+    size = _EXPERIMENT_SITE, _EXPERIMENT_SAMPLES, _EXPERIMENT_BASELINE_M
+    return _observed(true_errors(), *size, variance_nT2, seed)
+
+
+def _observed(
+    errors: SensorErrors, site_T: FloatArray, count: int, baseline_m: float, variance_nT2: float, seed: int
+) -> SetUp:
     from scipy.spatial.transform import Rotation
 
     generator = np.random.default_rng(seed)
-    site = site_field(from_nanotesla(50_000.0), 55.0, -7.0)
-    attitude = Rotation.from_euler("XYZ", generator.uniform(0, 2 * np.pi, (_SAMPLES, 3))).inv()
-    field = attitude.inv().apply(site)
-    errors = true_errors()
-    noise = from_nanotesla(np.sqrt(variance_nT2)) * generator.normal(size=(_SAMPLES, 4, 3))
-    intensity = np.full(_SAMPLES, float(np.linalg.norm(site)))
-    recording = Recording(
-        np.arange(float(_SAMPLES)), errors.distort(field) + noise, intensity, attitude=attitude.as_quat()
-    )
-    array = Array.cross(_BASELINE_M, from_nanotesla(float(np.sqrt(variance_nT2))), 0.0)
-    return SetUp(array, _BASELINE_M, errors, field, recording)
+    onto_x, _ = Rotation.align_vectors([[1.0, 0.0, 0.0]], site_T[None] / norm(site_T))
+    to_array = Rotation.from_euler("zx", generator.uniform(0, 2 * np.pi, (count, 2))) * onto_x
+    attitude, field = to_array.inv(), to_array.apply(site_T)
+    noise_T = from_nanotesla(float(np.sqrt(variance_nT2)))
+    readings = errors.distort(field) + noise_T * generator.normal(size=(count, 4, 3))
+    intensity = np.full(count, float(norm(site_T)))
+    recording = Recording(np.arange(float(count)), readings, intensity, attitude=attitude.as_quat())
+    return SetUp(Array.cross(baseline_m, noise_T, 0.0), baseline_m, errors, field, recording)
 
 
 def true_errors(non_orthogonality: FloatArray = NON_ORTHOGONALITY) -> SensorErrors:
@@ -76,73 +92,64 @@ def true_errors(non_orthogonality: FloatArray = NON_ORTHOGONALITY) -> SensorErro
     return SensorErrors.from_matrix(matrix, bias)
 
 
-def results() -> list[PaperNumber]:
-    """Return the numbers of Tables 1 to 3 and of section 4.1 that the simulation gives, the paper's beside ours."""
-    cases = [set_up(variance) for variance in _VARIANCES_NT2]
-    fitted = [integrated(replace(case.recording, attitude=None), case.array).errors for case in cases]
-    return [
-        *_matrix_rows(fitted[0]),
-        *_intensity_rows(cases[0], fitted[0]),
-        *_tensor_rows(cases, fitted),
-        *_frame_rows(cases[0]),
-    ]
+def _with_psi(psi: float) -> FloatArray:
+    """Return the θ, φ, ψ of the sensors with another ψ of sensor 1, radians."""
+    angles = NON_ORTHOGONALITY.copy()
+    angles[0, 2] = psi
+    return angles
 
 
-def _matrix_rows(errors: SensorErrors) -> list[PaperNumber]:
-    rows = finding("chi2017", "psi", [_psi_of_table_2()])
-    upper = np.triu_indices(3)
-    unmix = inv(errors.measurement)
-    for sensor, name in enumerate(SENSORS):
-        elements = [f"Table 2, C⁻¹ {row + 1}{column + 1}, {name}" for row, column in zip(*upper, strict=True)]
-        rows += compare(elements, _UNMIX[sensor][upper].tolist(), unmix[sensor][upper], "1", absolute=2e-4)
-        biases = [f"Table 2, b {axis}, {name}" for axis in "xyz"]
-        rows += compare(
-            biases, COMBINED_BIAS_NT[sensor].tolist(), to_nanotesla(errors.bias_T[sensor]), "nT", absolute=2
-        )
-    for sensor in range(1, 4):
-        elements = [f"Table 2, R {row}{column}, {SENSORS[sensor]}" for row in (1, 2, 3) for column in (1, 2, 3)]
-        ours = errors.rotation[sensor].T.ravel()
-        rows += compare(elements, _ROTATION[sensor - 1].ravel().tolist(), ours, "1", absolute=2e-4)
-    return rows
+def simulate(seed: int, as_published: bool) -> Draws:
+    """Return what one simulation gives, by the findings of the paper.
+
+    Parameters
+    ----------
+    seed : int
+        Of noise and attitudes.
+    as_published : bool
+        Whether ψ of sensor 1 has the sign of Table 1, and not the one from which Table 2 comes out.
+    """
+    sign = -1 if as_published else 1
+    angles = _with_psi(sign * NON_ORTHOGONALITY[0, 2])
+    cases = [set_up(variance, seed, angles) for variance in _VARIANCES_NT2]
+    fitted = [calibrate(case) for case in cases]
+    errors, readings = fitted[0], cases[0].recording.readings_T
+    fields = errors.restore(readings)
+    restored = [each.restore(case.recording.readings_T) for case, each in zip(cases, fitted, strict=True)]
+    measured = experiment(seed)
+    return {
+        "Table 1, ψ, sensor 1": np.array([_psi_of_table_2()]),
+        "Table 2, C⁻¹": inv(errors.measurement)[:, *_UPPER],
+        "Table 2, b": to_nanotesla(errors.bias_T),
+        "Table 2, R": np.swapaxes(errors.rotation[1:], 1, 2),
+        "Section 4.1, TMI": to_nanotesla(intensity_rms_T(fields, cases[0].intensity_T)),
+        "Table 3, actual": np.array([tensor_nT_per_m(case.recording.readings_T, _BASELINE_M) for case in cases]),
+        "Table 3, calibrated": np.array([tensor_nT_per_m(each, _BASELINE_M) for each in restored]),
+        _FRAME: to_degrees(aligned_angles(fields[:, 0], cases[0].field_T)),
+        right_name(_FRAME): to_degrees(true_errors(angles).misalignment[0]),
+        "Table 4, calibrated": tensor_nT_per_m(
+            calibrate(measured).restore(measured.recording.readings_T), measured.baseline_m
+        ),
+    }
+
+
+def calibrate(case: SetUp) -> SensorErrors:
+    """Return the errors that the paper's method finds, which uses no attitude."""
+    return integrated(replace(case.recording, attitude=None), case.array).errors
+
+
+def tensor_nT_per_m(fields_T: FloatArray, baseline_m: float) -> FloatArray:
+    """Return the (5,) root mean square components xx, xy (along y), xz, yy, yz, nT/m."""
+    return to_nanotesla(tensor_rms_T_per_m(fields_T, baseline_m))[[0, 1, 2, 4, 5]]
 
 
 def _psi_of_table_2() -> float:
     """Return the ψ of sensor 1 with which the errors of Table 1 come nearest to its C⁻¹ in Table 2, radians."""
     from scipy.optimize import minimize_scalar
 
+    printed = np.array(_PRINTED["unmix"][0])
+
     def misfit(psi: float) -> float:
-        angles = NON_ORTHOGONALITY.copy()
-        angles[0, 2] = psi
-        return float(norm(inv(true_errors(angles).measurement[0]) - _UNMIX[0]))
+        return float(norm(inv(true_errors(_with_psi(psi)).measurement[0])[_UPPER] - printed))
 
     return float(minimize_scalar(misfit, bounds=(-0.1, 0.1), method="bounded").x)
-
-
-def _intensity_rows(case: SetUp, errors: SensorErrors) -> list[PaperNumber]:
-    names = [f"Section 4.1, TMI, {sensor}" for sensor in SENSORS]
-    ours = to_nanotesla(case.intensity_rms_T(errors.restore(case.recording.readings_T)))
-    # Four times the sampling error of a root mean square of 200 draws.
-    return compare(names, _PRINTED["intensity_nT"], ours, "nT", relative=0.2)
-
-
-def _tensor_rows(cases: list[SetUp], fitted: list[SensorErrors]) -> list[PaperNumber]:
-    rows = []
-    for variance, case, errors, before, after in zip(
-        _VARIANCES_NT2, cases, fitted, _PRINTED["tensor_before"], _PRINTED["tensor_after"], strict=True
-    ):
-        raw = _tensor(case, case.recording.readings_T)
-        corrected = _tensor(case, errors.restore(case.recording.readings_T))
-        names = [f"Table 3, {component}, actual, {variance} nT²" for component in _COMPONENTS]
-        rows += finding("chi2017", "tensor", raw, names=names, paper=before)
-        names = [f"Table 3, {component}, calibrated, {variance} nT²" for component in _COMPONENTS]
-        rows += compare(names, after, corrected, "nT/m", relative=0.2)
-    return rows
-
-
-def _tensor(case: SetUp, fields_T: FloatArray) -> FloatArray:
-    """Return the (5,) components xx, xy (along y), xz, yy, yz, nT/m."""
-    return to_nanotesla(case.tensor_rms_T_per_m(fields_T))[[0, 1, 2, 4, 5]]
-
-
-def _frame_rows(case: SetUp) -> list[PaperNumber]:
-    return finding("chi2017", "frame", to_degrees(case.errors.misalignment[0]))

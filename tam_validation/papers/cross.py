@@ -1,18 +1,15 @@
-"""What the simulations of crosses in the papers have in common: the set-up, and the figures by which they judge."""
+"""What the papers' crosses have in common: the set-up, alignments, and the figures by which they are judged."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.linalg import norm
 
+from tam_calibration.fit.moments import procrustes, rotation_by_regression
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees
-
-SENSORS = tuple(f"sensor {number}" for number in range(1, 5))
-COMPONENTS = ("Bxx", "Bxy", "Bxz", "Byx", "Byy", "Byz")
-"""The six components that Li 2018a and 2018b print, xy and yx apart."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,18 +41,36 @@ class SetUp:
         """The constant intensity, tesla."""
         return float(norm(self.field_T[0]))
 
-    def intensity_rms_T(self, fields_T: FloatArray) -> FloatArray:
-        """Return the (4,) root mean square errors of the intensity of fields (N, 4, 3), tesla."""
-        error = norm(fields_T, axis=2) - self.intensity_T
-        return np.asarray(np.sqrt(np.mean(error**2, axis=0)))
 
-    def tensor_rms_T_per_m(self, fields_T: FloatArray) -> FloatArray:
-        """Return the (6,) root mean square components ``COMPONENTS`` of fields (N, 4, 3) in a uniform field, T/m."""
-        along_x, along_y = fields_T[:, 0] - fields_T[:, 2], fields_T[:, 1] - fields_T[:, 3]
-        difference = np.stack(
-            [along_x[:, 0], along_y[:, 0], along_x[:, 2], along_x[:, 1], along_y[:, 1], along_y[:, 2]], axis=1
-        )
-        return np.asarray(np.sqrt(np.mean(difference**2, axis=0)) / self.baseline_m)
+def intensity_rms_T(fields_T: FloatArray, intensity_T: FloatArray | float) -> FloatArray:
+    """Return the (K,) root mean square errors of the intensity of fields (N, K, 3) against (N,) or one, tesla."""
+    error = norm(fields_T, axis=2) - np.reshape(intensity_T, (-1, 1))
+    return np.asarray(np.sqrt(np.mean(error**2, axis=0)))
+
+
+def tensor_rms_T_per_m(fields_T: FloatArray, baseline_m: float) -> FloatArray:
+    """Return the (6,) root mean square components xx, xy, xz, yx, yy, yz of fields (N, 4, 3) in a uniform field, T/m.
+
+    Li 2018a and 2018b print xy, along the y axis, and yx apart.
+    """
+    along_x, along_y = fields_T[:, 0] - fields_T[:, 2], fields_T[:, 1] - fields_T[:, 3]
+    difference = np.stack(
+        [along_x[:, 0], along_y[:, 0], along_x[:, 2], along_x[:, 1], along_y[:, 1], along_y[:, 2]], axis=1
+    )
+    return np.asarray(np.sqrt(np.mean(difference**2, axis=0)) / baseline_m)
+
+
+def aligned(fields_T: FloatArray, reference_T: FloatArray, chosen: slice = slice(None)) -> FloatArray:
+    """Return fields (N, K, 3), each turned onto the reference (N, 3) by the rotation that fits the chosen samples."""
+    rotation = procrustes(np.einsum("nki,nj->kij", fields_T[chosen], reference_T[chosen]))
+    return np.asarray(np.einsum("kji,nkj->nki", rotation, fields_T))
+
+
+def aligned_by_regression(fields_T: FloatArray, reference_T: FloatArray, chosen: slice = slice(None)) -> FloatArray:
+    """Return fields (N, K, 3), each turned onto the reference (N, 3) as Yin does, angle by angle."""
+    count = fields_T.shape[1]
+    fitted = [np.linalg.lstsq(fields_T[chosen, k], reference_T[chosen], rcond=None)[0].T for k in range(count)]
+    return np.asarray(np.einsum("kji,nkj->nki", rotation_by_regression(np.array(fitted)), fields_T))
 
 
 def site_field(intensity_T: float, inclination_deg: float, declination_deg: float) -> FloatArray:
@@ -95,8 +110,15 @@ def grid_of_turns(order: str, turns: int, field_T: FloatArray) -> FloatArray:
     return np.asarray(Rotation.from_euler(order, -angles).apply(field_T))
 
 
-def observed(errors: SensorErrors, field_T: FloatArray, baseline_m: float, noise_T: float, seed: int) -> SetUp:
-    """Return a cross in a field of constant intensity, with noise before the distortion, one sample a second.
+def observed(
+    errors: SensorErrors,
+    field_T: FloatArray,
+    baseline_m: float,
+    noise_T: float,
+    seed: int,
+    intensity_T: float | None = None,
+) -> SetUp:
+    """Return a cross in a uniform field, with noise before the distortion, one sample a second.
 
     Parameters
     ----------
@@ -110,9 +132,12 @@ def observed(errors: SensorErrors, field_T: FloatArray, baseline_m: float, noise
         Standard deviation of the noise of each axis of each sensor, tesla.
     seed : int
         Of the noise.
+    intensity_T : float, optional
+        What the scalar states, tesla; without it the intensity of the first sample.
     """
     count = len(field_T)
     noise = noise_T * np.random.default_rng(seed).normal(size=(count, 4, 3))
-    readings, intensity = errors.distort(field_T[:, None] + noise), np.full(count, norm(field_T[0]))
-    recording = Recording(np.arange(count, dtype=float), readings, intensity)
+    readings = errors.distort(field_T[:, None] + noise)
+    stated = norm(field_T[0]) if intensity_T is None else intensity_T
+    recording = Recording(np.arange(count, dtype=float), readings, np.full(count, stated))
     return SetUp(Array.cross(baseline_m, noise_T, 0.0), baseline_m, errors, field_T, recording)

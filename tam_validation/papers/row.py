@@ -1,136 +1,127 @@
-"""One number of a paper beside ours, where it stands or how it was made of what stands there, and the verdict."""
+"""One number of a paper, the same number in many simulations of it, and the verdict."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from typing import Any, Literal
+
+import numpy as np
 
 from tam_calibration.model.units import FloatArray
+from tam_validation.papers.printed import printed_in
 
 Status = Literal["reproduced", "not reproduced", "paper in error"]
-Source = Literal["printed", "derived from printed numbers", "said in words", "theory", "our own earlier result"]
-"""Where a number is from.
+Draws = Mapping[str, FloatArray]
+"""What the simulations of a paper give, (seeds, n) by the names of its findings."""
 
-Printed in the paper; worked out from what is printed there; what it says in words, put into a number by us (straight
-growth an exponent of 1, alignment an angle of 0); an equation that the paper does not have; or an earlier run of this
-package.
-"""
+_OUTSIDE = 0.025
+"""Part of another seed's numbers that may lie below the range, and above it: together 5 %."""
 
-IN_WORDS: Source = "said in words"
-DERIVED: Source = "derived from printed numbers"
-OUR_OWN: Source = "our own earlier result"
+EACH = {
+    "sensors": tuple(f"sensor {number}" for number in range(1, 5)),
+    "instruments": (*(f"sensor {number}" for number in range(1, 5)), "platform"),
+    "components": ("Bxx", "Bxy", "Bxz", "Byx", "Byy", "Byz"),
+    "five": ("Bxx", "Bxy", "Bxz", "Byy", "Byz"),
+    "axes": ("x", "y", "z", "r"),
+}
+"""What the numbers of a finding are of, by the words of the papers' files."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PaperNumber:
     """A number of a paper, printed or not, and what its simulation gives here.
 
     Parameters
     ----------
-    name : str
-        Where it stands in the paper, and what it is.
-    paper, ours : float
-        The paper's, and as computed here.
-    unit : str
-        Of both.
-    status : str
-        ``reproduced``, ``not reproduced`` or ``paper in error``.
-    reason : str
-        Why, in one sentence; empty where nothing is to be said.
-    recorded : str
-        The status that was found when the paper was examined; another one is a regression.
+    name, unit : str
+        Where it stands in the paper, what it is, and its unit.
+    paper : float
+        The paper's.
+    draws : (S,) array
+        Ours, one for each seed.
+    half_unit : float
+        Half a unit of the last digit that the paper has.
     source : str
-        Where the paper's number is from.
+        ``printed``, ``derived from printed numbers`` or ``said in words``.
+    note : str
+        What ours is from, or what is wrong in the paper.
     right : float
-        Where the paper is taken to be in error, what ours must agree with for that; else NaN.
+        What follows from theory, or from numbers that the paper prints elsewhere, where these differ; else NaN.
     right_source : str
-        Where the right one is from; empty where there is none.
+        Which of the two; empty where there is none.
     """
 
     name: str
-    paper: float
-    ours: float
     unit: str
-    status: Status
-    reason: str = ""
-    recorded: Status = "reproduced"
-    source: Source = "printed"
+    paper: float
+    draws: FloatArray
+    half_unit: float = 0.0
+    source: str = "printed"
+    note: str = ""
     right: float = float("nan")
-    right_source: Source | Literal[""] = ""
+    right_source: str = ""
 
     @property
-    def is_as_recorded(self) -> bool:
-        """Whether the status is still the one that was found."""
-        return self.status == self.recorded
+    def ours(self) -> float:
+        """The median over the seeds."""
+        return float(np.median(self.draws))
+
+    @cached_property
+    def range(self) -> tuple[float, float]:
+        """The 95 % range: where another seed's number lies in 95 of 100 cases, widened by the rounding of the paper's.
+
+        It is taken between two of the S numbers in order, the k-th from either end, where k/(S + 1) is no more than
+        2.5 %: of 40 seeds the smallest and the largest. That assumes no distribution; fewer than 39 seeds contain less.
+        """
+        ordered = np.sort(self.draws)
+        outside = max(1, int(_OUTSIDE * (len(ordered) + 1)))
+        return float(ordered[outside - 1] - self.half_unit), float(ordered[-outside] + self.half_unit)
 
     @property
-    def ratio(self) -> float:
-        """Ours divided by the paper's; infinite or NaN where the paper's is zero."""
-        return float(self.ours / self.paper) if self.paper else float("nan" if self.ours == 0 else "inf")
+    def status(self) -> Status:
+        """Whether the range contains the paper's number, or only what is right."""
+        low, high = self.range
+        # Rounding of the numbers themselves must not decide.
+        slack = 1e-9 * max(abs(low), abs(high))
+        if low - slack <= self.paper <= high + slack:
+            return "reproduced"
+        return "paper in error" if low - slack <= self.right <= high + slack else "not reproduced"
 
 
-def compare(
-    names: Iterable[str],
-    paper: Sequence[float],
-    ours: Sequence[float] | FloatArray,
-    unit: str,
-    *,
-    relative: float = 0.0,
-    absolute: float = 0.0,
-    reason: str = "",
-    recorded: Status = "reproduced",
-    source: Source = "printed",
-    right: Sequence[float] | FloatArray | None = None,
-    right_source: Source | Literal[""] = "",
-) -> list[PaperNumber]:
-    """Return the rows of numbers that agree to a relative or an absolute tolerance with the paper's, or the right ones.
-
-    Where numbers in which the paper is wrong are not those that are right, the reason does not hold and the row is not
-    reproduced. Where the right ones are our own earlier results, that ours agree tells only that nothing has changed
-    here since.
+def rows_of(paper: str, draws: Draws) -> list[PaperNumber]:
+    """Return the numbers of a paper with ours, in the order of its file.
 
     Parameters
     ----------
-    names : iterable of str
-        Where each number stands in the paper, and what it is.
-    paper, ours : sequence of float
-        The paper's, and as computed here; as many as names.
-    unit : str
-        Of all of them.
-    relative : float
-        Largest difference that agrees, as part of the number that ours is compared with.
-    absolute : float
-        The same in the unit; the larger of the two tolerances counts.
-    reason : str
-        Why a number is not reproduced, where it stands at those rows only, or what is wrong in the paper.
-    recorded : str
-        The status that was found when the paper was examined, where it is not taken to be in error.
-    source : str
-        Where the paper's numbers are from.
-    right : sequence of float, optional
-        What ours must agree with where the paper is taken to be in error; as many as names.
-    right_source : str
-        Where these are from.
+    paper : str
+        One of ``PAPERS``.
+    draws : mapping
+        Of its simulations.
     """
-    rows = []
-    found: Status = "reproduced" if right is None else "paper in error"
-    for name, theirs, value, true in zip(names, paper, ours, paper if right is None else right, strict=True):
-        agrees = abs(float(value) - true) <= max(absolute, relative * abs(true))
-        status: Status = found if agrees else "not reproduced"
-        why = "" if status == "reproduced" else reason
-        better = float("nan") if right is None else float(true)
-        expected = recorded if right is None else found
-        number = float(value), unit, status, why, expected, source, better, right_source
-        rows.append(PaperNumber(name, theirs, *number))
-    return rows
+    findings: dict[str, dict[str, Any]] = printed_in(paper)["findings"]
+    return [row for name, finding in findings.items() for row in _rows(name, finding, draws)]
 
 
-def together(rows: list[PaperNumber]) -> list[PaperNumber]:
-    """Return rows that are one finding: as they are where all agree, and otherwise none reproduced.
+def _rows(name: str, finding: dict[str, Any], draws: Draws) -> Iterator[PaperNumber]:
+    labels = [EACH[each] if isinstance(each, str) else each for each in finding.get("each", [])]
+    names = [", ".join((name, *words)) for words in product(*labels)]
+    count = len(names)
+    printed = np.ravel(finding["paper"]).astype(float)
+    of_each = count // len(labels[0]) if labels else 1
+    units = np.repeat(finding["unit"], 1 if isinstance(finding["unit"], str) else of_each)
+    decimals = np.repeat(finding.get("decimals", np.inf), 1 if np.isscalar(finding.get("decimals", 0)) else of_each)
+    half_units = np.broadcast_to(finding.get("half_unit", 0.5 * 10.0**-decimals), count)
+    right = finding.get("right", np.nan)
+    right = draws[right_name(name)][0] if right == "by simulation" else np.broadcast_to(right, count)
+    same = (finding.get("source", "printed"), finding.get("note", ""))
+    for index, unit in enumerate(np.broadcast_to(units, count)):
+        better = (float(right[index]), finding.get("right_source", ""))
+        rounding = float(half_units[index])
+        ours = draws[name][:, index]
+        yield PaperNumber(names[index], str(unit), float(printed[index]), ours, rounding, *same, *better)
 
-    Parameters
-    ----------
-    rows : list of PaperNumber
-        As ``compare`` gives them.
-    """
-    failed = [row for row in rows if row.status != "reproduced"]
-    return [replace(row, status="not reproduced", reason=failed[0].reason) for row in rows] if failed else rows
+
+def right_name(finding: str) -> str:
+    """Return by which name a simulation gives what is right of a finding."""
+    return f"{finding}, right"

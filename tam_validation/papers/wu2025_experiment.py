@@ -3,114 +3,73 @@
 72 poses of a turntable, a field that swings by 8.26 nT, and an intensity of 52185.0 nT that is an average.
 """
 
-from dataclasses import replace
-from functools import partial
-
 import numpy as np
 from numpy.linalg import norm
+from scipy.spatial.transform import Rotation
 
-from tam_calibration.fit.information import bound
-from tam_calibration.fit.lossless import lossless
 from tam_calibration.fit.published import count_determined
-from tam_calibration.model.residuals import measure_residuals
-from tam_calibration.model.sensor_errors import SensorErrors
-from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
-from tam_calibration.simulation import Scenario, Simulation, simulate
-from tam_calibration.simulation.attitude import RandomAttitudes
-from tam_validation.papers import wu2025_coil
-from tam_validation.papers.cross import SENSORS
-from tam_validation.papers.printed import finding, printed_in, reason_of
-from tam_validation.papers.row import DERIVED, PaperNumber, compare, together
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.units import FloatArray, from_nanotesla, to_nanotesla
+from tam_calibration.results.scenario import read_scenario
+from tam_validation.papers.cross import SetUp
+from tam_validation.papers.row import Draws
+from tam_validation.papers.wu2025_coil import Experiment, Plate, directions
+from tam_validation.papers.wu2025_sweeps import DRIFT_NT, published_errors
 
-_BEFORE_NT = (339.2, 277.2, 283.2, 320.5)
-_AFTER_NT = (91.9, 94.4, 98.5, 97.1)
-_ORIENTATIONS = 72
-_PARAMETERS = 45
-
-TABLE_2: dict[str, list[float]] = printed_in("wu2025")["table_2"]
-_KINDS = (
-    (("δSx", "δSy", "δSz"), slice(0, 3), "1", 1.0),
-    (("B0x", "B0y", "B0z"), slice(6, 9), "nT", to_nanotesla(1.0)),
-    (("θ", "φ", "ψ"), slice(3, 6), "°", to_degrees(1.0)),
-    (("α", "β", "γ"), slice(9, 12), "°", to_degrees(1.0)),
-)
-"""Names, columns of ``SensorErrors.to_vector``, unit and its factor from SI."""
-_SUFFIX = {"1": "", "nT": " nT", "°": "°"}
-_MOUNTINGS = 4000
-_ELLIPSOID = 9
+_SWINGS = 1.44
+"""Of the field during the 72 poses of 20 s: a period of 1000 s."""
+_MOUNTING = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
+"""From the array to the table: of 24 that put the axes along the table's, two give the errors before calibration."""
 
 
-def rows(turntable: Scenario) -> list[PaperNumber]:
-    """Return the numbers of section 4.2; ours are of the scenario, whose errors are those of Table 2."""
-    run = simulate(turntable)
-    directions = np.unique(np.round(run.attitude, 9), axis=0)
-    determined, _ = count_determined(run.recording, turntable.array)
-    return [
-        *compare(["Section 4.2, different orientations"], [_ORIENTATIONS], [len(directions)], "1"),
-        *compare(["Table 2, parameters that these determine"], [_PARAMETERS], [determined], "1", source=DERIVED),
-        *_before_rows(run),
-        *_after_rows(run),
-        *_parameter_rows(run),
-        *wu2025_coil.rows(wu2025_coil.Experiment.of(turntable)),
-    ]
+def turntable(seed: int) -> tuple[SetUp, FloatArray]:
+    """Return the readings of the turntable and its rotations (72, 3, 3) from the array to the world.
 
+    How the table is turned about the vertical is not printed, and drawn. The scalar is the average that the paper
+    states; the field follows its drift.
 
-def _before_in_any_mounting(run: Simulation) -> tuple[FloatArray, FloatArray]:
-    """Return the errors (M, 4) of the raw intensity, RMS and mean absolute, of M random mountings, tesla.
-
-    A mounting is how the array is turned on the table, and the table about the vertical; the paper states neither.
+    Parameters
+    ----------
+    seed : int
+        Of the heading, the noise and the drift's phase.
     """
-    from scipy.spatial.transform import Rotation
-
-    generator = np.random.default_rng(0)
-    headings = Rotation.from_euler("z", generator.uniform(0, 2 * np.pi, (_MOUNTINGS, 1)))
-    mountings = Rotation.from_quat(RandomAttitudes().attitudes(np.empty(_MOUNTINGS), generator))
-    site = headings.apply(run.scenario.site_field_T)
-    turns = mountings.as_matrix()[:, None] @ Rotation.from_quat(run.attitude).inv().as_matrix()
-    field = np.einsum("mnij,mj->mni", turns, site).reshape(-1, 3)
-    readings = run.errors.distort(field)
-    error = (norm(readings, axis=2) - norm(field, axis=1)[:, None]).reshape(_MOUNTINGS, -1, len(SENSORS))
-    return np.sqrt(np.mean(error**2, axis=1)), np.abs(error).mean(axis=1)
-
-
-def _before_rows(run: Simulation) -> list[PaperNumber]:
-    none = SensorErrors.none(len(SENSORS))
-    ours = measure_residuals(none, run.scenario.array, run.recording, 0.0).sensor_intensity_T
-    square, absolute = _before_in_any_mounting(run)
-    nearest = np.abs(to_nanotesla(absolute) / _BEFORE_NT - 1).max(axis=1).min()
-    told = {"least_nT": to_nanotesla(square[:, 0].min()), "nearest": 100 * nearest}
-    names = [f"Section 4.2, e_B before, {sensor}" for sensor in SENSORS]
-    return together(finding("wu2025", "before", to_nanotesla(ours), told=told, names=names, paper=_BEFORE_NT))
+    scenario = read_scenario("wu_turntable")
+    generator = np.random.default_rng(seed)
+    poses = Rotation.from_quat(scenario.motion.attitudes(np.arange(float(scenario.sample_count)), generator))
+    heading = Rotation.from_euler("z", generator.uniform(0, 2 * np.pi))
+    to_world = heading * poses * Rotation.from_matrix(_MOUNTING)
+    phase = 2 * np.pi * (_SWINGS * np.arange(len(poses)) / len(poses) + generator.random())
+    swing = np.sqrt(2) * from_nanotesla(DRIFT_NT) * np.sin(phase)
+    site = scenario.site_field_T
+    field = to_world.inv().apply(site) * (1 + swing / norm(site))[:, None]
+    noise = scenario.array.with_stated_noise().vector_noise_T
+    readings = scenario.errors.distort(field) + noise[:, None] * generator.normal(size=(len(poses), 4, 3))
+    time_s = np.arange(len(poses)) / scenario.rate_hz
+    recording = Recording(time_s, readings, np.full(len(poses), norm(site)), attitude=to_world.as_quat())
+    return SetUp(scenario.array, 0.21, scenario.errors, field, recording), to_world.as_matrix()
 
 
-def _after_rows(run: Simulation) -> list[PaperNumber]:
-    average = replace(run.recording, scalar_T=np.full(run.recording.sample_count, norm(run.scenario.site_field_T)))
-    published = partial(lossless, as_published=True)
-    ours, tracked = (
-        to_nanotesla(published(recording, run.scenario.array).in_sample.sensor_intensity_T)
-        for recording in (average, run.recording)
-    )
-    told = {"tracked_nT": tracked.max()}
-    names = [f"Section 4.2, e_B after, {sensor}" for sensor in SENSORS]
-    return together(finding("wu2025", "after", ours, told=told, names=names, paper=_AFTER_NT))
+def mean_absolute_nT(fields_T: FloatArray, intensity_T: FloatArray | float) -> FloatArray:
+    """Return the means (4,) of the absolute errors of the intensity that Fig. 11 shows, nT."""
+    return to_nanotesla(np.abs(norm(fields_T, axis=2) - np.reshape(intensity_T, (-1, 1))).mean(axis=0))
 
 
-def _parameter_rows(run: Simulation) -> list[PaperNumber]:
-    # Noise that leaves the printed residuals, after the nine parameters of an ellipsoid have taken their part.
-    noise = np.array(_AFTER_NT) / to_nanotesla(1.0) / np.sqrt(1 - _ELLIPSOID / _ORIENTATIONS)
-    array = run.scenario.array.with_noise(noise, run.scenario.array.scalar_noise_T or 0.0)
-    variance = np.diag(bound(run.center_field_T, run.errors, array, has_scalar=True))
-    deviation = np.sqrt(variance).reshape(len(SENSORS), 12)
-    table = []
-    for names, columns, unit, factor in _KINDS:
-        free = factor * deviation[:, columns][deviation[:, columns] > 0]
-        reason = reason_of("wu2025", "measured", least=free.min(), most=free.max(), unit=_SUFFIX[unit])
-        for name in names:
-            sensors = SENSORS[-len(TABLE_2[name]) :]
-            for sensor, printed in zip(sensors, TABLE_2[name], strict=True):
-                table.append(_without_ours(f"Table 2, {name}, {sensor}", printed, unit, reason))
-    return table
-
-
-def _without_ours(name: str, printed: float, unit: str, reason: str) -> PaperNumber:
-    return PaperNumber(name, printed, float("nan"), unit, "not reproduced", reason, recorded="not reproduced")
+def simulate(seed: int) -> Draws:
+    """Return the numbers of section 4.2 by the findings of the paper."""
+    case, to_world = turntable(seed)
+    raw, stated = case.recording.readings_T, case.recording.scalar_T
+    assert stated is not None
+    found = published_errors(case.recording, as_published=True)
+    coil = Experiment.of(case, found)
+    generator = np.random.default_rng([seed, 1])
+    axis, plate = directions(1, generator), Plate.drawn(generator)
+    error = "Section 4.2, mean absolute error of the intensity"
+    position = "Section 4.2, RMSE of the coil's position"
+    return {
+        "Section 4.2, different orientations": np.array([len(np.unique(np.round(to_world, 9), axis=0))]),
+        "Section 4.2, parameters that these determine": np.array([count_determined(case.recording, case.array)[0]]),
+        f"{error} before": mean_absolute_nT(raw, stated),
+        f"{error} after": mean_absolute_nT(found.restore(raw), stated),
+        **{f"{position} {stage}": coil.rmse_m(stage, axis) for stage in coil.estimates},
+        **{f"{position} {stage}, over a metal table": coil.rmse_m(stage, axis, plate) for stage in coil.estimates},
+    }

@@ -1,35 +1,27 @@
-"""The sweeps of Wu 2025 section 4.1 over σ_VM, σ_SM and N, Figs. 4 to 9, with the fits of this package beside his."""
+"""Wu 2025 section 4.1: sweeps over σ_VM, σ_SM and N, Figs. 4 to 9, and two ways to turn the array."""
 
-from collections.abc import Callable
-from dataclasses import replace
-from functools import partial
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
-from numpy.linalg import norm
+from numpy.linalg import inv, norm
+from scipy.spatial.transform import Rotation
 
-from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.information import bound
-from tam_calibration.fit.lossless import lossless
-from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.model.array import Array
+from tam_calibration.fit import ellipsoid
+from tam_calibration.fit.moments import field_products, gather, procrustes
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.residuals import measure_residuals
 from tam_calibration.model.sensor_errors import SensorErrors
-from tam_calibration.model.units import FloatArray, from_nanotesla
-from tam_calibration.simulation import Scenario, Simulation, simulate
-from tam_calibration.simulation.instruments import ScalarReference
-from tam_calibration.simulation.sources import SinusoidDrift
-from tam_validation.papers.sweep import Figures, SweepPlan
+from tam_calibration.model.units import FloatArray, from_nanotesla, to_nanotesla
+from tam_calibration.results.scenario import read_scenario
+from tam_calibration.simulation.attitude import Motion, RandomEulerAngles, ThreeAxisTurns
 
-PUBLISHED, CORRECTED, BEST = "lossless, as published", "lossless, step 1 corrected", "maximum likelihood"
-_METHODS: dict[str, Callable[[Recording, Array], Calibration]] = {
-    PUBLISHED: partial(lossless, as_published=True),
-    CORRECTED: lossless,
-    BEST: maximum_likelihood,
-}
-BEFORE, FLOOR, BOUND = "before", "noise floor", "Cramér–Rao bound"
-IN_SAMPLE, HELD_OUT = "in sample", "held out"
-RELATIVE_ERROR, ERROR = "relative error", "error"
+RUNS = 50
+"""Monte Carlo experiments of each point, as the paper has them."""
+BASELINE_M = 0.5
+DRIFT_NT = 8.26
+_SWINGS = 3
+
 GROUPS = {
     "scale factor errors": slice(0, 12),
     "non-orthogonality": slice(12, 24),
@@ -38,92 +30,177 @@ GROUPS = {
 }
 """Columns of the 45 parameters that a uniform field determines."""
 
-_VECTOR_NOISE_NT = (0.1, 0.2, 0.5, 1, 2, 5, 10)
-_SCALAR_NOISE_NT = (0.01, 0.03, 0.1, 0.3, 1, 3, 10)
-_SAMPLES = (60, 90, 180, 360, 720, 1440, 2880)
-_DRIFT_NT = 8.26
-_SWINGS = 3
+
+@dataclass(frozen=True)
+class TurnsInAGrid:
+    """Ten turns about z, six about y and six about x, one in the other: another reading of "in turn"."""
+
+    def attitudes(self, time_s: FloatArray, generator: np.random.Generator) -> FloatArray:
+        """Return the quaternions (360, 4)."""
+        steps = [2 * np.pi * np.arange(count) / count for count in (10, 6, 6)]
+        angles = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 3)
+        return np.asarray(Rotation.from_euler("ZYX", angles).as_quat())
 
 
-def plans(table_1: Scenario) -> dict[str, SweepPlan]:
-    """Return the sweeps; the scalar magnetometer is silent where the paper gives it the intensity of the site."""
-    silent = _with_noise(table_1, scalar_nT=0.0)
-    once = replace(table_1, scalar=ScalarReference(one_error_per_recording=True))
-    swing = SinusoidDrift(from_nanotesla(_DRIFT_NT), table_1.sample_count / table_1.rate_hz / _SWINGS)
-    by_vector = [_with_noise(silent, vector_nT=noise) for noise in _VECTOR_NOISE_NT]
-    by_one_draw = [_with_noise(once, scalar_nT=noise) for noise in _SCALAR_NOISE_NT]
-    by_many_draws = [_with_noise(table_1, scalar_nT=noise) for noise in _SCALAR_NOISE_NT]
-    by_count = [replace(silent, sample_count=count) for count in _SAMPLES]
-    return {
-        "vector": SweepPlan("noise of the sensors", "σ_VM", "nT", _VECTOR_NOISE_NT, by_vector),
-        "scalar": SweepPlan("scalar noise, one draw per data set", "σ_SM", "nT", _SCALAR_NOISE_NT, by_one_draw),
-        "scalar per sample": SweepPlan(
-            "scalar noise, one draw per sample", "σ_SM", "nT", _SCALAR_NOISE_NT, by_many_draws
-        ),
-        "samples": SweepPlan("number of samples", "N", "", _SAMPLES, by_count),
-        "drift": SweepPlan(
-            "drift of the field", "drift", "nT", (0, _DRIFT_NT), [table_1, replace(table_1, drift=swing)]
-        ),
-    }
-
-
-def score(scenario: Scenario, number: int) -> Figures:
-    """Return the figures of one simulated calibration.
+@dataclass(frozen=True)
+class Setting:
+    """What is simulated at a point of a sweep.
 
     Parameters
     ----------
-    scenario : Scenario
-        What is simulated, once for the fit and once to be held out.
-    number : int
-        Of the run: it makes the random numbers.
-
-    Returns
-    -------
-    mapping
-        By (source, quantity). Of each method the 45 errors, SI, and relative to the true scale factor errors, angles
-        and biases; of each method, of the raw readings and of the true parameters e_B of the sensors (Wu 2025 eqs. 14
-        and 15, against the true intensity, tesla) and e_T (eqs. 16 and 17, T/m) of the data fitted and of as many held
-        out; and of the bound the mean relative error of an efficient estimate.
+    samples : int
+    vector_nT, scalar_nT : float
+        Standard deviations of the noise of an axis and of the scalar magnetometer.
+    one_draw : bool
+        Whether the scalar's noise is one draw for the whole data set.
+    drifts : bool
+        Whether the field swings by 8.26 nT, which the scalar magnetometer reads.
+    motion : Motion
     """
-    seen, unseen = (simulate(replace(scenario, seed=2 * number + half)) for half in (0, 1))
-    truth = _parameters(seen.errors)
-    scale = np.abs(truth - np.repeat([1.0, 0.0], [12, 33]))
-    smallest = bound(seen.center_field_T, seen.errors, scenario.array.with_stated_noise(), has_scalar=True)
-    deviation = np.sqrt(_determined(np.diag(smallest).reshape(-1, 12)))
-    # The mean of |x| of a Gaussian x is √(2/π) standard deviations.
-    figures = {(BOUND, RELATIVE_ERROR): np.sqrt(2 / np.pi) * deviation / scale}
-    candidates = {BEFORE: SensorErrors.none(scenario.array.sensor_count), FLOOR: scenario.errors}
-    for name, fit in _METHODS.items():
-        candidates[name] = fit(seen.recording, scenario.array).errors
-        error = _parameters(candidates[name]) - truth
-        figures |= {(name, ERROR): error, (name, RELATIVE_ERROR): np.abs(error) / scale}
-    for name, errors in candidates.items():
-        for data, simulation in ((IN_SAMPLE, seen), (HELD_OUT, unseen)):
-            figures[name, f"e_B {data}"], figures[name, f"e_T {data}"] = _residuals(errors, simulation)
-    return figures
+
+    samples: int = 360
+    vector_nT: float = 1.0
+    scalar_nT: float = 0.0
+    one_draw: bool = False
+    drifts: bool = False
+    motion: Motion = field(default_factory=RandomEulerAngles)
 
 
-def _with_noise(scenario: Scenario, vector_nT: float | None = None, scalar_nT: float | None = None) -> Scenario:
-    array = scenario.array
-    if vector_nT is not None:
-        array = replace(array, vector_noise_T=np.full(array.sensor_count, from_nanotesla(vector_nT)))
-    if scalar_nT is not None:
-        array = replace(array, scalar_noise_T=from_nanotesla(scalar_nT))
-    return replace(scenario, array=array)
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """What is swept, over which values, with which settings."""
+
+    symbol: str
+    unit: str
+    points: Sequence[float]
+    settings: Sequence[Setting]
 
 
-def _parameters(errors: SensorErrors) -> FloatArray:
-    return _determined(errors.to_vector())
+_USUAL = Setting()
+_VECTOR_NOISE_NT = (0.1, 0.2, 0.5, 1, 2, 5, 10)
+_SCALAR_NOISE_NT = (0.01, 0.03, 0.1, 0.3, 1, 3, 10)
+_SAMPLES = (60, 90, 180, 360, 720, 1440, 2880)
+SWEEPS = {
+    "noise of the sensors": Sweep(
+        "σ_VM", "nT", _VECTOR_NOISE_NT, [Setting(vector_nT=noise) for noise in _VECTOR_NOISE_NT]
+    ),
+    "scalar noise, one draw per data set": Sweep(
+        "σ_SM", "nT", _SCALAR_NOISE_NT, [Setting(scalar_nT=noise, one_draw=True) for noise in _SCALAR_NOISE_NT]
+    ),
+    "scalar noise, one draw per sample": Sweep(
+        "σ_SM", "nT", _SCALAR_NOISE_NT, [Setting(scalar_nT=noise) for noise in _SCALAR_NOISE_NT]
+    ),
+    "number of samples": Sweep("N", "", _SAMPLES, [Setting(samples=count) for count in _SAMPLES]),
+    "drift of the field": Sweep("drift", "nT", (0, DRIFT_NT), [_USUAL, replace(_USUAL, drifts=True)]),
+    "turns": Sweep(
+        "way", "", (0, 1, 2), [_USUAL, replace(_USUAL, motion=ThreeAxisTurns()), replace(_USUAL, motion=TurnsInAGrid())]
+    ),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """Means over the runs of a setting.
+
+    Parameters
+    ----------
+    relative : (4,) array
+        Relative errors of ``GROUPS``.
+    scatter : (2,) array
+        Standard deviations over the runs of the mean relative error, and of e_B before.
+    bias_rmse_T : float
+    before, after : (5,) array
+        e_B of the four sensors (Wu 2025 eqs. 14 and 15, against the true intensity, nT) and e_T (eqs. 16 and 17, nT/m).
+    """
+
+    relative: FloatArray
+    scatter: FloatArray
+    bias_rmse_T: float
+    before: FloatArray
+    after: FloatArray
+
+
+@cache
+def _site() -> tuple[SensorErrors, FloatArray]:
+    """Return the errors of Table 1 and the field (3,) of the site."""
+    scenario = read_scenario("wu_table_1")
+    return scenario.errors, scenario.site_field_T
+
+
+def run_point(setting: Setting, seed: int, as_published: bool) -> Point:
+    """Return the means over the runs of a setting; the runs of different settings share their random numbers."""
+    relative, bias, before, after = zip(
+        *(_run(setting, [seed, number], as_published) for number in range(RUNS)), strict=True
+    )
+    errors = np.array(relative)
+    means = np.stack([errors[:, columns].mean(axis=1) for columns in GROUPS.values()], axis=1)
+    raw = np.array(before)
+    return Point(
+        means.mean(axis=0),
+        np.array([errors.mean(axis=1).std(), raw[:, :4].mean(axis=1).std()]),
+        float(np.sqrt(np.mean(np.square(bias)))),
+        raw.mean(axis=0),
+        np.mean(after, axis=0),
+    )
+
+
+def _run(
+    setting: Setting, seed: list[int], as_published: bool
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return the (45,) relative errors, those of the biases (12,) in tesla, and (5,) residuals before and after."""
+    errors, site = _site()
+    generator = np.random.default_rng(seed)
+    time_s = np.arange(setting.samples, dtype=float)
+    turns = Rotation.from_quat(setting.motion.attitudes(time_s, generator)).inv()
+    intensity = norm(site) + np.zeros(setting.samples)
+    if setting.drifts:
+        phase = 2 * np.pi * _SWINGS * time_s / setting.samples
+        intensity += np.sqrt(2) * from_nanotesla(DRIFT_NT) * np.sin(phase)
+    seen = turns.apply(site) * (intensity / norm(site))[:, None]
+    noise = from_nanotesla(setting.vector_nT) * generator.normal(size=(setting.samples, 4, 3))
+    scalar_noise = generator.normal(size=1 if setting.one_draw else setting.samples)
+    readings = errors.distort(seen) + noise
+    recording = Recording(time_s, readings, intensity + from_nanotesla(setting.scalar_nT) * scalar_noise)
+    found = published_errors(recording, as_published)
+    truth, estimate = (_determined(each.to_vector()) for each in (errors, found))
+    size = np.abs(truth - np.repeat([1.0, 0.0], [12, 33]))
+    bias = (estimate - truth)[GROUPS["bias"]]
+    return (
+        np.abs(estimate - truth) / size,
+        bias,
+        residuals_nT(readings, intensity, BASELINE_M),
+        residuals_nT(found.restore(readings), intensity, BASELINE_M),
+    )
+
+
+def published_errors(recording: Recording, as_published: bool) -> SensorErrors:
+    """Return the errors by the three steps of Wu 2025, without covariance.
+
+    Parameters
+    ----------
+    recording : Recording
+        Samples in a uniform field.
+    as_published : bool
+        Step 1 as printed, with a constant intensity; otherwise it follows the scalar.
+    """
+    moments = gather(recording, "lossless", groups=1)
+    center = ellipsoid.center_of((moments.with_constant_intensity() if as_published else moments).quartic)
+    unmix = ellipsoid.square_root(ellipsoid.shape_about(moments.quartic, center))
+    matrix = inv(unmix) @ procrustes(field_products(moments.joint, unmix, center)[:, :, 0])
+    return moments.data.errors_at(matrix[0], center[0])[0]
+
+
+def residuals_nT(fields_T: FloatArray, intensity_T: FloatArray, baseline_m: float) -> FloatArray:
+    """Return e_B of the four sensors, nT, and e_T, nT/m, of fields (N, 4, 3) in a uniform field."""
+    sensors = np.sqrt(np.mean((norm(fields_T, axis=2) - intensity_T[:, None]) ** 2, axis=0))
+    along_x, along_y = fields_T[:, 0] - fields_T[:, 2], fields_T[:, 1] - fields_T[:, 3]
+    mixed = (along_x[:, 1] + along_y[:, 0]) / 2
+    components = np.stack([along_x[:, 0], along_y[:, 1], mixed, along_y[:, 2], along_x[:, 2]])
+    tensor = np.sqrt(np.mean(np.sum(components**2, axis=0))) / baseline_m
+    return to_nanotesla(np.append(sensors, tensor))
 
 
 def _determined(table: FloatArray) -> FloatArray:
-    """Return the (12 K - 3,) values of a table (K, 12) by kind, without the misalignment of sensor 1."""
-    kinds: FloatArray = table.reshape(len(table), 4, 3).transpose(1, 0, 2).ravel()
-    return np.delete(kinds, np.s_[9 * len(table) : 9 * len(table) + 3])
-
-
-def _residuals(errors: SensorErrors, simulation: Simulation) -> tuple[FloatArray, float]:
-    true_intensity = norm(simulation.center_field_T, axis=1)
-    recording = replace(simulation.recording, scalar_T=true_intensity)
-    residuals = measure_residuals(errors, simulation.scenario.array, recording, float(true_intensity.mean()))
-    return residuals.sensor_intensity_T, residuals.tensor_rmse_T_per_m
+    """Return the (45,) values of a table (4, 12) by kind, without the misalignment of sensor 1."""
+    kinds: FloatArray = table.reshape(4, 4, 3).transpose(1, 0, 2).ravel()
+    return np.delete(kinds, np.s_[36:39])

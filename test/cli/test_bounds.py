@@ -201,7 +201,7 @@ def test_a_rate_of_bursts_is_a_part(folder):
         (["batch", "run.csv", "--array", "array.yaml", "--out", "o", "--jobs", "100000000000"], 256),
         (["blind", "make", "o", "--seed", "1", "--cases", "1000000000"], 9999),
         (["blind", "make", "o", "--seed", "1", "--jobs", "1000000000"], 256),
-        (["reproduce", "wu2025", "--runs", "1000000000"], 10_000),
+        (["reproduce", "wu2025", "--seeds", "1000000000"], 1000),
         (["play", "run", "--rate", "1e4"], 1000.0),
         (["plan", "--array", "array.yaml", "--turntable", "30", "--poses", "9" * 400], 200),
         (["play", "run", "--rate", "inf"], 1000.0),

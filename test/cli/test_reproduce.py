@@ -1,14 +1,13 @@
 """The command `tam reproduce`."""
 
 import csv
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 
 from tam_calibration.cli.main import main
-from tam_validation.papers import li2018a, wu2025
+from tam_validation.papers import wu2025_sweeps
 
 
 @pytest.fixture
@@ -24,59 +23,56 @@ def read(path):
     return first, list(csv.DictReader(lines))
 
 
-@pytest.mark.parametrize(
-    ("paper", "words"),
-    [
-        ("li2018a", "li2018a: 103 numbers, 94 reproduced, 6 not reproduced, 3 paper in error"),
-        ("li2018b", "li2018b: 95 numbers, 44 reproduced, 4 not reproduced, 47 paper in error"),
-        ("chi2017", "chi2017: 101 numbers, 82 reproduced, 15 not reproduced, 4 paper in error"),
-    ],
-)
-def test_numbers_are_printed_counted_and_written(run, paper, words):
-    """Every number stands in the table and in the file, which names its command; all are as recorded."""
-    result = run(paper)
+def test_numbers_are_printed_counted_and_written(run):
+    """Every number is in the table and in the file, which names its command; forty seeds are the default."""
+    result = run("chi2017")
     assert result.exit_code == 0, result.stderr
-    assert result.stdout.splitlines()[-1] == words
-    assert [path.name for path in Path().iterdir()] == [f"reproduce_{paper}.csv"]
-    first, rows = read(f"reproduce_{paper}.csv")
-    assert first == f"# tam reproduce {paper}"
-    assert len(rows) == int(words.split()[1])
-    assert all(row["status"] == row["recorded"] for row in rows)
-    assert all(row["reason"] for row in rows if row["status"] != "reproduced")
+    assert result.stdout.splitlines()[-1] == (
+        "chi2017: 106 numbers, 92 reproduced, 10 not reproduced, 4 paper in error"
+    )
+    assert [path.name for path in Path().iterdir()] == ["reproduce_chi2017.csv"]
+    first, rows = read("reproduce_chi2017.csv")
+    assert first == "# tam reproduce chi2017 --seeds 40"
+    assert len(rows) == 106
+    for row in rows:
+        within = float(row["low"]) <= float(row["paper"]) <= float(row["high"])
+        assert within == (row["status"] == "reproduced")
 
 
-def test_reasons_stand_under_the_table(run):
-    """A number that the paper has wrong is marked, with why."""
-    out = " ".join(run("li2018a").stdout.split())
-    assert "paper in error" in out
+def test_seeds_make_the_range(run):
+    """With more seeds the range is another, and two make the least."""
+    assert run("li2018b", "--seeds", "2").exit_code == 0
+    _, two = read("reproduce_li2018b.csv")
+    assert run("li2018b", "--seeds", "4").exit_code == 0
+    _, four = read("reproduce_li2018b.csv")
+    assert all(float(more["low"]) <= float(less["low"]) for less, more in zip(two, four, strict=True))
+    assert run("li2018b", "--seeds", "1").exit_code == 2
+
+
+def test_as_published_follows_the_text_to_the_letter(run):
+    """Its results are other files, and numbers that a mended step gives are lost."""
+    result = run("li2018b", "--as-published", "--seeds", "2")
+    assert result.exit_code == 0, result.stderr
+    first, rows = read("reproduce_li2018b_as_published.csv")
+    assert first == "# tam reproduce li2018b --seeds 2 --as-published"
+    assert {row["ours"] for row in rows if row["number"].startswith("Table 1, φ")} == {"nan"}
+    assert "--as-published" in run("--help").stdout
+
+
+def test_notes_and_what_is_not_compared_are_listed(run):
+    """Both are under the table, with the reason."""
+    out = " ".join(run("li2018a", "--seeds", "2").stdout.split())
     assert "the artificial vector lies along the orthogonal frame of the mean reading" in out
-
-
-def test_what_is_compared_with_nothing_is_listed(run):
-    """The measured tables stand under the rows, with why."""
-    out = run("chi2017").stdout
-    assert "not compared" in out and "Fig. 8, tensor components in the experiment" in " ".join(out.split())
+    assert "not compared" in out and "Table 6, error parameters of the experiment" in out
 
 
 def test_results_go_where_the_repository_keeps_them(run):
     """benchmarks/results is the default where it is, another folder on demand."""
     Path("benchmarks/results").mkdir(parents=True)
     Path("other").mkdir()
-    assert "written: benchmarks/results/reproduce_li2018a.csv" in run("li2018a").stdout
-    assert "written: other/reproduce_li2018a.csv" in run("li2018a", "--output-dir", "other").stdout
-
-
-def test_another_status_than_on_record_exits_1(run, monkeypatch):
-    """A regression shows, and what came out is written all the same."""
-    rows = li2018a.results()
-    worse = [replace(rows[0], status="not reproduced"), *rows[1:]]
-    monkeypatch.setattr(li2018a, "results", lambda: worse)
-    result = run("li2018a")
-    assert result.exit_code == 1
-    assert result.stderr == (
-        "tam: 1 number came out with another status than is on record: Table 1, TMI, before, sensor 1\n"
-    )
-    assert Path("reproduce_li2018a.csv").exists()
+    words = ["li2018a", "--seeds", "2"]
+    assert "written: benchmarks/results/reproduce_li2018a.csv" in run(*words).stdout
+    assert "written: other/reproduce_li2018a.csv" in run(*words, "--output-dir", "other").stdout
 
 
 def test_a_folder_that_is_not_there_exits_2(run):
@@ -87,19 +83,12 @@ def test_a_folder_that_is_not_there_exits_2(run):
     assert list(Path().iterdir()) == []
 
 
-def test_all_papers_with_the_curves_of_figures(run, monkeypatch, wu2025_sweeps):
-    """One command writes every number and the curves of Wu's figures; the runs are passed on."""
-    asked = []
-
-    def results(table_1, turntable, runs, progress):
-        asked.append(runs)
-        progress(1, 1)
-        return wu2025.simulated_rows(wu2025_sweeps), wu2025_sweeps
-
-    monkeypatch.setattr(wu2025, "results", results)
-    result = run("all", "--runs", "2")
+def test_all_papers_with_the_curves_of_figures(run, monkeypatch):
+    """One command writes every number and the curves of Wu's figures."""
+    monkeypatch.setattr(wu2025_sweeps, "RUNS", 2)
+    monkeypatch.setattr("tam_validation.papers.seeds.processes", in_this_process)
+    result = run("all", "--seeds", "2")
     assert result.exit_code == 0, result.stderr
-    assert asked == [2]
     assert [line.split(":")[0] for line in result.stdout.splitlines()[-4:]] == [
         "wu2025",
         "li2018a",
@@ -107,7 +96,13 @@ def test_all_papers_with_the_curves_of_figures(run, monkeypatch, wu2025_sweeps):
         "chi2017",
     ]
     first, rows = read("reproduce_wu2025_figures.csv")
-    assert first == "# tam reproduce wu2025 --runs 2"
-    assert len(rows) == 6 * (4 * 7 + 2)
-    floor = [row for row in rows if row["source"] == "noise floor" and row["setting"] == "N"]
-    assert float(floor[-1]["e_T_nT_per_m held out"]) == pytest.approx(5.99, rel=0.02)
+    assert first == "# tam reproduce wu2025 --seeds 2"
+    assert len(rows) == 4 * 7 + 2 + 3
+    assert float(rows[27]["e_T_nT_per_m after"]) == pytest.approx(5.99, rel=0.02)
+
+
+def in_this_process(jobs, context):
+    """Return a pool that works here, where settings are changed."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    return ThreadPoolExecutor(1)
