@@ -100,7 +100,9 @@ def main(runs: int, first_seed: int) -> None:
     rows = []
     cases = list(product(METHODS, NOISES, SAMPLES))
     for method, name, count in track(cases, description="coverage"):
-        seeds = [[first_seed, list(NOISES).index(name), count, run] for run in range(max(runs, min(100, 12_000 // count)))]
+        seeds = [
+            [first_seed, list(NOISES).index(name), count, run] for run in range(max(runs, min(100, 12_000 // count)))
+        ]
         pulls = [pulls_of(*run_of(np.random.default_rng(seed), name, count), method) for seed in seeds]
         told = [each for each in pulls if each is not None]
         parts = np.array([np.mean(np.abs(off) < WITHIN) for off, _ in told])
