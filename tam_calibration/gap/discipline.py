@@ -3,11 +3,13 @@
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 
-from tam_calibration.gap.laws.causes import agrees
-from tam_calibration.gap.laws.law import Signature
-from tam_calibration.gap.result import Considered
+from tam_calibration.gap.hypothesis import places_of, sensors_of
+from tam_calibration.gap.laws.causes import acts_at, agrees
+from tam_calibration.gap.laws.law import SCALAR, Place, Signature
+from tam_calibration.gap.result import Cause, Considered, Gap
 from tam_calibration.gap.search import Search
 from tam_calibration.gap.size import rivals
+from tam_calibration.model.fitted_effect import SCALAR as SCALAR_ROW
 
 _FREE = ("random", "slow")
 """Courses of an offset or a gain that imitate any function of motion or time: they contradict no cause."""
@@ -36,6 +38,37 @@ def doubted(found: Search, laws: Sequence[Signature]) -> tuple[str, ...]:
     return _disagreeing(found, laws) if laws else ()
 
 
+def misplaced(found: Search, laws: Sequence[Signature]) -> tuple[str, ...]:
+    """Return the effects named by a search in the scalar that cannot be where the law that they make is likeliest."""
+    named = [step.accepted for step in found.steps if sensors_of(places_of(step.accepted.form)) == {SCALAR_ROW}]
+    names = dict.fromkeys(one.effect for one in named)
+    return tuple(name for name in names if not acts_at(name, _place_of(name, laws, SCALAR)))
+
+
+def _place_of(effect: str, laws: Sequence[Signature], default: Place) -> Place:
+    """Return the likeliest place of the strongest law of the intensity that an effect can make."""
+    return next((law.places[0] for law in laws if law.is_common and agrees(effect, [law])), default)
+
+
+def placed(gap: Gap, laws: Sequence[Signature], places: Sequence[Place]) -> Gap:
+    """Return a gap that only the residual of the intensity shows at the likeliest of its places, and so its causes.
+
+    Parameters
+    ----------
+    gap : Gap
+        With its causes.
+    laws : sequence of Signature
+        The strongest first.
+    places : sequence of Place
+        Of the strongest law, or of the gap.
+    """
+    causes = tuple(
+        replace(one, sensors=_place_of(one.fitted.effect, laws, places[0]), axes=()) if "scalar" in one.sensors else one
+        for one in gap.causes
+    )
+    return replace(gap, causes=causes, where=replace(gap.where, sensors=places[0], axes=()))
+
+
 def _disagreeing(found: Search, laws: Sequence[Signature]) -> tuple[str, ...]:
     named = dict.fromkeys(step.accepted.effect for step in found.steps)
     return tuple(name for name in named if not agrees(name, laws))
@@ -56,7 +89,11 @@ def considered_without(
     considered: Sequence[Considered], names: Collection[str], laws: Sequence[Signature]
 ) -> tuple[Considered, ...]:
     """Return the statuses of all hypotheses, with the reason for those that were not named."""
-    first = laws[0] if laws else None
-    why = "" if first is None else f"the gap is a law of {first.law.replace('_', ' ')}, which it does not make"
     others = [one for one in considered if one.effect not in names]
-    return (*others, *(Considered(name, "not_supported", why) for name in names))
+    return (*others, *(Considered(name, "not_supported", _why(name, laws[0])) for name in names))
+
+
+def _why(effect: str, law: Signature) -> str:
+    if agrees(effect, [law]):
+        return "it acts on the scalar, which does not show the gap"
+    return f"the gap is a law of {law.law.replace('_', ' ')}, which it does not make"
