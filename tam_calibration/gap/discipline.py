@@ -6,7 +6,7 @@ from dataclasses import replace
 from tam_calibration.gap.hypothesis import places_of, sensors_of
 from tam_calibration.gap.laws.causes import acts_at, agrees
 from tam_calibration.gap.laws.law import SCALAR, Place, Signature
-from tam_calibration.gap.result import Cause, Considered, Gap
+from tam_calibration.gap.result import Considered, Gap
 from tam_calibration.gap.search import Search
 from tam_calibration.gap.size import rivals
 from tam_calibration.model.fitted_effect import SCALAR as SCALAR_ROW

@@ -6,12 +6,14 @@ from math import expm1, log
 
 import numpy as np
 
+from tam_calibration.effects.covariates import to_world
 from tam_calibration.effects.effect import Effect, Finding
 from tam_calibration.effects.grades import LONGEST_BURST, MINOR, NEARLY_ALL, NOTABLE, SLIGHT
 from tam_calibration.effects.library import effect_named
 from tam_calibration.gap.hypothesis import Hypothesis, places_of, sensors_of
 from tam_calibration.gap.model import Part
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
+from tam_calibration.gap.repeats import repeats
 from tam_calibration.gap.rivals import MOST_STEPS, SHARPEST, FunctionOfDirection, surrogate_test_of_change
 from tam_calibration.gap.size import Evidence, cached_by_base, cached_by_form, examine, rivals
 from tam_calibration.gap.surrogates import SurrogateTest, surrogate_test_of
@@ -202,6 +204,8 @@ def support_of(base: Base, candidate: Evidence) -> tuple[bool, SurrogateTest | N
         return False, None
     if form.effect.oversize(base.channels.covariates, _fitted_at(base, form)) is not None:
         return False, None
+    if (form.effect.is_free_in_time or form.effect.is_step) and _is_of_pose(base, form):
+        return False, None
     permanent = form.effect.always(form.shape)
     if permanent is not None:
         change_test, is_smooth = surrogate_test_of_change(base, form, permanent, candidate.delta_bic)
@@ -245,6 +249,16 @@ def _unexplained_part(base: Base, form: Hypothesis) -> float:
     gain = max((_gain_in_sensors(beside, form, one) for one in rivals(beside)), default=0.0)
     unexplained = beside.energy * -expm1(-gain / base.channels.count)
     return unexplained / (unexplained + base.energy - beside.energy)
+
+
+def _is_of_pose(base: Base, form: Hypothesis) -> bool:
+    """Whether what a form adds is the same at every pose that is taken up again."""
+    covariates = base.channels.covariates
+    pose = covariates.field_T / covariates.intensity_T[:, None]
+    if covariates.attitude is not None:
+        pose = to_world(covariates).reshape(len(pose), 9)
+    again, part = repeats(pose), Part.at(base, form)
+    return again is not None and again.are_same(part.signal(part.terms(base.channels), covariates.scalar_row + 1))
 
 
 def _fitted_at(base: Base, form: Hypothesis) -> FittedEffect:

@@ -32,9 +32,6 @@ MOST_LAWS = 3
 TIE = 3.0
 """Log evidence up to which two places are not told apart: odds of 20."""
 
-POWERS = np.geomspace(1e-8, 2.0, 60)
-"""Powers of a field or a disturbance that are tried in an octave, as parts of what is there."""
-
 SPIKE = 6.0
 """Standard deviations from its neighbours from which a sample is a spike: noise exceeds it once in 10⁹."""
 

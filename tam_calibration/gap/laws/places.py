@@ -12,7 +12,7 @@ the world tells as well: no error of the scalar turns it.
 import numpy as np
 
 from tam_calibration.effects.grades import LEAST_SAMPLES, SLIGHT
-from tam_calibration.gap.laws.decisions import POWERS, TIE, TOLERANCE
+from tam_calibration.gap.laws.decisions import SCATTER_SIZES, TIE, TOLERANCE
 from tam_calibration.gap.laws.law import ATTITUDE, SCALAR, Place
 from tam_calibration.gap.laws.patterns import field_matrix
 from tam_calibration.gap.laws.whitened import Residual
@@ -111,7 +111,7 @@ def _odds(scalar: FloatArray, array: FloatArray, own: float, other: float) -> fl
         Variances of their noise.
     """
     squares, cross, count = (scalar @ scalar, array @ array), float(scalar @ array), len(scalar)
-    powers = np.append(0.0, max(*squares) / count * POWERS)
+    powers = np.append(0.0, (own + other) * np.geomspace(*SCATTER_SIZES[[0, -1]], 4 * len(SCATTER_SIZES)))
     shared, disturbed = np.meshgrid(powers, powers)
     best = []
     for more in ((disturbed, 0.0), (0.0, disturbed)):

@@ -91,6 +91,11 @@ class Residual:
         return int(self.response.shape[2] // 3)
 
     @property
+    def pose(self) -> FloatArray:
+        """Axes of the array in the world (N, 9), or without attitude the direction of the field in the array (N, 3)."""
+        return self.field if self.rotation is None else self.rotation.reshape(self.count, 9)
+
+    @property
     def excess(self) -> float:
         """Energy beyond that of noise."""
         return float((self.z**2).sum() - self.noise * (self.size - self.nuisance.shape[2]))
