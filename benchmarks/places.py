@@ -194,7 +194,7 @@ def draw_repeats(seed: int, number: int) -> tuple[str, Recording, Recording]:
     source = np.random.default_rng([seed, number, 2])
     kind = ("flexure", "temperature", "quartic", "cross product", "loose part")[number % 5]
     once = poses(source, 72)
-    order = (np.tile(np.arange(72), 2), np.append(np.arange(72), np.arange(72)[::-1]), np.repeat(np.arange(72), 2))
+    order = (np.tile(np.arange(72), 2), np.append(np.arange(72), np.arange(72)[::-1]), np.tile(np.repeat(np.arange(36), 2), 2))
     made = run(source, once[order[number // 5 % 3]], 0.1)
     sensor, floors = int(source.integers(4)), float(source.uniform(3, 9))
     field = made.field_T

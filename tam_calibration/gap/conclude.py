@@ -33,6 +33,7 @@ from tam_calibration.gap.next_recording import next_recording
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.regressors import Regressors
 from tam_calibration.gap.remainder import describe, residue_of
+from tam_calibration.gap.repeats import pose_of, repeats
 from tam_calibration.gap.result import Cause, Considered, Gap, Size, Verdict, Where
 from tam_calibration.gap.search import LARGEST_REST, Search
 from tam_calibration.gap.size import measure, noise_variance
@@ -240,9 +241,24 @@ def verdict_on(found: Search, size: Size, variance: float, is_noisier: bool) -> 
         return "no_gap" if is_even else "unexplained"
     if size.closed < NOTABLE:  # Such a part may only be the correlation of the causes with an unknown one.
         return "unexplained"
+    if _is_open_at_poses(found):
+        return "unexplained"
     left = open_part(found.nominal.base(), found.model.base(), found.remaining)
     is_whole = left < MINOR and size.closed > MOST and size.after < LARGEST_REST
     return "explained" if is_whole and not _is_open_elsewhere(found) else "partly_explained"
+
+
+def _is_open_at_poses(found: Search) -> bool:
+    """Whether causes that follow the motion leave much of what is the same whenever a pose is taken up again."""
+    forms = [step.accepted.form for step in found.steps]
+    if not all(isinstance(form, Hypothesis) and form.effect.surrogates in ("moved", "of_attitude") for form in forms):
+        return False
+    channels = (found.nominal.channels(), found.model.channels(found.model.signal()))
+    again = repeats(pose_of(channels[0].covariates))
+    if again is None:
+        return False
+    before, after = (again.energy(one.differential) for one in channels)
+    return after > NOTABLE * before > 0
 
 
 def _is_open_elsewhere(found: Search) -> bool:

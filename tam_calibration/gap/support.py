@@ -6,14 +6,13 @@ from math import expm1, log
 
 import numpy as np
 
-from tam_calibration.effects.covariates import to_world
 from tam_calibration.effects.effect import Effect, Finding
 from tam_calibration.effects.grades import LONGEST_BURST, MINOR, NEARLY_ALL, NOTABLE, SLIGHT
 from tam_calibration.effects.library import effect_named
 from tam_calibration.gap.hypothesis import Hypothesis, places_of, sensors_of
 from tam_calibration.gap.model import Part
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
-from tam_calibration.gap.repeats import repeats
+from tam_calibration.gap.repeats import pose_of, repeats
 from tam_calibration.gap.rivals import MOST_STEPS, SHARPEST, FunctionOfDirection, surrogate_test_of_change
 from tam_calibration.gap.size import Evidence, cached_by_base, cached_by_form, examine, rivals
 from tam_calibration.gap.surrogates import SurrogateTest, surrogate_test_of
@@ -254,10 +253,7 @@ def _unexplained_part(base: Base, form: Hypothesis) -> float:
 def _is_of_pose(base: Base, form: Hypothesis) -> bool:
     """Whether what a form adds is the same at every pose that is taken up again."""
     covariates = base.channels.covariates
-    pose = covariates.field_T / covariates.intensity_T[:, None]
-    if covariates.attitude is not None:
-        pose = to_world(covariates).reshape(len(pose), 9)
-    again, part = repeats(pose), Part.at(base, form)
+    again, part = repeats(pose_of(covariates)), Part.at(base, form)
     return again is not None and again.are_same(part.signal(part.terms(base.channels), covariates.scalar_row + 1))
 
 
