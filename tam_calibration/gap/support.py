@@ -9,6 +9,7 @@ import numpy as np
 from tam_calibration.effects.effect import Effect, Finding
 from tam_calibration.effects.grades import LONGEST_BURST, MINOR, NEARLY_ALL, NOTABLE, SLIGHT
 from tam_calibration.effects.library import effect_named
+from tam_calibration.effects.spikes import MOST_SPIKES
 from tam_calibration.gap.hypothesis import Hypothesis, places_of, sensors_of
 from tam_calibration.gap.model import Part
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
@@ -342,7 +343,7 @@ def is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:
     flagged = candidate.form.flagged if isinstance(candidate.form, Finding) else None
     if flagged is not None and not (flagged & base.channels.is_counted).any():
         return False
-    if _effect_of(candidate).is_of_lone_samples and _flagged_part([candidate, *same_effect]) > SLIGHT:
+    if _effect_of(candidate).is_of_lone_samples and _flagged_part([candidate, *same_effect]) > MOST_SPIKES:
         return False
     there = [step.accepted for step in steps if sensors & sensors_of(places_of(step.accepted.form))]
     if any(_is_nested(candidate, other) for other in there):
