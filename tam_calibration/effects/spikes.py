@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.core.noise import noise_deviation
-from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, LONGEST_BURST, NEGLIGIBLE, NOTABLE
+from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, LONGEST_BURST, MINOR, NEGLIGIBLE, NOTABLE
 from tam_calibration.effects.motion import MOST_NEIGHBOURS
 from tam_calibration.effects.saturation import find_limits
 from tam_calibration.effects.term import WhitenedResiduals, row_deviations
@@ -23,8 +23,8 @@ from tam_calibration.model.units import FloatArray
 _EFFICIENCY = 0.37
 """Efficiency of the median absolute value as an estimate of a Gaussian scale."""
 
-MOST_SPIKES = 0.16
-"""Part of the samples that are spikes, at most: of more the median would no longer be that of the noise."""
+A_DOZEN = 12
+"""Single readings that are no noise, whatever part of a short recording they are: a sixth of 72 poses."""
 
 _BLOCK = 200
 """Samples over which the local scale is estimated."""
@@ -68,7 +68,7 @@ def find_spikes(residuals: WhitenedResiduals) -> Spikes | str:
     far = _improbable(chance)
     if not far.any():
         return "no reading lies beyond what noise reaches"
-    if far.sum() > MOST_SPIKES * usable.sum():
+    if far.sum() > max(MINOR * usable.sum(), A_DOZEN):
         return f"{far.sum()} of {usable.sum()} samples are too many for spikes"
     bursts = _bursts(height > CERTAIN)
     far &= bursts <= LONGEST_BURST

@@ -241,8 +241,6 @@ def verdict_on(found: Search, size: Size, variance: float, is_noisier: bool) -> 
         return "no_gap" if is_even else "unexplained"
     if size.closed < NOTABLE:  # Such a part may only be the correlation of the causes with an unknown one.
         return "unexplained"
-    if _is_open_at_poses(found):
-        return "unexplained"
     left = open_part(found.nominal.base(), found.model.base(), found.remaining)
     is_whole = left < MINOR and size.closed > MOST and size.after < LARGEST_REST
     return "explained" if is_whole and not _is_open_elsewhere(found) else "partly_explained"
@@ -360,6 +358,8 @@ def _concluded(found: Search, doubted: Collection[str]) -> Gap:
     base = found.nominal.base()
     verdict = verdict_on(found, size, variance, noisier is not None)
     is_named = verdict not in ("no_gap", "unexplained")
+    if is_named and _is_open_at_poses(found):
+        verdict, is_named = "unexplained", False
     if not is_named:
         whole = whole_nominal
         size = measure(whole_nominal, whole, variance)

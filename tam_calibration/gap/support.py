@@ -9,7 +9,7 @@ import numpy as np
 from tam_calibration.effects.effect import Effect, Finding
 from tam_calibration.effects.grades import LONGEST_BURST, MINOR, NEARLY_ALL, NOTABLE, SLIGHT
 from tam_calibration.effects.library import effect_named
-from tam_calibration.effects.spikes import MOST_SPIKES
+from tam_calibration.effects.spikes import A_DOZEN
 from tam_calibration.gap.hypothesis import Hypothesis, places_of, sensors_of
 from tam_calibration.gap.model import Part
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
@@ -343,7 +343,7 @@ def is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:
     flagged = candidate.form.flagged if isinstance(candidate.form, Finding) else None
     if flagged is not None and not (flagged & base.channels.is_counted).any():
         return False
-    if _effect_of(candidate).is_of_lone_samples and _flagged_part([candidate, *same_effect]) > MOST_SPIKES:
+    if _effect_of(candidate).is_of_lone_samples and _are_many([candidate, *same_effect]):
         return False
     there = [step.accepted for step in steps if sensors & sensors_of(places_of(step.accepted.form))]
     if any(_is_nested(candidate, other) for other in there):
@@ -402,10 +402,11 @@ def _is_nested(one: Evidence, other: Evidence) -> bool:
     return len(effects) == 2 and (effects[0].is_within(effects[1].name) or effects[1].is_within(effects[0].name))
 
 
-def _flagged_part(causes: Sequence[Evidence]) -> float:
-    """Return the part of the samples that findings flag."""
+def _are_many(causes: Sequence[Evidence]) -> bool:
+    """Whether findings flag more samples than lone ones are."""
     flags = [one.form.flagged for one in causes if isinstance(one.form, Finding) and one.form.flagged is not None]
-    return float(np.any(flags, axis=0).mean())
+    flagged = np.any(flags, axis=0)
+    return bool(flagged.sum() > max(SLIGHT * len(flagged), A_DOZEN))
 
 
 def _changes(causes: Sequence[Evidence], step_s: float) -> int:

@@ -100,7 +100,7 @@ NEIGHBOURS = 5
 RUN = 3
 """Samples of a burst of spikes, at most: a longer one is an episode."""
 
-MOST_SPIKES = 0.16
+MOST_SPIKES = 0.1
 """Part of the samples that are spikes, at most."""
 
 RARE = 0.1
