@@ -11,10 +11,12 @@ Run ``python benchmarks/places.py``. Seeds from 1000 on judge; smaller ones are 
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import click
 import numpy as np
 from numpy.random import Generator
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from tam_calibration.comparison.compare import compare
@@ -31,7 +33,7 @@ NOISE_T, SCALAR_T, FIELD_T = 4e-9, 0.5e-9, 48e-6
 ATTITUDE = np.radians(0.05)
 ARM_M = 0.25
 POSITIONS_M = ARM_M * np.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]])
-ARRAY = Array(positions_m=POSITIONS_M, vector_noise_T=NOISE_T, scalar_noise_T=SCALAR_T)
+ARRAY = Array(positions_m=POSITIONS_M, vector_noise_T=np.full(4, NOISE_T), scalar_noise_T=SCALAR_T)
 ALL, SCALAR = (1, 2, 3, 4), ("scalar",)
 
 
@@ -48,11 +50,11 @@ class Run:
     @property
     def field_T(self) -> FloatArray:
         """(N, 3) in the array's frame."""
-        return self.turns.inv().apply(self.world_T)
+        return np.asarray(self.turns.inv().apply(self.world_T))
 
     def readings_T(self, field_T: FloatArray) -> FloatArray:
         """(N, K, 3) without noise."""
-        return np.einsum("kij,nj->nki", self.matrix, field_T) + self.bias_T
+        return np.asarray(np.einsum("kij,nj->nki", self.matrix, field_T) + self.bias_T)
 
 
 def run(source: Generator, turns: Rotation, rate_hz: float = 10.0) -> Run:
@@ -101,13 +103,16 @@ def course(source: Generator, kind: str, time_s: FloatArray) -> FloatArray:
     """Draw a course (N,) of unit mean square."""
     count = len(time_s)
     share = np.arange(count) / count
+    made: FloatArray
     if kind == "random":
         made = source.normal(size=count)
     elif kind == "episodes":
         edges = np.sort(source.uniform(0.05, 0.95, 2 * source.integers(2, 5)))
         made = np.searchsorted(edges, share) % 2 * source.uniform(0.5, 1.5)
     elif kind == "slow":
-        made = sum(source.normal() * np.cos(np.pi * k * share + source.uniform(0, 6)) / k for k in range(1, 5))
+        order = np.arange(1, 5)[:, None]
+        waves = np.cos(np.pi * order * share + source.uniform(0, 6, (4, 1))) / order
+        made = np.asarray(source.normal(size=4) @ waves)
     elif kind == "walk":
         made = np.cumsum(source.normal(size=count))
     elif kind == "steps":
@@ -123,7 +128,7 @@ COURSES = ("random", "episodes", "slow", "steps", "tone", "walk")
 
 def size_T(floors: float) -> float:
     """Return the size in the intensity that makes a gap of so many floors: one channel in ten has it."""
-    return floors * np.sqrt(10) * np.hypot(NOISE_T / 2, SCALAR_T)
+    return float(floors * np.sqrt(10) * np.hypot(NOISE_T / 2, SCALAR_T))
 
 
 def schedule(source: Generator, number: int) -> Rotation:
@@ -233,10 +238,11 @@ def _unit(source: Generator) -> FloatArray:
     return np.asarray(drawn / np.linalg.norm(drawn))
 
 
-def _ordered(recording: Recording, order: np.ndarray) -> Recording:
+def _ordered(recording: Recording, order: NDArray[np.intp]) -> Recording:
     names = ("readings_T", "scalar_T", "attitude", "temperature_C")
     given = {name: getattr(recording, name) for name in names}
-    return replace(recording, **{name: None if one is None else one[order] for name, one in given.items()})
+    mixed: dict[str, Any] = {name: one if one is None else one[order] for name, one in given.items()}
+    return replace(recording, **mixed)
 
 
 def repeats(seed: int, count: int) -> Iterator[tuple[bool, str]]:

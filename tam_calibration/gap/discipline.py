@@ -6,7 +6,7 @@ from dataclasses import replace
 from tam_calibration.gap.hypothesis import places_of, sensors_of
 from tam_calibration.gap.laws.causes import acts_at, agrees
 from tam_calibration.gap.laws.law import SCALAR, Place, Signature
-from tam_calibration.gap.result import Considered, Gap
+from tam_calibration.gap.result import Cause, Considered, Gap
 from tam_calibration.gap.search import Search
 from tam_calibration.gap.size import rivals
 from tam_calibration.model.fitted_effect import SCALAR as SCALAR_ROW
@@ -62,11 +62,17 @@ def placed(gap: Gap, laws: Sequence[Signature], places: Sequence[Place]) -> Gap:
     places : sequence of Place
         Of the strongest law, or of the gap.
     """
-    causes = tuple(
-        replace(one, sensors=_place_of(one.fitted.effect, laws, places[0]), axes=()) if "scalar" in one.sensors else one
-        for one in gap.causes
-    )
-    return replace(gap, causes=causes, where=replace(gap.where, sensors=places[0], axes=()))
+    causes = tuple(_moved(one, _place_of(one.fitted.effect, laws, places[0])) for one in gap.causes)
+    sensors = {sensor for one in causes for sensor in one.sensors} or set(places[0])
+    axes = () if sensors == set(places[0]) else gap.where.axes
+    where = replace(gap.where, sensors=tuple(sorted(sensors, key=str)), axes=axes)
+    return replace(gap, causes=causes, where=where)
+
+
+def _moved(cause: Cause, place: Place) -> Cause:
+    """Return a cause that acts on the scalar at another place in which it may act."""
+    is_there = "scalar" in cause.sensors and acts_at(cause.fitted.effect, place)
+    return replace(cause, sensors=place, axes=()) if is_there else cause
 
 
 def _disagreeing(found: Search, laws: Sequence[Signature]) -> tuple[str, ...]:

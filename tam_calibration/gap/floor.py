@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.core.noise import noise_deviation
 from tam_calibration.effects.covariates import LEAST_TURN
+from tam_calibration.effects.excess_variance import stated_variance
 from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, NOTABLE
 from tam_calibration.effects.quantization import find_lattices
 from tam_calibration.effects.term import rows_of
@@ -70,13 +71,11 @@ class Floor:
         channels : WhitenedChannels
             Of the model without them.
         """
-        array = channels.covariates.array
-        sheet_T = np.append(np.repeat(array.vector_noise_T, 3), array.scalar_noise_T)
         square = np.zeros(len(self.level_T))
         for one in found:
             for part in one.contributions if one.effect == "noise_excess" else ():
                 square[rows_of(part, channels.covariates)] = part.values["standard deviation"] ** 2
-        level_T = np.where(square > 0, np.sqrt(sheet_T**2 + square), self.level_T)
+        level_T = np.where(square > 0, np.sqrt(stated_variance(channels.covariates) + square), self.level_T)
         return replace(self, level_T=level_T, is_diagnosed=square > 0)
 
     @property

@@ -111,7 +111,9 @@ def _odds(scalar: FloatArray, array: FloatArray, own: float, other: float) -> fl
         Variances of their noise.
     """
     squares, cross, count = (scalar @ scalar, array @ array), float(scalar @ array), len(scalar)
-    powers = np.append(0.0, (own + other) * np.geomspace(*SCATTER_SIZES[[0, -1]], 4 * len(SCATTER_SIZES)))
+    powers = np.append(
+        0.0, (own + other) * np.geomspace(SCATTER_SIZES.min(), SCATTER_SIZES.max(), 4 * len(SCATTER_SIZES))
+    )
     shared, disturbed = np.meshgrid(powers, powers)
     best = []
     for more in ((disturbed, 0.0), (0.0, disturbed)):
