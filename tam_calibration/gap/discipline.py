@@ -39,10 +39,12 @@ def doubted(found: Search, laws: Sequence[Signature]) -> tuple[str, ...]:
 
 
 def misplaced(found: Search, laws: Sequence[Signature]) -> tuple[str, ...]:
-    """Return the effects named by a search in the scalar that cannot be where the law that they make is likeliest."""
-    named = [step.accepted for step in found.steps if sensors_of(places_of(step.accepted.form)) == {SCALAR_ROW}]
-    names = dict.fromkeys(one.effect for one in named)
-    return tuple(name for name in names if not acts_at(name, _place_of(name, laws, SCALAR)))
+    """Return the effects named by a search that are not where the law is: in the scalar, or not in the scalar."""
+    sensors = [(step.accepted.effect, sensors_of(places_of(step.accepted.form))) for step in found.steps]
+    is_of_scalar = {law.places for law in laws} == {(SCALAR,)} and laws[0].energy >= _DECISIVE
+    names = [name for name, own in sensors if own == {SCALAR_ROW} and not acts_at(name, _place_of(name, laws, SCALAR))]
+    names += [name for name, own in sensors if is_of_scalar and SCALAR_ROW not in own]
+    return tuple(dict.fromkeys(names))
 
 
 def _place_of(effect: str, laws: Sequence[Signature], default: Place) -> Place:
@@ -101,5 +103,5 @@ def considered_without(
 
 def _why(effect: str, law: Signature) -> str:
     if agrees(effect, [law]):
-        return "it acts on the scalar, which does not show the gap"
+        return "it acts elsewhere than where the gap is"
     return f"the gap is a law of {law.law.replace('_', ' ')}, which it does not make"
