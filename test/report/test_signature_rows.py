@@ -22,8 +22,8 @@ def law(name, course, sensors=(3,), axes=("z",), **other):
     [
         (
             law("gain", "episodes", times_s=(3.0, 5.0, 8.0, 9.0), curve=GAIN),
-            "Sensor 3, axis z: its gain, or what leaks into it, changes by 0.40 % in 2 episodes (from and until 3.000 s, "
-            "5.000 s, 8.000 s, 9.000 s), 93 % of the gap. No recorded channel goes with it.",
+            "Sensor 3, axis z: its gain, or what leaks into it, changes by 0.40 % in 2 episodes (from and until "
+            "3.000 s, 5.000 s, 8.000 s, 9.000 s), 93 % of the gap. No recorded channel goes with it.",
         ),
         (
             law("offset", "channel", axes=("x", "y", "z"), follows="current", curve=OFFSET),
