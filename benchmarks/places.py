@@ -300,7 +300,7 @@ def noises(seed: int, count: int) -> Iterator[tuple[bool, str]]:
         closing = comparison.closing
         is_closed = closing is not None and closing.after <= 1.2
         levels = [(one.simulation.level_T, one.recording.level_T) for one in comparison.noise]
-        words = f"channel {channel} × {factor:.1f}, {len(turns)} samples: {comparison.statement} {levels[-1]}"
+        words = f"channel {channel} × {factor:.1f}, {len(turns)} samples: {comparison.statement} {levels[-1:]}"
         yield comparison.verdict == "differs" and bool(changed) and is_closed, words
 
 
