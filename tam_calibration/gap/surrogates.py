@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from tam_calibration.effects.effect import SurrogateKind
-from tam_calibration.effects.grades import MOST, NEARLY_ALL, SLIGHT
+from tam_calibration.effects.grades import MOST, NEGLIGIBLE, SLIGHT
 from tam_calibration.effects.periodic_interference import SAME_LINE
 from tam_calibration.effects.term import at_rows, chosen
 from tam_calibration.gap.hypothesis import Hypothesis
@@ -92,8 +92,7 @@ def surrogate_test_of(base: Base, form: Hypothesis) -> SurrogateTest:
     gain = base.project(base.channels.design(form.terms)).gain()[0]
     others, repeated = list[float](), list[float]()
     for explained, of_itself in _KINDS[form.effect.surrogates](base, form):
-        if of_itself < NEARLY_ALL:
-            (others if of_itself < MOST else repeated).append(explained)
+        (others if of_itself < MOST else repeated).append(explained)
         if of_itself < MOST and explained >= gain:
             break
     if len(repeated) >= len(others):
@@ -174,8 +173,10 @@ def _of_channel(base: Base, form: Hypothesis) -> _Surrogates:
     for name in form.effect.channels:
         channel = getattr(base.channels.covariates, name)
         yield from _with_channel(base, form, name, _moved_in_time(channel))
-        for explained, of_itself in _with_channel(base, form, name, _of_spectrum(channel, _CHANNELS // 2)):
-            yield explained, of_itself if of_itself >= NEARLY_ALL else 0.0
+        others = _of_spectrum(channel, _CHANNELS // 2)
+        unlike = (other for other in others if abs(np.corrcoef(channel, other)[0, 1]) < 1 - NEGLIGIBLE)
+        for explained, _ in _with_channel(base, form, name, unlike):
+            yield explained, 0.0
 
 
 def _of_attitude(base: Base, form: Hypothesis) -> _Surrogates:
