@@ -73,8 +73,8 @@ class Floor:
         """
         square = np.zeros(len(self.level_T))
         for one in found:
-            for part in one.contributions if one.effect == "noise_excess" else ():
-                square[rows_of(part, channels.covariates)] = part.values["standard deviation"] ** 2
+            for part in one.contributions:
+                square[rows_of(part, channels.covariates)] = part.values.get("standard deviation", 0.0) ** 2
         level_T = np.where(square > 0, np.sqrt(stated_variance(channels.covariates) + square), self.level_T)
         return replace(self, level_T=level_T, is_diagnosed=square > 0)
 

@@ -204,7 +204,8 @@ def support_of(base: Base, candidate: Evidence) -> tuple[bool, SurrogateTest | N
         return False, None
     if form.effect.oversize(base.channels.covariates, _fitted_at(base, form)) is not None:
         return False, None
-    if (form.effect.is_free_in_time or form.effect.is_step) and _is_of_pose(base, form):
+    is_in_time = form.effect.is_free_in_time or form.effect.is_step or form.effect.surrogates == "at_other_frequencies"
+    if is_in_time and _is_of_pose(base, form):
         return False, None
     permanent = form.effect.always(form.shape)
     if permanent is not None:

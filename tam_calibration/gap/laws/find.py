@@ -142,7 +142,7 @@ def _accepted(residual: Residual, tried: list[Candidate]) -> Iterator[tuple[Cand
 
 def _is_of_pose(residual: Residual, one: Candidate, again: Repeats) -> bool:
     """Say whether a course in time is the same at every pose that is taken up again."""
-    if one.course not in ("step", "episodes", "slow", "random") or one.evidence < LEAST_EVIDENCE:
+    if one.course not in ("step", "episodes", "slow", "random", "tone") or one.evidence < LEAST_EVIDENCE:
         return False
     return again.are_same(one.signal(residual, one.fitted(residual)))
 
