@@ -13,6 +13,7 @@ from tam_calibration.effects.removal import agreed_field
 from tam_calibration.gap.attitude_nominal import products_of
 from tam_calibration.gap.calibration_with_effects import calibration_of
 from tam_calibration.gap.diagnose import judge
+from tam_calibration.gap.floor import Floor
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.search import Progress
 from tam_calibration.integrity import ACCEPTABLE
@@ -50,7 +51,20 @@ def side_of(source: SampleSource, array: Array, progress: Progress | None = None
     noise = noise_of(recording.time_s, residual[:, :-1], mixing, recording.interpolated_noise)
     if recording.scalar_T is not None:
         noise = (*noise, _noise_of_scalar(recording.time_s, residual[:, -1]))
+    if gap.floor is not None:
+        noise = tuple(_as_diagnosed(one, row, gap.floor, recording.sample_count) for row, one in enumerate(noise))
     return Side(recording, array, gap, calibration, residual, noise, found)
+
+
+def _as_diagnosed(noise: AxisNoise, row: int, floor: Floor, count: int) -> AxisNoise:
+    """Return white noise at the level that the diagnosis states of a cause, and of the scalar in any case."""
+    is_cause = floor.is_diagnosed is not None and bool(floor.is_diagnosed[row])
+    level_T = float(floor.level_T[row])
+    if noise.colour != "white" or not (is_cause or noise.sensor == 0) or not np.isfinite(level_T):
+        return noise
+    # Of a cause by all its samples; else by the median power in the upper half of the band.
+    error_T = level_T / float(np.sqrt(count)) * (np.sqrt(0.5) if is_cause else 1 / np.log(2))
+    return replace(noise, level_T=level_T, white_T=level_T, level_error_T=error_T)
 
 
 def residual_of(calibration: Calibration, recording: Recording, model: Model) -> tuple[FloatArray, FloatArray]:

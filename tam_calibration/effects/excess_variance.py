@@ -181,7 +181,7 @@ def best_excess(moments: ChannelMoments, covariates: Covariates) -> Excess | Non
     covariates : Covariates
         Number of sensors, and the noise that the array states.
     """
-    stated = _stated_variance(covariates)
+    stated = stated_variance(covariates)
     single = np.array([_scaled(moments, (row,), np.ones(1))[0] for row in range(moments.row_count)])
     best, best_bic = None, 0.0
     for place in places(covariates.sensor_count):
@@ -229,7 +229,7 @@ def relative_error(profile: Callable[[float], float]) -> float:
     return float(np.sqrt(2 * _STEP**2 / max(low - 2 * middle + high, np.finfo(float).tiny)))
 
 
-def _stated_variance(covariates: Covariates) -> FloatArray:
+def stated_variance(covariates: Covariates) -> FloatArray:
     """Return the (3K + 1,) variance of the rows as the array states it, T²."""
     stated = covariates.array.vector_noise_T
     vector = np.zeros(covariates.scalar_row) if stated is None else np.repeat(stated, 3) ** 2

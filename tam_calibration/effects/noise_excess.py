@@ -5,6 +5,8 @@ direction of the field or comes as spikes is left to other effects. White excess
 and so does the 1/f noise of a sensor up to a slope of about 0.9: neighbouring samples are alike by less than 0.75.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from tam_calibration.effects.effect import ALL, Contribution, Covariates, Finding, FittedEffect, FoundEffect
@@ -15,7 +17,11 @@ from tam_calibration.effects.regularity import neighbour_covariance, objection_t
 from tam_calibration.effects.saturation import inside_range
 from tam_calibration.effects.spikes import without_spikes
 from tam_calibration.effects.term import WhitenedResiduals, row_deviations
+from tam_calibration.model.fitted_effect import SCALAR
 from tam_calibration.model.units import FloatArray
+
+_OF_AXIS, _OF_SCALAR = 4, 9
+"""Numbers of the calibration that are fitted to the noise of an axis, and to that of the intensity: an ellipsoid."""
 
 
 class NoiseExcess(FoundEffect):
@@ -32,6 +38,9 @@ class NoiseExcess(FoundEffect):
         excess = best_excess(moments, residuals.covariates)
         if excess is None:
             return self._shared(residuals)
+        spent = _OF_SCALAR if excess.place.sensor == SCALAR else _OF_AXIS
+        count = moments.sample_count
+        excess = replace(excess, part=excess.part * count / max(count - spent, 1))
         variance = np.zeros(moments.row_count)
         variance[list(excess.place.rows)] = excess.variance_T2
         objection = (

@@ -3,7 +3,16 @@
 import numpy as np
 
 from tam_calibration.effects.excess_variance import Excess
-from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, LONGEST_BURST, MOST, NEGLIGIBLE, NOTABLE, SLIGHT
+from tam_calibration.effects.grades import (
+    CERTAIN,
+    FEWEST,
+    LEAST_SAMPLES,
+    LONGEST_BURST,
+    MOST,
+    NEGLIGIBLE,
+    NOTABLE,
+    SLIGHT,
+)
 from tam_calibration.effects.motion import MOST_NEIGHBOURS
 from tam_calibration.effects.term import WhitenedResiduals, row_deviations
 from tam_calibration.model.units import FloatArray
@@ -68,14 +77,16 @@ def _of_size(deviation: FloatArray, direction: FloatArray) -> str | None:
     size = deviation**2
     # The third square is what the other two leave of one.
     squares = np.column_stack([direction[:, :2] ** 2, direction * np.roll(direction, 1, axis=1)])
-    if _explained_beyond(size, squares) > NEGLIGIBLE:
+    # Of few samples chance makes as much.
+    least = max(NEGLIGIBLE, FEWEST / len(size))
+    if _explained_beyond(size, squares) > least:
         return "the size of the excess follows the direction of the field"
     changes = [
         np.gradient(direction, axis=0),
         np.diff(direction, 2, axis=0, prepend=direction[:1], append=direction[-1:]),
     ]
     rates = np.column_stack([np.sum(change**2, axis=1) for change in changes])
-    if _explained_beyond(size, rates) > NEGLIGIBLE:
+    if _explained_beyond(size, rates) > least:
         return "the size of the excess follows the rate of the field"
     return None
 

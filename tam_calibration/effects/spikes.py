@@ -23,6 +23,9 @@ from tam_calibration.model.units import FloatArray
 _EFFICIENCY = 0.37
 """Efficiency of the median absolute value as an estimate of a Gaussian scale."""
 
+A_DOZEN = 12
+"""Single readings that are no noise, whatever part of a short recording they are: a sixth of 72 poses."""
+
 _BLOCK = 200
 """Samples over which the local scale is estimated."""
 
@@ -65,7 +68,7 @@ def find_spikes(residuals: WhitenedResiduals) -> Spikes | str:
     far = _improbable(chance)
     if not far.any():
         return "no reading lies beyond what noise reaches"
-    if far.sum() > MINOR * usable.sum():
+    if far.sum() > max(MINOR * usable.sum(), A_DOZEN):
         return f"{far.sum()} of {usable.sum()} samples are too many for spikes"
     bursts = _bursts(height > CERTAIN)
     far &= bursts <= LONGEST_BURST

@@ -17,14 +17,23 @@ from tam_calibration.effects.grades import FEWEST, MINOR, MOST, NEARLY_ALL, NOTA
 from tam_calibration.effects.library import effect_named, installed_effects, units_of
 from tam_calibration.gap.checks import checks_of
 from tam_calibration.gap.coloured import covariance_of
-from tam_calibration.gap.discipline import considered_without, contradicted, doubted, without_causes
+from tam_calibration.gap.discipline import (
+    considered_without,
+    contradicted,
+    doubted,
+    misplaced,
+    placed,
+    without_causes,
+)
 from tam_calibration.gap.hypothesis import Hypothesis, Place, places_of, sensors_of
-from tam_calibration.gap.laws.signature import signature_of
+from tam_calibration.gap.laws.law import SCALAR, Signature, in_words
+from tam_calibration.gap.laws.signature import shared_places, signature_of
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.next_recording import next_recording
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.regressors import Regressors
 from tam_calibration.gap.remainder import describe, residue_of
+from tam_calibration.gap.repeats import pose_of, repeats
 from tam_calibration.gap.result import Cause, Considered, Gap, Size, Verdict, Where
 from tam_calibration.gap.search import LARGEST_REST, Search
 from tam_calibration.gap.size import measure, noise_variance
@@ -88,7 +97,7 @@ _RIGHT: Mapping[Verdict, float] = {"no_gap": 167 / 171, "unexplained": 228 / 242
 _NAMES = {"none_of_these": "unknown"}
 
 
-def probabilities(found: Search, verdict: Verdict, departures: int) -> Mapping[str, float]:
+def probabilities(found: Search, verdict: Verdict, size: Size, departures: int) -> Mapping[str, float]:
     """Return the probabilities of no gap, of each effect that was weighed, and of none of these.
 
     They add up to one; of several causes each has a probability of its own.
@@ -99,16 +108,20 @@ def probabilities(found: Search, verdict: Verdict, departures: int) -> Mapping[s
         Causes, and the evidence for every effect at the nominal model.
     verdict : str
         Of the diagnosis.
+    size : Size
+        Of the gap.
     departures : int
         Number of predictive checks that the residual fails.
     """
     chances = dict.fromkeys(("no_gap", *(one.effect for one in found.weighed), "none_of_these"), 0.0)
     if verdict in ("no_gap", "unexplained"):
         answer, other = ("no_gap", "none_of_these") if verdict == "no_gap" else ("none_of_these", "no_gap")
+        # More than noise that exceeds its sheet is a gap.
         rest = 1 - _RIGHT[verdict]
+        part = rest if not found.weighed else rest / 2 if size.before**2 < LARGEST_NOISE**2 - 1 else 0.0
         chances[answer] = _RIGHT[verdict]
-        chances[other] += rest / 2
-        _spread(chances, found, (), rest / 2)
+        chances[other] += part
+        _spread(chances, found, (), rest - part)
         return chances
     energy = energies_of(found.steps, found.nominal.base().channels.count)
     named = tuple({step.accepted.effect: None for step in found.steps})
@@ -233,6 +246,19 @@ def verdict_on(found: Search, size: Size, variance: float, is_noisier: bool) -> 
     return "explained" if is_whole and not _is_open_elsewhere(found) else "partly_explained"
 
 
+def _is_open_at_poses(found: Search) -> bool:
+    """Whether causes that follow the motion leave much of what is the same whenever a pose is taken up again."""
+    forms = [step.accepted.form for step in found.steps]
+    if not all(isinstance(form, Hypothesis) and form.effect.surrogates in ("moved", "of_attitude") for form in forms):
+        return False
+    channels = (found.nominal.channels(), found.model.channels(found.model.signal()))
+    again = repeats(pose_of(channels[0].covariates))
+    if again is None:
+        return False
+    before, after = (again.energy(one.differential) for one in channels)
+    return after > NOTABLE * before > 0
+
+
 def _is_open_elsewhere(found: Search) -> bool:
     """Whether rows of a sensor without a cause are noisier than the others: no modelling error explains that."""
     own = {sensor for step in found.steps for sensor in sensors_of(places_of(step.accepted.form))}
@@ -245,7 +271,7 @@ def smallest_gap(count: float) -> float:
     return max(MINOR, float(np.sqrt((LEAST_EVIDENCE + np.log(count)) / count)))
 
 
-def statement(verdict: Verdict, size: Size, where: Where, causes: tuple[Cause, ...]) -> str:
+def statement(verdict: Verdict, size: Size, where: str, causes: tuple[Cause, ...]) -> str:
     """Return the verdict in one sentence.
 
     Parameters
@@ -254,14 +280,14 @@ def statement(verdict: Verdict, size: Size, where: Where, causes: tuple[Cause, .
         Of the diagnosis.
     size : Size
         Of the gap, before and after the causes.
-    where : Where
-        Place of the gap, of which the sensors are named.
+    where : str
+        Place of the gap in words.
     causes : tuple of Cause
         Ranked; they are named unless the verdict is that there is no gap or no explanation.
     """
     if verdict == "no_gap":
         return "No gap: what the calibration leaves is noise."
-    size_of_gap = f"A gap of {size.before:.2g} times the noise floor in {_named(where)}"
+    size_of_gap = f"A gap of {size.before:.2g} times the noise floor in {where}"
     if verdict == "unexplained":
         return f"{size_of_gap} that no effect of the library explains."
     names = " and ".join(dict.fromkeys(map(_cause_in_words, causes)))
@@ -292,15 +318,34 @@ def conclude(found: Search) -> Gap:
     if gap.verdict == "no_gap":
         return gap
     laws = signature_of(found.nominal)
-    if names := contradicted(found, laws):
+    if names := (*contradicted(found, laws), *misplaced(found, laws)):
         gap = _concluded(without_causes(found, names), ())
         verdict: Verdict = "unexplained" if gap.verdict == "no_gap" else gap.verdict
-        words = statement(verdict, gap.size, gap.where, gap.causes)
+        words = statement(verdict, gap.size, _named(gap.where), gap.causes)
         considered = considered_without(gap.considered, names, laws)
         gap = replace(gap, verdict=verdict, statement=words, considered=considered)
     elif unsure := doubted(found, laws):
         gap = _concluded(found, unsure)
-    return replace(gap, signature=laws)
+    return replace(_placed(gap, found, laws), signature=laws)
+
+
+def _placed(gap: Gap, found: Search, laws: Sequence[Signature]) -> Gap:
+    """Return a gap of the intensity alone at every place in which it may sit, with what would tell them apart."""
+    is_common = laws[0].is_common if laws else gap.where.sensors == SCALAR
+    if not is_common:
+        return gap
+    places = laws[0].places if laws else shared_places(found.nominal)
+    gap = placed(gap, laws, places)
+    sensor_count = found.nominal.recording.sensor_count
+    words = statement(gap.verdict, gap.size, in_words(places, sensor_count, is_common=True), gap.causes)
+    following = gap.next_recording if len(places) < 2 else f"{_APART} {gap.next_recording}"
+    return replace(gap, statement=words, next_recording=following)
+
+
+_APART = (
+    "To tell the scalar from the field at all sensors, record the attitude, a base station or a second scalar, or give "
+    "--place."
+)
 
 
 def _concluded(found: Search, doubted: Collection[str]) -> Gap:
@@ -313,13 +358,15 @@ def _concluded(found: Search, doubted: Collection[str]) -> Gap:
     base = found.nominal.base()
     verdict = verdict_on(found, size, variance, noisier is not None)
     is_named = verdict not in ("no_gap", "unexplained")
+    if is_named and _is_open_at_poses(found):
+        verdict, is_named = "unexplained", False
     if not is_named:
         whole = whole_nominal
         size = measure(whole_nominal, whole, variance)
     residue = residue_of(whole_nominal, whole, whole_nominal.channels(), variance)
     noise = whole.recording.interpolated_noise
     checks = checks_of(residue.time_s, residue.direction, residue.after, residue.floor_T, noise)
-    chances = with_doubt(probabilities(found, verdict, checks.departures), doubted)
+    chances = with_doubt(probabilities(found, verdict, size, checks.departures), doubted)
     causes = _causes(found, whole, size, chances, variance) if is_named else ()
     places = [_places(cause.fitted, base.channels.covariates) for cause in causes]
     where = Where() if verdict == "no_gap" else locate(base, places, found.rivals, variance)
@@ -332,7 +379,7 @@ def _concluded(found: Search, doubted: Collection[str]) -> Gap:
         considered,
         chances,
         next_recording(found, verdict, causes),
-        statement(verdict, size, where, causes),
+        statement(verdict, size, _named(where), causes),
         residue,
         channel_count=whole_nominal.channels().count,
         set_95=set_of(chances, verdict, causes),

@@ -165,8 +165,10 @@ def _judged(
         return without_nominal(recording, str(problem)), None
     except LinAlgError:
         return without_nominal(recording, "its equations have no solution"), None
-    floor = floor_of(found.nominal.channels(), array)
-    return replace(gap, floor=floor, remarks=floor.remarks), found
+    channels = found.nominal.channels()
+    floor = floor_of(channels, array)
+    found_T = floor.with_excess((cause.fitted for cause in gap.causes), channels)
+    return replace(gap, floor=found_T, remarks=floor.remarks), found
 
 
 _LIBRARIES = ("scipy.interpolate", "scipy.fft")

@@ -7,17 +7,21 @@ outliers clipped. How it divides among the rows follows from how each residual d
 at the levels of the readings' own differences, which stay where the residuals do not determine a row.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.core.noise import noise_deviation
 from tam_calibration.effects.covariates import LEAST_TURN
+from tam_calibration.effects.excess_variance import stated_variance
 from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, NOTABLE
 from tam_calibration.effects.quantization import find_lattices
+from tam_calibration.effects.term import rows_of
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.model.array import Array
+from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.units import FloatArray, to_nanotesla
 
 CONTRADICTED = 2.0
@@ -47,12 +51,32 @@ class Floor:
         What the array file states; NaN where it does not.
     remarks : tuple of str
         What contradicts the stated noise, one sentence each.
+    is_diagnosed : (3K + 1,) array of bool, optional
+        Which levels are those of a cause.
     """
 
     level_T: FloatArray
     colour: FloatArray
     stated_T: FloatArray
     remarks: tuple[str, ...] = ()
+    is_diagnosed: NDArray[np.bool_] | None = None
+
+    def with_excess(self, found: Iterable[FittedEffect], channels: WhitenedChannels) -> "Floor":
+        """Return the floor with the levels of the rows whose noise exceeds that of the channels, as a diagnosis found.
+
+        Parameters
+        ----------
+        found : iterable of FittedEffect
+            Causes.
+        channels : WhitenedChannels
+            Of the model without them.
+        """
+        square = np.zeros(len(self.level_T))
+        for one in found:
+            for part in one.contributions:
+                square[rows_of(part, channels.covariates)] = part.values.get("standard deviation", 0.0) ** 2
+        level_T = np.where(square > 0, np.sqrt(stated_variance(channels.covariates) + square), self.level_T)
+        return replace(self, level_T=level_T, is_diagnosed=square > 0)
 
     @property
     def is_determined(self) -> bool:

@@ -9,9 +9,11 @@ import numpy as np
 from tam_calibration.effects.effect import Effect, Finding
 from tam_calibration.effects.grades import LONGEST_BURST, MINOR, NEARLY_ALL, NOTABLE, SLIGHT
 from tam_calibration.effects.library import effect_named
+from tam_calibration.effects.spikes import A_DOZEN
 from tam_calibration.gap.hypothesis import Hypothesis, places_of, sensors_of
 from tam_calibration.gap.model import Part
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
+from tam_calibration.gap.repeats import pose_of, repeats
 from tam_calibration.gap.rivals import MOST_STEPS, SHARPEST, FunctionOfDirection, surrogate_test_of_change
 from tam_calibration.gap.size import Evidence, cached_by_base, cached_by_form, examine, rivals
 from tam_calibration.gap.surrogates import SurrogateTest, surrogate_test_of
@@ -202,6 +204,9 @@ def support_of(base: Base, candidate: Evidence) -> tuple[bool, SurrogateTest | N
         return False, None
     if form.effect.oversize(base.channels.covariates, _fitted_at(base, form)) is not None:
         return False, None
+    is_in_time = form.effect.is_free_in_time or form.effect.is_step or form.effect.surrogates == "at_other_frequencies"
+    if is_in_time and _is_of_pose(base, form):
+        return False, None
     permanent = form.effect.always(form.shape)
     if permanent is not None:
         change_test, is_smooth = surrogate_test_of_change(base, form, permanent, candidate.delta_bic)
@@ -245,6 +250,13 @@ def _unexplained_part(base: Base, form: Hypothesis) -> float:
     gain = max((_gain_in_sensors(beside, form, one) for one in rivals(beside)), default=0.0)
     unexplained = beside.energy * -expm1(-gain / base.channels.count)
     return unexplained / (unexplained + base.energy - beside.energy)
+
+
+def _is_of_pose(base: Base, form: Hypothesis) -> bool:
+    """Whether what a form adds is the same at every pose that is taken up again."""
+    covariates = base.channels.covariates
+    again, part = repeats(pose_of(covariates)), Part.at(base, form)
+    return again is not None and again.are_same(part.signal(part.terms(base.channels), covariates.scalar_row + 1))
 
 
 def _fitted_at(base: Base, form: Hypothesis) -> FittedEffect:
@@ -332,7 +344,7 @@ def is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:
     flagged = candidate.form.flagged if isinstance(candidate.form, Finding) else None
     if flagged is not None and not (flagged & base.channels.is_counted).any():
         return False
-    if _effect_of(candidate).is_of_lone_samples and _flagged_part([candidate, *same_effect]) > SLIGHT:
+    if _effect_of(candidate).is_of_lone_samples and _are_many([candidate, *same_effect]):
         return False
     there = [step.accepted for step in steps if sensors & sensors_of(places_of(step.accepted.form))]
     if any(_is_nested(candidate, other) for other in there):
@@ -391,10 +403,11 @@ def _is_nested(one: Evidence, other: Evidence) -> bool:
     return len(effects) == 2 and (effects[0].is_within(effects[1].name) or effects[1].is_within(effects[0].name))
 
 
-def _flagged_part(causes: Sequence[Evidence]) -> float:
-    """Return the part of the samples that findings flag."""
+def _are_many(causes: Sequence[Evidence]) -> bool:
+    """Whether findings flag more samples than lone ones are."""
     flags = [one.form.flagged for one in causes if isinstance(one.form, Finding) and one.form.flagged is not None]
-    return float(np.any(flags, axis=0).mean())
+    flagged = np.any(flags, axis=0)
+    return bool(flagged.sum() > max(SLIGHT * len(flagged), A_DOZEN))
 
 
 def _changes(causes: Sequence[Evidence], step_s: float) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 from tam_calibration.effects.effect import SurrogateKind
 from tam_calibration.effects.grades import MOST, NEGLIGIBLE, SLIGHT
 from tam_calibration.effects.periodic_interference import SAME_LINE
-from tam_calibration.effects.term import Term, at_rows, chosen
+from tam_calibration.effects.term import at_rows, chosen
 from tam_calibration.gap.hypothesis import Hypothesis
 from tam_calibration.gap.regression import Base, columns_of, twice_log_likelihood_ratio
 from tam_calibration.gap.regressors import Regressors
@@ -78,7 +78,8 @@ def surrogate_test_of(base: Base, form: Hypothesis) -> SurrogateTest:
     """Return the surrogate test of a form in the residual of a base.
 
     It stops at the first surrogate that explains as much (sequential Monte Carlo test; Besag and Clifford, Biometrika
-    78, 1991, p. 301).
+    78, 1991, p. 301). Motion repeats: a shift or reversal that explains the form's own signal is no surrogate, unless
+    most of them do.
 
     Parameters
     ----------
@@ -89,19 +90,25 @@ def surrogate_test_of(base: Base, form: Hypothesis) -> SurrogateTest:
     """
     count = base.channels.count
     gain = base.project(base.channels.design(form.terms)).gain()[0]
-    others: list[float] = []
-    for explained in _KINDS[form.effect.surrogates](base, form):
-        others.append(explained)
-        if explained >= gain:
+    others, repeated = list[float](), list[float]()
+    for explained, of_itself in _KINDS[form.effect.surrogates](base, form):
+        (others if of_itself < MOST else repeated).append(explained)
+        if of_itself < MOST and explained >= gain:
             break
+    if len(repeated) >= len(others):
+        others += repeated
     return SurrogateTest.among(
         twice_log_likelihood_ratio(base.energy, gain, count),
         twice_log_likelihood_ratio(base.energy, np.array(others), count),
     )
 
 
-def _moved(base: Base, form: Hypothesis) -> Iterator[float]:
-    """Yield the energy that a form explains of the residual shifted in time, forwards and reversed.
+_Surrogates = Iterator[tuple[float, float]]
+"""Of each surrogate the energy that it explains, and the part of the form's own signal that it explains."""
+
+
+def _moved(base: Base, form: Hypothesis) -> _Surrogates:
+    """Yield what a form explains of the residual shifted in time, forwards and reversed.
 
     The products of columns with the residual at every time are a cross-correlation: one Fourier transform of each
     feature and row gives them all.
@@ -112,9 +119,7 @@ def _moved(base: Base, form: Hypothesis) -> Iterator[float]:
     values = inverse @ projected.score
     own = _explained(base, design, inverse, *base.channels.taken_residual)
     of_itself = _explained(base, design, inverse, *_whitened(base, form, values))
-    # Motion repeats: a shift at which the form explains its own signal is no surrogate, unless most shifts do.
-    is_other = of_itself < MOST * float(projected.score @ values)
-    yield from own[is_other] if is_other.mean() > MOST else own
+    yield from zip(own.tolist(), (of_itself / float(projected.score @ values)).tolist(), strict=True)
 
 
 def _explained(
@@ -163,23 +168,38 @@ class _Shifted:
         return np.fft.irfft(of_columns, self._count, axis=1)[:, self._shifts]
 
 
-def _of_channel(base: Base, form: Hypothesis) -> Iterator[float]:
-    """Yield the energy that a form explains with its channel shifted, reversed, or drawn with the same spectrum."""
-    covariates = base.channels.covariates
+def _of_channel(base: Base, form: Hypothesis) -> _Surrogates:
+    """Yield what a form explains with its channel shifted, reversed, or drawn with the same spectrum."""
     for name in form.effect.channels:
-        channel = getattr(covariates, name)
-        for other in (*_moved_in_time(channel), *_of_spectrum(channel, _CHANNELS // 2)):
-            if abs(np.corrcoef(channel, other)[0, 1]) < 1 - NEGLIGIBLE:
-                changed: dict[str, Any] = {name: other}
-                yield _explained_by(base, form.effect.terms(replace(covariates, **changed), form.shape), form)
+        channel = getattr(base.channels.covariates, name)
+        yield from _with_channel(base, form, name, _moved_in_time(channel))
+        others = _of_spectrum(channel, _CHANNELS // 2)
+        unlike = (other for other in others if abs(np.corrcoef(channel, other)[0, 1]) < 1 - NEGLIGIBLE)
+        for explained, _ in _with_channel(base, form, name, unlike):
+            yield explained, 0.0
 
 
-def _of_attitude(base: Base, form: Hypothesis) -> Iterator[float]:
-    """Yield the energy that a form explains with the attitude shifted in time against the readings."""
-    covariates = base.channels.covariates
-    assert covariates.attitude is not None
-    for other in _moved_in_time(covariates.attitude):
-        yield _explained_by(base, form.effect.terms(replace(covariates, attitude=other), form.shape), form)
+def _of_attitude(base: Base, form: Hypothesis) -> _Surrogates:
+    """Yield what a form explains with the attitude shifted in time against the readings."""
+    attitude = base.channels.covariates.attitude
+    assert attitude is not None
+    yield from _with_channel(base, form, "attitude", _moved_in_time(attitude))
+
+
+def _with_channel(base: Base, form: Hypothesis, name: str, others: Iterable[FloatArray]) -> _Surrogates:
+    """Yield what a form explains with other courses of a channel."""
+    channels = base.channels
+    design = channels.design(form.terms)
+    crossed, _ = base.eliminated(design)
+    values = base.project(design).inverse()[0] @ base.project(design).score
+    whole = float(values @ base.project(design).score)
+    for other in others:
+        changed: dict[str, Any] = {name: other}
+        terms = chosen(form.effect.terms(replace(channels.covariates, **changed), form.shape), form.keys)
+        moved = channels.design(terms)
+        projected = base.project(moved)
+        own = (channels.cross(moved, design) - base.eliminated(moved)[1] @ crossed) @ values
+        yield projected.gain()[0], float(own @ projected.inverse()[0] @ own) / max(whole, np.finfo(float).tiny)
 
 
 def _moved_in_time(channel: FloatArray) -> Iterator[FloatArray]:
@@ -200,32 +220,28 @@ def _of_spectrum(course: FloatArray, count: int) -> Iterator[FloatArray]:
         yield course.mean() + idct(spectrum * generator.choice([-1.0, 1.0], len(course)), norm="ortho")
 
 
-def _elsewhere(base: Base, form: Hypothesis) -> Iterator[float]:
-    """Yield the energy that the same functions explain in each other row."""
+def _elsewhere(base: Base, form: Hypothesis) -> _Surrogates:
+    """Yield what the same functions explain in each other row."""
     covariates = base.channels.covariates
     own = {int(row) for term in form.terms for row in term.rows}
     for row in set(range(covariates.scalar_row + base.channels.has_scalar)) - own:
         sensor, axis = (SCALAR, None) if row == covariates.scalar_row else divmod(row, 3)
         terms = [replace(term, sensor=sensor, axis=axis, rows=np.full_like(term.rows, row)) for term in form.terms]
-        yield base.project(base.channels.design(terms)).gain()[0]
+        yield base.project(base.channels.design(terms)).gain()[0], 0.0
 
 
-def _at_other_frequencies(base: Base, form: Hypothesis) -> Iterator[float]:
-    """Yield the energy that a tone explains at other frequencies."""
+def _at_other_frequencies(base: Base, form: Hypothesis) -> _Surrogates:
+    """Yield what a tone explains at other frequencies."""
     covariates = base.channels.covariates
     span = float(np.ptp(covariates.time_s))
     own = form.shape["frequency_hz"]
     for frequency in np.linspace(0.02, 0.49, _FREQUENCIES) / covariates.step_s:
         if abs(frequency - own) * span > SAME_LINE:
-            yield _explained_by(base, form.effect.terms(covariates, {**form.shape, "frequency_hz": frequency}), form)
+            terms = chosen(form.effect.terms(covariates, {**form.shape, "frequency_hz": frequency}), form.keys)
+            yield base.project(base.channels.design(terms)).gain()[0], 0.0
 
 
-def _explained_by(base: Base, terms: Iterable[Term], form: Hypothesis) -> float:
-    """Return the energy that the terms of a form explain, chosen from others of the same effect."""
-    return base.project(base.channels.design(chosen(terms, form.keys))).gain()[0]
-
-
-_KINDS: Mapping[SurrogateKind, Callable[[Base, Hypothesis], Iterator[float]]] = {
+_KINDS: Mapping[SurrogateKind, Callable[[Base, Hypothesis], _Surrogates]] = {
     "moved": _moved,
     "of_channel": _of_channel,
     "of_attitude": _of_attitude,

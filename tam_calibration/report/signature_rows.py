@@ -3,16 +3,16 @@
 import numpy as np
 
 from tam_calibration.gap.laws.causes import causes_of
-from tam_calibration.gap.laws.law import Signature
+from tam_calibration.gap.laws.law import Signature, in_words
 from tam_calibration.gap.result import Gap
 from tam_calibration.model.units import to_nanotesla
 from tam_calibration.report.blocks import Block, Points, Text
-from tam_calibration.report.formatting import join, number
+from tam_calibration.report.formatting import number
 from tam_calibration.report.gap_rows import percent
 
 _DOES = {
     "offset": "its offset changes",
-    "gain": "its gain changes",
+    "gain": "its gain, or what leaks into it, changes",
     "rate": "its error goes with the field's rate of change",
     "own_field": "its error is a function of its own reading",
     "attitude": "its error is a function of direction",
@@ -45,23 +45,14 @@ def law_sentence(law: Signature, sensor_count: int, is_caused: bool = False) -> 
     )
     if not is_caused and law.course in ("step", "episodes", "slow", "random") and law.law in ("offset", "gain"):
         words += " No recorded channel goes with it."
-    others = [_place_of(place, sensor_count) for place in law.places[1:]]
-    return words + (f" As far as the data tell it may sit in {' or '.join(others)} instead." if others else "")
+    others = "" if law.is_common else in_words(law.places[1:], sensor_count, False)
+    return words + (f" As far as the data tell it may sit in {others} instead." if others else "")
 
 
 def _place(law: Signature, sensor_count: int) -> str:
-    where = _place_of(law.sensors, sensor_count)
+    where = in_words(law.places if law.is_common else law.places[:1], sensor_count, law.is_common)
     axes = f", axis {law.axes[0]}" if len(law.axes) == 1 else ""
     return where[:1].upper() + where[1:] + axes
-
-
-def _place_of(sensors: tuple[int | str, ...], sensor_count: int) -> str:
-    if sensors == ("scalar",):
-        return "the scalar"
-    if len(sensors) == sensor_count > 1:
-        return "all sensors"
-    numbers = [str(sensor) for sensor in sensors]
-    return f"sensor {numbers[0]}" if len(numbers) == 1 else f"sensors {join(numbers)}"
 
 
 def _size(law: Signature) -> str:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.random import Generator
+from numpy.typing import NDArray
 
 from tam_calibration.model.units import FloatArray, from_degrees
 
@@ -66,9 +67,17 @@ def _turntable(rng: Generator, duration_s: float, samples: int) -> Callable[[Flo
     roll = np.repeat(rng.uniform(-limit, limit, tilts), around)[:poses]
     steps = np.arange(poses) % (2 * around)
     yaw = 2 * np.pi / around * np.minimum(steps, 2 * around - steps) + rng.uniform(0, 2 * np.pi)
-    table = np.stack([yaw, pitch, roll], axis=1)
+    table = np.stack([yaw, pitch, roll], axis=1)[_order(rng, poses)]
     dwell_s = held * duration_s / (samples - 1)
     return lambda time_s: table[np.clip((time_s / dwell_s + 1e-9).astype(int), 0, poses - 1)]
+
+
+def _order(rng: Generator, poses: int) -> NDArray[np.intp]:
+    """Draw the order of poses: once, the first half twice over or there and back, or with a long rest in one."""
+    index, half = np.arange(poses), -(-poses // 2)
+    start, rest = int(rng.integers(poses // 2)), poses // 5
+    resting = np.concatenate([index[:start], np.full(rest, start), index[start : poses - rest]])
+    return (index, index % half, np.minimum(index, 2 * half - 1 - index), resting)[rng.integers(4)]
 
 
 def _tumbling(rng: Generator, duration_s: float, samples: int) -> Callable[[FloatArray], FloatArray]:

@@ -164,11 +164,19 @@ def searched(steps=(), gains=(("a", 30.0), ("b", 10.0), ("c", -5.0))):
 )
 def test_a_verdict_without_a_cause_is_as_right_as_it_was_on_the_blind_set(verdict, answer, other, chance):
     """166 of 169 and 227 of 240, by Laplace's rule; half of the rest is the other, half the effects' by their gains."""
-    found = probabilities(searched(), verdict, 0)
+    found = probabilities(searched(), verdict, SimpleNamespace(before=0.5), 0)
     assert found[answer] == pytest.approx(chance, rel=1e-12)
     assert found[other] == pytest.approx((1 - chance) / 2)
     assert [found["a"], found["b"], found["c"]] == pytest.approx([0.375 * (1 - chance), 0.125 * (1 - chance), 0.0])
     assert sum(found.values()) == pytest.approx(1)
+
+
+def test_a_gap_beyond_any_noise_is_a_gap():
+    """An unexplained gap of ten floors has no chance of being none, so that its 95 % set does not hold that."""
+    found = probabilities(searched(), "unexplained", SimpleNamespace(before=10.0), 0)
+    assert found["no_gap"] == 0
+    assert sum(found.values()) == pytest.approx(1)
+    assert set_of(found, "unexplained", ()) == ("unknown", "a")
 
 
 def test_a_cause_is_as_likely_as_its_features_say():
@@ -176,7 +184,7 @@ def test_a_cause_is_as_likely_as_its_features_say():
     steps = tuple(Step(Evidence(name, None, gain - 7, gain), ()) for name, gain in (("a", 300.0), ("b", 100.0)))
     energy = energies_of(steps, 1000.0)
     assert list(energy.values()) == pytest.approx([1 - exp(-0.3), exp(-0.3) * (1 - exp(-0.1))])
-    found = probabilities(searched(steps, (("a", 300.0), ("b", 100.0), ("c", 60.0))), "explained", 1)
+    found = probabilities(searched(steps, (("a", 300.0), ("b", 100.0), ("c", 60.0))), "explained", None, 1)
     total = sum(energy.values())
     for step, name, evidence in zip(steps, "ab", (293.0, 93.0), strict=True):
         assert found[name] == pytest.approx(right(features_of(1, energy[step] / total, evidence, 53.0)))

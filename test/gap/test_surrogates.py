@@ -55,7 +55,7 @@ def test_moved_residuals_are_those_of_shifted_channels(run):
     made = made.with_row(4, 20e-9 * slow(400, 1))
     base = made.model().base()
     form = best_form(base, effect_named("hysteresis"))
-    own = np.array(list(_moved(base, form)))
+    own = np.array([explained for explained, _ in _moved(base, form)])
     differential, common = base.channels.taken_residual
     shift = int(np.linspace(20, 380, 150)[0])
     rolled = of_residual(base, np.roll(differential, shift, axis=0), np.roll(common, shift))

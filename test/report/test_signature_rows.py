@@ -22,8 +22,8 @@ def law(name, course, sensors=(3,), axes=("z",), **other):
     [
         (
             law("gain", "episodes", times_s=(3.0, 5.0, 8.0, 9.0), curve=GAIN),
-            "Sensor 3, axis z: its gain changes by 0.40 % in 2 episodes (from and until 3.000 s, 5.000 s, 8.000 s, "
-            "9.000 s), 93 % of the gap. No recorded channel goes with it.",
+            "Sensor 3, axis z: its gain, or what leaks into it, changes by 0.40 % in 2 episodes (from and until "
+            "3.000 s, 5.000 s, 8.000 s, 9.000 s), 93 % of the gap. No recorded channel goes with it.",
         ),
         (
             law("offset", "channel", axes=("x", "y", "z"), follows="current", curve=OFFSET),
@@ -31,8 +31,7 @@ def law(name, course, sensors=(3,), axes=("z",), **other):
         ),
         (
             law("attitude", "motion", ("scalar",), (), places=(("scalar",), (1, 2, 3, 4))),
-            "The scalar: its error is a function of direction, 93 % of the gap. As far as the data tell it may sit in "
-            "all sensors instead.",
+            "The scalar, or the field at all sensors alike: its error is a function of direction, 93 % of the gap.",
         ),
         (law("noise", "random"), "Sensor 3, axis z: its noise is larger, 93 % of the gap."),
         (

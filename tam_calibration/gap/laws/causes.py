@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from tam_calibration.effects.library import effect_named
-from tam_calibration.gap.laws.law import Signature
+from tam_calibration.gap.laws.law import Place, Signature
 
 
 @dataclass(frozen=True)
@@ -26,8 +26,8 @@ class PossibleCause:
         What would prove it, and what to do about it.
     channel : str
         The recorded channel that goes with it, where there is one.
-    sensors : str
-        "one", "several", "scalar", or empty for any place.
+    sensors : tuple of str
+        "one", "several" and "scalar": where it acts; empty for any place.
     size : str
         In nature, where no effect of the library states it.
     """
@@ -40,7 +40,7 @@ class PossibleCause:
     proof: str
     remedy: str
     channel: str = ""
-    sensors: str = ""
+    sensors: tuple[str, ...] = ()
     size: str = ""
 
     def agrees_with(self, law: Signature) -> bool:
@@ -49,10 +49,14 @@ class PossibleCause:
             return False
         if law.course == "channel" and self.channel != law.follows:
             return False
-        return not self.sensors or any(_kind(place) == self.sensors for place in law.places)
+        return any(self.acts_at(place) for place in law.places)
+
+    def acts_at(self, place: Place) -> bool:
+        """Say whether it acts at a place."""
+        return not self.sensors or _kind(place) in self.sensors
 
 
-def _kind(place: tuple[int | str, ...]) -> str:
+def _kind(place: Place) -> str:
     return "scalar" if place == ("scalar",) else "one" if len(place) == 1 else "several"
 
 
@@ -78,6 +82,11 @@ def causes_of(law: Signature) -> tuple[PossibleCause, ...]:
     """Return the causes that can make a law: first those whose channel it follows, then in the order of the table."""
     agreeing = [one for one in CAUSES if one.agrees_with(law)]
     return tuple(sorted(agreeing, key=lambda one: not (one.channel and one.channel == law.follows)))
+
+
+def acts_at(effect: str, place: Place) -> bool:
+    """Say whether an effect acts at a place; True for one that the table does not hold."""
+    return all(one.acts_at(place) for one in CAUSES if one.name == effect)
 
 
 def agrees(effect: str, laws: Iterable[Signature]) -> bool:

@@ -20,6 +20,7 @@ from tam_calibration.gap.laws.evidence import Sums, constant, course
 from tam_calibration.gap.laws.patterns import sharp_attitudes, switched_gains
 from tam_calibration.gap.laws.states import jumping, sharpened
 from tam_calibration.gap.laws.whitened import Residual
+from tam_calibration.gap.repeats import Repeats, repeats
 from tam_calibration.model.units import FloatArray
 
 
@@ -46,6 +47,7 @@ def predictive_laws(residual: Residual, positions_m: FloatArray, whole: float) -
         Energy of the gap, of which the laws have their shares.
     """
     found: list[Found] = []
+    again = repeats(residual.pose)
     for _ in range(MOST_LAWS):
         if residual.excess < 2 * np.sqrt(2.0 * residual.size) and found:
             break
@@ -54,6 +56,7 @@ def predictive_laws(residual: Residual, positions_m: FloatArray, whole: float) -
         scaled = residual.scaled(factor)
         tried = candidates(scaled, positions_m)
         tried = sorted([*tried, *_refined(scaled, tried)], key=lambda one: -one.evidence)
+        tried = [one for one in tried if again is None or not _is_of_pose(scaled, one, again)]
         accepted = next(_accepted(scaled, tried), None)
         if accepted is None:
             break
@@ -135,6 +138,13 @@ def _accepted(residual: Residual, tried: list[Candidate]) -> Iterator[tuple[Cand
         share = predicted_share(residual, best)
         if share * max(residual.excess, 1.0) > LEAST_EVIDENCE:
             yield best, share
+
+
+def _is_of_pose(residual: Residual, one: Candidate, again: Repeats) -> bool:
+    """Say whether a course in time is the same at every pose that is taken up again."""
+    if one.course not in ("step", "episodes", "slow", "random", "tone") or one.evidence < LEAST_EVIDENCE:
+        return False
+    return again.are_same(one.signal(residual, one.fitted(residual)))
 
 
 def _behind(one: Candidate, first: Candidate) -> float:

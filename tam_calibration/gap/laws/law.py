@@ -1,11 +1,15 @@
 """One law of a gap, as the answer states it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from tam_calibration.model.units import FloatArray
 
 Place = tuple[int | str, ...]
-"""Numbers of sensors from 1, or "scalar"."""
+"""Numbers of sensors from 1, "scalar", or "attitude"."""
+
+SCALAR: Place = ("scalar",)
+ATTITUDE: Place = ("attitude",)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,3 +66,34 @@ class Signature:
     times_s: tuple[float, ...]
     evidence: float
     curve: Course | None = None
+
+    @property
+    def is_common(self) -> bool:
+        """Whether the residual of the intensity alone shows it: an error of the scalar, or a field at all sensors."""
+        return not self.axes
+
+
+def in_words(places: Sequence[Place], sensor_count: int, is_common: bool) -> str:
+    """Return places in words, joined by "or".
+
+    Parameters
+    ----------
+    places : sequence of Place
+    sensor_count : int
+        Number of sensors K.
+    is_common : bool
+        Whether all sensors feel it alike.
+    """
+    found = {_one_in_words(place, sensor_count, is_common): place for place in places}
+    return ", or ".join(sorted(found, key=lambda words: found[words] != SCALAR) if is_common else found)
+
+
+def _one_in_words(place: Place, sensor_count: int, is_common: bool) -> str:
+    if place in (SCALAR, ATTITUDE):
+        return f"the {place[0]}"
+    if is_common:
+        return "the field at all sensors alike"
+    if len(place) == sensor_count > 1:
+        return "all sensors"
+    numbers = [str(one) for one in place]
+    return f"sensor {numbers[0]}" if len(numbers) == 1 else f"sensors {', '.join(numbers[:-1])} and {numbers[-1]}"

@@ -126,7 +126,7 @@ def everywhere(residual: Residual) -> Iterator[Pattern]:
     count = residual.sensor_count
     every, rows = tuple(range(1, count + 1)), np.arange(3 * count)
     yield Pattern("rate", every, tuple(AXES), rows, residual.sensed_rate[:, :, None])
-    matrix = _field_matrix(residual)
+    matrix = field_matrix(residual)
     for rates in (residual.rate, _with_lags(residual)):
         common = np.einsum("rj,nk->nrjk", matrix, rates).reshape(residual.count, len(rows), -1)
         yield Pattern("rate", every, tuple(AXES), rows, common)
@@ -145,7 +145,7 @@ def offsets_everywhere(residual: Residual) -> Pattern:
     )
 
 
-def _field_matrix(residual: Residual) -> FloatArray:
+def field_matrix(residual: Residual) -> FloatArray:
     """Return the matrix (3K, 3) from the field to what the axes sense."""
     return np.linalg.lstsq(residual.field, residual.sensed, rcond=None)[0].T
 
@@ -242,7 +242,7 @@ def gradients(residual: Residual, positions_m: FloatArray) -> Iterator[Pattern]:
     if residual.rotation is None or not positions_m.any():
         return
     count = residual.sensor_count
-    matrix = _field_matrix(residual).reshape(count, 3, 3)
+    matrix = field_matrix(residual).reshape(count, 3, 3)
     rotation = residual.rotation
     parts = []
     for degree in (2, 3):

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.effects.spikes import A_DOZEN
 from tam_calibration.gap.laws.decisions import (
     CLUSTERED,
     LEAST_EVIDENCE,
@@ -130,7 +131,7 @@ def spikes(residual: Residual) -> NDArray[np.bool_]:
     found = energy > np.maximum(width + SPIKE**2, SPIKE * middle)
     beside = np.convolve(found, np.ones(2 * RUN + 1), mode="same") > RUN
     found &= ~beside
-    return found if found.mean() <= MOST_SPIKES else np.zeros(len(found), dtype=bool)
+    return found if found.sum() <= max(MOST_SPIKES * len(found), A_DOZEN) else np.zeros(len(found), dtype=bool)
 
 
 def repeated(readings: FloatArray) -> NDArray[np.bool_]:

@@ -11,8 +11,9 @@ from tam_calibration.gap.laws.candidates import Candidate
 from tam_calibration.gap.laws.curve import curve_of
 from tam_calibration.gap.laws.decisions import LATTICE, LEAST_SHARE, MANY, TIE, TOLERANCE
 from tam_calibration.gap.laws.find import Found, predictive_laws
-from tam_calibration.gap.laws.law import Place, Signature
+from tam_calibration.gap.laws.law import SCALAR, Place, Signature
 from tam_calibration.gap.laws.patterns import AXES
+from tam_calibration.gap.laws.places import places_of, within
 from tam_calibration.gap.laws.scatter import Scatter, place_of, repeated, scatter_of, spikes
 from tam_calibration.gap.laws.whitened import Residual, residual_of
 from tam_calibration.gap.model import Model
@@ -53,8 +54,13 @@ def signature_of(model: Model) -> tuple[Signature, ...]:
         least = max([LEAST_SHARE, *(one.energy for one in spiky)])
         # The largest values of noise in one channel look like spikes, which explain only a part of it.
         if scattered and scattered[0].energy >= least and not (spiky and scattered[0].law == "samples"):
-            laws = [*(one for one in laws if one.law != "samples"), _of_noise(scattered)]
+            laws = [*(one for one in laws if one.law != "samples"), _of_noise(scattered, rest)]
     return tuple(sorted(_merged(laws), key=lambda one: -one.energy))
+
+
+def shared_places(model: Model) -> tuple[Place, ...]:
+    """Return the places in which a gap may sit that only the residual of the intensity shows."""
+    return _of_scatter(SCALAR, residual_of(model))
 
 
 def _left(rest: Residual) -> float:
@@ -86,13 +92,23 @@ def _of_samples(rest: Residual, whole: float, chosen: NDArray[np.bool_], sensors
     certain = chosen.sum() if energy >= LEAST_SHARE or chosen.mean() > MANY else 0.0
     times = tuple(rest.time_s[chosen].tolist())
     share = float(np.clip(energy, 0, 1))
-    return Signature("samples", "random", sensors, axes, share, (sensors,), None, times, float(certain))
+    places = _of_scatter(sensors, rest, chosen)
+    return Signature("samples", "random", places[0], axes, share, places, None, times, float(certain))
 
 
-def _of_noise(scattered: list[Scatter]) -> Signature:
+def _of_noise(scattered: list[Scatter], rest: Residual) -> Signature:
     best = scattered[0]
-    places = tuple(dict.fromkeys(one.sensors for one in scattered if one.evidence >= best.evidence - TIE))
-    return Signature(best.law, best.course, best.sensors, best.axes, best.energy, places, None, (), best.evidence)
+    alike = [one.sensors for one in scattered[1:] if one.evidence >= best.evidence - TIE]
+    places = tuple(dict.fromkeys((*_of_scatter(best.sensors, rest), *alike)))
+    return Signature(best.law, best.course, places[0], best.axes, best.energy, places, None, (), best.evidence)
+
+
+def _of_scatter(place: Place, rest: Residual, chosen: NDArray[np.bool_] | None = None) -> tuple[Place, ...]:
+    """Return the places in which scatter may sit that was found in one, in all samples or in those chosen (N,)."""
+    if place != SCALAR:
+        return (place,)
+    signal = within(rest, place, rest.z)
+    return places_of(place, signal if chosen is None else signal * chosen[:, None], rest)
 
 
 def _lattice(model: Model, residual: Residual) -> Signature | None:
@@ -112,14 +128,14 @@ def _lattice(model: Model, residual: Residual) -> Signature | None:
 
 
 def _of_found(found: Found, residual: Residual) -> Signature:
-    best, pattern = found.best, found.best.pattern
+    best, pattern, places = found.best, found.best.pattern, _places(found)
     return Signature(
         pattern.law,
         best.course,
-        pattern.sensors,
+        places[0],
         pattern.axes,
         found.energy,
-        _places(found, residual.sensor_count),
+        places,
         best.follows or pattern.follows or ("motion" if best.course == "motion" else None),
         _times(best, residual),
         best.evidence,
@@ -136,17 +152,12 @@ def _times(best: Candidate, residual: Residual) -> tuple[float, ...]:
     return tuple(first)
 
 
-def _places(found: Found, sensor_count: int) -> tuple[Place, ...]:
+def _places(found: Found) -> tuple[Place, ...]:
     best = found.best
-    sure = best.evidence - TIE
-    places = [best.pattern.sensors]
-    for one in found.others:
-        if one.evidence >= max(sure, found.others[0].evidence - TIE) and one.pattern.sensors not in places:
-            places.append(one.pattern.sensors)
-    every = tuple(range(1, sensor_count + 1))
-    if places[0] == ("scalar",) and every not in places and sensor_count > 1:
-        places.append(every)
-    return tuple(places)
+    alike = places_of(best.pattern.sensors, best.signal(found.residual, best.fitted(found.residual)), found.residual)
+    least = max(best.evidence, found.others[0].evidence) - TIE
+    others = [one.pattern.sensors for one in found.others if one.evidence >= least and one.pattern.sensors != SCALAR]
+    return tuple(dict.fromkeys((*alike, *others)))
 
 
 def _merged(laws: list[Signature]) -> list[Signature]:

@@ -48,6 +48,12 @@ class Residual:
         Which samples count.
     index : (N,) array
         Which samples of the recording these are.
+    scalar_T : (N,) array, optional
+        Readings of the scalar.
+    scalar_noise_T : float
+        Their noise.
+    follows_attitude : bool
+        Whether the field is that of the world, turned by the recorded attitude.
     noise : float
         Variance of the recording's noise in units of the one that is reckoned with.
     """
@@ -69,6 +75,9 @@ class Residual:
     own: FloatArray
     live: NDArray[np.bool_]
     index: NDArray[np.intp]
+    scalar_T: FloatArray | None
+    scalar_noise_T: float
+    follows_attitude: bool
     noise: float = 1.0
 
     @property
@@ -80,6 +89,11 @@ class Residual:
     def sensor_count(self) -> int:
         """Number of sensors K."""
         return int(self.response.shape[2] // 3)
+
+    @property
+    def pose(self) -> FloatArray:
+        """Axes of the array in the world (N, 9), or without attitude the direction of the field in the array (N, 3)."""
+        return self.field if self.rotation is None else self.rotation.reshape(self.count, 9)
 
     @property
     def excess(self) -> float:
@@ -181,6 +195,9 @@ def residual_of(model: Model) -> Residual:
         own,
         np.ones(len(index), dtype=bool),
         index,
+        None if model.recording.scalar_T is None else model.recording.scalar_T[index],
+        model.array.scalar_noise_T,
+        covariates.follows_attitude,
     )
 
 

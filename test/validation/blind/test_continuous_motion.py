@@ -22,6 +22,20 @@ def test_right_hand():
     assert_allclose(about("z", np.array([np.pi / 2]))[0] @ [1, 0, 0], [0, 1, 0], atol=1e-12)
 
 
+def test_the_turntable_takes_poses_up_again():
+    """Of thirty turntables some go through half of their poses twice, and some rest in one for a fifth of the run."""
+    again, longest = [], []
+    for seed in range(30):
+        motion = draw_motion(np.random.default_rng(seed), "turntable", 300.0, 1200)
+        angles = motion.angles(np.arange(1200) / 4)
+        moved = np.flatnonzero(np.abs(np.diff(angles, axis=0)).sum(axis=1) > 0)
+        visits = angles[np.append(moved, 1199)]
+        again.append(len(visits) / len(np.unique(visits, axis=0)))
+        longest.append(np.diff(moved).max())
+    assert sum(one > 1.8 for one in again) >= 8
+    assert sum(one >= 200 for one in longest) >= 3
+
+
 def test_a_pose_on_the_turntable_is_held():
     """On the turntable consecutive samples repeat a pose or jump; none lies between two poses."""
     motion = draw_motion(np.random.default_rng(5), "turntable", 300.0, 1200)
