@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tam_calibration.comparison.mistakes.frames import numbered
 from tam_calibration.comparison.noise import differs
 from tam_calibration.comparison.result import UNKNOWN, EffectDifference, NoiseDifference, OtherParameters, Side
 from tam_calibration.effects.effect import LinearEffect
@@ -20,6 +19,7 @@ from tam_calibration.gap.result import Cause
 from tam_calibration.gap.size import unusable
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.fitted_effect import FittedEffect
+from tam_calibration.model.sensors_in_words import numbered
 
 _OPEN = ("partly_explained", "unexplained")
 """Verdicts that leave an unknown part."""

@@ -7,6 +7,7 @@ is a mirror image of sensor 1 is the same finding as that sensor 1 is one of sen
 import numpy as np
 
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.sensors_in_words import numbered
 from tam_calibration.model.units import FloatArray, IntArray
 
 
@@ -38,15 +39,10 @@ def mirror_images(hands: IntArray) -> str:
     """
     mirrored, others = (np.flatnonzero(hands == hand) for hand in (-1, 1))
     if not len(others):
-        return f"{_numbers(mirrored)} {_are_mirror_images(mirrored)} of the reference"
+        return f"{numbered(mirrored + 1)} {_are_mirror_images(mirrored)} of the reference"
     few, many = sorted((mirrored, others), key=len)
-    return f"{_numbers(few)} {_are_mirror_images(few)} of {_numbers(many)}"
+    return f"{numbered(few + 1)} {_are_mirror_images(few)} of {numbered(many + 1)}"
 
 
 def _are_mirror_images(sensors: IntArray) -> str:
     return "is a mirror image" if len(sensors) == 1 else "are mirror images"
-
-
-def _numbers(sensors: IntArray) -> str:
-    *others, last = (str(sensor + 1) for sensor in sensors)
-    return f"sensors {', '.join(others)} and {last}" if others else f"sensor {last}"

@@ -47,9 +47,7 @@ _DIFFERENTIAL, _COMMON_MODE = 0, 1
 """Places of the channels in what is summed by blocks."""
 
 
-def variance_factors(
-    calibration: Calibration, recording: SampleSource, student: Sequence[StudentNoise] = ()
-) -> VarianceFactors:
+def variance_factors(calibration: Calibration, recording: SampleSource) -> VarianceFactors:
     """Return the variance of what each channel tells a fit over that of white noise.
 
     Parameters
@@ -58,8 +56,6 @@ def variance_factors(
         With the noise that the information counts with.
     recording : SampleSource
         That it was fitted to, an ambient gradient taken off.
-    student : sequence of StudentNoise, optional
-        By which its samples were weighted: of the differential channels, and of the common mode.
 
     Returns
     -------
@@ -69,7 +65,7 @@ def variance_factors(
     """
     if recording.sample_count < BLOCKS:
         return WHITE
-    return VarianceFactors(*(slow.factor for slow in _slow_sums(*_by_block(calibration, recording, student))))
+    return VarianceFactors(*(slow.factor for slow in _slow_sums(*_by_block(calibration, recording, ()))))
 
 
 def widened(calibration: Calibration, recording: SampleSource) -> Calibration:

@@ -40,6 +40,7 @@ from tam_calibration.gap.size import measure, noise_variance
 from tam_calibration.gap.support import LEAST_EVIDENCE, Step, open_part
 from tam_calibration.gap.where import locate, sensors_and_axes
 from tam_calibration.model.fitted_effect import ALL, FittedEffect
+from tam_calibration.model.sensors_in_words import numbered
 from tam_calibration.model.units import FloatArray
 
 
@@ -303,12 +304,9 @@ def _cause_in_words(cause: Cause) -> str:
 
 def _named(where: Where) -> str:
     """Return the place in words."""
-    numbers = [str(one) for one in where.sensors if isinstance(one, int)]
-    parts = []
-    if numbers:
-        parts.append(f"sensor{'s' * (len(numbers) > 1)} {', '.join(numbers)}")
-    if "scalar" in where.sensors:
-        parts.append("the scalar magnetometer")
+    numbers = [one for one in where.sensors if isinstance(one, int)]
+    parts = [numbered(numbers)] if numbers else []
+    parts += ["the scalar magnetometer"] * ("scalar" in where.sensors)
     return " and ".join(parts) or "all sensors"
 
 

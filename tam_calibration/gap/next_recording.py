@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Iterable, Sequence
 
-from tam_calibration.effects.effect import Effect, LinearEffect
+from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import effect_named, installed_effects
 from tam_calibration.gap.hypothesis import places_of
 from tam_calibration.gap.result import Cause, Verdict
@@ -12,27 +12,15 @@ from tam_calibration.gap.support import LEAST_EVIDENCE
 from tam_calibration.model.fitted_effect import ALL
 from tam_calibration.model.recording import Recording
 
-_TWICE = (
-    "make the same motion twice with a pause between: what comes again belongs to the motion, the rest to the time; "
-    "note what is switched, moved or warms up meanwhile"
+_OTHERWISE = (
+    "To see what the rest follows, make the same motion twice with a pause between, at half the rate, in the opposite "
+    "sense, and at another place: what comes again goes with the array, what grows with the rate is a delay or a "
+    "current that the turning drives, what turns round is a memory, what changes with the place belongs to the site."
 )
 
-_OTHERWISE = {
-    "function_of_time": _TWICE,
-    "function_of_neighbours": _TWICE,
-    "function_of_rate": "make the same motion at half and at twice the rate: what grows with the rate is a delay or a "
-    "current that the turning drives",
-    "function_of_direction": "make the same turns at another place and in the opposite sense: what stays goes with the "
-    "array, what changes with the site, what turns round is a memory",
-    "function_of_tilt": "tilt the array to all sides at several headings: what follows the tilt alone is moved by its "
-    "weight, and a loose part is heard or felt",
-}
-"""What to record for a gap that a function without physics explains, and no untried effect could cause."""
-
-
-_CONFIRMED = (
-    "No further recording is needed for this question; one more run of the same kind, kept out of the fit and "
-    "corrected with this cause, would confirm it."
+_ENOUGH = (
+    "No further recording is needed for this question; one more run of the same kind, kept out of the fit, would "
+    "confirm the answer."
 )
 
 
@@ -49,10 +37,7 @@ def next_recording(found: Search, verdict: Verdict, causes: Sequence[Cause]) -> 
         The largest share first.
     """
     if verdict == "no_gap":
-        return (
-            "No further recording is needed for this question; one more run of the same kind, kept out of the "
-            "calibration, would confirm that it holds."
-        )
+        return _ENOUGH
     recording = found.model.recording
     if pair := close_pair(found, verdict, causes):
         first, second = (_words_of(name) for name in pair)
@@ -64,14 +49,12 @@ def next_recording(found: Search, verdict: Verdict, causes: Sequence[Cause]) -> 
         )
     missing = {one.effect for one in found.considered if one.status in ("channel_missing", "not_identifiable")}
     if verdict == "explained":
-        return _shown(recording, _hidden(found, causes, missing)) or _CONFIRMED
+        return _shown(recording, _hidden(found, causes, missing)) or _ENOUGH
     rest = found.rivals if verdict == "unexplained" else found.remaining
-    strong = [one for one in rest if one.delta_bic > LEAST_EVIDENCE and one.effect in _OTHERWISE]
+    strong = [one for one in rest if one.delta_bic > LEAST_EVIDENCE and one.effect.startswith("function_of")]
     unknown = max(strong, key=lambda one: one.delta_bic, default=None)
-    if unknown is None:
-        return "Repeat this recording: what comes again belongs to the array or the site, the rest to this run."
-    plausible = [name for name in _plausible(unknown.effect) if name in missing]
-    return _shown(recording, plausible) or f"To see what the rest follows, {_OTHERWISE[unknown.effect]}."
+    plausible = [name for name in _plausible(unknown.effect) if name in missing] if unknown else []
+    return _shown(recording, plausible) or _OTHERWISE
 
 
 def close_pair(found: Search, verdict: Verdict, causes: Sequence[Cause]) -> tuple[str, str] | None:
@@ -111,17 +94,12 @@ def _words_of(effect: str) -> str:
 
 
 def _asked(recording: Recording, names: Iterable[str]) -> str:
-    """Return the motion that shows effects, with the channels that they need, those that are missing marked."""
+    """Return the motion that shows effects, with the channels that they need and that were not recorded."""
     effects = list(map(effect_named, names))
     motions = ", and ".join(dict.fromkeys(effect.excitation for effect in effects))
-    missing = _missing(recording, effects)
-    return f"{motions}, with the {' and '.join(missing)} recorded" if missing else motions
-
-
-def _missing(recording: Recording, effects: Iterable[Effect]) -> list[str]:
-    """Return the channels that effects need and that were not recorded, in words."""
     needed = dict.fromkeys(channel for effect in effects for channel in effect.channels)
-    return [CHANNEL_NAMES[channel] for channel in needed if getattr(recording, channel) is None]
+    missing = [CHANNEL_NAMES[channel] for channel in needed if getattr(recording, channel) is None]
+    return f"{motions}, with the {' and '.join(missing)} recorded" if missing else motions
 
 
 def _hidden(found: Search, causes: Sequence[Cause], missing: Collection[str]) -> list[str]:
@@ -144,12 +122,7 @@ def _plausible(function: str) -> list[str]:
 
 
 def _shown(recording: Recording, plausible: Sequence[str]) -> str:
-    """Return what would show the most plausible of effects, and the channels of the others; empty without any."""
+    """Return what would show the most plausible of effects; empty without any."""
     if not plausible:
         return ""
-    first, *others = plausible
-    further = [
-        name for name in _missing(recording, map(effect_named, others)) if name not in _asked(recording, [first])
-    ]
-    also = f" (and the {' and '.join(further)}, which may be the cause as well)" if further else ""
-    return f"To see whether it is {_words_of(first)}, {_asked(recording, [first])}{also}."
+    return f"To see whether it is {_words_of(plausible[0])}, {_asked(recording, plausible[:1])}."

@@ -4,7 +4,7 @@ The recording is right: where its sensors lie along the array in some way, those
 MuJoCo gives quaternions as w, x, y, z, and ROS takes x, y, z, w.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,18 +14,8 @@ from tam_calibration.comparison.result import Mistake
 from tam_calibration.integrity.handedness import NEAR, left_handed
 from tam_calibration.integrity.overview import SHARED, Overview
 from tam_calibration.model.sensor_errors import ORIENTATIONS
+from tam_calibration.model.sensors_in_words import numbered, sensors_in_words
 from tam_calibration.model.units import FloatArray
-
-
-def sensors_in_words(sensors: Sequence[int], count: int) -> str:
-    """Return sensors, numbered from 1, of so many for people."""
-    return "all sensors" if len(sensors) == count else numbered(sensors)
-
-
-def numbered(sensors: Sequence[int]) -> str:
-    """Return sensors, by their numbers from 1, for people."""
-    *some, last = map(str, sensors)
-    return f"sensors {', '.join(some)} and {last}" if some else f"sensor {last}"
 
 
 def in_microtesla(tesla: float) -> str:

@@ -14,11 +14,11 @@ from math import comb
 
 import numpy as np
 
-from tam_calibration.comparison.mistakes.frames import sensors_in_words
 from tam_calibration.comparison.result import Mistake
 from tam_calibration.core.noise import noise_deviation
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
+from tam_calibration.model.sensors_in_words import sensors_in_words
 from tam_calibration.model.units import TESLA_PER_FIELD_UNIT, FloatArray, to_nanotesla
 
 ORDER = 8

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from tam_calibration.model.sensors_in_words import sensors_in_words
 from tam_calibration.model.units import FloatArray
 
 Place = tuple[int | str, ...]
@@ -93,7 +94,4 @@ def _one_in_words(place: Place, sensor_count: int, is_common: bool) -> str:
         return f"the {place[0]}"
     if is_common:
         return "the field at all sensors alike"
-    if len(place) == sensor_count > 1:
-        return "all sensors"
-    numbers = [str(one) for one in place]
-    return f"sensor {numbers[0]}" if len(numbers) == 1 else f"sensors {', '.join(numbers[:-1])} and {numbers[-1]}"
+    return sensors_in_words([int(one) for one in place], sensor_count)
