@@ -104,12 +104,12 @@ def main(runs: int, first_seed: int) -> None:
             [first_seed, list(NOISES).index(name), count, run] for run in range(max(runs, min(100, 12_000 // count)))
         ]
         pulls = [pulls_of(*run_of(np.random.default_rng(seed), name, count), method) for seed in seeds]
-        told = [each for each in pulls if each is not None]
-        parts = np.array([np.mean(np.abs(off) < WITHIN) for off, _ in told])
-        held, error = (float(parts.mean()), float(parts.std() / np.sqrt(len(parts)))) if told else (np.nan, np.nan)
-        saying = float(np.mean([says_so for _, says_so in told])) if told else 0.0
+        answered = [each for each in pulls if each is not None]
+        parts = np.array([np.mean(np.abs(off) < WITHIN) for off, _ in answered])
+        held, error = (float(parts.mean()), float(parts.std() / np.sqrt(len(parts)))) if answered else (np.nan, np.nan)
+        saying = float(np.mean([says_so for _, says_so in answered])) if answered else 0.0
         figure = (
-            f"part of 95 % intervals that hold, ± {error:.3f}, {len(told)} of {len(pulls)} answers, "
+            f"part of 95 % intervals that hold, ± {error:.3f}, {len(answered)} of {len(pulls)} answers, "
             f"{saying:.0%} say they may not"
         )
         least, most = LEAST - BY_CHANCE * error, MOST + BY_CHANCE * error

@@ -202,6 +202,7 @@ CASES = (
     Case(has_scalar=False),
     Case(0.002, sensors=4, has_scalar=False),
 )
+"""Noise of the gyroscope, sensors, tilt, samples and scalar, each varied about the table."""
 
 
 def judged(case: Case, runs: int, seed: int) -> list[Row]:

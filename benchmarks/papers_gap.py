@@ -334,10 +334,10 @@ def answer(recording: Recording, array: Array) -> str:
         gap = diagnose(recording, array.with_noise(array.with_stated_noise().vector_noise_T, SCALAR_NOISE_T))
     except Refused as refusal:
         return f"refused: {str(refusal)[:80]}"
-    told = gap_to_mapping(gap)
-    laws = [f"{one['law']} in {'/'.join(map(str, one['sensors']))}" for one in told["signature"][:1]]
-    causes = [one["effect"] for one in told["causes"]]
-    return f"{told['verdict']}: {', '.join(laws) or 'no law'}{' by ' + ' + '.join(causes) if causes else ''}"
+    answered = gap_to_mapping(gap)
+    laws = [f"{one['law']} in {'/'.join(map(str, one['sensors']))}" for one in answered["signature"][:1]]
+    causes = [one["effect"] for one in answered["causes"]]
+    return f"{answered['verdict']}: {', '.join(laws) or 'no law'}{' by ' + ' + '.join(causes) if causes else ''}"
 
 
 @click.command(help=__doc__)

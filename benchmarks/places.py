@@ -31,8 +31,14 @@ JUDGED = 1000
 """First seed that judges."""
 
 NOISE_T, SCALAR_T, FIELD_T = 4e-9, 0.5e-9, 48e-6
+"""Of fluxgates, an Overhauser magnetometer, and the Earth in middle latitudes."""
+
 ATTITUDE = np.radians(0.05)
+"""Of a good inertial system."""
+
 ARM_M = 0.25
+"""Half the baseline of Wu's cross."""
+
 POSITIONS_M = ARM_M * np.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]])
 ARRAY = Array(positions_m=POSITIONS_M, vector_noise_T=np.full(4, NOISE_T), scalar_noise_T=SCALAR_T)
 ALL, SCALAR = (1, 2, 3, 4), ("scalar",)

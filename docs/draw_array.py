@@ -14,6 +14,7 @@ from tam_calibration.report.style import STYLE
 
 TARGET = Path(__file__).parent / "images" / "cross_array.png"
 _BASELINE_M, _AXIS_M = 0.5, 0.09
+"""Of the cross that is the default, and the length of an arrow."""
 
 
 @matplotlib.rc_context(STYLE)

@@ -86,7 +86,11 @@ def _residual(calibration: Calibration) -> str:
         f"{name} {value:.3g} times" for name, value in sorted(high, key=lambda one: -one[1])[:_MOST_NAMED]
     )
     factor = float(np.sqrt(calibration.variance_factors.largest))
-    widened = f"; standard errors are {factor:.3g} times those of white noise" if factor > 1 else ""
+    widened = (
+        f"; its slow part is {factor:.3g} times that of white noise, for which standard errors are widened"
+        if factor > 1
+        else ""
+    )
     if widened and (independent := calibration.samples / factor**2) < _FEW_INDEPENDENT:
         widened += f", and may be too small still, as of {independent:.0f} independent samples"
     if high:

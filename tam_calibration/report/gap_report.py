@@ -11,9 +11,8 @@ from tam_calibration.report import gap_rows
 from tam_calibration.report.blocks import Block, Points, Section, Table, Text
 from tam_calibration.report.formatting import count, fixed, number, sentence
 from tam_calibration.report.gap_cause_plots import GapView, plot_dependence, plot_evidence, plot_sphere
-from tam_calibration.report.gap_residual_plots import plot_histogram, plot_map, plot_spectrum, plot_time
+from tam_calibration.report.gap_residual_plots import plot_course, plot_histogram, plot_map, plot_spectrum, plot_time
 from tam_calibration.report.page import figure_blocks, sections_of, write_page
-from tam_calibration.report.signature_plots import plot_course
 from tam_calibration.report.signature_rows import law_sentence, signature_blocks
 
 _HEADER = {

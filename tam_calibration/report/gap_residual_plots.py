@@ -1,4 +1,4 @@
-"""The residuals of a gap drawn: by sensor and axis, over time, by size and by frequency."""
+"""The residuals of a gap drawn: by sensor and axis, over time, by size and by frequency; and the course of its law."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,6 +10,7 @@ from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
+from tam_calibration.gap.laws.law import Course
 from tam_calibration.model.units import FloatArray, to_nanotesla
 from tam_calibration.report.formatting import ratio
 from tam_calibration.report.gap_cause_plots import GapView, State
@@ -200,3 +201,17 @@ def spectrum(time_s: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatA
     filled = counts > 0
     centers = np.bincount(band, frequency)[filled] / counts[filled]
     return centers, np.sqrt(np.bincount(band, power)[filled] / counts[filled])
+
+
+@matplotlib.rc_context(STYLE)
+def plot_course(course: Course) -> Figure:
+    """Draw the size of a law over time, and the band of two standard errors on either side."""
+    factor, unit = (100.0, "%") if course.unit == "1" else (to_nanotesla(1.0), "nT")
+    figure = Figure(figsize=(PAGE_WIDTH_INCH, 2.2), layout="constrained")
+    axes = figure.subplots()
+    seconds, size, error = course.time_s - course.time_s[0], factor * course.size, factor * course.error
+    axes.fill_between(seconds, size - 2 * error, size + 2 * error, color=BEFORE_COLOR, alpha=0.25, linewidth=0)
+    axes.plot(seconds, size, color=BEFORE_COLOR)
+    axes.set_xlabel("time, s")
+    axes.set_ylabel(unit)
+    return figure

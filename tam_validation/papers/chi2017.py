@@ -24,8 +24,11 @@ _BASELINE_M = 0.5
 _SAMPLES = 200
 _VARIANCES_NT2 = (9.0, 12.0, 15.0)
 _SITE = site_field(from_nanotesla(50_000.0), 55.0, -7.0)
+"""The simulation as the paper states it, section 3."""
+
 _EXPERIMENT_SITE = site_field(from_nanotesla(52_561.0), 55.0, -7.0)
 _EXPERIMENT_BASELINE_M, _EXPERIMENT_SAMPLES = 0.26, 30
+"""The experiment as the paper states it, section 4."""
 
 _PRINTED = printed_in("chi2017")
 NON_ORTHOGONALITY = np.array(_PRINTED["non_orthogonality"])

@@ -7,6 +7,8 @@ from tam_calibration.model.units import FloatArray
 from tam_validation.papers.cross import SetUp, observed, site_field
 
 BASELINE_M = 0.4
+"""As both papers state it."""
+
 _STEPS = 36
 """Samples of the turn about z."""
 _TILT = np.deg2rad(40.0)

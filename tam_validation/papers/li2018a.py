@@ -26,11 +26,15 @@ from tam_validation.papers.row import Draws, right_name
 
 _TURNS = 18
 _BASELINE_M = 0.5
+"""Of the simulation, as the paper states it."""
+
 NOISE_T = from_nanotesla(1 / np.sqrt(3))
 _RADIANS, _DEGREES = 4, 3
 """Decimals of an angle: the paper prints radians, and degrees that are worked out of these."""
 
 _EXPERIMENT_T, _SWING_T = from_nanotesla(53_902.87), from_nanotesla(10.0)
+"""Field of the experiment and by how much it varies, as the paper states them."""
+
 _RANDOM_POSES = 100
 
 _PRINTED = printed_in("li2018a")

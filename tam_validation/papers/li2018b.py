@@ -31,6 +31,8 @@ from tam_validation.papers.row import Draws, right_name
 _TURNS = 12
 _BASELINE_M = 0.4
 NOISE_T = from_nanotesla(1.0)
+"""Of the simulation, as the paper states it."""
+
 _ONE_TURN = slice(0, 10)
 """The samples from which the paper calibrates."""
 _EXPERIMENT_T = from_nanotesla(53_907.16)

@@ -224,7 +224,8 @@ def test_a_calibration_says_by_how_much_they_are_wider(wu_scenario, has_scalar):
     [warning] = [one for one in calibration.warnings if "the residual" in one]
     factor = calibration.variance_factors.largest
     few = f", and may be too small still, as of {calibration.samples / factor:.0f} independent samples"
-    assert f"; standard errors are {np.sqrt(factor):.3g} times those of white noise{few}: look" in warning
+    slow = f"; its slow part is {np.sqrt(factor):.3g} times that of white noise, for which standard errors are widened"
+    assert f"{slow}{few}: look" in warning
     expected = np.sqrt(np.diag(sandwich(calibration, recording))).reshape(4, 12)
     assert_allclose(calibration.standard_errors, expected, rtol=1e-3)
 

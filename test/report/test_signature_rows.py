@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tam_calibration.gap.laws.law import Course, Signature
-from tam_calibration.report.signature_plots import plot_course
+from tam_calibration.report.gap_residual_plots import plot_course
 from tam_calibration.report.signature_rows import causes_sentence, law_sentence
 
 GAIN = Course(np.array([0.0, 1.0, 2.0]), np.array([0.0, 0.004, 0.0]), np.full(3, 1e-4), "1")

@@ -37,9 +37,9 @@ def places_of(place: Place, signal: FloatArray, residual: Residual) -> tuple[Pla
     others = [one for one in (SCALAR, every)[residual.sensor_count == 1 :] if one != place]
     others += [ATTITUDE] if residual.follows_attitude else []
     rest = {one: signal - within(residual, one, signal) for one in others}
-    alike = [one for one in others if (rest[one] ** 2).sum() < TOLERANCE**2 * (signal**2).sum()]
-    if not {SCALAR, every} <= {place, *alike}:
-        return place, *alike
+    possible = [one for one in others if (rest[one] ** 2).sum() < TOLERANCE**2 * (signal**2).sum()]
+    if not {SCALAR, every} <= {place, *possible}:
+        return place, *possible
     if residual.scalar_T is None:
         return (every,)
     odds = field_over_scalar(residual)

@@ -98,8 +98,8 @@ def _of_samples(rest: Residual, whole: float, chosen: NDArray[np.bool_], sensors
 
 def _of_noise(scattered: list[Scatter], rest: Residual) -> Signature:
     best = scattered[0]
-    alike = [one.sensors for one in scattered[1:] if one.evidence >= best.evidence - TIE]
-    places = tuple(dict.fromkeys((*_of_scatter(best.sensors, rest), *alike)))
+    near = [one.sensors for one in scattered[1:] if one.evidence >= best.evidence - TIE]
+    places = tuple(dict.fromkeys((*_of_scatter(best.sensors, rest), *near)))
     return Signature(best.law, best.course, places[0], best.axes, best.energy, places, None, (), best.evidence)
 
 
@@ -154,10 +154,10 @@ def _times(best: Candidate, residual: Residual) -> tuple[float, ...]:
 
 def _places(found: Found) -> tuple[Place, ...]:
     best = found.best
-    alike = places_of(best.pattern.sensors, best.signal(found.residual, best.fitted(found.residual)), found.residual)
+    possible = places_of(best.pattern.sensors, best.signal(found.residual, best.fitted(found.residual)), found.residual)
     least = max(best.evidence, found.others[0].evidence) - TIE
     others = [one.pattern.sensors for one in found.others if one.evidence >= least and one.pattern.sensors != SCALAR]
-    return tuple(dict.fromkeys((*alike, *others)))
+    return tuple(dict.fromkeys((*possible, *others)))
 
 
 def _merged(laws: list[Signature]) -> list[Signature]:

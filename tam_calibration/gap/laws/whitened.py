@@ -10,8 +10,9 @@ from tam_calibration.effects.motion import rates
 from tam_calibration.gap.floor import white_variance
 from tam_calibration.gap.laws.decisions import DEPENDENT, MOST_SAMPLES, SHEET
 from tam_calibration.gap.model import Model
+from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.gap.world import turns
-from tam_calibration.model.units import FloatArray
+from tam_calibration.model.units import FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,22 +139,7 @@ def residual_of(model: Model) -> Residual:
     covariates = channels.covariates
     index = np.flatnonzero(channels.is_counted)
     index = index[:: -(-len(index) // MOST_SAMPLES)]
-    root = np.sqrt(channels.precision[index])
-    response = np.concatenate(
-        [
-            np.broadcast_to(
-                np.vstack([channels.directions, 0 * channels.directions[:1]]).T,
-                (len(index), *channels.directions.T.shape[:1], len(channels.directions) + 1),
-            ),
-            (root[:, None] * channels.row_direction[index])[:, None, :],
-        ],
-        axis=1,
-    )
-    z = np.column_stack([channels.differential[index], root * channels.intensity_residual_T[index]])
-    known = np.abs(response).max(axis=(0, 2)) > 0
-    response, z = response[:, known], z[:, known]
-    level = _levels(z, len(channels.directions.T))
-    response, z = response / level[:, None], z / level
+    z, response = _channels(channels, index)
     size = np.sqrt(np.mean(np.sum(response[:, :, :-1] ** 2, axis=1)))
     row_T = 1 / float(size)
     response = response * row_T
@@ -161,9 +147,7 @@ def residual_of(model: Model) -> Residual:
     field = covariates.field_T[index] / unit_T
     # The length of the field holds errors of the scalar, the direction does not.
     unit = field / np.linalg.norm(field, axis=1, keepdims=True)
-    rate = rates(covariates)[index] / unit_T
-    rate = rate - unit * (unit * rate).sum(axis=1, keepdims=True)
-    rate = rate / max(float(np.sqrt(np.mean(np.sum(rate**2, axis=1)))), 1e-12)
+    rate = _across(rates(covariates)[index] / unit_T, unit)
     matrix = covariates.errors.matrix.reshape(-1, 3)
     sensors: FloatArray = response[:, :, :-1]
     parts = [sensors, *(sensors * field[:, None, axis, None] for axis in range(3))]
@@ -199,6 +183,25 @@ def residual_of(model: Model) -> Residual:
         model.array.scalar_noise_T,
         covariates.follows_attitude,
     )
+
+
+def _channels(channels: WhitenedChannels, index: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return the channels (N, C) at some samples in units of their noise, and their response (N, C, R) to the rows."""
+    root = np.sqrt(channels.precision[index])
+    differential = np.vstack([channels.directions, 0 * channels.directions[:1]]).T
+    intensity = (root[:, None] * channels.row_direction[index])[:, None, :]
+    response = np.concatenate([np.broadcast_to(differential, (len(index), *differential.shape)), intensity], axis=1)
+    z = np.column_stack([channels.differential[index], root * channels.intensity_residual_T[index]])
+    known = np.abs(response).max(axis=(0, 2)) > 0
+    response, z = response[:, known], z[:, known]
+    level = _levels(z, len(channels.directions.T))
+    return z / level, response / level[:, None]
+
+
+def _across(rate: FloatArray, unit: FloatArray) -> FloatArray:
+    """Return the part of rates (N, 3) across unit vectors, in units of its root mean square."""
+    across = rate - unit * (unit * rate).sum(axis=1, keepdims=True)
+    return np.asarray(across / max(float(np.sqrt(np.mean(np.sum(across**2, axis=1)))), 1e-12))
 
 
 def _levels(z: FloatArray, differential: int) -> FloatArray:
