@@ -41,7 +41,8 @@ def topics_of_nodes(bench):
 
     def are_seen():
         found.update({name: types[0] for name, types in bench.node.get_topic_names_and_types()})
-        return all(bench.node.count_publishers(name) for name in names)
+        heard = all(bench.node.count_subscribers(f"/tam_{number}/magnetic_field") for number in range(1, 5))
+        return heard and all(bench.node.count_publishers(name) for name in names)
 
     bench.spin_until(are_seen, "the topics are there")
     return found
