@@ -15,6 +15,8 @@ from tam_calibration.comparison.noise import differs
 from tam_calibration.comparison.result import UNKNOWN, EffectDifference, NoiseDifference, OtherParameters, Side
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import effect_named
+from tam_calibration.effects.noise_excess import NoiseExcess
+from tam_calibration.gap.laws.causes import CAUSES
 from tam_calibration.gap.result import Cause
 from tam_calibration.gap.size import unusable
 from tam_calibration.model.exceptions import InputError, Refused
@@ -105,7 +107,8 @@ def follows_the_run(name: str) -> bool:
     effect = effect_named(name)
     if not isinstance(effect, LinearEffect):
         return False
-    return not (effect.is_free_in_time or effect.surrogates == "at_other_frequencies")
+    has_phase = any("tone" in one.course for one in CAUSES if one.name == name)
+    return not (effect.is_free_in_time or has_phase)
 
 
 def is_shown(fitted: FittedEffect, side: Side) -> bool:
@@ -318,7 +321,7 @@ def is_noise(effect: str) -> bool:
     effect : str
         Its name, or ``UNKNOWN``.
     """
-    return effect != UNKNOWN and effect_named(effect).explains_any_excess
+    return effect == NoiseExcess.name
 
 
 def _is_all_noise(cause: Cause, side: Side) -> bool:

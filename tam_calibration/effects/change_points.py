@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.effect import LinearEffect, Shape, SurrogateKind
+from tam_calibration.effects.effect import LinearEffect, Shape
 from tam_calibration.effects.grades import LONGEST_BURST
 from tam_calibration.model.units import FloatArray
 
@@ -153,12 +153,7 @@ class StepEffect(LinearEffect):
     is_step: ClassVar[bool] = True
     may_repeat: ClassVar[bool] = True
     has_exact_shapes: ClassVar[bool] = True
-    surrogates: ClassVar[SurrogateKind] = "at_other_times"
     shape_units: ClassVar[dict[str, str]] = {"time_s": "s", "end_s": "s"}
-
-    def always(self, shape: Shape) -> Shape | None:
-        """Return the same without its times."""
-        return {"time_s": -np.inf}
 
 
 def shape_of(time_s: FloatArray, cuts: Sequence[int]) -> dict[str, float]:

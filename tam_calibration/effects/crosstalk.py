@@ -55,11 +55,6 @@ class Crosstalk(LinearEffect):
         on = {} if windows is None else windows.shape(covariates)
         return [*late, *({name: 0.0, **on} for name in _SHAPES if on)]
 
-    def always(self, shape: Shape) -> Shape | None:
-        """Return a window without an end; None for what is late all the time."""
-        late = {name: late_s for name, late_s in shape.items() if name in _SHAPES}
-        return {**late, "on_1_s": -np.inf} if "on_1_s" in shape else None
-
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
         """Return what each axis gets of the late channel: its change, or all of it in windows.
 

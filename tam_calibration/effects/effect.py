@@ -36,20 +36,9 @@ __all__ = [
     "Shape",
     "Sized",
     "StreamKind",
-    "SurrogateKind",
     "Term",
     "WhitenedResiduals",
 ]
-
-
-SurrogateKind = Literal["moved", "of_channel", "of_attitude", "at_other_times", "elsewhere", "at_other_frequencies"]
-"""How surrogates of an effect are made: they have its form, but are unrelated to the residual.
-
-``moved``: the residual is shifted in time. ``of_channel``: the recorded channel is shifted in time, or replaced by
-another of the same spectrum. ``of_attitude``: the recorded attitude is shifted in time. ``at_other_times``: a step at
-another time, beside the effect and the best smooth course. ``elsewhere``: it acts on other rows.
-``at_other_frequencies``: it has another frequency.
-"""
 
 
 @dataclass(frozen=True)
@@ -160,19 +149,10 @@ class Effect(ABC):
         The largest sizes of its values, by the name of a value, or of a term for all values of it.
     may_repeat : bool
         Whether it may happen more than once, each time in another form.
-    explains_any_excess : bool
-        Whether it explains whatever exceeds the noise, so that its evidence is worth less than that of a law.
     is_of_lone_samples : bool
         Whether it strikes samples here and there, of which there must be few, however often it happens.
     is_of_extremes : bool
         Whether it shows in extreme readings, so that a few flagged samples may as well be another such effect.
-    is_any_course : bool
-        Whether it may be any function of time while its channel is not recorded.
-    may_be : tuple of str
-        Names of the effects that look like it where a recording lacks what they need, beside those that hold it.
-    looks_like : mapping
-        Functions without physics that explain it, each with its rank among the effects that the function may be in
-        truth: the most plausible has the smallest.
     shows_as : tuple of str
         Names of the faults of channels that it makes, as the check before a fit has them (``integrity``).
     output_stage : int
@@ -187,12 +167,8 @@ class Effect(ABC):
     told_of_samples: ClassVar[str] = ""
     limits: ClassVar[Mapping[str, Limit]] = {}
     may_repeat: ClassVar[bool] = False
-    explains_any_excess: ClassVar[bool] = False
     is_of_lone_samples: ClassVar[bool] = False
     is_of_extremes: ClassVar[bool] = False
-    is_any_course: ClassVar[bool] = False
-    may_be: ClassVar[tuple[str, ...]] = ()
-    looks_like: ClassVar[Mapping[str, int]] = {}
     shows_as: ClassVar[tuple[str, ...]] = ()
     output_stage: ClassVar[int] = 0
 
@@ -291,13 +267,10 @@ class LinearEffect(Effect):
         says nothing new.
     shape_units : dict
         SI unit of each parameter of the shape.
-    surrogates : str
-        How its surrogates are made, see ``SurrogateKind``.
     largest_signal : Limit, optional
         Of what it adds to any row, root of the mean square over the samples: in tesla, or as part of the field's.
     """
 
-    surrogates: ClassVar[SurrogateKind] = "moved"
     is_free_in_time: ClassVar[bool] = False
     is_causal: ClassVar[bool] = True
     is_of_site: ClassVar[bool] = False
@@ -354,10 +327,6 @@ class LinearEffect(Effect):
             In which the effect is searched.
         """
         return ({},)
-
-    def always(self, shape: Shape) -> Shape | None:
-        """Return the shape in which what comes and goes at the times of a shape is always there; None where none is."""
-        return None
 
     def is_same(self, shape: Shape, other: Shape, covariates: Covariates) -> bool:
         """Whether a recording does not tell two shapes apart, so that they are one cause; by default it does.

@@ -49,10 +49,6 @@ class GainSwitching(LinearEffect):
         states, level, row = settled_strongest(levels)
         return [_shape(covariates, level, states, row)] if level.is_switching(states) else []
 
-    def always(self, shape: Shape) -> Shape | None:
-        """Return a window without an end; None for what depends on the reading."""
-        return {"on_1_s": -np.inf} if "on_1_s" in shape else None
-
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
         """Return the change of each axis' gain, by which the bias is amplified too.
 

@@ -12,36 +12,28 @@ import numpy as np
 
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Finding, LinearEffect
-from tam_calibration.effects.excess_variance import LARGEST_NOISE, ChannelMoments, Excess, best_excess
+from tam_calibration.effects.excess_variance import LARGEST_NOISE
 from tam_calibration.effects.grades import FEWEST, MINOR, MOST, NEARLY_ALL, NOTABLE, SLIGHT
 from tam_calibration.effects.library import effect_named, installed_effects, units_of
 from tam_calibration.gap.checks import checks_of
 from tam_calibration.gap.coloured import covariance_of
-from tam_calibration.gap.discipline import (
-    considered_without,
-    contradicted,
-    doubted,
-    misplaced,
-    placed,
-    without_causes,
-)
-from tam_calibration.gap.hypothesis import Hypothesis, Place, places_of, sensors_of
-from tam_calibration.gap.laws.law import SCALAR, Signature, in_words
-from tam_calibration.gap.laws.signature import shared_places, signature_of
+from tam_calibration.gap.hypothesis import Hypothesis, Place, sensors_of
+from tam_calibration.gap.laws.causes import makes
+from tam_calibration.gap.laws.law import in_words
 from tam_calibration.gap.model import Model
-from tam_calibration.gap.next_recording import next_recording
+from tam_calibration.gap.next_recording import is_drift, next_recording
+from tam_calibration.gap.placed import placed
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.regressors import Regressors
-from tam_calibration.gap.remainder import describe, residue_of
-from tam_calibration.gap.repeats import pose_of, repeats
+from tam_calibration.gap.residue import residue_of
 from tam_calibration.gap.result import Cause, Considered, Gap, Size, Verdict, Where
 from tam_calibration.gap.search import LARGEST_REST, Search
 from tam_calibration.gap.size import measure, noise_variance
-from tam_calibration.gap.support import LEAST_EVIDENCE, Step, open_part
+from tam_calibration.gap.support import LEAST_EVIDENCE, Step
 from tam_calibration.gap.where import locate, sensors_and_axes
-from tam_calibration.model.fitted_effect import ALL, FittedEffect
+from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.sensors_in_words import numbered
-from tam_calibration.model.units import FloatArray
+from tam_calibration.model.units import FloatArray, to_nanotesla
 
 
 def energies_of(steps: Sequence[Step], count: float) -> dict[Step, float]:
@@ -137,20 +129,6 @@ def probabilities(found: Search, verdict: Verdict, size: Size, departures: int) 
     return chances
 
 
-DOUBTED = 0.6
-"""Largest probability of a cause that does not make the law of the gap: six of eight such names were right."""
-
-
-def with_doubt(chances: Mapping[str, float], doubted: Collection[str]) -> Mapping[str, float]:
-    """Return the probabilities with those of doubted causes lowered, and what they lose given to none of these."""
-    lowered = dict(chances)
-    for name in doubted:
-        lost = max(lowered.get(name, 0.0) - DOUBTED, 0.0)
-        lowered[name] = lowered.get(name, 0.0) - lost
-        lowered["none_of_these"] = min(lowered["none_of_these"] + lost, 1.0)
-    return lowered
-
-
 def right(features: Sequence[float]) -> float:
     """Return the probability that a cause is right, by the logistic regression."""
     return 1 / (1 + exp(-sum(w * value for w, value in zip(_COEFFICIENTS, features, strict=True))))
@@ -211,60 +189,26 @@ def _spread(chances: dict[str, float], found: Search, named: Collection[str], re
         chances[name] += rest * gain / total if total > 0 else 0.0
 
 
-def _noisier_rows(model: Model) -> Excess | None:
-    """Return the excess of variance of some rows over the others, whatever its cause; None without evidence."""
-    channels = model.channels(model.signal() if model.parts else None)
-    excess = best_excess(ChannelMoments.of(channels.residuals), channels.covariates)
-    if excess is None or excess.gain - excess.parameter_count * np.log(channels.count) < LEAST_EVIDENCE:
-        return None
-    return excess
-
-
-def verdict_on(found: Search, size: Size, variance: float, is_noisier: bool) -> Verdict:
+def verdict_on(found: Search, size: Size, variance: float) -> Verdict:
     """Return the verdict on a search.
 
     Parameters
     ----------
     found : Search
-        Causes, the models without and with them, and the evidence for functions without physics.
+        Causes, the models without and with them, and the laws of what each leaves.
     size : Size
         Of the gap, before and after the causes.
     variance : float
         Of the channels' white noise, over that of the array.
-    is_noisier : bool
-        Whether some rows are noisier than the others without a cause for it.
     """
     if size.before < MINOR:
         return "no_gap"
     if not found.steps:
-        is_seen = any(one.delta_bic >= LEAST_EVIDENCE for one in found.remaining)
-        is_even = not is_seen and variance < LARGEST_NOISE**2 and not is_noisier
-        return "no_gap" if is_even else "unexplained"
+        return "no_gap" if not found.laws and variance < LARGEST_NOISE**2 else "unexplained"
     if size.closed < NOTABLE:  # Such a part may only be the correlation of the causes with an unknown one.
         return "unexplained"
-    left = open_part(found.nominal.base(), found.model.base(), found.remaining)
-    is_whole = left < MINOR and size.closed > MOST and size.after < LARGEST_REST
-    return "explained" if is_whole and not _is_open_elsewhere(found) else "partly_explained"
-
-
-def _is_open_at_poses(found: Search) -> bool:
-    """Whether causes that follow the motion leave much of what is the same whenever a pose is taken up again."""
-    forms = [step.accepted.form for step in found.steps]
-    if not all(isinstance(form, Hypothesis) and form.effect.surrogates in ("moved", "of_attitude") for form in forms):
-        return False
-    channels = (found.nominal.channels(), found.model.channels(found.model.signal()))
-    again = repeats(pose_of(channels[0].covariates))
-    if again is None:
-        return False
-    before, after = (again.energy(one.differential) for one in channels)
-    return after > NOTABLE * before > 0
-
-
-def _is_open_elsewhere(found: Search) -> bool:
-    """Whether rows of a sensor without a cause are noisier than the others: no modelling error explains that."""
-    own = {sensor for step in found.steps for sensor in sensors_of(places_of(step.accepted.form))}
-    excess = None if ALL in own else _noisier_rows(found.model)
-    return excess is not None and excess.place.sensor not in own
+    is_whole = found.open_part < MINOR and size.closed > MOST and size.after < LARGEST_REST
+    return "explained" if is_whole else "partly_explained"
 
 
 def smallest_gap(count: float) -> float:
@@ -297,8 +241,7 @@ def statement(verdict: Verdict, size: Size, where: str, causes: tuple[Cause, ...
 
 
 def _cause_in_words(cause: Cause) -> str:
-    matched = cause.surrogate_test is not None and cause.surrogate_test.is_matched
-    rival = " (or by anything else that changes as slowly)" if matched else ""
+    rival = " (or by anything else that changes as slowly)" if cause.is_drift else ""
     return f"{cause.fitted.effect.replace('_', ' ')}{rival}"
 
 
@@ -311,33 +254,54 @@ def _named(where: Where) -> str:
 
 
 def conclude(found: Search) -> Gap:
-    """Return the gap that a search found, its law first: causes that do not make that law are not named, or doubted."""
-    gap = _concluded(found, ())
-    if gap.verdict == "no_gap":
-        return gap
-    laws = signature_of(found.nominal)
-    if names := (*contradicted(found, laws), *misplaced(found, laws)):
-        gap = _concluded(without_causes(found, names), ())
-        verdict: Verdict = "unexplained" if gap.verdict == "no_gap" else gap.verdict
-        words = statement(verdict, gap.size, _named(gap.where), gap.causes)
-        considered = considered_without(gap.considered, names, laws)
-        gap = replace(gap, verdict=verdict, statement=words, considered=considered)
-    elif unsure := doubted(found, laws):
-        gap = _concluded(found, unsure)
-    return replace(_placed(gap, found, laws), signature=laws)
+    """Return the gap that a search found."""
+    variance = noise_variance(found.model, found.remaining)
+    nominal, model = found.nominal.of_all_samples(), found.model.of_all_samples()
+    size = measure(nominal, model, variance)
+    base = found.nominal.base()
+    verdict = verdict_on(found, size, variance)
+    is_named = verdict not in ("no_gap", "unexplained")
+    if not is_named:
+        model = nominal
+        variance = noise_variance(found.nominal, found.laws)
+        size = measure(nominal, model, variance)
+    residue = residue_of(nominal, model, nominal.channels(), variance)
+    noise = model.recording.interpolated_noise
+    checks = checks_of(residue.time_s, residue.direction, residue.after, residue.floor_T, noise)
+    chances = probabilities(found, verdict, size, checks.departures)
+    causes = _causes(found, model, size, chances, variance) if is_named else ()
+    places = [place for cause in causes for place in _places(cause.fitted, base.channels.covariates)]
+    has_gap = verdict != "no_gap"
+    gap = Gap(
+        verdict,
+        size,
+        locate(base.channels, places, found.laws, variance) if has_gap else Where(),
+        causes,
+        _considered(found, causes),
+        chances,
+        next_recording(found, verdict, causes),
+        "",
+        residue,
+        channel_count=nominal.channels().count,
+        set_95=set_of(chances, verdict, causes),
+        smallest_gap=smallest_gap(nominal.channels().count),
+        checks=checks,
+        remainder=_remainder(verdict, size),
+        signature=tuple(law.signature for law in found.laws) if has_gap else (),
+        remaining=tuple(law.signature for law in found.remaining) if is_named else (),
+    )
+    return _stated(gap, found)
 
 
-def _placed(gap: Gap, found: Search, laws: Sequence[Signature]) -> Gap:
-    """Return a gap of the intensity alone at every place in which it may sit, with what would tell them apart."""
-    is_common = laws[0].is_common if laws else gap.where.sensors == SCALAR
-    if not is_common:
-        return gap
-    places = laws[0].places if laws else shared_places(found.nominal)
-    gap = placed(gap, laws, places)
-    sensor_count = found.nominal.recording.sensor_count
-    words = statement(gap.verdict, gap.size, in_words(places, sensor_count, is_common=True), gap.causes)
+def _stated(gap: Gap, found: Search) -> Gap:
+    """Return a gap with its sentence; one of the intensity alone at each of its places, with what tells them apart."""
+    if not gap.signature or not gap.signature[0].is_common:
+        return replace(gap, statement=statement(gap.verdict, gap.size, _named(gap.where), gap.causes))
+    places = gap.signature[0].places
+    gap = placed(gap, gap.signature, places)
+    where = in_words(places, found.nominal.recording.sensor_count, is_common=True)
     following = gap.next_recording if len(places) < 2 else f"{_APART} {gap.next_recording}"
-    return replace(gap, statement=words, next_recording=following)
+    return replace(gap, statement=statement(gap.verdict, gap.size, where, gap.causes), next_recording=following)
 
 
 _APART = (
@@ -346,44 +310,13 @@ _APART = (
 )
 
 
-def _concluded(found: Search, doubted: Collection[str]) -> Gap:
-    variance = noise_variance(found.model, found.remaining, LEAST_EVIDENCE)
-    noisier = None if found.steps else _noisier_rows(found.nominal)
-    if noisier is not None:
-        variance = min(variance, max(noisier.floor, LARGEST_NOISE**-2))
-    whole_nominal, whole = found.nominal.of_all_samples(), found.model.of_all_samples()
-    size = measure(whole_nominal, whole, variance)
-    base = found.nominal.base()
-    verdict = verdict_on(found, size, variance, noisier is not None)
-    is_named = verdict not in ("no_gap", "unexplained")
-    if is_named and _is_open_at_poses(found):
-        verdict, is_named = "unexplained", False
-    if not is_named:
-        whole = whole_nominal
-        size = measure(whole_nominal, whole, variance)
-    residue = residue_of(whole_nominal, whole, whole_nominal.channels(), variance)
-    noise = whole.recording.interpolated_noise
-    checks = checks_of(residue.time_s, residue.direction, residue.after, residue.floor_T, noise)
-    chances = with_doubt(probabilities(found, verdict, size, checks.departures), doubted)
-    causes = _causes(found, whole, size, chances, variance) if is_named else ()
-    places = [_places(cause.fitted, base.channels.covariates) for cause in causes]
-    where = Where() if verdict == "no_gap" else locate(base, places, found.rivals, variance)
-    considered = _considered(found, causes)
-    return Gap(
-        verdict,
-        size,
-        where,
-        causes,
-        considered,
-        chances,
-        next_recording(found, verdict, causes),
-        statement(verdict, size, _named(where), causes),
-        residue,
-        channel_count=whole_nominal.channels().count,
-        set_95=set_of(chances, verdict, causes),
-        smallest_gap=smallest_gap(whole_nominal.channels().count),
-        checks=checks,
-        remainder=describe(found, verdict, size, residue, variance),
+def _remainder(verdict: Verdict, size: Size) -> str:
+    """Return in one sentence how much of the gap is open; empty where nothing is."""
+    if verdict not in ("partly_explained", "unexplained"):
+        return ""
+    share = "All of the gap" if verdict == "unexplained" else f"{100 * (1 - size.closed):.2g} % of the gap's energy"
+    return (
+        f"{share} is open: {size.after:.2g} noise floors, {to_nanotesla(size.after_T):.3g} nT at one axis of a sensor."
     )
 
 
@@ -421,7 +354,7 @@ def _causes(
                 step.accepted.delta_bic,
                 float(size.closed * weight),
                 _indistinguishable(step, effect, found),
-                step.surrogate_test,
+                is_drift(effect.effect, model.recording),
                 tuple(effect_named(effect.effect).sizes(covariates, effect)),
             )
         )
@@ -439,9 +372,7 @@ def _indistinguishable(step: Step, effect: FittedEffect, found: Search) -> tuple
     ]
     if isinstance(cause.form, Hypothesis) and cause.form.effect.is_free_in_time:
         names += [
-            one.effect
-            for one in found.considered
-            if one.status == "channel_missing" and effect_named(one.effect).is_any_course
+            one.effect for one in found.considered if one.status == "channel_missing" and makes(one.effect, step.law)
         ]
     is_few = isinstance(cause.form, Finding) and cause.form.flagged is not None and cause.form.flagged.sum() < FEWEST
     if is_few and effect_named(effect.effect).is_of_extremes:
@@ -477,13 +408,15 @@ def _places(fitted: FittedEffect, covariates: Covariates) -> list[Place]:
 
 
 def _considered(found: Search, causes: tuple[Cause, ...]) -> tuple[Considered, ...]:
-    result = {one.effect: one for one in found.considered}
+    law = found.laws[0].signature.law.replace("_", " ") if found.laws else ""
+    other = f"the gap is a law of {law}, which it does not make" if law else "no law of a gap was found"
+    result = {name: Considered(name, "not_supported", other) for name in installed_effects()}
+    result |= {one.effect: one for one in found.considered}
     for one in found.weighed:
-        why = (
-            "noise alone explains the data as well"
-            if one.delta_bic < LEAST_EVIDENCE
-            else "what it could explain, another explains better"
-        )
+        if one.delta_bic < LEAST_EVIDENCE:
+            why = "noise alone explains the data as well"
+        else:
+            why = "it leaves a part of the law, or another effect explains it better"
         result[one.effect] = Considered(one.effect, "not_supported", why, one.delta_bic)
     for cause in causes:
         result[cause.fitted.effect] = Considered(

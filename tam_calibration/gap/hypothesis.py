@@ -1,6 +1,6 @@
 """The best form of one hypothesis: the terms selected by evidence, over the shapes of an effect, then refined."""
 
-from collections.abc import Hashable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from heapq import nlargest
 
@@ -55,11 +55,6 @@ class Hypothesis:
     def keys(self) -> tuple[Key, ...]:
         """Keys of the terms."""
         return tuple(term.key for term in self.terms)
-
-    @property
-    def identity(self) -> tuple[Hashable, ...]:
-        """What its terms at a base depend on, so that a form which is tested again there is known."""
-        return self.effect.name, tuple(sorted(self.shape.items())), self.keys
 
     @property
     def width(self) -> int:
@@ -138,22 +133,6 @@ def given_form(base: Base, effect: LinearEffect, fitted: FittedEffect) -> Hypoth
     return Hypothesis(effect, fitted.shape, tuple(terms), selection, (), np.array(values))
 
 
-def restricted(base: Base, form: Hypothesis, sensor: int) -> Hypothesis | None:
-    """Return the same effect and shape at one sensor, its terms selected anew; None where none is.
-
-    Parameters
-    ----------
-    base : Base
-        Null model, in the residual of which the terms are selected.
-    form : Hypothesis
-        Effect and shape, with terms at several sensors.
-    sensor : int
-        Index of the sensor, ``SCALAR`` or ``ALL``.
-    """
-    offers = list(_offers(base, form.effect, form.shape, sensor))
-    return _selected(form.effect, offers[0]) if offers else None
-
-
 @dataclass(frozen=True, eq=False)
 class _Offer:
     """All terms of a shape, and the evidence of the best first step of their selection."""
@@ -163,12 +142,12 @@ class _Offer:
     evidence: float
 
 
-def _offers(base: Base, effect: LinearEffect, shape: Shape, sensor: int | None = None) -> Iterator[_Offer]:
-    """Yield the terms of a shape at one sensor or all; of each sensor apart where the effect acts on one alone."""
+def _offers(base: Base, effect: LinearEffect, shape: Shape) -> Iterator[_Offer]:
+    """Yield the terms of a shape; of each sensor apart where the effect acts on one alone."""
     terms = [
         term
         for term in base.channels.terms(effect, shape)
-        if sensor in (None, term.sensor) and (term.sensor != SCALAR or effect.is_of_site or base.channels.has_scalar)
+        if term.sensor != SCALAR or effect.is_of_site or base.channels.has_scalar
     ]
     if not terms:
         return

@@ -1,10 +1,11 @@
 """What to record next: what separates two hypotheses, or shows an effect that this recording cannot."""
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 
-from tam_calibration.effects.effect import LinearEffect
-from tam_calibration.effects.library import effect_named, installed_effects
+from tam_calibration.effects.grades import NEARLY_ALL
+from tam_calibration.effects.library import effect_named
 from tam_calibration.gap.hypothesis import places_of
+from tam_calibration.gap.laws.causes import causes_of
 from tam_calibration.gap.result import Cause, Verdict
 from tam_calibration.gap.search import Search
 from tam_calibration.gap.size import CHANNEL_NAMES, Evidence
@@ -42,19 +43,41 @@ def next_recording(found: Search, verdict: Verdict, causes: Sequence[Cause]) -> 
     if pair := close_pair(found, verdict, causes):
         first, second = (_words_of(name) for name in pair)
         return f"To tell {first} from {second}, {_asked(recording, pair)}."
-    if matched := [one.fitted.effect for one in causes if one.surrogate_test and one.surrogate_test.is_matched]:
+    if drifting := [one.fitted.effect for one in causes if one.is_drift]:
         return (
-            f"Let the channel of {_words_of(matched[0])} rise and fall several times in the run: in this one "
+            f"Let the channel of {_words_of(drifting[0])} rise and fall several times in the run: in this one "
             "any other slow drift explains as much."
         )
-    missing = {one.effect for one in found.considered if one.status in ("channel_missing", "not_identifiable")}
+    hidden = [one.effect for one in found.considered if one.status in ("channel_missing", "not_identifiable")]
     if verdict == "explained":
-        return _shown(recording, _hidden(found, causes, missing)) or _ENOUGH
-    rest = found.rivals if verdict == "unexplained" else found.remaining
-    strong = [one for one in rest if one.delta_bic > LEAST_EVIDENCE and one.effect.startswith("function_of")]
-    unknown = max(strong, key=lambda one: one.delta_bic, default=None)
-    plausible = [name for name in _plausible(unknown.effect) if name in missing] if unknown else []
-    return _shown(recording, plausible) or _OTHERWISE
+        laws = [step.law for step in found.steps if step.law.course in ("slow", "random")]
+    else:
+        laws = [law.signature for law in (found.laws if verdict == "unexplained" else found.remaining)]
+    possible = [one for law in laws[:1] for one in causes_of(law)]
+    for one in possible:
+        if one.name in hidden:
+            return f"To see whether it is {_words_of(one.name)}, {_asked(recording, [one.name])}."
+    if verdict == "explained":
+        return _ENOUGH
+    return f"To see whether it is {possible[0].title}, {possible[0].proof}." if possible else _OTHERWISE
+
+
+def is_drift(effect: str, recording: Recording) -> bool:
+    """Say whether the channel of an effect rises or falls throughout, so that any other slow course explains as much.
+
+    Parameters
+    ----------
+    effect : str
+        Name of an effect.
+    recording : Recording
+        Of N samples, with the channels of the effect.
+    """
+    from scipy.stats import spearmanr
+
+    courses = [
+        getattr(recording, name) for name in ("temperature_C", "current_A") if name in effect_named(effect).channels
+    ]
+    return any(abs(spearmanr(recording.time_s, course).statistic) > NEARLY_ALL for course in courses)
 
 
 def close_pair(found: Search, verdict: Verdict, causes: Sequence[Cause]) -> tuple[str, str] | None:
@@ -100,29 +123,3 @@ def _asked(recording: Recording, names: Iterable[str]) -> str:
     needed = dict.fromkeys(channel for effect in effects for channel in effect.channels)
     missing = [CHANNEL_NAMES[channel] for channel in needed if getattr(recording, channel) is None]
     return f"{motions}, with the {' and '.join(missing)} recorded" if missing else motions
-
-
-def _hidden(found: Search, causes: Sequence[Cause], missing: Collection[str]) -> list[str]:
-    """Return the effects, which this recording cannot show, that a cause may be instead."""
-    drift = next((one.gain for one in found.rivals if one.effect == "function_of_time"), 0.0)
-    named = {cause.fitted.effect for cause in causes}
-    for accepted in (step.accepted for step in found.steps if step.accepted.effect in named):
-        effect = effect_named(accepted.effect)
-        others = [name for name in (*getattr(effect, "limit_of", ()), *effect.may_be) if name in missing]
-        is_sharp = isinstance(effect, LinearEffect) and effect.is_step and drift < accepted.gain - LEAST_EVIDENCE
-        if others and not is_sharp:
-            return others
-    return []
-
-
-def _plausible(function: str) -> list[str]:
-    """Return the effects that may cause a gap which a function without physics explains, the most plausible first."""
-    effects = [effect for effect in installed_effects().values() if function in effect.looks_like]
-    return [effect.name for effect in sorted(effects, key=lambda effect: effect.looks_like[function])]
-
-
-def _shown(recording: Recording, plausible: Sequence[str]) -> str:
-    """Return what would show the most plausible of effects; empty without any."""
-    if not plausible:
-        return ""
-    return f"To see whether it is {_words_of(plausible[0])}, {_asked(recording, plausible[:1])}."

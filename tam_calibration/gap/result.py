@@ -10,7 +10,6 @@ from tam_calibration.effects.effect import Sized
 from tam_calibration.gap.checks import Checks
 from tam_calibration.gap.floor import Floor
 from tam_calibration.gap.laws.law import Signature
-from tam_calibration.gap.surrogates import SurrogateTest
 from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.units import FloatArray
 
@@ -96,8 +95,8 @@ class Cause:
         Part of the gap's energy that it explains out of sample.
     indistinguishable_from : tuple of str
         Effects that explain these data as well.
-    surrogate_test : SurrogateTest, optional
-        Comparison with surrogates that are unrelated to the residual; None where it needs none.
+    is_drift : bool
+        Whether its channel rises or falls throughout, so that whatever changes as slowly explains as much.
     sizes : tuple of Sized
         Beside the largest plausible in nature, where such a bound is known.
     """
@@ -111,7 +110,7 @@ class Cause:
     delta_bic: float
     r2_cv: float
     indistinguishable_from: tuple[str, ...] = ()
-    surrogate_test: SurrogateTest | None = None
+    is_drift: bool = False
     sizes: tuple[Sized, ...] = ()
 
 
@@ -205,6 +204,8 @@ class Gap:
         Description of the part that no cause explains; empty where there is none.
     signature : tuple of Signature
         Laws of the gap, the strongest first: what it does to a reading, where, and its course, whatever its cause is.
+    remaining : tuple of Signature
+        Laws of what the causes leave.
 
     Examples
     --------
@@ -234,6 +235,7 @@ class Gap:
     checks: Checks | None = field(default=None, repr=False)
     remainder: str = ""
     signature: tuple[Signature, ...] = ()
+    remaining: tuple[Signature, ...] = ()
 
     @property
     def most_unseen_errors(self) -> float:

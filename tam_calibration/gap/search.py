@@ -1,22 +1,25 @@
-"""The search for the causes of a gap: forward selection, the strongest first, then backward elimination."""
+"""The search for the causes of a gap: for each law, the strongest first, an effect that leaves nothing of it."""
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from math import log
 
 from tam_calibration.effects.effect import Effect, LinearEffect
-from tam_calibration.effects.excess_variance import LARGEST_NOISE
-from tam_calibration.effects.grades import MINOR, NOTABLE, SLIGHT
-from tam_calibration.effects.library import installed_effects
-from tam_calibration.gap import support
-from tam_calibration.gap.hypothesis import Hypothesis, given_form, places_of, restricted, sensors_of
-from tam_calibration.gap.model import Model
+from tam_calibration.effects.grades import MINOR
+from tam_calibration.effects.library import effect_named, installed_effects
+from tam_calibration.gap.hypothesis import Hypothesis, given_form, places_of, sensors_of
+from tam_calibration.gap.laws.causes import makes, may_make
+from tam_calibration.gap.laws.law import SCALAR, Place, Signature
+from tam_calibration.gap.laws.signature import Law, laws_of
+from tam_calibration.gap.laws.whitened import Residual, residual_of
+from tam_calibration.gap.model import Model, Part
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.result import Considered
-from tam_calibration.gap.size import Evidence, certain_noise, evidence_of, examine, rivals, sharpened, usable
-from tam_calibration.gap.surrogates import SurrogateTest
+from tam_calibration.gap.size import Evidence, energy_explained, evidence_of, examine, sharpened, usable
+from tam_calibration.gap.support import LEAST_EVIDENCE, Step, absorbed, is_new, special_case
 from tam_calibration.model.array import Array
+from tam_calibration.model.fitted_effect import ALL
+from tam_calibration.model.fitted_effect import SCALAR as SCALAR_ROW
 from tam_calibration.model.recording import Recording
 
 Progress = Callable[[str, float], None]
@@ -27,224 +30,8 @@ LARGEST_REST = 1.0
 _MOST_CAUSES = 4
 """Causes of one gap, at most: more cannot be told apart."""
 
-_STARTS = 2
-"""Further effects from which a search starts, at most."""
-
-
-@dataclass(frozen=True, eq=False)
-class SearchResult:
-    """Causes that hold, the model with them, the rivals at that model, and its log-evidence (-BIC)."""
-
-    first: Evidence | None
-    steps: tuple[support.Step, ...]
-    model: Model
-    remaining: tuple[Evidence, ...]
-    evidence: float
-    is_clean: bool
-
-
-class CauseSearch:
-    """Searches at one nominal model."""
-
-    def __init__(self, nominal: Model, without: Collection[str], tell: Progress) -> None:
-        self.nominal, self._tell = nominal, tell
-        self.first_base = nominal.base()
-        self._effects, missing = usable(installed_effects(), without, self.first_base.channels)
-        self._considered = {one.effect: one for one in missing}
-        self._known: dict[tuple[Evidence, ...], tuple[Model, Base]] = {}
-
-    @property
-    def gross(self) -> Evidence | None:
-        """The jump that was found before any calibration, where there is one."""
-        jump = self.nominal.gross
-        effect = None if jump is None else self._effects.get(jump.effect)
-        if jump is None or not isinstance(effect, LinearEffect):
-            return None
-        return evidence_of(self.first_base, given_form(self.first_base, effect, jump))
-
-    @property
-    def considered(self) -> tuple[Considered, ...]:
-        """Hypotheses without evidence."""
-        return tuple(self._considered.values())
-
-    @cached_property
-    def weighed(self) -> tuple[Evidence, ...]:
-        """The evidence for each effect at the nominal model."""
-        return self._weigh(self.first_base, 0, self._effects)
-
-    def found(self, first: Evidence | None) -> SearchResult:
-        """Return the causes that hold of those found from a start, or from the strongest."""
-        steps = self._forward([], first, ())
-        held = self._beside_held(steps)
-        causes = self._holding(self._swapped(held)) or held
-        model, base = self._beside(causes)
-        unknown, count = rivals(base), base.channels.count
-        spent = base.rank - self.first_base.rank + sum(finding.parameter_count for finding in model.findings)
-        evidence = -count * log(base.energy / count) - spent * log(count)
-        is_small = base.energy < (1 + LARGEST_REST**2) * count
-        is_clean = bool(causes or not steps) and is_small and support.open_part(self.first_base, base, unknown) < MINOR
-        return SearchResult(steps[0].accepted if steps else None, tuple(causes), model, unknown, evidence, is_clean)
-
-    def other_starts(self, found: SearchResult) -> Iterator[Evidence]:
-        """Yield other starts where a gap remains: the first cause at one sensor only, and the next effects."""
-        first = found.first
-        if found.is_clean or first is None or first.is_certain or self.nominal.gross is not None:
-            return
-        ranked = sorted(self.weighed, key=lambda one: -one.delta_bic)
-        others = [one for one in ranked if one is not first and one.delta_bic > NOTABLE * first.delta_bic]
-        starts = [self._alone(one) or one for one in others[:_STARTS]]
-        alone = self._alone(first)
-        base = self.first_base
-        for one in (alone, *starts):
-            if one is not None and support.is_new(one, (), base) and support.support_of(base, one)[0]:
-                yield one
-
-    def _weigh(self, base: Base, depth: int, effects: Mapping[str, Effect]) -> tuple[Evidence, ...]:
-        weighed = []
-        for number, (name, effect) in enumerate(effects.items()):
-            self._tell(name, (depth + number / len(effects)) / (_MOST_CAUSES + 1))
-            found = examine(base, effect)
-            if isinstance(found, Evidence):
-                weighed.append(found)
-            elif depth == 0:
-                self._considered[name] = Considered(name, "not_supported", found)
-        return sharpened(base, weighed)
-
-    def _beside_held(self, steps: Sequence[support.Step]) -> list[support.Step]:
-        """Return the causes that hold, and those found beside them in place of causes that do not."""
-        held, passed_over = self._holding(steps), set[str]()
-        while held and len(held) < len(steps):
-            passed_over |= {step.accepted.effect for step in steps if step not in held}
-            steps = self._forward(held, None, passed_over)
-            more = self._holding(steps)
-            if len(more) <= len(held):
-                break
-            held = more
-        return held
-
-    def _forward(
-        self, known: Sequence[support.Step], first: Evidence | None, without: Collection[str]
-    ) -> list[support.Step]:
-        """Accept causes beside known ones, the strongest first; a given first one before all."""
-        steps = list(known)
-        weighed = self.weighed
-        least = SLIGHT * self._visible()
-        while len(steps) < _MOST_CAUSES:
-            base = self._beside(steps)[1]
-            if steps:
-                # Effects are modelled to some per cent: less energy may be the modelling error of known causes.
-                least = max(min(least, LARGEST_REST**2 * base.channels.count), SLIGHT**2 * self._visible())
-                if base.energy < least:  # No cause can explain more than the residual energy.
-                    return steps
-                if base.energy - certain_noise(base.channels) < least and not self._is_found(
-                    base, steps, without, least
-                ):
-                    return steps
-                weighed = self._weigh(base, len(steps), self._effects)
-            given = (first, support.support_of(base, first)[1]) if first is not None and not steps else None
-            found = given or support.supported(
-                base, [one for one in weighed if one.effect not in without], steps, least
-            )
-            if found is None:
-                return steps
-            accepted, surrogate_test = found
-            steps.append(support.Step(support.absorbed(accepted, steps), weighed, surrogate_test))
-        return steps
-
-    def _is_found(self, base: Base, steps: Sequence[support.Step], without: Collection[str], least: float) -> bool:
-        """Whether an effect is supported that no regression finds, and that therefore may explain noise too."""
-        effects = {name: effect for name, effect in self._effects.items() if not isinstance(effect, LinearEffect)}
-        weighed = self._weigh(base, len(steps), effects)
-        return support.supported(base, [one for one in weighed if one.effect not in without], steps, least) is not None
-
-    def _visible(self) -> float:
-        """Return the energy of the gap: the most that any hypothesis explains, or the excess over the largest noise."""
-        base = self.first_base
-        explained = max((support.energy_explained(one, base) for one in (*self.weighed, *rivals(base))), default=0.0)
-        return max(explained, base.energy - LARGEST_NOISE**2 * base.channels.count)
-
-    def _beside(self, steps: Sequence[support.Step], step: support.Step | None = None) -> tuple[Model, Base]:
-        """Return the model with all causes, or all but one, and its base."""
-        return self._fitted(tuple(other.accepted for other in steps if other is not step))
-
-    def _fitted(self, causes: tuple[Evidence, ...]) -> tuple[Model, Base]:
-        """Return the model with some causes, and its base; only the last few are cached, as they take much memory."""
-        fit = self._known.pop(causes) if causes in self._known else self._fit(causes)
-        if len(self._known) == _MOST_CAUSES:
-            del self._known[next(iter(self._known))]
-        self._known[causes] = fit
-        return fit
-
-    def _fit(self, causes: tuple[Evidence, ...]) -> tuple[Model, Base]:
-        if not causes:
-            return self.nominal, self.first_base
-        model = self._fitted(causes[:-1])[0].accept(causes[-1].form)
-        return model, model.base()
-
-    def _holding(self, steps: Sequence[support.Step]) -> list[support.Step]:
-        """Return the causes that are still supported beside all others, dropping the weakest first."""
-        kept = list(steps)
-        while True:
-            weakest_first = sorted(kept, key=lambda step: step.accepted.gain)
-            failing = next((step for step in weakest_first if not self._holds(kept, step)), None)
-            if failing is None:
-                return kept
-            kept.remove(failing)
-
-    def _holds(self, steps: Sequence[support.Step], step: support.Step) -> bool:
-        base = self._beside(steps, step)[1]
-        return support.holds(base, step.accepted)
-
-    def _swapped(self, steps: Sequence[support.Step]) -> list[support.Step]:
-        """Return the causes, each replaced by the effect and form with the most evidence beside the others."""
-        kept = list(steps)
-        if len(kept) < 2 and self.nominal.gross is not None:
-            return kept
-        for index, step in enumerate(kept):
-            if isinstance(step.accepted.form, Hypothesis):
-                kept[index] = self._chosen_again(step, [one for one in kept if one is not step])
-        return kept
-
-    def _chosen_again(self, step: support.Step, rest: Sequence[support.Step]) -> support.Step:
-        """Return the cause, or another that has more evidence beside the rest and exceeds its surrogates by more."""
-        base, own = self._beside(rest)[1], step.accepted.effect
-        others = {one.accepted.effect for one in rest}
-        names = [
-            one.effect
-            for one in (*step.weighed, step.accepted)
-            if isinstance(one.form, Hypothesis)
-            and one.delta_bic > max(support.LEAST_EVIDENCE, NOTABLE * step.accepted.delta_bic)
-            and (one.effect not in others or one.effect == own)
-        ]
-        offers = [examine(base, self._effects[name]) for name in dict.fromkeys(names)]
-        sharp = sharpened(base, [offer for offer in offers if isinstance(offer, Evidence)])
-        fitting = [offer for offer in sharp if support.is_new(offer, rest, base)]
-        same = next((offer for offer in fitting if offer.effect == own), None)
-        if same is None:
-            return step
-
-        def surrogate_test_of(offer: Evidence) -> tuple[bool, SurrogateTest | None]:
-            is_held, surrogate_test = support.support_of(base, offer)
-            return is_held or offer is same, surrogate_test
-
-        best, most = same, support.beyond_surrogates(same, surrogate_test_of(same)[1])
-        for offer in fitting:
-            if offer.delta_bic > same.delta_bic and offer.gain > most:
-                is_held, surrogate_test = surrogate_test_of(offer)
-                beyond = support.beyond_surrogates(offer, surrogate_test)
-                best, most = (offer, beyond) if is_held and beyond > most else (best, most)
-        nested = support.special_case(best, fitting)
-        best = nested if surrogate_test_of(nested)[0] else best
-        return support.Step(best, step.weighed, step.surrogate_test if best is same else surrogate_test_of(best)[1])
-
-    def _alone(self, one: Evidence) -> Evidence | None:
-        """Return the evidence for a hypothesis at its strongest sensor alone; None where it has one sensor only."""
-        if not isinstance(one.form, Hypothesis):
-            return None
-        sensors = sensors_of(places_of(one.form))
-        alone = [restricted(self.first_base, one.form, sensor) for sensor in sensors] if len(sensors) > 1 else []
-        best = max((form for form in alone if form is not None), key=lambda form: form.selection.gain, default=None)
-        return None if best is None else evidence_of(self.first_base, best)
+_MOST_TRIED = 4
+"""Effects that are fitted to explain one law, at most: those with the most evidence."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,31 +44,50 @@ class Search:
         Before the causes, and with them.
     steps : tuple of Step
         The causes, in the order in which they were accepted.
-    weighed, rivals : tuple of Evidence
-        Evidence for effects, and for functions without physics, at the nominal model.
-    remaining : tuple of Evidence
-        Evidence for functions without physics beside the causes.
+    laws, remaining : tuple of Law
+        Of the gap, and of what the causes leave of it; the strongest first.
+    weighed : tuple of Evidence
+        For the effects that were examined at the nominal model.
     considered : tuple of Considered
         Hypotheses without evidence.
     """
 
     nominal: Model
     model: Model
-    steps: tuple[support.Step, ...]
+    steps: tuple[Step, ...]
+    laws: tuple[Law, ...]
+    remaining: tuple[Law, ...]
     weighed: tuple[Evidence, ...]
-    rivals: tuple[Evidence, ...]
-    remaining: tuple[Evidence, ...]
     considered: tuple[Considered, ...]
+
+    @property
+    def open_part(self) -> float:
+        """Part of the energy of all laws that the causes leave, 0 to 1."""
+        before, after = self.nominal.base().energy, self.model.base().energy
+        left = after * sum(law.part for law in self.remaining)
+        return left / max(left + before - after, 1.0)
+
+    @property
+    def is_clean(self) -> bool:
+        """Whether the causes leave nothing but noise."""
+        base = self.model.base()
+        is_small = base.energy < (1 + LARGEST_REST**2) * base.channels.count
+        return is_small and self.open_part < MINOR and (bool(self.steps) or not self.laws)
+
+    @property
+    def evidence(self) -> float:
+        """Log-evidence of the model: -BIC."""
+        base = self.model.base()
+        spent = base.rank + sum(finding.parameter_count for finding in self.model.findings)
+        return -base.channels.count * log(base.energy / base.channels.count) - spent * log(base.channels.count)
 
 
 def search(
     recording: Recording, array: Array, without: Collection[str] = (), progress: Progress | None = None
 ) -> Search:
-    """Accept causes, the strongest first, until none has evidence; then drop those that do not hold.
+    """Explain the laws of a gap, the strongest first, until no effect explains one.
 
-    The strongest at first need not be a cause: an effect common to all sensors may imitate one at a single sensor and
-    another at the scalar magnetometer. Where that may be, the search is repeated from other starts and the best result
-    is taken; also from the calibration of a steady part, where that of the whole leaves gross residuals.
+    Where the calibration of the whole leaves gross residuals, that of a steady part is tried too: the better is taken.
 
     Parameters
     ----------
@@ -296,34 +102,171 @@ def search(
     """
     tell = progress or (lambda what, part: None)
     tell("nominal calibration", 0.0)
-    cause_search = CauseSearch(Model.nominal(recording, array), frozenset(without), tell)
-    best = _best(cause_search)
-    if not best.is_clean and (steady := cause_search.nominal.steady()) is not None:
-        again = CauseSearch(steady, frozenset(without), tell)
-        there = _best(again)
-        if not (best.steps or there.steps) or _rank(there) > _rank(best):
-            cause_search, best = again, there
-    unknown = rivals(cause_search.first_base)
-    return Search(
-        cause_search.nominal,
-        best.model,
-        best.steps,
-        cause_search.weighed,
-        unknown,
-        best.remaining,
-        cause_search.considered,
-    )
-
-
-def _best(cause_search: CauseSearch) -> SearchResult:
-    """Return the best outcome of the starts at one nominal model."""
-    best = cause_search.found(cause_search.gross)
-    for start in cause_search.other_starts(best):
-        if best.is_clean:
-            break
-        best = max(best, cause_search.found(start), key=_rank)
+    nominal = Model.nominal(recording, array)
+    best = _CauseSearch(nominal, without, tell).run()
+    if not best.is_clean and (steady := nominal.steady()) is not None:
+        other = _CauseSearch(steady, without, tell).run()
+        is_better = (other.is_clean, other.evidence) > (best.is_clean, best.evidence)
+        return other if is_better or not (best.steps or other.steps) else best
     return best
 
 
-def _rank(outcome: SearchResult) -> tuple[bool, float]:
-    return outcome.is_clean, outcome.evidence
+class _CauseSearch:
+    """The search at one nominal model."""
+
+    def __init__(self, nominal: Model, without: Collection[str], tell: Progress) -> None:
+        self._nominal, self._tell = nominal, tell
+        channels = nominal.base().channels
+        self._effects, missing = usable(installed_effects(), without, channels)
+        self._considered = {one.effect: one for one in missing}
+        self._weighed: dict[str, Evidence] = {}
+        self._steps: list[Step] = []
+        self._model = nominal
+
+    def run(self) -> Search:
+        """Return the causes of the laws, and what they leave."""
+        residual = residual_of(self._nominal)
+        gap = residual.excess
+        laws = remaining = laws_of(self._nominal, residual, gap)
+        explained, unexplained = set[_Key](), set[_Key]()
+        while len(self._steps) < _MOST_CAUSES:
+            law = next(
+                (one for one in remaining if _key(one) not in unexplained and not self._is_model_error(one)), None
+            )
+            if law is None:
+                break
+            left = self._explain(law)
+            if left is None:
+                unexplained.add(_key(law))
+                continue
+            explained.add(_key(law))
+            remaining = tuple(one for one in laws_of(self._model, left, gap) if _key(one) not in explained)
+        return Search(
+            self._nominal,
+            self._model,
+            tuple(self._steps),
+            laws,
+            remaining,
+            tuple(self._weighed.values()),
+            tuple(self._considered.values()),
+        )
+
+    def _is_model_error(self, law: Law) -> bool:
+        """Say whether a law is a small part of the gap in the sensors of a cause, which is modelled to some per cent."""
+        places = {sensor for step in self._steps for sensor in step.law.sensors}
+        return law.signature.energy < MINOR and not places.isdisjoint(law.signature.sensors)
+
+    def _explain(self, law: Law) -> Residual | None:
+        """Accept the first effect that leaves nothing of a law; return what it leaves, or None without one."""
+        base = self._model.base()
+        candidates = list(self._candidates(base, law))
+        for one, offers in candidates:
+            left = self._accept([one], law, offers)
+            if left is not None:
+                return left
+        for one, offers in candidates:
+            chain = [one]
+            while (again := self._repeated(chain, law, offers)) is not None:
+                chain.append(again)
+                left = self._accept(chain, law, offers)
+                if left is not None:
+                    return left
+        return None
+
+    def _candidates(self, base: Base, law: Law) -> Iterator[tuple[Evidence, list[Evidence]]]:
+        """Yield the effects that may explain a law, the likeliest first, each with those that it was chosen from."""
+        seen = set[str]()
+        for offers in self._offers(base, law):
+            for offer in offers[:_MOST_TRIED]:
+                chosen = special_case(offer, offers)
+                if chosen.effect not in seen and _is_plausible(base, chosen, law.signature):
+                    yield chosen, offers
+                seen.add(chosen.effect)
+
+    def _accept(self, chain: Sequence[Evidence], law: Law, offers: Sequence[Evidence]) -> Residual | None:
+        """Accept an effect, or several forms of it, that leaves nothing of a law; return what it leaves."""
+        model, steps = self._with(chain, law, offers)
+        left = residual_of(model)
+        if isinstance(chain[-1].form, Hypothesis) and not law.is_gone_from(left):
+            return None
+        self._model, self._steps = model, steps
+        return left
+
+    def _repeated(self, chain: Sequence[Evidence], law: Law, offers: Sequence[Evidence]) -> Evidence | None:
+        """Return the next form of an effect that may happen more than once; None without evidence for it."""
+        effect = effect_named(chain[0].effect)
+        if not effect.may_repeat or len(self._steps) + len(chain) == _MOST_CAUSES:
+            return None
+        model, steps = self._with(chain, law, offers)
+        again = examine(model.base(), effect)
+        if isinstance(again, str) or again.delta_bic < LEAST_EVIDENCE or not is_new(again, steps, model.base()):
+            return None
+        return again if _is_plausible(model.base(), again, law.signature) else None
+
+    def _with(self, chain: Sequence[Evidence], law: Law, offers: Sequence[Evidence]) -> tuple[Model, list[Step]]:
+        """Return the model and the causes with further ones."""
+        model, steps = self._model, list(self._steps)
+        for one in chain:
+            model = model.accept(one.form)
+            steps.append(Step(absorbed(one, steps), tuple(offers), law.signature))
+        return model, steps
+
+    def _offers(self, base: Base, law: Law) -> Iterator[list[Evidence]]:
+        """Yield the effects that make a law, then others that explain more than the law does; the likeliest first.
+
+        A law that predicts no sample from others explains whatever it is given: what predicts as much comes before it.
+        """
+        signature = law.signature
+        own = [name for name in self._effects if may_make(name, signature)]
+        others = [name for name in self._effects if not makes(name, signature)]
+        explained = law.part * base.energy
+        if not law.found:
+            yield [one for one in self._examined(base, others) if energy_explained(one, base) > explained]
+        yield sorted(self._examined(base, own), key=lambda one: not one.is_certain)
+        if law.found:
+            yield [one for one in self._examined(base, others) if energy_explained(one, base) > explained]
+
+    def _examined(self, base: Base, names: Sequence[str]) -> list[Evidence]:
+        """Return the evidence for effects that are new, the most first."""
+        found = []
+        for number, name in enumerate(names):
+            self._tell(name, (len(self._steps) + number / len(names)) / (_MOST_CAUSES + 1))
+            evidence = self._evidence(base, self._effects[name])
+            if evidence is not None and evidence.delta_bic > LEAST_EVIDENCE and is_new(evidence, self._steps, base):
+                found.append(evidence)
+        sharp = sharpened(base, found)
+        if not self._steps:
+            self._weighed |= {one.effect: one for one in sharp}
+        return sorted(sharp, key=lambda one: -one.delta_bic)
+
+    def _evidence(self, base: Base, effect: Effect) -> Evidence | None:
+        jump = self._nominal.gross
+        if not self._steps and jump is not None and jump.effect == effect.name and isinstance(effect, LinearEffect):
+            return evidence_of(base, given_form(base, effect, jump))
+        evidence = examine(base, effect)
+        if not self._steps and isinstance(evidence, Evidence):
+            self._weighed[effect.name] = evidence
+        elif isinstance(evidence, str):
+            self._considered.setdefault(effect.name, Considered(effect.name, "not_supported", evidence))
+        return evidence if isinstance(evidence, Evidence) else None
+
+
+_Key = tuple[str, Place]
+
+
+def _key(law: Law) -> _Key:
+    return law.signature.law, law.signature.sensors
+
+
+def _is_plausible(base: Base, offer: Evidence, law: Signature) -> bool:
+    """Say whether an effect acts where a law is, and with no value that is larger than any in nature."""
+    sensors = sensors_of(places_of(offer.form))
+    places = {
+        SCALAR_ROW if one == SCALAR[0] else int(one) - 1 for place in law.places for one in place if one != "attitude"
+    }
+    if ALL not in sensors and not sensors & places:
+        return False
+    if not isinstance(offer.form, Hypothesis):
+        return True
+    fitted = Part.at(base, offer.form).fitted(offer.form.terms)
+    return offer.form.effect.oversize(base.channels.covariates, fitted) is None

@@ -1,13 +1,13 @@
-"""The size of a gap, and the evidence for each hypothesis about it: library effects, and rivals without physics.
+"""The size of a gap, and the evidence for each effect that may cause it.
 
 The size is the residual energy of held-out samples, compared with white noise.
 """
 
-from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import wraps
 from itertools import pairwise
-from math import exp, log
+from math import expm1, log
 from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
 
@@ -17,21 +17,15 @@ from tam_calibration.core.normal_equations import Normal
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Effect, Finding, FoundEffect, LinearEffect
 from tam_calibration.effects.excess_variance import LARGEST_NOISE
-from tam_calibration.effects.grades import CERTAIN, NEARLY_ALL
+from tam_calibration.effects.grades import NEARLY_ALL
 from tam_calibration.gap.checks import CHANCE
-from tam_calibration.gap.floor import floor_of, white_variance
+from tam_calibration.gap.floor import floor_of
 from tam_calibration.gap.hypothesis import Hypothesis, best_form, refined
+from tam_calibration.gap.laws.signature import Law
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.regression import VISIBLE, Base, pseudo_inverse, twice_log_likelihood_ratio
 from tam_calibration.gap.regressors import Regressors
 from tam_calibration.gap.result import Considered, Size
-from tam_calibration.gap.rivals import (
-    FunctionOfDirection,
-    FunctionOfNeighbours,
-    FunctionOfRate,
-    FunctionOfTilt,
-    FunctionOfTime,
-)
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.model.array import TENSOR_OUTPUTS
 from tam_calibration.model.recording import Recording
@@ -51,20 +45,6 @@ def cached_by_base(function: Callable[..., Value]) -> Callable[..., Value]:
         if key not in of_base:
             of_base[key] = function(base, *arguments)
         return of_base[key]
-
-    return cached
-
-
-def cached_by_form(function: Callable[[Base, Hypothesis], Value]) -> Callable[[Base, Hypothesis], Value]:
-    """Cache what depends on a base and on the terms of a form there, as long as the base exists."""
-    known: WeakKeyDictionary[Base, dict[Hashable, Value]] = WeakKeyDictionary()
-
-    @wraps(function)
-    def cached(base: Base, form: Hypothesis) -> Value:
-        of_base = known.setdefault(base, {})
-        if form.identity not in of_base:
-            of_base[form.identity] = function(base, form)
-        return of_base[form.identity]
 
     return cached
 
@@ -184,6 +164,19 @@ def evidence_of(base: Base, form: Hypothesis) -> Evidence:
     return Evidence(form.effect.name, form, form.selection.delta_bic, gain)
 
 
+def energy_explained(one: Evidence, base: Base) -> float:
+    """Return the energy that an effect explains of the residual of a base.
+
+    Parameters
+    ----------
+    one : Evidence
+        For the effect, in the residual of this base.
+    base : Base
+        Null model with its residual energy.
+    """
+    return base.energy * -expm1(-one.gain / base.channels.count)
+
+
 def sharpened(base: Base, weighed: Sequence[Evidence]) -> tuple[Evidence, ...]:
     """Return the evidence with the shapes of the strongest effects refined, and of special cases of the strongest.
 
@@ -211,15 +204,6 @@ def _is_near(one: Evidence, strongest: Evidence) -> bool:
 def _refined(base: Base, one: Evidence) -> Evidence:
     assert isinstance(one.form, Hypothesis)
     return evidence_of(base, refined(base, one.form))
-
-
-@cached_by_base
-def rivals(base: Base) -> tuple[Evidence, ...]:
-    """Return the evidence for the functions without physics."""
-    kinds = (FunctionOfTime, FunctionOfDirection, FunctionOfTilt, FunctionOfRate, FunctionOfNeighbours)
-    recording = base.channels.recording
-    usable = [kind() for kind in kinds if all(getattr(recording, name) is not None for name in kind.channels)]
-    return tuple(one for one in (examine(base, kind) for kind in usable) if isinstance(one, Evidence))
 
 
 FOLDS = 5
@@ -322,43 +306,23 @@ def is_interleaved(model: Model) -> bool:
     return any(part.effect.is_free_in_time for part in model.parts)
 
 
-def noise_variance(model: Model, rivals: tuple[Evidence, ...], least_evidence: float) -> float:
+def noise_variance(model: Model, laws: Sequence[Law]) -> float:
     """Return the variance of the white noise of the channels, in units of the variance that the model's array has.
 
-    The residual variance less what a rival without physics still explains, at most ``LARGEST_NOISE``² and at least
-    most of the floor from differences of neighbouring samples, which no function may explain away.
+    The residual variance less the laws of the residual, at most ``LARGEST_NOISE``² and at least most of the floor from
+    differences of neighbouring samples, which no law may explain away.
 
     Parameters
     ----------
     model : Model
         With the causes.
-    rivals : tuple of Evidence
-        Functions without physics in the residual of this model.
-    least_evidence : float
-        ΔBIC from which a rival counts.
+    laws : sequence of Law
+        Of what this model leaves.
     """
     base = model.base()
-    gain = max((rival.gain for rival in rivals if rival.delta_bic > least_evidence), default=0.0)
     residual = base.energy / max(base.channels.count - base.rank, 1.0)
-    variance = min(residual * exp(-gain / base.channels.count), LARGEST_NOISE**2)
+    variance = min(residual * max(1 - sum(law.part for law in laws), 0.0), LARGEST_NOISE**2)
     return float(max(variance, min(_CERTAIN_PART * _white_part(model), residual, LARGEST_NOISE**2)))
-
-
-def certain_noise(channels: WhitenedChannels) -> float:
-    """Return the energy that no regression explains: the white noise, but for what it may be estimated too large.
-
-    Parameters
-    ----------
-    channels : WhitenedChannels
-        Of a model; more noise than the model's array has is not taken for certain.
-    """
-    has_reference = channels.is_counted & (channels.precision > 0)
-    common = (np.sqrt(channels.precision) * channels.intensity_residual_T)[has_reference, None]
-    energy = 0.0
-    for series in (channels.differential[channels.is_counted], common):
-        variance, error = white_variance(series)
-        energy += series.size * min(max(variance - CERTAIN * error, 0.0), 1.0)
-    return energy / channels.stride
 
 
 def _white_part(model: Model) -> float:

@@ -8,7 +8,6 @@ from tam_calibration.effects.effect import Sized
 from tam_calibration.effects.library import effect_named
 from tam_calibration.gap.floor import Floor
 from tam_calibration.gap.result import Cause, Considered, Gap, Size, Where
-from tam_calibration.gap.surrogates import SurrogateTest
 from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.units import for_people, to_nanotesla
 from tam_calibration.report.blocks import Block, Points, Table, Text
@@ -96,27 +95,14 @@ def hypotheses(considered: Iterable[Considered]) -> Points:
 
 
 def cause_words(cause: Cause) -> list[str]:
-    """Return sentences on the surrogate test of a cause, and on its size beside the largest known."""
-    surrogate_test = [] if cause.surrogate_test is None else [_surrogate_words(cause.surrogate_test)]
-    return surrogate_test + [_sized_words(sized) for sized in cause.sizes]
+    """Return sentences on a cause that any drift resembles, and on its size beside the largest known."""
+    return [_DRIFT] * cause.is_drift + [_sized_words(sized) for sized in cause.sizes]
 
 
-def _surrogate_words(test: SurrogateTest) -> str:
-    """Return the result of a surrogate test in words."""
-    gains = f"its gain is {number(test.gain)}, that of the best surrogate {number(test.largest)}"
-    if test.gain > test.largest and test.is_matched:
-        return (
-            f"A course that has nothing to do with it explains nearly as much: {gains}. The channel hardly does more "
-            "than rise or fall, and any other slow drift would be taken for its effect; the probability is that among "
-            "the effects of the library."
-        )
-    if test.gain <= test.largest:
-        return f"{percent(test.rank)} of its surrogates explain as much or more: {gains}."
-    others = round(1 / test.rank) - 1
-    return (
-        f"It explains {number(test.ratio, 2)} times as much as the best of its {count(others)} surrogates, which "
-        f"have nothing to do with the residual: {gains}."
-    )
+_DRIFT = (
+    "The channel hardly does more than rise or fall, so that any other slow drift explains as much; the probability is "
+    "that among the effects of the library."
+)
 
 
 def _sized_words(sized: Sized) -> str:

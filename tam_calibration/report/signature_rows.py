@@ -101,14 +101,19 @@ def signature_blocks(gap: Gap, sensor_count: int) -> list[Block]:
         " ".join(filter(None, (law_sentence(law, sensor_count, is_caused), causes_sentence(law))))
         for law in gap.signature
     ]
-    return [Text(words[0], "doubt")] if len(words) == 1 else [Text("What the gap does:"), Points(words)]
+    laws: list[Block] = [Text(words[0], "doubt")] if len(words) == 1 else [Text("What the gap does:"), Points(words)]
+    return laws + _remaining(gap, sensor_count)
+
+
+def _remaining(gap: Gap, sensor_count: int) -> list[Block]:
+    return [Text(f"What its causes leave: {law_sentence(law, sensor_count)}", "doubt") for law in gap.remaining]
 
 
 def summary_of_laws(gap: Gap, sensor_count: int) -> list[Block]:
     """Return what could make the strongest law, and the laws beside it, one line each."""
     first = [causes_sentence(law) for law in gap.signature[:1]]
     beside = [law_sentence(law, sensor_count, bool(gap.causes)) for law in gap.signature[1:]]
-    return [Text(words) for words in (*first, *beside) if words]
+    return [*(Text(words) for words in (*first, *beside) if words), *_remaining(gap, sensor_count)]
 
 
 def first_sentence(gap: Gap, sensor_count: int) -> str:

@@ -16,7 +16,6 @@ from tam_calibration.gap.checks import Check, Checks
 from tam_calibration.gap.floor import Floor
 from tam_calibration.gap.laws.law import Signature
 from tam_calibration.gap.result import Cause, Considered, Gap, Size, Where
-from tam_calibration.gap.surrogates import SurrogateTest
 from tam_calibration.localization.solutions import Status
 from tam_calibration.localization.survey import Overall, Survey, Track, standard_errors
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
@@ -74,6 +73,7 @@ def gap_to_mapping(gap: Gap, source: Provenance | None = None) -> dict[str, Any]
         "most_unseen_errors": _round(gap.most_unseen_errors),
         "checks": None if gap.checks is None else _checks(gap.checks),
         "remainder": gap.remainder,
+        "remaining": [_law(one) for one in gap.remaining],
         "next_recording": gap.next_recording,
         "recording": source_to_mapping(source),
     }
@@ -230,9 +230,7 @@ def _cause(cause: Cause) -> dict[str, Any]:
         "axes": list(cause.axes),
         **rounded({"probability": cause.probability, "share": cause.share}),
         "parameters": parameters_of(cause),
-        "evidence": rounded(
-            {"delta_bic": cause.delta_bic, "r2_cv": cause.r2_cv} | _surrogate_test(cause.surrogate_test)
-        ),
+        "evidence": rounded({"delta_bic": cause.delta_bic, "r2_cv": cause.r2_cv}),
         "indistinguishable_from": list(cause.indistinguishable_from),
         "sizes": [_sized(sized) for sized in cause.sizes],
     }
@@ -243,16 +241,6 @@ def _sized(sized: Sized) -> dict[str, Any]:
     factor, unit = for_people(sized.limit.unit)
     values = rounded({"value": factor * abs(sized.value), "largest_known": factor * sized.limit.largest})
     return {"name": sized.name, **values, "unit": unit, "source": sized.limit.source}
-
-
-def _surrogate_test(surrogate_test: SurrogateTest | None) -> dict[str, float]:
-    if surrogate_test is None:
-        return {}
-    return {
-        "gain": surrogate_test.gain,
-        "best_surrogate_gain": surrogate_test.largest,
-        "rank_among_surrogates": surrogate_test.rank,
-    }
 
 
 def _considered(considered: Considered) -> dict[str, Any]:

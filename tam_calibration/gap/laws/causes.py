@@ -1,7 +1,6 @@
 """Causes by their signatures: what can make a law, in order."""
 
 import tomllib
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,7 +24,7 @@ class PossibleCause:
     proof, remedy : str
         What would prove it, and what to do about it.
     channel : str
-        The recorded channel that goes with it, where there is one.
+        The recorded channel that goes with it, where there is one; "any" where several may.
     sensors : tuple of str
         "one", "several" and "scalar": where it acts; empty for any place.
     size : str
@@ -47,7 +46,7 @@ class PossibleCause:
         """Say whether it can make a law: what it does to a reading, its course, one of its places."""
         if law.law not in self.law or law.course not in self.course:
             return False
-        if law.course == "channel" and self.channel != law.follows:
+        if law.course == "channel" and self.channel not in ("any", law.follows):
             return False
         return any(self.acts_at(place) for place in law.places)
 
@@ -89,14 +88,19 @@ def acts_at(effect: str, place: Place) -> bool:
     return all(one.acts_at(place) for one in CAUSES if one.name == effect)
 
 
-def agrees(effect: str, laws: Iterable[Signature]) -> bool:
-    """Say whether an effect can make one of the laws; True for an effect that the table does not hold.
+def makes(effect: str, law: Signature) -> bool:
+    """Say whether an effect does to a reading what a law says; True for one that the table does not hold."""
+    return all(law.law in one.law for one in CAUSES if one.name == effect)
 
-    The course counts for an offset and a gain; other laws are of few effects, whatever their course.
+
+def may_make(effect: str, law: Signature) -> bool:
+    """Say whether an effect can make a law whose course may be another that looks alike.
+
+    What follows a recorded channel is no other course: only an effect of that channel can make it.
     """
-    entries = [one for one in CAUSES if one.name == effect]
-    return not entries or any(
-        one.agrees_with(law) or (law.law in one.law and law.law not in ("offset", "gain"))
-        for one in entries
-        for law in laws
-    )
+    return agrees(effect, law) if law.course == "channel" else makes(effect, law)
+
+
+def agrees(effect: str, law: Signature) -> bool:
+    """Say whether an effect can make a law with its course and place; True for one that the table does not hold."""
+    return all(one.agrees_with(law) for one in CAUSES if one.name == effect)

@@ -26,12 +26,33 @@ from tam_calibration.model.units import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """A law that was found, its share of the gap's energy out of sample, and the others tried, the best first."""
+    """A law that was found, the energy that it predicts, and the others tried, the best first.
+
+    Parameters
+    ----------
+    best : Candidate
+    predicted : float
+        Energy of every other sample that it predicts from those between, in units of the noise.
+    others : tuple of Candidate
+    residual : Residual
+        In which it was found.
+    """
 
     best: Candidate
-    energy: float
+    predicted: float
     others: tuple[Candidate, ...]
     residual: Residual
+
+    def left_in(self, residual: Residual) -> float:
+        """Return the energy, in units of the noise, that the same law fitted anew predicts of another residual.
+
+        Parameters
+        ----------
+        residual : Residual
+            Of the same samples, such as with a cause taken off.
+        """
+        own = residual.taking(self.residual.live).scaled(self.residual.noise**-0.5)
+        return predicted_energy(own, self.best) / self.residual.noise
 
 
 def predictive_laws(residual: Residual, positions_m: FloatArray, whole: float) -> tuple[list[Found], Residual]:
@@ -60,11 +81,11 @@ def predictive_laws(residual: Residual, positions_m: FloatArray, whole: float) -
         accepted = next(_accepted(scaled, tried), None)
         if accepted is None:
             break
-        best, share = accepted
-        share = share * max(residual.excess, 0.0) / max(whole, residual.excess, 1.0)
-        if found and share < LEAST_SHARE:
+        best, predicted = accepted
+        predicted *= factor**2
+        if found and predicted < LEAST_SHARE * max(whole, residual.excess, 1.0):
             break
-        found.append(Found(best, share, tuple(tried), scaled))
+        found.append(Found(best, predicted, tuple(tried), scaled))
         residual = residual.without(best.signal(scaled, best.fitted(scaled)) * factor)
     return found, residual
 
@@ -124,7 +145,7 @@ def _along_one_direction(residual: Residual, one: Candidate) -> Iterator[Candida
 
 
 def _accepted(residual: Residual, tried: list[Candidate]) -> Iterator[tuple[Candidate, float]]:
-    """Yield the laws that predict what they explain, the simplest of those with about the most evidence first."""
+    """Yield laws that predict, the simplest of those with about the most evidence first, with the energy predicted."""
     for first in tried[:6]:
         if first.evidence < LEAST_EVIDENCE:
             return
@@ -135,9 +156,9 @@ def _accepted(residual: Residual, tried: list[Candidate]) -> Iterator[tuple[Cand
         ]
         simpler = [one for one in simpler if one is first or _freedom(one) <= _freedom(first) - 1]
         best = min(simpler, key=lambda one: (_freedom(one), -one.evidence))
-        share = predicted_share(residual, best)
-        if share * max(residual.excess, 1.0) > LEAST_EVIDENCE:
-            yield best, share
+        predicted = min(predicted_energy(residual, best), max(residual.excess, 1.0))
+        if predicted > LEAST_EVIDENCE:
+            yield best, predicted
 
 
 def _is_of_pose(residual: Residual, one: Candidate, again: Repeats) -> bool:
@@ -157,8 +178,8 @@ def _freedom(one: Candidate) -> float:
     return FREEDOM[one.course] + FREEDOM[one.pattern.law] + (len(one.pattern.sensors) > 1)
 
 
-def predicted_share(residual: Residual, law: Candidate) -> float:
-    """Return the part of the excess energy of every other sample that a law fitted to the samples between predicts."""
+def predicted_energy(residual: Residual, law: Candidate) -> float:
+    """Return the energy of every other sample that a law fitted to the samples between predicts."""
     even = np.arange(residual.count) % 2 == 0
     fallen = 0.0
     for chosen in (even, ~even):
@@ -167,4 +188,4 @@ def predicted_share(residual: Residual, law: Candidate) -> float:
         flat = rest.nuisance.reshape(signal.size, -1)
         signal = signal - (flat @ (flat.T @ signal.ravel())).reshape(signal.shape)
         fallen += float((rest.z**2).sum() - ((rest.z - signal) ** 2).sum())
-    return float(np.clip(fallen / max(residual.excess, 1.0), 0, 1))
+    return max(fallen, 0.0)

@@ -1,6 +1,6 @@
 """The signature of a gap: its laws with their places, courses and shares, as the answer states them."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,28 +9,74 @@ from tam_calibration.effects.grades import FEWEST
 from tam_calibration.effects.quantization import find_lattices
 from tam_calibration.gap.laws.candidates import Candidate
 from tam_calibration.gap.laws.curve import curve_of
-from tam_calibration.gap.laws.decisions import LATTICE, LEAST_SHARE, MANY, TIE, TOLERANCE
+from tam_calibration.gap.laws.decisions import LATTICE, LEAST_EVIDENCE, LEAST_SHARE, MANY, TIE, TOLERANCE
 from tam_calibration.gap.laws.find import Found, predictive_laws
 from tam_calibration.gap.laws.law import SCALAR, Place, Signature
 from tam_calibration.gap.laws.patterns import AXES
 from tam_calibration.gap.laws.places import places_of, within
 from tam_calibration.gap.laws.scatter import Scatter, place_of, repeated, scatter_of, spikes
-from tam_calibration.gap.laws.whitened import Residual, residual_of
+from tam_calibration.gap.laws.whitened import Residual
 from tam_calibration.gap.model import Model
 
 
-def signature_of(model: Model) -> tuple[Signature, ...]:
-    """Return the laws of the gap of a nominal model, the strongest first; none where no law is certain.
+@dataclass(frozen=True, eq=False)
+class Law:
+    """A law of a gap with the fits that it rests on.
+
+    Parameters
+    ----------
+    signature : Signature
+        As the answer states it.
+    part : float
+        Part that it has of the residual's energy, with that of the noise.
+    found : tuple of Found
+        Of a law in several sensors more than one; none of a law that predicts no sample from others.
+    """
+
+    signature: Signature
+    part: float
+    found: tuple[Found, ...] = ()
+
+    @property
+    def predicted(self) -> float:
+        """Energy that it predicts out of sample, in units of the noise."""
+        return sum(one.predicted for one in self.found)
+
+    def is_gone_from(self, residual: Residual) -> bool:
+        """Say whether the residual of a model with one more cause has too little of the law for a law of its own."""
+        left = sum(one.left_in(residual) for one in self.found)
+        return left < max(LEAST_SHARE * self.predicted, LEAST_EVIDENCE)
+
+
+def laws_of(model: Model, residual: Residual, gap: float) -> tuple[Law, ...]:
+    """Return the laws of what a model leaves, the strongest first; none where no law is certain.
 
     Parameters
     ----------
     model : Model
-        The nominal fit.
+        The nominal fit, or one with causes.
+    residual : Residual
+        Of this model.
+    gap : float
+        Energy of the whole gap, of which each law has its share.
     """
-    residual = residual_of(model)
-    whole, positions_m = max(residual.excess, 1.0), np.asarray(model.array.positions_m)
+    whole, total = max(gap, 1.0), float((residual.z**2).sum())
+    laws, found = _signatures(model, residual, whole)
+    fits = [*((one,) for one in found), *(() for _ in laws[len(found) :])]
+    each = [Law(law, law.energy * whole / total, own) for law, own in zip(laws, fits, strict=True)]
+    kept = [
+        one
+        for one in each
+        if one.signature.energy >= LEAST_SHARE or (one.signature.law == "samples" and one.signature.evidence > 0)
+    ]
+    return tuple(sorted(_merged(kept), key=lambda one: -one.signature.energy))
+
+
+def _signatures(model: Model, residual: Residual, whole: float) -> tuple[list[Signature], list[Found]]:
+    """Return all laws, first those that predict, and the fits of these."""
+    positions_m = np.asarray(model.array.positions_m)
     if lattice := _lattice(model, residual):
-        return (lattice,)
+        return [lattice], []
     held = repeated(model.recording.readings_T)[residual.index]
     lost = [one for one in range(held.shape[1]) if FEWEST <= held[:, one].sum() < held.shape[0] / 2]
     outlying = spikes(residual)
@@ -44,23 +90,18 @@ def signature_of(model: Model) -> tuple[Signature, ...]:
             # A clipped axis is far off in few samples too, but these are a function of its reading.
             if again and again[0].best.pattern.law == "own_field":
                 found, rest, outlying = again, left, np.zeros_like(outlying)
-    laws = [_of_found(one, residual) for one in found]
+    laws = [_of_found(one, residual, whole) for one in found]
     for sensor in lost:
         laws.append(_of_samples(rest, whole, held[:, sensor], (sensor + 1,)))
     spiky = [_of_samples(rest, whole, outlying, None)] if outlying.any() else []
-    laws = [one for one in (*laws, *spiky) if one.energy >= LEAST_SHARE or (one.law == "samples" and one.evidence > 0)]
+    laws += spiky
     if not lost:
         scattered = scatter_of(rest, whole, _tolerance(rest))
         least = max([LEAST_SHARE, *(one.energy for one in spiky)])
         # The largest values of noise in one channel look like spikes, which explain only a part of it.
         if scattered and scattered[0].energy >= least and not (spiky and scattered[0].law == "samples"):
             laws = [*(one for one in laws if one.law != "samples"), _of_noise(scattered, rest)]
-    return tuple(sorted(_merged(laws), key=lambda one: -one.energy))
-
-
-def shared_places(model: Model) -> tuple[Place, ...]:
-    """Return the places in which a gap may sit that only the residual of the intensity shows."""
-    return _of_scatter(SCALAR, residual_of(model))
+    return laws, found
 
 
 def _left(rest: Residual) -> float:
@@ -114,7 +155,8 @@ def _of_scatter(place: Place, rest: Residual, chosen: NDArray[np.bool_] | None =
 def _lattice(model: Model, residual: Residual) -> Signature | None:
     """Return the law of readings that lie on a coarse lattice, where that makes most of the gap."""
     lattices = find_lattices(model.channels().residuals)
-    rows = [one.row for one in lattices if one.row < 3 * residual.sensor_count]
+    explained = {row for one in model.findings if one.variance is not None for row in np.flatnonzero(one.variance)}
+    rows = [one.row for one in lattices if one.row < 3 * residual.sensor_count and one.row not in explained]
     if not rows:
         return None
     information = (residual.response**2).sum(axis=1).mean(axis=0) / residual.unit_T**2
@@ -127,14 +169,14 @@ def _lattice(model: Model, residual: Residual) -> Signature | None:
     return Signature("own_field", "motion", sensors, axes, share, (sensors,), "motion", (), np.inf)
 
 
-def _of_found(found: Found, residual: Residual) -> Signature:
+def _of_found(found: Found, residual: Residual, whole: float) -> Signature:
     best, pattern, places = found.best, found.best.pattern, _places(found)
     return Signature(
         pattern.law,
         best.course,
         places[0],
         pattern.axes,
-        found.energy,
+        min(found.predicted / whole, 1.0),
         places,
         best.follows or pattern.follows or ("motion" if best.course == "motion" else None),
         _times(best, residual),
@@ -160,30 +202,31 @@ def _places(found: Found) -> tuple[Place, ...]:
     return tuple(dict.fromkeys((*possible, *others)))
 
 
-def _merged(laws: list[Signature]) -> list[Signature]:
+def _merged(laws: list[Law]) -> list[Law]:
     """Return the laws with those that are alike in several sensors as one."""
-    merged: list[Signature] = []
-    for one in laws:
-        alike = [
-            other for other in merged if (other.law, other.follows) == (one.law, one.follows) and _like(other, one)
-        ]
-        if not alike:
-            merged.append(one)
-            continue
-        first = alike[0]
-        sensors = tuple(sorted({*first.sensors, *one.sensors}, key=str))
-        axes = tuple(axis for axis in AXES if axis in {*first.axes, *one.axes})
-        joined = replace(
-            first,
-            sensors=sensors,
-            axes=axes,
-            energy=min(first.energy + one.energy, 1.0),
-            places=first.places if sensors == first.sensors else (sensors,),
-        )
-        merged[merged.index(first)] = joined
+    merged: list[Law] = []
+    for law in laws:
+        first = next((other for other in merged if _are_alike(other.signature, law.signature)), None)
+        if first is None:
+            merged.append(law)
+        else:
+            joined = Law(_joined(first.signature, law.signature), first.part + law.part, first.found + law.found)
+            merged[merged.index(first)] = joined
     return merged
 
 
-def _like(first: Signature, second: Signature) -> bool:
-    same = first.sensors == second.sensors
-    return first.course == second.course and (same or first.course in ("channel", "motion", "constant"))
+def _are_alike(first: Signature, second: Signature) -> bool:
+    if (first.law, first.follows, first.course) != (second.law, second.follows, second.course):
+        return False
+    return first.sensors == second.sensors or first.course in ("channel", "motion", "constant")
+
+
+def _joined(first: Signature, second: Signature) -> Signature:
+    sensors = tuple(sorted({*first.sensors, *second.sensors}, key=str))
+    return replace(
+        first,
+        sensors=sensors,
+        axes=tuple(axis for axis in AXES if axis in {*first.axes, *second.axes}),
+        energy=min(first.energy + second.energy, 1.0),
+        places=first.places if sensors == first.sensors else (sensors,),
+    )

@@ -134,8 +134,8 @@ class Residual:
 
 
 def residual_of(model: Model) -> Residual:
-    """Return the residual of a nominal model at the samples that count, every so many of a long recording."""
-    channels = model.channels()
+    """Return the residual of a model at the samples that count, every so many of a long recording."""
+    channels = model.channels(model.signal() if model.parts else None)
     covariates = channels.covariates
     index = np.flatnonzero(channels.is_counted)
     index = index[:: -(-len(index) // MOST_SAMPLES)]
