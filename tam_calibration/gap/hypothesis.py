@@ -74,7 +74,11 @@ def sensors_of(places: Iterable[Place]) -> set[int]:
     return {sensor for sensor, _ in places}
 
 
-def best_form(base: Base, effect: LinearEffect) -> Hypothesis | None:
+EVERYWHERE: frozenset[int] = frozenset()
+"""No restriction of the sensors in which an effect may act."""
+
+
+def best_form(base: Base, effect: LinearEffect, sensors: frozenset[int] = EVERYWHERE) -> Hypothesis | None:
     """Return the form of an effect with the most evidence among its shapes, or None when no part of it is visible.
 
     Parameters
@@ -83,9 +87,11 @@ def best_form(base: Base, effect: LinearEffect) -> Hypothesis | None:
         Null model, in the residual of which the terms are selected.
     effect : LinearEffect
         Its shapes are those to try at the covariates of the base.
+    sensors : frozenset of int
+        In which it may act, indices, ``SCALAR`` or ``ALL``; empty for everywhere.
     """
     shapes = tuple(effect.shapes(base.channels.covariates, base.channels.residuals))
-    offers = (offer for shape in shapes for offer in _offers(base, effect, shape))
+    offers = (offer for shape in shapes for offer in _offers(base, effect, shape, sensors))
     promising = nlargest(_FULLY_SELECTED, offers, key=lambda offer: offer.evidence)
     selected = (_selected(effect, offer) for offer in promising)
     forms = [form for form in selected if form is not None]
@@ -142,12 +148,13 @@ class _Offer:
     evidence: float
 
 
-def _offers(base: Base, effect: LinearEffect, shape: Shape) -> Iterator[_Offer]:
+def _offers(base: Base, effect: LinearEffect, shape: Shape, sensors: frozenset[int]) -> Iterator[_Offer]:
     """Yield the terms of a shape; of each sensor apart where the effect acts on one alone."""
     terms = [
         term
         for term in base.channels.terms(effect, shape)
-        if term.sensor != SCALAR or effect.is_of_site or base.channels.has_scalar
+        if (not sensors or term.sensor in sensors)
+        and (term.sensor != SCALAR or effect.is_of_site or base.channels.has_scalar)
     ]
     if not terms:
         return

@@ -7,9 +7,9 @@ from math import log
 from tam_calibration.effects.effect import Effect, LinearEffect
 from tam_calibration.effects.grades import MINOR
 from tam_calibration.effects.library import effect_named, installed_effects
-from tam_calibration.gap.hypothesis import Hypothesis, given_form, places_of, sensors_of
+from tam_calibration.gap.hypothesis import EVERYWHERE, Hypothesis, given_form, places_of, sensors_of
 from tam_calibration.gap.laws.causes import makes, may_make
-from tam_calibration.gap.laws.law import SCALAR, Place, Signature
+from tam_calibration.gap.laws.law import ATTITUDE, SCALAR, Place, Signature
 from tam_calibration.gap.laws.signature import Law, laws_of
 from tam_calibration.gap.laws.whitened import Residual, residual_of
 from tam_calibration.gap.model import Model, Part
@@ -18,7 +18,6 @@ from tam_calibration.gap.result import Considered
 from tam_calibration.gap.size import Evidence, energy_explained, evidence_of, examine, sharpened, usable
 from tam_calibration.gap.support import LEAST_EVIDENCE, Step, absorbed, is_new, special_case
 from tam_calibration.model.array import Array
-from tam_calibration.model.fitted_effect import ALL
 from tam_calibration.model.fitted_effect import SCALAR as SCALAR_ROW
 from tam_calibration.model.recording import Recording
 
@@ -152,7 +151,7 @@ class _CauseSearch:
         )
 
     def _is_model_error(self, law: Law) -> bool:
-        """Say whether a law is a small part of the gap in the sensors of a cause, which is modelled to some per cent."""
+        """Say whether a law is a small part of the gap in sensors of a cause, whose model is right to some per cent."""
         places = {sensor for step in self._steps for sensor in step.law.sensors}
         return law.signature.energy < MINOR and not places.isdisjoint(law.signature.sensors)
 
@@ -198,7 +197,7 @@ class _CauseSearch:
         if not effect.may_repeat or len(self._steps) + len(chain) == _MOST_CAUSES:
             return None
         model, steps = self._with(chain, law, offers)
-        again = examine(model.base(), effect)
+        again = examine(model.base(), effect, _sensors_of(law.signature, model.recording.sensor_count))
         if isinstance(again, str) or again.delta_bic < LEAST_EVIDENCE or not is_new(again, steps, model.base()):
             return None
         return again if _is_plausible(model.base(), again, law.signature) else None
@@ -218,20 +217,21 @@ class _CauseSearch:
         """
         signature = law.signature
         own = [name for name in self._effects if may_make(name, signature)]
+        sensors = _sensors_of(signature, base.channels.recording.sensor_count)
         others = [name for name in self._effects if not makes(name, signature)]
         explained = law.part * base.energy
         if not law.found:
-            yield [one for one in self._examined(base, others) if energy_explained(one, base) > explained]
-        yield sorted(self._examined(base, own), key=lambda one: not one.is_certain)
+            yield [one for one in self._examined(base, others, sensors) if energy_explained(one, base) > explained]
+        yield sorted(self._examined(base, own, sensors), key=lambda one: not one.is_certain)
         if law.found:
-            yield [one for one in self._examined(base, others) if energy_explained(one, base) > explained]
+            yield [one for one in self._examined(base, others, sensors) if energy_explained(one, base) > explained]
 
-    def _examined(self, base: Base, names: Sequence[str]) -> list[Evidence]:
+    def _examined(self, base: Base, names: Sequence[str], sensors: frozenset[int]) -> list[Evidence]:
         """Return the evidence for effects that are new, the most first."""
         found = []
         for number, name in enumerate(names):
             self._tell(name, (len(self._steps) + number / len(names)) / (_MOST_CAUSES + 1))
-            evidence = self._evidence(base, self._effects[name])
+            evidence = self._evidence(base, self._effects[name], sensors)
             if evidence is not None and evidence.delta_bic > LEAST_EVIDENCE and is_new(evidence, self._steps, base):
                 found.append(evidence)
         sharp = sharpened(base, found)
@@ -239,11 +239,11 @@ class _CauseSearch:
             self._weighed |= {one.effect: one for one in sharp}
         return sorted(sharp, key=lambda one: -one.delta_bic)
 
-    def _evidence(self, base: Base, effect: Effect) -> Evidence | None:
+    def _evidence(self, base: Base, effect: Effect, sensors: frozenset[int]) -> Evidence | None:
         jump = self._nominal.gross
         if not self._steps and jump is not None and jump.effect == effect.name and isinstance(effect, LinearEffect):
             return evidence_of(base, given_form(base, effect, jump))
-        evidence = examine(base, effect)
+        evidence = examine(base, effect, sensors)
         if not self._steps and isinstance(evidence, Evidence):
             self._weighed[effect.name] = evidence
         elif isinstance(evidence, str):
@@ -258,13 +258,18 @@ def _key(law: Law) -> _Key:
     return law.signature.law, law.signature.sensors
 
 
+def _sensors_of(law: Signature, sensor_count: int) -> frozenset[int]:
+    """Return the sensors in which a law may sit as effects count them; empty where that is everywhere."""
+    sensors = {one for place in law.places for one in place}
+    if ATTITUDE[0] in sensors or sensors >= set(range(1, sensor_count + 1)):
+        return EVERYWHERE
+    return frozenset(SCALAR_ROW if one == SCALAR[0] else int(one) - 1 for one in sensors)
+
+
 def _is_plausible(base: Base, offer: Evidence, law: Signature) -> bool:
     """Say whether an effect acts where a law is, and with no value that is larger than any in nature."""
-    sensors = sensors_of(places_of(offer.form))
-    places = {
-        SCALAR_ROW if one == SCALAR[0] else int(one) - 1 for place in law.places for one in place if one != "attitude"
-    }
-    if ALL not in sensors and not sensors & places:
+    places = _sensors_of(law, base.channels.recording.sensor_count)
+    if places and places.isdisjoint(sensors_of(places_of(offer.form))):
         return False
     if not isinstance(offer.form, Hypothesis):
         return True

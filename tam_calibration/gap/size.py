@@ -20,7 +20,7 @@ from tam_calibration.effects.excess_variance import LARGEST_NOISE
 from tam_calibration.effects.grades import NEARLY_ALL
 from tam_calibration.gap.checks import CHANCE
 from tam_calibration.gap.floor import floor_of
-from tam_calibration.gap.hypothesis import Hypothesis, best_form, refined
+from tam_calibration.gap.hypothesis import EVERYWHERE, Hypothesis, best_form, refined
 from tam_calibration.gap.laws.signature import Law
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.regression import VISIBLE, Base, pseudo_inverse, twice_log_likelihood_ratio
@@ -35,16 +35,15 @@ Value = TypeVar("Value")
 
 
 def cached_by_base(function: Callable[..., Value]) -> Callable[..., Value]:
-    """Cache the values of a function of a base, or of a base and one argument, as long as these objects exist."""
-    known: WeakKeyDictionary[Base, WeakKeyDictionary[Any, Value]] = WeakKeyDictionary()
+    """Cache the values of a function of a base and further arguments as long as the base exists."""
+    known: WeakKeyDictionary[Base, dict[tuple[Any, ...], Value]] = WeakKeyDictionary()
 
     @wraps(function)
     def cached(base: Base, *arguments: Any) -> Value:
-        of_base = known.setdefault(base, WeakKeyDictionary())
-        key = arguments[0] if arguments else base
-        if key not in of_base:
-            of_base[key] = function(base, *arguments)
-        return of_base[key]
+        of_base = known.setdefault(base, {})
+        if arguments not in of_base:
+            of_base[arguments] = function(base, *arguments)
+        return of_base[arguments]
 
     return cached
 
@@ -127,7 +126,7 @@ def usable(
 
 
 @cached_by_base
-def examine(base: Base, effect: Effect) -> Evidence | str:
+def examine(base: Base, effect: Effect, sensors: frozenset[int] = EVERYWHERE) -> Evidence | str:
     """Return the evidence for an effect, or why there is none.
 
     Parameters
@@ -136,9 +135,11 @@ def examine(base: Base, effect: Effect) -> Evidence | str:
         Null model, in the residual of which evidence is sought.
     effect : Effect
         Fitted by regression, or found by a test of its own.
+    sensors : frozenset of int
+        Where it may act, indices, ``SCALAR`` or ``ALL``: empty for everywhere. A test of its own looks everywhere.
     """
     if isinstance(effect, LinearEffect):
-        form = best_form(base, effect)
+        form = best_form(base, effect, sensors)
         if form is None:
             return "no part of it is visible beside the calibration in this recording"
         return evidence_of(base, form)

@@ -6,12 +6,12 @@ from importlib import import_module
 
 import pytest
 from click.testing import CliRunner
+from tam_calibration.gap.surrogates import SurrogateTest
 
 from tam_calibration.cli.main import main
 from tam_calibration.effects.effect import Limit, Sized
 from tam_calibration.fit import calibrate
 from tam_calibration.gap.checks import checks_of
-from tam_calibration.gap.surrogates import SurrogateTest
 from tam_calibration.recordings import write_array
 from tam_calibration.results import write_calibration, write_recording
 

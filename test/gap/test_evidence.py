@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from math import log
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,10 +12,8 @@ from tam_calibration.gap.hypothesis import Hypothesis, best_form
 from tam_calibration.gap.regression import twice_log_likelihood_ratio
 from tam_calibration.gap.size import (
     Evidence,
-    cached_by_form,
     evidence_of,
     examine,
-    rivals,
     sharpened,
     unusable,
     usable,
@@ -118,14 +115,6 @@ def test_only_promising_shapes_are_refined(run, monkeypatch):
     assert first.delta_bic > strong.delta_bic and second is weak and third is finding
 
 
-def test_rivals_are_the_functions_without_physics(base):
-    """None of them is an effect of the library."""
-    names = {one.effect for one in rivals(base)}
-    kinds = ("time", "direction", "tilt", "rate", "neighbours")
-    assert names <= {f"function_of_{kind}" for kind in kinds}
-    assert names and not names & set(installed_effects())
-
-
 @pytest.mark.parametrize(("part", "is_refined"), [(0.96, False), (0.98, True)])
 def test_nearly_all_of_the_strongest_evidence_is_promising(base, monkeypatch, part, is_refined):
     """A shape that has them may overtake it."""
@@ -144,24 +133,3 @@ def test_a_special_case_of_the_strongest_is_refined(base, monkeypatch, special, 
     form = replace(strong.form, effect=effect_named(special))
     other = Evidence(special, form, 500.0, 600.0)
     assert (sharpened(base, [strong, other])[1] is not other) == is_refined
-
-
-class NamedBase:
-    """A base that is known by its name."""
-
-    def __init__(self, name):
-        self.name = name
-
-
-def test_what_a_form_gives_at_a_base_is_computed_once():
-    """A form of the same effect, shape and terms is known there, on whatever way it was found."""
-    asked = []
-
-    @cached_by_form
-    def answer(base, form):
-        asked.append((base.name, form.identity))
-        return len(asked)
-
-    bases = [NamedBase("nominal"), NamedBase("beside a drift")]
-    forms = [SimpleNamespace(identity=identity) for identity in ("drift", "drift", "delay")]
-    assert [answer(base, form) for base in bases for form in forms] == [1, 1, 2, 3, 3, 4]

@@ -13,7 +13,7 @@ from tam_calibration.effects.geomagnetic_drift import GeomagneticDrift
 from tam_calibration.effects.nonlinearity import Nonlinearity
 from tam_calibration.effects.platform_field import PlatformField
 from tam_calibration.effects.temperature_drift import TemperatureDrift
-from tam_calibration.gap.hypothesis import _searched, best_form, given_form, places_of, refined, restricted
+from tam_calibration.gap.hypothesis import _searched, best_form, given_form, places_of, refined
 from tam_calibration.model.fitted_effect import SCALAR, Contribution, FittedEffect
 
 TIME_CONSTANT_S = 3.3
@@ -67,13 +67,6 @@ def test_a_shape_without_choice_stays(base):
     assert refined(base, form).shape == form.shape
 
 
-def test_a_searched_shape_has_its_price(base):
-    """Each parameter of the shape that was searched costs a direction."""
-    form = best_form(base, TemperatureDrift())
-    again = restricted(base, form, 1)
-    assert form.selection.delta_bic < again.selection.delta_bic + 1e-9
-
-
 def test_a_given_form_has_the_gain_of_least_squares(base, dense, drifting):
     """Terms, shape and coefficients are those given; its evidence is that of these terms."""
     shape = {"time_constant_s": TIME_CONSTANT_S, "reference_C": 20.0}
@@ -85,15 +78,6 @@ def test_a_given_form_has_the_gain_of_least_squares(base, dense, drifting):
     truth = dense(drifting)
     gain = truth.left(channels.calibration) - truth.left(channels.calibration, channels.design(form.terms))
     assert form.selection.gain == pytest.approx(gain, rel=1e-3)
-
-
-def test_a_restricted_form_is_of_one_sensor(base):
-    """The same effect and shape, at the sensor asked for."""
-    form = best_form(base, TemperatureDrift())
-    for sensor in range(4):
-        own = restricted(base, form, sensor)
-        assert {term.sensor for term in own.terms} == {sensor} and own.shape == form.shape
-    assert restricted(base, form, 1).selection.gain > 10 * restricted(base, form, 2).selection.gain
 
 
 def test_without_a_scalar_no_effect_stands_in_it(run):

@@ -2,17 +2,20 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from tam_calibration.effects.effect import Finding
 from tam_calibration.gap.conclude import conclude
-from tam_calibration.gap.next_recording import close_pair, next_recording
+from tam_calibration.gap.laws.causes import causes_of
+from tam_calibration.gap.laws.law import Signature
+from tam_calibration.gap.laws.signature import Law
+from tam_calibration.gap.next_recording import close_pair, is_drift, next_recording
 from tam_calibration.gap.search import search
 from tam_calibration.gap.size import Evidence
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.attitude import RandomAttitudes
 from tam_calibration.simulation.instruments import Temperature
 
 PLAN = replace(read_scenario("warming_up"), effects=(), temperature=None, sample_count=1000, rate_hz=5.0)
@@ -88,21 +91,21 @@ def test_a_sure_cause_needs_a_confirmation_only():
     assert sentence(found, gap).startswith("No further recording is needed")
 
 
-def test_an_unseen_motion_is_asked_for():
-    """A gap that only continuous motion could explain, in poses without one: turn the array."""
-    found, _ = diagnosed(motion=RandomAttitudes())
-    rate = replace(found.rivals[0], effect="function_of_rate", delta_bic=500.0, gain=500.0)
-    words = next_recording(replace(found, rivals=(rate,), weighed=()), "unexplained", ())
-    assert "time skew" in words
-    assert "turn the array fast and continuously" in words
-
-
-def test_a_gap_without_a_plausible_effect_asks_what_it_follows(doubtful):
-    """With every plausible effect tried, other motions tell what the gap follows."""
+def test_what_would_prove_the_first_candidate_is_asked_for(doubtful):
+    """With every effect tried the first cause of the strongest law; without one, other motions."""
     found, _ = doubtful
-    strong = replace(found.rivals[0], effect="function_of_tilt", delta_bic=500.0, gain=500.0)
-    words = next_recording(replace(found, rivals=(strong,), weighed=(), considered=()), "unexplained", ())
-    assert words.startswith("To see what the rest follows")
+    loop = Signature("own_field", "motion", (2,), ("x",), 0.9, ((2,),), "motion", (), 50.0)
+    open_law = replace(found, laws=(Law(loop, 0.5),), weighed=(), considered=())
+    assert next_recording(open_law, "unexplained", ()).startswith(f"To see whether it is {causes_of(loop)[0].title}, ")
+    assert next_recording(replace(open_law, laws=()), "unexplained", ()).startswith("To see what the rest follows")
+
+
+@pytest.mark.parametrize(("course", "is_one"), [(np.linspace(18, 26, 300), True), (20 + np.sin(np.arange(300)), False)])
+def test_a_channel_that_only_rises_is_a_drift(run, course, is_one):
+    """Any other slow course explains as much as it."""
+    recording = replace(run(300).recording, temperature_C=course)
+    assert is_drift("temperature_drift", recording) == is_one
+    assert not is_drift("bias_jump", recording)
 
 
 def test_what_is_not_found_by_regression_is_told_apart_by_what_makes_it_visible(doubtful):

@@ -181,7 +181,7 @@ def test_a_gap_beyond_any_noise_is_a_gap():
 
 def test_a_cause_is_as_likely_as_its_features_say():
     """Its share is of what all causes explain; half of the rest is of none of these, half of what was not named."""
-    steps = tuple(Step(Evidence(name, None, gain - 7, gain), ()) for name, gain in (("a", 300.0), ("b", 100.0)))
+    steps = tuple(Step(Evidence(name, None, gain - 7, gain), (), None) for name, gain in (("a", 300.0), ("b", 100.0)))
     energy = energies_of(steps, 1000.0)
     assert list(energy.values()) == pytest.approx([1 - exp(-0.3), exp(-0.3) * (1 - exp(-0.1))])
     found = probabilities(searched(steps, (("a", 300.0), ("b", 100.0), ("c", 60.0))), "explained", None, 1)

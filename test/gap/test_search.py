@@ -1,4 +1,4 @@
-"""A search from one start: what may come beside what was accepted."""
+"""The search for causes: what explains a law is named in its sensor, what does not is not."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -9,8 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.effects.library import installed_effects
 from tam_calibration.gap import diagnose
-from tam_calibration.gap.search import CauseSearch, search
-from tam_calibration.gap.support import LEAST_EVIDENCE
+from tam_calibration.gap.search import Search, search
 
 
 def switched(made, times, row=4, size=15e-9):
@@ -66,132 +65,42 @@ def test_what_strikes_often_is_no_outlier(run):
     assert (gap.verdict, gap.where.sensors) == ("unexplained", (2,))
 
 
-@pytest.mark.parametrize(("next_best", "kept"), [(["skew"], ["heading", "skew"]), (["jump", "tone"], ["heading"])])
-def test_where_a_cause_does_not_hold_the_search_goes_on_without_it(monkeypatch, next_best, kept):
-    """Beside what holds, the next best comes in place of what does not; nothing is given up for it."""
-    known = {name: SimpleNamespace(accepted=SimpleNamespace(effect=name)) for name in ("heading", "step", *next_best)}
-    passed_over = []
-
-    def forward(self, steps, first, without):
-        passed_over.append(set(without))
-        return [*steps, *(known[name] for name in next_best)]
-
-    monkeypatch.setattr(CauseSearch, "_forward", forward)
-    monkeypatch.setattr(
-        CauseSearch, "_holding", lambda self, steps: [one for one in steps if one.accepted.effect in kept]
+def searched(energy, left, causes, laws=("a law",)):
+    """Return a search whose causes leave so much energy in each of 500 channels, and a part of that as a law."""
+    nominal, model = (
+        SimpleNamespace(
+            base=lambda energy=energy: SimpleNamespace(
+                energy=500 * energy, channels=SimpleNamespace(count=500), rank=2
+            ),
+            findings=(),
+        )
+        for energy in (4.0, energy)
     )
-    held = object.__new__(CauseSearch)._beside_held([known["heading"], known["step"]])
-    assert [one.accepted.effect for one in held] == kept and passed_over[0] == {"step"}
+    return Search(nominal, model, causes, laws, (SimpleNamespace(part=left),), (), ())
 
 
 @pytest.mark.parametrize(
-    ("energy", "left", "has_causes", "is_clean"),
+    ("energy", "left", "causes", "laws", "is_clean"),
     [
-        (1.95, 0.05, True, True),
-        (2.05, 0.05, True, False),
-        (1.5, 0.09, True, True),
-        (1.5, 0.11, True, False),
-        (1.5, 0.05, False, False),
+        (1.95, 0.05, ("a cause",), ("a law",), True),
+        (2.05, 0.05, ("a cause",), ("a law",), False),
+        (1.5, 0.17, ("a cause",), ("a law",), True),
+        (1.5, 0.20, ("a cause",), ("a law",), False),
+        (1.5, 0.0, (), ("a law",), False),
+        (1.5, 0.0, (), (), True),
     ],
 )
-def test_a_search_is_clean_where_its_causes_leave_nothing(monkeypatch, energy, left, has_causes, is_clean):
-    """No more than a noise floor beside the noise, and a tenth of what can be seen; and where a cause of it holds."""
-    step = SimpleNamespace(accepted="a cause")
-    monkeypatch.setattr(CauseSearch, "_forward", lambda *asked: [step])
-    monkeypatch.setattr(CauseSearch, "_beside_held", lambda self, steps: [step] * has_causes)
-    monkeypatch.setattr(CauseSearch, "_swapped", lambda self, steps: steps)
-    monkeypatch.setattr(CauseSearch, "_holding", lambda self, steps: steps)
-    base = SimpleNamespace(energy=500 * energy, channels=SimpleNamespace(count=500), rank=12)
-    monkeypatch.setattr(CauseSearch, "_beside", lambda self, steps: (SimpleNamespace(findings=()), base))
-    monkeypatch.setattr("tam_calibration.gap.search.rivals", lambda base: ())
-    monkeypatch.setattr("tam_calibration.gap.support.open_part", lambda first, last, unknown: left)
-    started = object.__new__(CauseSearch)
-    started.first_base = SimpleNamespace(rank=10)
-    found = started.found(None)
+def test_a_search_is_clean_where_its_causes_leave_nothing(energy, left, causes, laws, is_clean):
+    """No more than a noise floor beside the noise, and a tenth of the laws; and where a cause explains them."""
+    found = searched(energy, left, causes, laws)
     assert found.is_clean == is_clean
     assert found.evidence == pytest.approx(-500 * np.log(energy) - 2 * np.log(500))
 
 
-@pytest.mark.parametrize(
-    ("visible", "energy", "asked"),
-    [
-        (1e4, 1e3, [500, 100]),
-        (1e6, 1e4, [50_000, 2500]),
-        (1e3, 1e3, [50, 50]),
-        (1e4, 99, [500]),
-        (1e6, 2400, [50_000]),
-    ],
-)
-def test_the_energy_that_a_further_cause_must_explain(monkeypatch, visible, energy, asked):
-    """A twentieth of the gap; beside others no more than a floor's of 100 channels, or the error of their models."""
-    told = []
-
-    def supported(base, weighed, steps, least):
-        told.append(least)
-        return (SimpleNamespace(effect="a cause", form=None), None) if len(told) == 1 else None
-
-    base = SimpleNamespace(energy=energy, channels=SimpleNamespace(count=100))
-    monkeypatch.setattr(CauseSearch, "_visible", lambda self: visible)
-    monkeypatch.setattr(CauseSearch, "_beside", lambda self, steps: (None, base))
-    monkeypatch.setattr(CauseSearch, "_weigh", lambda self, base, depth, effects: ())
-    monkeypatch.setattr("tam_calibration.gap.support.supported", supported)
-    monkeypatch.setattr("tam_calibration.gap.search.certain_noise", lambda channels: 0.0)
-    started = object.__new__(CauseSearch)
-    started.weighed, started._effects = (), {}
-    assert len(started._forward([], None, ())) == 1
-    assert told == pytest.approx(asked)
-
-
-@pytest.mark.parametrize(
-    ("noise", "is_supported", "tried"),
-    [
-        (60.0, False, [["outliers"]]),
-        (60.0, True, [["outliers"], ["outliers", "hysteresis"]]),
-        (40.0, False, [["outliers", "hysteresis"]]),
-    ],
-)
-def test_beside_noise_alone_no_regression_is_tried(monkeypatch, noise, is_supported, tried):
-    """Of 100 channels with a gap of ten floors, a cause must explain 50: of 100 less the noise there may be no more."""
-    effects, weighed, steps = {name: installed_effects()[name] for name in ("outliers", "hysteresis")}, [], []
-
-    def weigh(self, base, depth, effects):
-        weighed.append(list(effects))
-        return tuple(SimpleNamespace(effect=name) for name in effects)
-
-    def supported(base, candidates, known, least):
-        steps.append(len(known))
-        is_first = not known or (is_supported and len(known) == 1)
-        return (SimpleNamespace(effect="a cause", form=None), None) if is_first else None
-
-    base = SimpleNamespace(energy=100.0, channels=SimpleNamespace(count=100))
-    monkeypatch.setattr(CauseSearch, "_visible", lambda self: 1000.0)
-    monkeypatch.setattr(CauseSearch, "_beside", lambda self, steps: (None, base))
-    monkeypatch.setattr(CauseSearch, "_weigh", weigh)
-    monkeypatch.setattr("tam_calibration.gap.support.supported", supported)
-    monkeypatch.setattr("tam_calibration.gap.search.certain_noise", lambda channels: noise)
-    started = object.__new__(CauseSearch)
-    started.weighed, started._effects = (), effects
-    assert len(started._forward([], None, ())) == 1 + is_supported
-    assert weighed[: len(tried)] == tried
-
-
-@pytest.mark.parametrize("is_clean", [True, False])
-def test_a_search_starts_again_from_effects_with_a_quarter_of_the_evidence(monkeypatch, is_clean):
-    """From two of them at most, where a gap remains."""
-    weighed = [SimpleNamespace(delta_bic=bic, is_certain=False) for bic in (100.0, 24.0, 26.0, 40.0, 60.0)]
-    monkeypatch.setattr(CauseSearch, "_alone", lambda self, one: None)
-    monkeypatch.setattr("tam_calibration.gap.support.is_new", lambda one, steps, base: True)
-    monkeypatch.setattr("tam_calibration.gap.support.support_of", lambda base, one: (True, None))
-    started = object.__new__(CauseSearch)
-    started.nominal, started.first_base, started.weighed = SimpleNamespace(gross=None), None, weighed
-
-    def starts():
-        found = started.other_starts(SimpleNamespace(first=weighed[0], is_clean=is_clean))
-        return [one.delta_bic for one in found]
-
-    assert starts() == ([] if is_clean else [60, 40])
-    started.weighed = weighed[:3]
-    assert starts() == ([] if is_clean else [26])
+def test_what_the_laws_have_left_is_their_open_part():
+    """A third of an energy of 1.5 beside 2.5 that the causes explain, and nothing without a law."""
+    assert searched(1.5, 1 / 3, ("a cause",)).open_part == pytest.approx(0.5 / 3.0)
+    assert searched(1.5, 0.0, ("a cause",)).open_part == 0
 
 
 SAMPLES = 600
@@ -383,15 +292,15 @@ def test_an_effect_that_is_not_tried_leaves_its_gap_open(run):
     tried = {"nonlinearity", "bias_jump", "current_interference", "periodic_interference", "noise_excess", "outliers"}
     gap = diagnose(made.recording, made.array, without=set(installed_effects()) - tried)
     assert gap.verdict in ("unexplained", "partly_explained")
-    assert {one.effect for one in gap.considered} == tried
+    assert "temperature_drift" not in {cause.fitted.effect for cause in gap.causes}
 
 
 def test_a_search_of_noise_has_no_steps(run):
-    """Nothing is accepted, and no function without physics counts."""
+    """Nothing is accepted, and no law is seen."""
     made = run(SAMPLES)
     found = search(made.recording, made.array)
     assert found.steps == () and found.model.parts == () and found.model.findings == ()
-    assert all(one.delta_bic < LEAST_EVIDENCE for one in found.rivals)
+    assert found.laws == found.remaining == ()
 
 
 def test_progress_is_told(run):

@@ -9,20 +9,18 @@ from numpy.testing import assert_allclose
 from scipy import stats
 
 from tam_calibration.effects.geomagnetic_drift import GeomagneticDrift
-from tam_calibration.effects.grades import CERTAIN
 from tam_calibration.effects.temperature_drift import TemperatureDrift
-from tam_calibration.gap.floor import white_variance
 from tam_calibration.gap.hypothesis import given_form
+from tam_calibration.gap.laws.signature import laws_of
+from tam_calibration.gap.laws.whitened import residual_of
 from tam_calibration.gap.size import (
     FOLDS,
     _closed,
-    certain_noise,
     folds_of,
     held_out_energy,
     is_interleaved,
     measure,
     noise_variance,
-    rivals,
 )
 from tam_calibration.model.array import Array
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
@@ -134,32 +132,32 @@ def model_leaves(made, dense, slopes, model):
 def test_the_floor_is_that_of_the_data_up_to_a_fifth_above_the_sheet(run, sheet, expected):
     """White noise common to all is the floor; what exceeds the sheet by more is gap."""
     model = run(1200, sheet=sheet).model()
-    variance = noise_variance(model, (), 12.0)
+    variance = noise_variance(model, ())
     assert np.sqrt(variance) == pytest.approx(expected, abs=0.03)
     size = measure(model, model, variance)
     assert size.floor_T == pytest.approx(expected / sheet * 1e-9, rel=0.03)
     assert (size.before > 0.5) == (sheet > expected)
 
 
-def test_what_a_rival_explains_is_not_noise(run):
+def test_what_a_law_explains_is_not_noise(run):
     """A slow drift without a cause does not raise the floor."""
     made = run(900)
     model = made.with_row(4, 8e-9 * np.cos(np.pi * np.linspace(0, 1, 900) * 3)).model()
-    with_drift, floor = noise_variance(model, (), 12.0), noise_variance(model, tuple(rivals(model.base())), 12.0)
+    residual = residual_of(model)
+    laws = laws_of(model, residual, residual.excess)
+    with_drift, floor = noise_variance(model, ()), noise_variance(model, laws)
     assert with_drift == pytest.approx(1.44) and floor == pytest.approx(1, abs=0.08)
 
 
-@pytest.mark.parametrize(
-    ("evidence", "is_determined", "least"), [(11.9, True, 1.0), (12.1, True, 0.8), (12.1, False, 0.2)]
-)
-def test_no_rival_explains_noise_away(run, monkeypatch, evidence, is_determined, least):
+@pytest.mark.parametrize(("is_determined", "least"), [(True, 0.8), (False, 0.2)])
+def test_no_law_explains_noise_away(run, monkeypatch, is_determined, least):
     """Four fifths of what differences tell are noise, or of half the stated deviation, where differences tell none."""
     made = run(900)
-    model, rival = made.model(), SimpleNamespace(gain=1e6, delta_bic=evidence)
+    model = made.model()
     level = np.append(made.array.vector_noise_T.repeat(3), np.nan)
     floor = SimpleNamespace(is_determined=is_determined, level_T=level, stated_T=level)
     monkeypatch.setattr("tam_calibration.gap.size.floor_of", lambda channels, stated: floor)
-    assert noise_variance(model, (rival,), 12.0) == pytest.approx(least, rel=0.06 if evidence < 12 else 1e-9)
+    assert noise_variance(model, (SimpleNamespace(part=1.0),)) == pytest.approx(least, rel=1e-9)
 
 
 def test_free_functions_of_time_are_tested_on_interleaved_samples(run):
@@ -247,18 +245,3 @@ def test_a_planted_effect_lowers_it_and_noise_raises_it(run):
     alone, true, more = held_out_energy(channels, designs, [1, 2, 3], False).sum(axis=0)
     assert true < 0.2 * alone and more > true
     assert_allclose(true / channels.count, 1, atol=0.08)
-
-
-@pytest.mark.parametrize(("factor", "level"), [(1.0, 1.0), (0.5, 0.25), (2.0, 1.0)])
-def test_the_white_noise_but_for_its_standard_errors_is_certain(run, factor, level):
-    """Of the sensors and of the scalar; of a sheet that says too little, what the sheet says."""
-    made = run(3000)
-    stated = replace(made.array, vector_noise_T=made.array.vector_noise_T / factor)
-    channels = replace(made, array=stated).channels()
-    common = (np.sqrt(channels.precision) * channels.intensity_residual_T)[:, None]
-    least = [variance - CERTAIN * error for variance, error in map(white_variance, (channels.differential, common))]
-    assert certain_noise(channels) == pytest.approx(3000 * (9 * min(least[0], 1) + min(least[1], 1)))
-    assert 0.85 * level * 30000 < certain_noise(channels) <= level * 30000
-    counted = np.arange(3000) < 1500
-    assert certain_noise(replace(channels, is_counted=counted)) <= 0.5 * certain_noise(channels)
-    assert certain_noise(replace(channels, stride=3)) == pytest.approx(certain_noise(channels) / 3)

@@ -3,9 +3,9 @@
 from dataclasses import replace
 
 import pytest
+from tam_calibration.gap.surrogates import SurrogateTest
 
 from tam_calibration.effects.effect import Limit, Sized
-from tam_calibration.gap.surrogates import SurrogateTest
 from tam_calibration.report.gap_rows import cause_words, set_words, unseen_words
 
 
