@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.gap.laws.law import Signature
 from tam_calibration.gap.result import Gap
 from tam_calibration.gap.search import Search
 from tam_calibration.model.array import Array
@@ -404,3 +405,22 @@ class Comparison:
     simulation: Side | None = field(default=None, repr=False)
     recording: Side | None = field(default=None, repr=False)
     remarks: tuple[str, ...] = ()
+
+    @property
+    def laws_of_one(self) -> dict[str, tuple[Signature, ...]]:
+        """The laws that the recording has and the simulation lacks, by the name of the side, and the reverse."""
+        if self.simulation is None or self.recording is None:
+            return {}
+        of_recording, of_simulation = self.recording.gap.signature, self.simulation.gap.signature
+        return {
+            "recording": _without_counterpart(of_recording, of_simulation),
+            "simulation": _without_counterpart(of_simulation, of_recording),
+        }
+
+
+def _without_counterpart(laws: tuple[Signature, ...], others: tuple[Signature, ...]) -> tuple[Signature, ...]:
+    return tuple(
+        law
+        for law in laws
+        if not any(law.law == one.law and not set(law.sensors).isdisjoint(one.sensors) for one in others)
+    )

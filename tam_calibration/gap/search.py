@@ -16,7 +16,7 @@ from tam_calibration.gap.model import Model, Part
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.result import Considered
 from tam_calibration.gap.size import Evidence, energy_explained, evidence_of, examine, sharpened, usable
-from tam_calibration.gap.support import LEAST_EVIDENCE, Step, absorbed, is_new, special_case
+from tam_calibration.gap.support import LEAST_EVIDENCE, Step, absorbed, changes_of, is_new, is_step, special_case
 from tam_calibration.model.array import Array
 from tam_calibration.model.fitted_effect import SCALAR as SCALAR_ROW
 from tam_calibration.model.recording import Recording
@@ -200,6 +200,9 @@ class _CauseSearch:
         again = examine(model.base(), effect, _sensors_of(law.signature, model.recording.sensor_count))
         if isinstance(again, str) or again.delta_bic < LEAST_EVIDENCE or not is_new(again, steps, model.base()):
             return None
+        step_s = model.base().channels.covariates.step_s
+        if is_step(again) and changes_of([*chain, again], step_s) == changes_of(chain, step_s):
+            return None
         return again if _is_plausible(model.base(), again, law.signature) else None
 
     def _with(self, chain: Sequence[Evidence], law: Law, offers: Sequence[Evidence]) -> tuple[Model, list[Step]]:
@@ -211,7 +214,7 @@ class _CauseSearch:
         return model, steps
 
     def _offers(self, base: Base, law: Law) -> Iterator[list[Evidence]]:
-        """Yield the effects that make a law, then others that explain more than the law does; the likeliest first.
+        """Yield the effects that make a law, then others that explain as much as the law does; the likeliest first.
 
         A law that predicts no sample from others explains whatever it is given: what predicts as much comes before it.
         """
@@ -219,7 +222,7 @@ class _CauseSearch:
         own = [name for name in self._effects if may_make(name, signature)]
         sensors = _sensors_of(signature, base.channels.recording.sensor_count)
         others = [name for name in self._effects if not makes(name, signature)]
-        explained = law.part * base.energy
+        explained = (1 - MINOR) * law.part * base.energy
         if not law.found:
             yield [one for one in self._examined(base, others, sensors) if energy_explained(one, base) > explained]
         yield sorted(self._examined(base, own, sensors), key=lambda one: not one.is_certain)

@@ -82,7 +82,8 @@ def _effect_of(one: Evidence) -> Effect:
     return one.form.effect if isinstance(one.form, Hypothesis) else effect_named(one.effect)
 
 
-def _is_step(one: Evidence) -> bool:
+def is_step(one: Evidence) -> bool:
+    """Say whether an effect changes at some times and is constant between them."""
     return isinstance(one.form, Hypothesis) and one.form.effect.is_step
 
 
@@ -117,7 +118,7 @@ def is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:
     there = [step.accepted for step in steps if sensors & sensors_of(places_of(step.accepted.form))]
     if any(_is_nested(candidate, other) for other in there):
         return False
-    return not _is_step(candidate) or _changes([candidate, *there], base.channels.covariates.step_s) <= MOST_STEPS
+    return not is_step(candidate) or changes_of([candidate, *there], base.channels.covariates.step_s) <= MOST_STEPS
 
 
 def _is_same(one: Evidence, other: Evidence, base: Base) -> bool:
@@ -163,9 +164,17 @@ def _are_many(causes: Sequence[Evidence]) -> bool:
     return bool(flagged.sum() > max(SLIGHT * len(flagged), A_DOZEN))
 
 
-def _changes(causes: Sequence[Evidence], step_s: float) -> int:
-    """Return the number of times at which biases or scale factors change."""
-    forms = [one.form for one in causes if _is_step(one)]
+def changes_of(causes: Sequence[Evidence], step_s: float) -> int:
+    """Return the number of times at which biases or scale factors change.
+
+    Parameters
+    ----------
+    causes : sequence of Evidence
+        Those that are steps count.
+    step_s : float
+        Sampling interval.
+    """
+    forms = [one.form for one in causes if is_step(one)]
     times = sorted(time for form in forms if isinstance(form, Hypothesis) for time in form.shape.values())
     return sum(
         later - time > LONGEST_BURST * step_s for time, later in zip(times, [*times[1:], float("inf")], strict=True)

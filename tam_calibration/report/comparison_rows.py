@@ -9,6 +9,7 @@ from tam_calibration.model.units import for_people, to_nanotesla
 from tam_calibration.report.blocks import Block, Table, Text
 from tam_calibration.report.formatting import join, number, sentence, with_error
 from tam_calibration.report.gap_rows import closed_words, number_rows, percent, place
+from tam_calibration.report.signature_rows import law_sentence
 
 VERDICTS = {"same": "The same", "differs": "Different", "not_identifiable": "Cannot be told"}
 
@@ -53,13 +54,25 @@ def answer(comparison: result.Comparison) -> str:
 def summary_blocks(comparison: result.Comparison) -> list[Block]:
     """Return the differences behind the first, and remarks on the two recordings, a line each."""
     further = islice(_difference_sentences(comparison), 1, None)
-    return [*(Text(words) for words in further), *(Text(remark, "doubt") for remark in comparison.remarks)]
+    remarks = (Text(remark, "doubt") for remark in comparison.remarks)
+    return [*law_blocks(comparison), *(Text(words) for words in further), *remarks]
+
+
+def law_blocks(comparison: result.Comparison) -> list[Block]:
+    """Return the laws that one of the two has and the other lacks, whatever causes them."""
+    return [
+        Text(f"Only the {name}: {law_sentence(law, side.array.sensor_count, is_caused=True)}")
+        for name, laws in comparison.laws_of_one.items()
+        for side in [getattr(comparison, name)]
+        for law in laws
+    ]
 
 
 def difference_blocks(comparison: result.Comparison) -> list[Block]:
     """Return the effects that one side lacks or has otherwise, with parameters; empty where there are none."""
     rows = difference_rows(comparison)
-    return [Table(_DIFFERENCES_HEADER, rows, numeric=False), *parameter_tables(comparison)] if rows else []
+    laws = law_blocks(comparison)
+    return laws + [Table(_DIFFERENCES_HEADER, rows, numeric=False), *parameter_tables(comparison)] if rows else laws
 
 
 def noise_blocks(comparison: result.Comparison) -> list[Block]:

@@ -24,7 +24,7 @@ from tam_calibration.model.units import for_people, from_nanotesla, to_nanotesla
 from tam_calibration.results.calibration_schema import calibration_of
 from tam_calibration.results.calibration_yaml import calibration_to_mapping
 from tam_calibration.results.effects_schema import EffectFile, effect_to_mapping
-from tam_calibration.results.results_json import numbers_of, rounded, sizes, source_to_mapping
+from tam_calibration.results.results_json import law_to_mapping, numbers_of, rounded, sizes, source_to_mapping
 
 SCHEMA = "tam_calibration/mend/1"
 COMPARISON_SCHEMA = "tam_calibration/compare/1"
@@ -222,6 +222,7 @@ def comparison_to_mapping(comparison: result.Comparison, sources: Sources) -> di
         "schema": COMPARISON_SCHEMA,
         "verdict": comparison.verdict,
         "statement": comparison.statement,
+        "laws": {name: [law_to_mapping(law) for law in laws] for name, laws in comparison.laws_of_one.items()},
         "remarks": list(comparison.remarks),
         "mistakes": [
             {"kind": mistake.kind, "what": mistake.what, "where": mistake.where, "mend": mistake.mend}

@@ -61,7 +61,7 @@ def gap_to_mapping(gap: Gap, source: Provenance | None = None) -> dict[str, Any]
         "verdict": gap.verdict,
         "statement": gap.statement,
         "remarks": list(gap.remarks),
-        "signature": [_law(one) for one in gap.signature],
+        "signature": [law_to_mapping(one) for one in gap.signature],
         "gap": _size(gap.size),
         "noise": None if gap.floor is None else _noise(gap.floor),
         "where": _where(gap.where),
@@ -73,13 +73,13 @@ def gap_to_mapping(gap: Gap, source: Provenance | None = None) -> dict[str, Any]
         "most_unseen_errors": _round(gap.most_unseen_errors),
         "checks": None if gap.checks is None else _checks(gap.checks),
         "remainder": gap.remainder,
-        "remaining": [_law(one) for one in gap.remaining],
+        "remaining": [law_to_mapping(one) for one in gap.remaining],
         "next_recording": gap.next_recording,
         "recording": source_to_mapping(source),
     }
 
 
-def _law(one: Signature) -> dict[str, Any]:
+def law_to_mapping(one: Signature) -> dict[str, Any]:
     """Return one law of a gap; sizes of its course in nT, or in per cent of the field for a gain."""
     curve = None
     if one.curve is not None:

@@ -6,7 +6,6 @@ from importlib import import_module
 
 import pytest
 from click.testing import CliRunner
-from tam_calibration.gap.surrogates import SurrogateTest
 
 from tam_calibration.cli.main import main
 from tam_calibration.effects.effect import Limit, Sized
@@ -75,18 +74,18 @@ def test_the_first_line_is_the_answer(folder, asked):
 
 
 def test_people_see_what_is_left_and_what_it_means(folder, asked, gap):
-    """Surrogates, sizes, the unknown part, the set that holds the truth, and what departs from the twin."""
+    """A drift, sizes, the unknown part, the set that holds the truth, and what departs from the twin."""
     residue = gap.residue
     cause = replace(
         gap.causes[0],
-        surrogate_test=SurrogateTest(640.0, 53.0, 0.01),
+        is_drift=True,
         sizes=(Sized("offset", 2e-9, Limit(1e-6, "a book", "T")),),
     )
     checks = checks_of(residue.time_s, residue.direction, residue.before, residue.floor_T)
     asked["answer"] = replace(gap, causes=(cause,), checks=checks, remainder="It drifts.", set_95=("unknown",))
     out = run("run.csv", "-v").stdout
     for words in (
-        "  It explains 12 times as much as the best of its 99 surrogates",
+        "  The channel hardly does more than rise or fall",
         "  Its offset is 2.00 nT; the largest known is 1000 nT (a book).",
         "What no cause explains: It drifts.",
         "the truth is among: unknown.",

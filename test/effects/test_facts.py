@@ -2,8 +2,7 @@
 
 import ast
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,8 +11,8 @@ import pytest
 
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import installed_effects
-from tam_calibration.gap import next_recording, rivals
 from tam_calibration.gap.hypothesis import Hypothesis
+from tam_calibration.gap.laws.causes import CAUSES
 from tam_calibration.gap.size import Evidence
 from tam_calibration.gap.support import _is_nested
 
@@ -46,8 +45,6 @@ class MadeUp(LinearEffect):
     name: str
     limit_of: tuple[str, ...] = ()
     nearly_within: tuple[str, ...] = ()
-    may_be: tuple[str, ...] = ()
-    looks_like: Mapping[str, int] = field(default_factory=dict)
 
     def terms(self, covariates, shape):
         """Return nothing."""
@@ -81,30 +78,10 @@ def test_support_treats_them_as_nested(whole, fact):
     assert not _is_nested(evidence(whole), evidence(whole))
 
 
-@pytest.mark.parametrize("fact", ["limit_of", "may_be"])
-def test_a_cause_may_be_what_its_class_says(monkeypatch, fact):
-    """Where the recording cannot show it."""
-    effect = MadeUp("special", **{fact: ("whole",)})
-    monkeypatch.setattr(next_recording, "effect_named", {"special": effect}.get)
-    found = SimpleNamespace(rivals=(), steps=(SimpleNamespace(accepted=evidence(effect)),))
-    causes = (SimpleNamespace(fitted=SimpleNamespace(effect="special")),)
-    assert next_recording._hidden(found, causes, {"whole"}) == ["whole"]
-    assert next_recording._hidden(found, causes, set()) == []
-
-
-def test_what_a_function_may_be_is_ranked_by_the_classes(monkeypatch):
-    """The most plausible first."""
-    effects = {name: MadeUp(name, looks_like={"function_of_rate": rank}) for name, rank in (("a", 2), ("b", 1))}
-    monkeypatch.setattr(next_recording, "installed_effects", lambda: effects)
-    assert next_recording._plausible("function_of_rate") == ["b", "a"]
-    assert next_recording._plausible("function_of_time") == []
-
-
 def test_every_name_that_a_class_states_is_an_effect():
-    """And every function without physics that it looks like is one that the diagnosis tries."""
+    """And the table of causes has an entry for each effect of the library."""
     effects = installed_effects()
-    functions = {getattr(each, "name", "") for each in vars(rivals).values()}
     for effect in effects.values():
-        named = [getattr(effect, fact, ()) for fact in ("may_be", "limit_of", "nearly_within")]
+        named = [getattr(effect, fact, ()) for fact in ("limit_of", "nearly_within")]
         assert set(chain.from_iterable(named)) <= effects.keys()
-        assert effect.looks_like.keys() <= functions
+    assert {cause.name for cause in CAUSES} >= NAMES

@@ -9,7 +9,7 @@ from tam_calibration.effects.grades import FEWEST
 from tam_calibration.effects.quantization import find_lattices
 from tam_calibration.gap.laws.candidates import Candidate
 from tam_calibration.gap.laws.curve import curve_of
-from tam_calibration.gap.laws.decisions import LATTICE, LEAST_EVIDENCE, LEAST_SHARE, MANY, TIE, TOLERANCE
+from tam_calibration.gap.laws.decisions import LATTICE, LEAST_EVIDENCE, LEAST_SHARE, MANY, SHEET, TIE, TOLERANCE
 from tam_calibration.gap.laws.find import Found, predictive_laws
 from tam_calibration.gap.laws.law import SCALAR, Place, Signature
 from tam_calibration.gap.laws.patterns import AXES
@@ -60,6 +60,8 @@ def laws_of(model: Model, residual: Residual, gap: float) -> tuple[Law, ...]:
     gap : float
         Energy of the whole gap, of which each law has its share.
     """
+    if residual.excess + 2 * SHEET * residual.size < LEAST_SHARE * gap:
+        return ()
     whole, total = max(gap, 1.0), float((residual.z**2).sum())
     laws, found = _signatures(model, residual, whole)
     fits = [*((one,) for one in found), *(() for _ in laws[len(found) :])]

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 import tam_calibration.gap.laws as laws
-from tam_calibration.gap.laws.signature import signature_of
+from tam_calibration.gap.laws.signature import laws_of
+from tam_calibration.gap.laws.whitened import residual_of
 
 
 def signature(run):
     """Return the signature of a run."""
-    return signature_of(run.model())
+    residual = residual_of(run.model())
+    return tuple(law.signature for law in laws_of(run.model(), residual, residual.excess))
 
 
 def episodes(time_s):
