@@ -17,7 +17,15 @@ from tam_calibration.cli.terminal import (
     showing_progress,
 )
 from tam_calibration.fleet.missions import ParameterDrift, all_drifts, all_missions
-from tam_calibration.fleet.rows import COUNTS_HEADER, DRIFT_HEADER, count_rows, drift_row, largest, open_points
+from tam_calibration.fleet.rows import (
+    COUNTS_HEADER,
+    DRIFT_HEADER,
+    count_rows,
+    drift_row,
+    largest,
+    law_points,
+    open_points,
+)
 from tam_calibration.fleet.task import Result
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.extras import require
@@ -29,6 +37,7 @@ from tam_calibration.report.blocks import Block, Table, Text
 def _blocks(results: Sequence[Result], drifts: Sequence[ParameterDrift], missions: Sequence[str]) -> list[Block]:
     """Return counts by platform, the drifts that stand out most, and which platforms have none."""
     blocks: list[Block] = [Table(COUNTS_HEADER, count_rows(results), "What was found")]
+    blocks += [Text(f"Law of the gap: {words}.") for words in law_points(results)[:_FEW]]
     if drifts:
         rows = [drift_row(found)[:-1] for found in drifts]
         blocks.append(Table(DRIFT_HEADER[:-1], rows, "Largest drift of each kind, ± standard errors"))
@@ -36,7 +45,7 @@ def _blocks(results: Sequence[Result], drifts: Sequence[ParameterDrift], mission
 
 
 _FEW = 5
-"""Open points that a summary names."""
+"""Open points, and laws, that a summary names."""
 
 
 def _answer(results: Sequence[Result], points: Sequence[str]) -> str:

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from datetime import UTC, datetime
 
 from tam_calibration.fleet.missions import ParameterDrift, by_platform
 from tam_calibration.fleet.task import ANSWERS, Result
@@ -29,6 +30,28 @@ def causes_of(results: Sequence[Result]) -> dict[str, int]:
     """Return in how many recordings each cause was found, the most frequent first."""
     causes = Counter(cause for result in results if result.gap for cause in result.gap["causes"])
     return dict(sorted(causes.items(), key=lambda item: (-item[1], item[0])))
+
+
+def law_points(results: Sequence[Result]) -> list[str]:
+    """Return each law of a gap of each platform, in how many recordings it is and since when, the most frequent first.
+
+    Parameters
+    ----------
+    results : sequence of Result
+        Sorted by platform and time.
+    """
+    groups: dict[tuple[str, str], list[Result]] = {}
+    for result in results:
+        for law in () if result.gap is None else result.gap.get("laws", ()):
+            groups.setdefault((result.platform, law), []).append(result)
+    ranked = sorted(groups.items(), key=lambda item: -len(item[1]))
+    return [f"{platform}, {law}: {_occurrences(some)}" for (platform, law), some in ranked]
+
+
+def _occurrences(results: Sequence[Result]) -> str:
+    begins = [result.time_span_s[0] for result in results if result.time_span_s]
+    since = f", since {datetime.fromtimestamp(min(begins), UTC):%Y-%m-%d}" if begins else ""
+    return f"{len(results)} recording{'s' * (len(results) > 1)}{since}"
 
 
 COUNTS_HEADER = ("platform", *COLUMNS, "causes")

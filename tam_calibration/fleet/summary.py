@@ -31,6 +31,7 @@ from tam_calibration.fleet.rows import (
     count_rows,
     counts_of,
     drift_row,
+    law_points,
     open_points,
 )
 from tam_calibration.fleet.task import Result
@@ -112,6 +113,8 @@ def _overview(results: Sequence[Result]) -> Section:
     words = f"{count(settled)} of {_number(len(results), 'recording')} without a failure and without an open gap."
     verdict = Text(words, "doubt" if points else "good")
     blocks: list[Block] = [verdict, Table(COUNTS_HEADER, count_rows(results))]
+    if laws := law_points(results):
+        blocks += [Text("Laws of the gaps, whatever causes them:"), Points(laws)]
     if points:
         blocks.append(Points(points))
     return Section("What was found", blocks)

@@ -22,6 +22,7 @@ from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused, printable
 from tam_calibration.model.recording import SampleSource
+from tam_calibration.model.sensors_in_words import numbered
 from tam_calibration.recordings import array_to_mapping, read_array, read_samples
 from tam_calibration.recordings.bag_storages import is_bag
 from tam_calibration.recordings.fit_with_usage import fit_with_usage
@@ -350,7 +351,27 @@ def _in_short(content: dict[str, Any]) -> dict[str, Any]:
         "statement": content["statement"],
         **{key: content["gap"][key] for key in ("before", "after", "closed")},
         "causes": [cause["effect"] for cause in content["causes"]],
+        "laws": [_law_in_short(law) for law in content["signature"]],
     }
+
+
+_COURSES = {
+    "step": "that steps",
+    "episodes": "that comes and goes",
+    "slow": "that drifts",
+    "random": "that changes at random",
+    "motion": "that goes with the motion",
+    "constant": "that stays the same",
+}
+"""Courses in words; of the others the channel or the tone is named."""
+
+
+def _law_in_short(law: dict[str, Any]) -> str:
+    """Return a law as it may come again in other recordings: place, what it does, and its course."""
+    numbers = [sensor for sensor in law["sensors"] if isinstance(sensor, int)]
+    place = numbered(numbers) if numbers else str(law["sensors"][0])
+    course = _COURSES.get(law["course"], f"that follows {law['follows']}")
+    return f"{place}: {law['law'].replace('_', ' ')} {course}"
 
 
 def _correct(task: Task, calibration: Calibration, folder: Path) -> str:

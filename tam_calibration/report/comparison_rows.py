@@ -72,7 +72,7 @@ def difference_blocks(comparison: result.Comparison) -> list[Block]:
     """Return the effects that one side lacks or has otherwise, with parameters; empty where there are none."""
     rows = difference_rows(comparison)
     laws = law_blocks(comparison)
-    return laws + [Table(_DIFFERENCES_HEADER, rows, numeric=False), *parameter_tables(comparison)] if rows else laws
+    return [*laws, Table(_DIFFERENCES_HEADER, rows, numeric=False), *parameter_tables(comparison)] if rows else laws
 
 
 def noise_blocks(comparison: result.Comparison) -> list[Block]:
