@@ -1,14 +1,14 @@
 """The search for the causes of a gap: for each law, the strongest first, an effect that leaves nothing of it."""
 
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import log
 
 from tam_calibration.effects.effect import Effect, LinearEffect
 from tam_calibration.effects.grades import MINOR
 from tam_calibration.effects.library import effect_named, installed_effects
 from tam_calibration.gap.hypothesis import EVERYWHERE, Hypothesis, given_form, places_of, sensors_of
-from tam_calibration.gap.laws.causes import makes, may_make
+from tam_calibration.gap.laws.causes import acts_at, makes, may_make
 from tam_calibration.gap.laws.law import ATTITUDE, SCALAR, Place, Signature
 from tam_calibration.gap.laws.signature import Law, laws_of
 from tam_calibration.gap.laws.whitened import Residual, residual_of
@@ -28,6 +28,9 @@ LARGEST_REST = 1.0
 
 _MOST_CAUSES = 4
 """Causes of one gap, at most: more cannot be told apart."""
+
+_CHANNELS = ("temperature_C", "current_A")
+"""Channels that go with time and not with the motion."""
 
 _MOST_TRIED = 4
 """Effects that are fitted to explain one law, at most: those with the most evidence."""
@@ -134,7 +137,7 @@ class _CauseSearch:
             )
             if law is None:
                 break
-            left = self._explain(law)
+            left = self._explain(law, [one for one in remaining if one is not law])
             if left is None:
                 unexplained.add(_key(law))
                 continue
@@ -155,19 +158,19 @@ class _CauseSearch:
         places = {sensor for step in self._steps for sensor in step.law.sensors}
         return law.signature.energy < MINOR and not places.isdisjoint(law.signature.sensors)
 
-    def _explain(self, law: Law) -> Residual | None:
+    def _explain(self, law: Law, others: Sequence[Law]) -> Residual | None:
         """Accept the first effect that leaves nothing of a law; return what it leaves, or None without one."""
         base = self._model.base()
         candidates = list(self._candidates(base, law))
         for one, offers in candidates:
-            left = self._accept([one], law, offers)
+            left = self._accept([one], law, others, offers)
             if left is not None:
                 return left
         for one, offers in candidates:
             chain = [one]
             while (again := self._repeated(chain, law, offers)) is not None:
                 chain.append(again)
-                left = self._accept(chain, law, offers)
+                left = self._accept(chain, law, others, offers)
                 if left is not None:
                     return left
         return None
@@ -182,14 +185,29 @@ class _CauseSearch:
                     yield chosen, offers
                 seen.add(chosen.effect)
 
-    def _accept(self, chain: Sequence[Evidence], law: Law, offers: Sequence[Evidence]) -> Residual | None:
+    def _accept(
+        self, chain: Sequence[Evidence], law: Law, others: Sequence[Law], offers: Sequence[Evidence]
+    ) -> Residual | None:
         """Accept an effect, or several forms of it, that leaves nothing of a law; return what it leaves."""
         model, steps = self._with(chain, law, offers)
         left = residual_of(model)
-        if isinstance(chain[-1].form, Hypothesis) and not law.is_gone_from(left):
+        if isinstance(chain[-1].form, Hypothesis) and not law.is_gone_from(left, others):
+            return None
+        if self._is_any_course(chain[0], law, others):
             return None
         self._model, self._steps = model, steps
         return left
+
+    def _is_any_course(self, offer: Evidence, law: Law, others: Sequence[Law]) -> bool:
+        """Say whether a law that follows no channel is explained by one as well that is played backwards in time."""
+        effect, recording = effect_named(offer.effect), self._model.recording
+        courses = {name: getattr(recording, name) for name in _CHANNELS if name in effect.channels}
+        if not courses or law.signature.course == "channel":
+            return False
+        backwards = {name: course[::-1] for name, course in courses.items()}
+        model = replace(self._model, recording=replace(recording, **backwards))
+        found = examine(model.base(), effect, _sensors_of(law.signature, effect, model.base()))
+        return isinstance(found, Evidence) and law.is_gone_from(residual_of(model.accept(found.form)), others)
 
     def _repeated(self, chain: Sequence[Evidence], law: Law, offers: Sequence[Evidence]) -> Evidence | None:
         """Return the next form of an effect that may happen more than once; None without evidence for it."""
@@ -197,7 +215,7 @@ class _CauseSearch:
         if not effect.may_repeat or len(self._steps) + len(chain) == _MOST_CAUSES:
             return None
         model, steps = self._with(chain, law, offers)
-        again = examine(model.base(), effect, _sensors_of(law.signature, model.recording.sensor_count))
+        again = examine(model.base(), effect, _sensors_of(law.signature, effect, model.base()))
         if isinstance(again, str) or again.delta_bic < LEAST_EVIDENCE or not is_new(again, steps, model.base()):
             return None
         step_s = model.base().channels.covariates.step_s
@@ -220,21 +238,26 @@ class _CauseSearch:
         """
         signature = law.signature
         own = [name for name in self._effects if may_make(name, signature)]
-        sensors = _sensors_of(signature, base.channels.recording.sensor_count)
         others = [name for name in self._effects if not makes(name, signature)]
-        explained = (1 - MINOR) * law.part * base.energy
         if not law.found:
-            yield [one for one in self._examined(base, others, sensors) if energy_explained(one, base) > explained]
-        yield sorted(self._examined(base, own, sensors), key=lambda one: not one.is_certain)
+            yield self._others(base, others, law)
+        yield sorted(self._examined(base, own, signature), key=lambda one: not one.is_certain)
         if law.found:
-            yield [one for one in self._examined(base, others, sensors) if energy_explained(one, base) > explained]
+            yield self._others(base, others, law)
 
-    def _examined(self, base: Base, names: Sequence[str], sensors: frozenset[int]) -> list[Evidence]:
+    def _others(self, base: Base, names: Sequence[str], law: Law) -> list[Evidence]:
+        """Return effects that do otherwise than a law, and yet predict as much, or are certain."""
+        examined = self._examined(base, names, law.signature)
+        least = (1 - MINOR) * law.part * base.energy
+        predictive = [one for one in examined if isinstance(one.form, Hypothesis) or one.is_certain]
+        return [one for one in predictive if energy_explained(one, base) > least]
+
+    def _examined(self, base: Base, names: Sequence[str], law: Signature) -> list[Evidence]:
         """Return the evidence for effects that are new, the most first."""
         found = []
         for number, name in enumerate(names):
             self._tell(name, (len(self._steps) + number / len(names)) / (_MOST_CAUSES + 1))
-            evidence = self._evidence(base, self._effects[name], sensors)
+            evidence = self._evidence(base, self._effects[name], law)
             if evidence is not None and evidence.delta_bic > LEAST_EVIDENCE and is_new(evidence, self._steps, base):
                 found.append(evidence)
         sharp = sharpened(base, found)
@@ -242,11 +265,11 @@ class _CauseSearch:
             self._weighed |= {one.effect: one for one in sharp}
         return sorted(sharp, key=lambda one: -one.delta_bic)
 
-    def _evidence(self, base: Base, effect: Effect, sensors: frozenset[int]) -> Evidence | None:
+    def _evidence(self, base: Base, effect: Effect, law: Signature) -> Evidence | None:
         jump = self._nominal.gross
         if not self._steps and jump is not None and jump.effect == effect.name and isinstance(effect, LinearEffect):
             return evidence_of(base, given_form(base, effect, jump))
-        evidence = examine(base, effect, sensors)
+        evidence = examine(base, effect, _sensors_of(law, effect, base))
         if not self._steps and isinstance(evidence, Evidence):
             self._weighed[effect.name] = evidence
         elif isinstance(evidence, str):
@@ -261,17 +284,19 @@ def _key(law: Law) -> _Key:
     return law.signature.law, law.signature.sensors
 
 
-def _sensors_of(law: Signature, sensor_count: int) -> frozenset[int]:
-    """Return the sensors in which a law may sit as effects count them; empty where that is everywhere."""
+def _sensors_of(law: Signature, effect: Effect, base: Base) -> frozenset[int]:
+    """Return the sensors in which an effect may make a law, as effects count them; empty where that is everywhere."""
     sensors = {one for place in law.places for one in place}
-    if ATTITUDE[0] in sensors or sensors >= set(range(1, sensor_count + 1)):
+    every = set(range(1, base.channels.recording.sensor_count + 1))
+    acts_there = any(acts_at(effect.name, place) for place in law.places)
+    if ATTITUDE[0] in sensors or sensors >= every or not acts_there:
         return EVERYWHERE
     return frozenset(SCALAR_ROW if one == SCALAR[0] else int(one) - 1 for one in sensors)
 
 
 def _is_plausible(base: Base, offer: Evidence, law: Signature) -> bool:
     """Say whether an effect acts where a law is, and with no value that is larger than any in nature."""
-    places = _sensors_of(law, base.channels.recording.sensor_count)
+    places = _sensors_of(law, effect_named(offer.effect), base)
     if places and places.isdisjoint(sensors_of(places_of(offer.form))):
         return False
     if not isinstance(offer.form, Hypothesis):

@@ -51,8 +51,17 @@ class Found:
         residual : Residual
             Of the same samples, such as with a cause taken off.
         """
-        own = residual.taking(self.residual.live).scaled(self.residual.noise**-0.5)
-        return predicted_energy(own, self.best) / self.residual.noise
+        return predicted_energy(self._alike(residual), self.best) / self.residual.noise
+
+    def taken_off(self, residual: Residual) -> Residual:
+        """Return another residual of the same samples without the law, fitted anew."""
+        alike = self._alike(residual)
+        factor = self.residual.noise**-0.5
+        return residual.without(self.best.signal(residual.scaled(factor), self.best.fitted(alike)) * factor)
+
+    def _alike(self, residual: Residual) -> Residual:
+        """Return another residual with the samples and in the units of the one in which the law was found."""
+        return residual.taking(self.residual.live).scaled(self.residual.noise**-0.5)
 
 
 def predictive_laws(residual: Residual, positions_m: FloatArray, whole: float) -> tuple[list[Found], Residual]:
@@ -156,7 +165,7 @@ def _accepted(residual: Residual, tried: list[Candidate]) -> Iterator[tuple[Cand
         ]
         simpler = [one for one in simpler if one is first or _freedom(one) <= _freedom(first) - 1]
         best = min(simpler, key=lambda one: (_freedom(one), -one.evidence))
-        predicted = min(predicted_energy(residual, best), max(residual.excess, 1.0))
+        predicted = predicted_energy(residual, best)
         if predicted > LEAST_EVIDENCE:
             yield best, predicted
 

@@ -1,11 +1,12 @@
 """The signature of a gap: its laws with their places, courses and shares, as the answer states them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.grades import FEWEST
+from tam_calibration.effects.grades import FEWEST, NOTABLE
 from tam_calibration.effects.quantization import find_lattices
 from tam_calibration.gap.laws.candidates import Candidate
 from tam_calibration.gap.laws.curve import curve_of
@@ -42,10 +43,23 @@ class Law:
         """Energy that it predicts out of sample, in units of the noise."""
         return sum(one.predicted for one in self.found)
 
-    def is_gone_from(self, residual: Residual) -> bool:
-        """Say whether the residual of a model with one more cause has too little of the law for a law of its own."""
+    def is_gone_from(self, residual: Residual, others: Sequence["Law"]) -> bool:
+        """Say whether the residual of a model with one more cause has too little of the law for a law of its own.
+
+        Of a law that follows a channel or a tone, which few causes do, it may have more.
+
+        Parameters
+        ----------
+        residual : Residual
+            Of the model with the cause.
+        others : sequence of Law
+            Laws beside this one, which are taken off before.
+        """
+        for one in (found for law in others for found in law.found):
+            residual = one.taken_off(residual)
         left = sum(one.left_in(residual) for one in self.found)
-        return left < max(LEAST_SHARE * self.predicted, LEAST_EVIDENCE)
+        part = NOTABLE if self.signature.course in ("channel", "tone") else LEAST_SHARE
+        return left < max(part * self.predicted, LEAST_EVIDENCE)
 
 
 def laws_of(model: Model, residual: Residual, gap: float) -> tuple[Law, ...]:
@@ -178,7 +192,7 @@ def _of_found(found: Found, residual: Residual, whole: float) -> Signature:
         best.course,
         places[0],
         pattern.axes,
-        min(found.predicted / whole, 1.0),
+        min(found.predicted, max(found.residual.excess / found.residual.noise, 1.0)) / whole,
         places,
         best.follows or pattern.follows or ("motion" if best.course == "motion" else None),
         _times(best, residual),
