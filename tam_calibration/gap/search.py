@@ -1,7 +1,7 @@
 """The search for the causes of a gap: for each law, the strongest first, an effect that leaves nothing of it."""
 
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import log
 
 from tam_calibration.effects.effect import Effect, LinearEffect
@@ -29,8 +29,6 @@ LARGEST_REST = 1.0
 _MOST_CAUSES = 4
 """Causes of one gap, at most: more cannot be told apart."""
 
-_CHANNELS = ("temperature_C", "current_A")
-"""Channels that go with time and not with the motion."""
 
 _MOST_TRIED = 4
 """Effects that are fitted to explain one law, at most: those with the most evidence."""
@@ -193,21 +191,8 @@ class _CauseSearch:
         left = residual_of(model)
         if isinstance(chain[-1].form, Hypothesis) and not law.is_gone_from(left, others):
             return None
-        if self._is_any_course(chain[0], law, others):
-            return None
         self._model, self._steps = model, steps
         return left
-
-    def _is_any_course(self, offer: Evidence, law: Law, others: Sequence[Law]) -> bool:
-        """Say whether a law that follows no channel is explained by one as well that is played backwards in time."""
-        effect, recording = effect_named(offer.effect), self._model.recording
-        courses = {name: getattr(recording, name) for name in _CHANNELS if name in effect.channels}
-        if not courses or law.signature.course == "channel":
-            return False
-        backwards = {name: course[::-1] for name, course in courses.items()}
-        model = replace(self._model, recording=replace(recording, **backwards))
-        found = examine(model.base(), effect, _sensors_of(law.signature, effect, model.base()))
-        return isinstance(found, Evidence) and law.is_gone_from(residual_of(model.accept(found.form)), others)
 
     def _repeated(self, chain: Sequence[Evidence], law: Law, offers: Sequence[Evidence]) -> Evidence | None:
         """Return the next form of an effect that may happen more than once; None without evidence for it."""
