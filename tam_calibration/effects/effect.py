@@ -253,8 +253,6 @@ class LinearEffect(Effect):
         Whether it belongs to where the recording was made: it does not go with the array to another place.
     is_of_one_sensor : bool
         Whether it is a fault of a single sensor: two that have it have two, each with a shape of its own.
-    is_of_each_sensor : bool
-        Whether each sensor may have it in a form of its own, so that two forms tell what several sensors do.
     is_step : bool
         Whether it changes at the times of its shape, and is constant between them.
     has_exact_shapes : bool
@@ -275,7 +273,6 @@ class LinearEffect(Effect):
     is_causal: ClassVar[bool] = True
     is_of_site: ClassVar[bool] = False
     is_of_one_sensor: ClassVar[bool] = False
-    is_of_each_sensor: ClassVar[bool] = False
     is_step: ClassVar[bool] = False
     has_exact_shapes: ClassVar[bool] = False
     limit_of: ClassVar[tuple[str, ...]] = ()

@@ -87,7 +87,9 @@ def _curved(against: AgainstOthers) -> list[NDArray[np.intp]]:
     samples = np.flatnonzero(straight.which >= 0)
     rows = np.split(samples, np.flatnonzero(np.diff(samples) >= FEWEST) + 1)
     filled = [np.arange(row[0], row[-1] + 1) for row in rows]  # the field itself may go straight for a sample or two
-    return [row for row in filled if len(row) >= FEWEST]
+    readings = against.residuals.recording.readings_T[:, against.sensor]
+    # A reading that is held follows no line between two others.
+    return [row for row in filled if len(row) >= FEWEST and np.ptp(readings[row], axis=0).any()]
 
 
 def _curvatures(against: AgainstOthers) -> tuple[FloatArray, FloatArray]:

@@ -31,7 +31,7 @@ from tam_calibration.gap.search import LARGEST_REST, Search
 from tam_calibration.gap.size import measure, noise_variance
 from tam_calibration.gap.support import LEAST_EVIDENCE, Step
 from tam_calibration.gap.where import locate, sensors_and_axes
-from tam_calibration.model.fitted_effect import FittedEffect
+from tam_calibration.model.fitted_effect import ALL, FittedEffect
 from tam_calibration.model.sensors_in_words import numbered
 from tam_calibration.model.units import FloatArray, to_nanotesla
 
@@ -207,7 +207,7 @@ def verdict_on(found: Search, size: Size, variance: float) -> Verdict:
         return "no_gap" if not found.laws and variance < LARGEST_NOISE**2 else "unexplained"
     if size.closed < NOTABLE:  # Such a part may only be the correlation of the causes with an unknown one.
         return "unexplained"
-    is_whole = found.open_part < MINOR and size.closed > MOST and size.after < LARGEST_REST
+    is_whole = found.is_whole and size.closed > MOST and size.after < LARGEST_REST
     return "explained" if is_whole else "partly_explained"
 
 
@@ -270,12 +270,11 @@ def conclude(found: Search) -> Gap:
     checks = checks_of(residue.time_s, residue.direction, residue.after, residue.floor_T, noise)
     chances = probabilities(found, verdict, size, checks.departures)
     causes = _causes(found, model, size, chances, variance) if is_named else ()
-    places = [place for cause in causes for place in _places(cause.fitted, base.channels.covariates)]
     has_gap = verdict != "no_gap"
     gap = Gap(
         verdict,
         size,
-        locate(base.channels, places, found.laws, variance) if has_gap else Where(),
+        locate(base.channels, causes, found.laws, variance) if has_gap else Where(),
         causes,
         _considered(found, causes),
         chances,
@@ -287,7 +286,7 @@ def conclude(found: Search) -> Gap:
         smallest_gap=smallest_gap(nominal.channels().count),
         checks=checks,
         remainder=_remainder(verdict, size),
-        signature=tuple(law.signature for law in found.laws) if has_gap else (),
+        signature=found.signature if has_gap else (),
         remaining=tuple(law.signature for law in found.remaining) if is_named else (),
     )
     return _stated(gap, found)
@@ -342,7 +341,10 @@ def _causes(
     covariates = model.channels().covariates
     causes = []
     for step, effect, weight in zip((*linear, *others), (*fitted, *findings), weights, strict=True):
-        sensors, axes = sensors_and_axes(_places(effect, covariates), model.recording)
+        places = _places(effect, covariates)
+        sensors, axes = sensors_and_axes(places, model.recording)
+        if isinstance(step.accepted.form, Finding) and ALL in sensors_of(places):
+            sensors = step.law.sensors
         causes.append(
             Cause(
                 effect,

@@ -9,6 +9,7 @@ from tam_calibration.effects.grades import MINOR
 from tam_calibration.effects.library import effect_named, installed_effects
 from tam_calibration.gap.hypothesis import EVERYWHERE, Hypothesis, given_form, places_of, sensors_of
 from tam_calibration.gap.laws.causes import acts_at, makes, may_make
+from tam_calibration.gap.laws.decisions import LEAST_SHARE
 from tam_calibration.gap.laws.law import ATTITUDE, SCALAR, Place, Signature
 from tam_calibration.gap.laws.signature import Law, laws_of
 from tam_calibration.gap.laws.whitened import Residual, residual_of
@@ -18,6 +19,7 @@ from tam_calibration.gap.result import Considered
 from tam_calibration.gap.size import Evidence, energy_explained, evidence_of, examine, sharpened, usable
 from tam_calibration.gap.support import LEAST_EVIDENCE, Step, absorbed, changes_of, is_new, is_step, special_case
 from tam_calibration.model.array import Array
+from tam_calibration.model.fitted_effect import ALL
 from tam_calibration.model.fitted_effect import SCALAR as SCALAR_ROW
 from tam_calibration.model.recording import Recording
 
@@ -61,6 +63,12 @@ class Search:
     considered: tuple[Considered, ...]
 
     @property
+    def signature(self) -> tuple[Signature, ...]:
+        """The laws of the gap, the strongest first: those that causes explain, and those beside or without them."""
+        laws = dict.fromkeys([*(step.law for step in self.steps), *(law.signature for law in self.remaining)])
+        return tuple(sorted(laws, key=lambda one: -one.energy))
+
+    @property
     def open_part(self) -> float:
         """Part of the energy of all laws that the causes leave, 0 to 1."""
         before, after = self.nominal.base().energy, self.model.base().energy
@@ -68,11 +76,17 @@ class Search:
         return left / max(left + before - after, 1.0)
 
     @property
+    def is_whole(self) -> bool:
+        """Whether the causes explain the laws: they leave a small part in their sensors, and nothing elsewhere."""
+        own = {sensor for step in self.steps for sensor in step.law.sensors}
+        elsewhere = any(own.isdisjoint(law.signature.sensors) for law in self.remaining)
+        return self.open_part < MINOR and not elsewhere
+
+    @property
     def is_clean(self) -> bool:
         """Whether the causes leave nothing but noise."""
         base = self.model.base()
-        is_small = base.energy < (1 + LARGEST_REST**2) * base.channels.count
-        return is_small and self.open_part < MINOR and (bool(self.steps) or not self.laws)
+        return self.is_whole and base.energy < (1 + LARGEST_REST**2) * base.channels.count
 
     @property
     def evidence(self) -> float:
@@ -127,12 +141,11 @@ class _CauseSearch:
         """Return the causes of the laws, and what they leave."""
         residual = residual_of(self._nominal)
         gap = residual.excess
+        self._tell("laws", 0.0)
         laws = remaining = laws_of(self._nominal, residual, gap)
         explained, unexplained = set[_Key](), set[_Key]()
         while len(self._steps) < _MOST_CAUSES:
-            law = next(
-                (one for one in remaining if _key(one) not in unexplained and not self._is_model_error(one)), None
-            )
+            law = next((one for one in remaining if _key(one) not in unexplained and not self._is_small(one)), None)
             if law is None:
                 break
             left = self._explain(law, [one for one in remaining if one is not law])
@@ -140,6 +153,7 @@ class _CauseSearch:
                 unexplained.add(_key(law))
                 continue
             explained.add(_key(law))
+            self._tell("laws", len(self._steps) / (_MOST_CAUSES + 1))
             remaining = tuple(one for one in laws_of(self._model, left, gap) if _key(one) not in explained)
         return Search(
             self._nominal,
@@ -151,10 +165,14 @@ class _CauseSearch:
             tuple(self._considered.values()),
         )
 
-    def _is_model_error(self, law: Law) -> bool:
-        """Say whether a law is a small part of the gap in sensors of a cause, whose model is right to some per cent."""
+    def _is_small(self, law: Law) -> bool:
+        """Say whether a law is too small to ask for a cause of it, mostly in sensors of a cause.
+
+        The models of causes are right to some per cent.
+        """
         places = {sensor for step in self._steps for sensor in step.law.sensors}
-        return law.signature.energy < MINOR and not places.isdisjoint(law.signature.sensors)
+        least = LEAST_SHARE if places.isdisjoint(law.signature.sensors) else MINOR
+        return law.signature.energy < least and bool(self._steps)
 
     def _explain(self, law: Law, others: Sequence[Law]) -> Residual | None:
         """Accept the first effect that leaves nothing of a law; return what it leaves, or None without one."""
@@ -281,8 +299,8 @@ def _sensors_of(law: Signature, effect: Effect, base: Base) -> frozenset[int]:
 
 def _is_plausible(base: Base, offer: Evidence, law: Signature) -> bool:
     """Say whether an effect acts where a law is, and with no value that is larger than any in nature."""
-    places = _sensors_of(law, effect_named(offer.effect), base)
-    if places and places.isdisjoint(sensors_of(places_of(offer.form))):
+    places, own = _sensors_of(law, effect_named(offer.effect), base), sensors_of(places_of(offer.form))
+    if places and ALL not in own and places.isdisjoint(own):
         return False
     if not isinstance(offer.form, Hypothesis):
         return True

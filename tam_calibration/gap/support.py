@@ -99,13 +99,9 @@ def is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:
     base : Base
         The calibration with these causes.
     """
-    same_effect = [step.accepted for step in steps if step.accepted.effect == candidate.effect]
     sensors = sensors_of(places_of(candidate.form))
-    if isinstance(candidate.form, Hypothesis) and candidate.form.effect.is_of_one_sensor:
-        same_effect = [one for one in same_effect if sensors & sensors_of(places_of(one.form))]
-    if isinstance(candidate.form, Hypothesis) and candidate.form.effect.is_of_each_sensor:
-        of_one = [one for one in same_effect if len(sensors_of(places_of(one.form))) == 1]
-        same_effect = same_effect if len(same_effect) > 1 else of_one
+    there = [step.accepted for step in steps if sensors & sensors_of(places_of(step.accepted.form))]
+    same_effect = [one for one in there if one.effect == candidate.effect]
     if same_effect and not _effect_of(candidate).may_repeat:
         return False
     if any(_is_same(candidate, other, base) for other in same_effect):
@@ -115,7 +111,6 @@ def is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:
         return False
     if _effect_of(candidate).is_of_lone_samples and _are_many([candidate, *same_effect]):
         return False
-    there = [step.accepted for step in steps if sensors & sensors_of(places_of(step.accepted.form))]
     if any(_is_nested(candidate, other) for other in there):
         return False
     return not is_step(candidate) or changes_of([candidate, *there], base.channels.covariates.step_s) <= MOST_STEPS

@@ -7,7 +7,7 @@ import numpy as np
 from tam_calibration.effects.grades import MINOR, MOST
 from tam_calibration.gap.hypothesis import Place
 from tam_calibration.gap.laws.signature import Law
-from tam_calibration.gap.result import Where
+from tam_calibration.gap.result import Cause, Where
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.model.fitted_effect import ALL, SCALAR
 from tam_calibration.model.recording import Recording
@@ -63,21 +63,22 @@ def span_of(channels: WhitenedChannels, excess: FloatArray) -> tuple[float, floa
     return (low, high) if high - low < MOST * float(np.ptp(time_s)) else None
 
 
-def locate(channels: WhitenedChannels, causes: Iterable[Place], laws: Sequence[Law], variance: float) -> Where:
+def locate(channels: WhitenedChannels, causes: Sequence[Cause], laws: Sequence[Law], variance: float) -> Where:
     """Return where the gap of a nominal model lies.
 
     Parameters
     ----------
     channels : WhitenedChannels
         Of the nominal model.
-    causes : iterable of Place
-        Of the accepted causes; without any the place of the strongest law is returned.
+    causes : sequence of Cause
+        Without any the place of the strongest law is returned.
     laws : sequence of Law
         Of the gap.
     variance : float
         Of the channels' white noise.
     """
-    sensors, axes = sensors_and_axes(causes, channels.recording)
+    sensors = tuple(sorted({sensor for cause in causes for sensor in cause.sensors}, key=str))
+    axes = tuple(axis for axis in "xyz" if any(axis in cause.axes for cause in causes))
     if not sensors and laws:
         sensors, axes = laws[0].signature.sensors, laws[0].signature.axes
     excess = (channels.energy_per_sample / variance - channels.channels_per_sample) * channels.is_counted

@@ -306,7 +306,7 @@ def test_a_search_of_noise_has_no_steps(run):
 def test_progress_is_told(run):
     """Stages by name, from 0 to 1, never back within the first round."""
     told = []
-    made = run(200)
+    made = warmed(run(200))
     search(made.recording, made.array, progress=lambda what, part: told.append((what, part)))
     assert told[0] == ("nominal calibration", 0.0) and len(told) > 10
     assert all(0 <= part <= 1 for _, part in told)

@@ -16,6 +16,11 @@ TONE = Law(Signature("offset", "tone", (2,), ("y",), 0.9, ((2,),), "3.5 Hz", (),
 SLOW = Law(Signature("offset", "slow", (3,), ("z",), 0.1, ((3,),), None, (), 20.0), 0.1)
 
 
+def at(sensors, axes):
+    """Return what a place needs of a cause."""
+    return SimpleNamespace(sensors=sensors, axes=tuple(axes))
+
+
 @pytest.mark.parametrize(
     ("places", "sensors", "axes"),
     [
@@ -41,7 +46,7 @@ def test_an_intensity_that_is_taken_for_constant_is_seen_by_all(run):
 
 def test_where_with_causes_is_theirs(run):
     """The places of all causes together."""
-    where = locate(run(300).model().base().channels, [(0, 1), (2, 0), (2, 1)], [TONE], 1.0)
+    where = locate(run(300).model().base().channels, [at((1,), "y"), at((3,), "xy")], [TONE], 1.0)
     assert (where.sensors, where.axes) == ((1, 3), ("x", "y"))
 
 
@@ -73,11 +78,11 @@ def test_evidence_tells_the_two_kinds_of_channels_apart(run):
     """A scalar that is off shows in the common mode only; without one there is none to tell of."""
     made = run(600)
     base = made.with_row(12, 5e-9 * np.sin(0.4 * made.recording.time_s)).model().base()
-    evidence = locate(base.channels, [(SCALAR, None)], [], 1.0).evidence
+    evidence = locate(base.channels, [], [TONE], 1.0).evidence
     assert evidence["differential_chi_square"] == pytest.approx(1, abs=0.1)
     assert evidence["common_mode_chi_square"] > 5
     missing = replace(base.channels, precision=np.zeros(600))
-    evidence = locate(missing, [(0, 0)], [], 1.0).evidence
+    evidence = locate(missing, [], [TONE], 1.0).evidence
     assert np.isnan(evidence["common_mode_chi_square"])
     assert_allclose(evidence["differential_chi_square"], np.mean(base.channels.differential**2))
 

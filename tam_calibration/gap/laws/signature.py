@@ -10,7 +10,7 @@ from tam_calibration.effects.grades import FEWEST, NOTABLE
 from tam_calibration.effects.quantization import find_lattices
 from tam_calibration.gap.laws.candidates import Candidate
 from tam_calibration.gap.laws.curve import curve_of
-from tam_calibration.gap.laws.decisions import LATTICE, LEAST_EVIDENCE, LEAST_SHARE, MANY, SHEET, TIE, TOLERANCE
+from tam_calibration.gap.laws.decisions import LATTICE, LEAST_EVIDENCE, LEAST_SHARE, MANY, TIE, TOLERANCE
 from tam_calibration.gap.laws.find import Found, predictive_laws
 from tam_calibration.gap.laws.law import SCALAR, Place, Signature
 from tam_calibration.gap.laws.patterns import AXES
@@ -74,9 +74,7 @@ def laws_of(model: Model, residual: Residual, gap: float) -> tuple[Law, ...]:
     gap : float
         Energy of the whole gap, of which each law has its share.
     """
-    if residual.excess + 2 * SHEET * residual.size < LEAST_SHARE * gap:
-        return ()
-    whole, total = max(gap, 1.0), float((residual.z**2).sum())
+    whole, total = max(residual.excess, 1.0), float((residual.z**2).sum())
     laws, found = _signatures(model, residual, whole)
     fits = [*((one,) for one in found), *(() for _ in laws[len(found) :])]
     each = [Law(law, law.energy * whole / total, own) for law, own in zip(laws, fits, strict=True)]
@@ -85,7 +83,9 @@ def laws_of(model: Model, residual: Residual, gap: float) -> tuple[Law, ...]:
         for one in each
         if one.signature.energy >= LEAST_SHARE or (one.signature.law == "samples" and one.signature.evidence > 0)
     ]
-    return tuple(sorted(_merged(kept), key=lambda one: -one.signature.energy))
+    share = min(whole / max(gap, 1.0), 1.0)
+    ranked = sorted(_merged(kept), key=lambda one: -one.signature.energy)
+    return tuple(replace(law, signature=replace(law.signature, energy=share * law.signature.energy)) for law in ranked)
 
 
 def _signatures(model: Model, residual: Residual, whole: float) -> tuple[list[Signature], list[Found]]:

@@ -46,9 +46,9 @@ def test_the_places_of_a_law_count():
 
 def test_agreement_with_a_law():
     """An effect agrees with the laws that it can make; one of a plugin, which has no entry, with any."""
-    assert agrees("scale_step", [law("gain", "step")])
-    assert not agrees("scale_step", [law("offset", "step")])
-    assert agrees("effect_of_a_plugin", [law("offset", "step")])
+    assert agrees("scale_step", law("gain", "step"))
+    assert not agrees("scale_step", law("offset", "step"))
+    assert agrees("effect_of_a_plugin", law("offset", "step"))
 
 
 def test_the_page_is_that_of_the_table():
