@@ -54,7 +54,7 @@ def withheld():
 
 def test_a_temperature_that_only_rises_shall_rise_and_fall(doubtful):
     """Until then any other slow drift explains as much, and the sentence says so."""
-    found, gap = doubtful
+    _, gap = doubtful
     assert [cause.fitted.effect for cause in gap.causes] == ["temperature_drift"] and gap.causes[0].is_drift
     assert "or by anything else that changes as slowly" in gap.statement
     assert sentence(*doubtful).startswith("Let the channel of temperature drift rise and fall several times")
