@@ -4,7 +4,7 @@ Run ``python benchmarks/gap_constants.py [--quick] [--only NAME]… [--page PAGE
 check, made once, are diagnosed as the code stands and with one constant halved and doubled wherever it is imported. Of
 those whose diagnosis calls a function that reads the constant, an effect's is tried on those of the effect itself and
 three others. ``--quick`` runs nothing; ``--only`` measures the constants whose name contains some letters. What was
-measured stays in ``results/gap_constants.csv`` until the value changes. ``docs/gap_constants.md`` is written whole.
+measured stays in ``results/gap_constants.csv`` until the value changes. The page ``gap_constants.md`` is written next to this file.
 """
 
 import csv
@@ -47,7 +47,7 @@ from tam_validation.blind.folder import write_case
 from tam_validation.blind.outcome import Outcome
 
 RESULTS = Path(__file__).parent / "results" / "gap_constants.csv"
-PAGE = Path(__file__).parents[1] / "docs" / "gap_constants.md"
+PAGE = Path(__file__).parent / "gap_constants.md"
 SEED = 1207
 """Of recordings that nothing is tuned on or judged by."""
 

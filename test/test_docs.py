@@ -29,7 +29,8 @@ def site(tmp_path_factory):
 def test_every_page_is_in_the_navigation(site):
     """The first page leads to all others, those included that a list forgot."""
     first = (site / "index.html").read_text()
-    assert {path.stem for path in DOCS.glob("*.md")} <= set(re.findall(r'href="(\w+)\.html"', first))
+    pages = {path.relative_to(DOCS).with_suffix("").as_posix() for path in DOCS.rglob("*.md")}
+    assert pages <= set(re.findall(r'href="([\w/]+)\.html"', first))
 
 
 def test_every_picture_is_shown(site):
@@ -40,7 +41,7 @@ def test_every_picture_is_shown(site):
 @pytest.mark.parametrize("name", tam_calibration.__all__)
 def test_every_public_name_is_documented(site, name):
     """What the package gives to Python has its place on the page of its names."""
-    assert f'id="tam_calibration.{name}"' in (site / "api.html").read_text()
+    assert f'id="tam_calibration.{name}"' in (site / "reference" / "python.html").read_text()
 
 
 def test_rosdoc2_finds_the_pages():
@@ -55,7 +56,7 @@ def test_rosdoc2_finds_the_pages():
 
 def test_no_command_installs_into_the_python_of_the_system():
     """Where pip is called it is that of an environment: outside of one, Ubuntu's and Debian's Python refuses it."""
-    pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "Makefile", *DOCS.glob("*.md"), *DOCS.glob("*.rst")]
+    pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "Makefile", *DOCS.rglob("*.md"), *DOCS.glob("*.rst")]
     lines = [line for page in [*pages, *(ROOT / "benchmarks").glob("*.py")] for line in page.read_text().splitlines()]
     calls = [line for line in lines if re.search(r"\bpip3? install\b", line)]
     assert calls and [line for line in calls if not re.search(r"(/bin/|\$\(BIN\)/)pip install", line)] == []
