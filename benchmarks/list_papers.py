@@ -1,4 +1,4 @@
-"""Write into ``benchmarks/papers.md`` what of the papers is compared, from the kept results, and what is not, from the code.
+"""Write the tables of ``benchmarks/papers.md``: compared numbers from the kept results, all others from the code.
 
 Run ``python benchmarks/list_papers.py`` after ``tam reproduce all``; a test compares page, results and code.
 """

@@ -12,10 +12,10 @@ PAGE = Path(__file__).parent / "reference" / "causes.md"
 _HEAD = """\
 # Causes by their signature
 
-This page lists the causes that `tam diagnose` can name, with a test and a remedy for each. The diagnosis finds the *law* of a gap first:
-what the disturbance does to a reading, where, and its course in time. A cause is named if it can have that law. `docs/list_causes.py`
-writes this page; [effects](effects.md) lists those that the library can fit and simulate. The physics and source of each cause are in `causes.toml` and on the page
-of `tam diagnose --report`.
+This page lists the causes that `tam diagnose` can name, with a test and a remedy for each. The diagnosis finds the
+*law* of a gap first: what the disturbance does to a reading, where, and its course in time. A cause is named if it can
+have that law. `docs/list_causes.py` writes this page; [effects](effects.md) lists those that the library can fit and
+simulate. The physics and source of each cause are in `causes.toml` and on the page of `tam diagnose --report`.
 
 | law | what the disturbance does |
 |---|---|

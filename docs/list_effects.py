@@ -15,8 +15,9 @@ BEGIN, END = "<!-- effects: written by docs/list_effects.py -->\n", "<!-- end of
 _SIZES = """
 ## Largest sizes in nature
 
-A fit that asks for more is no finding. `sizes` in the JSON of `tam diagnose` has the source of each limit. If a coefficient has no size
-limit, the limit is for everything that the effect adds to a reading (root mean square over the recording).
+A fit that asks for more is no finding. `sizes` in the JSON of `tam diagnose` has the source of each limit. If a
+coefficient has no limit, the limit is for everything that the effect adds to a reading (root mean square over the
+recording).
 
 | effect | largest size |
 |---|---|
@@ -42,7 +43,8 @@ def effects_table() -> str:
 def _row(effect: Effect) -> str:
     title = effect.title[:1].upper() + effect.title[1:]
     channels = ", ".join(_CHANNELS[name] for name in effect.channels) or "none"
-    sources = dict.fromkeys(_short(text) for each in re.findall(r"\(([^()]*)\)", effect.physics) for text in each.split(";"))
+    texts = "; ".join(re.findall(r"\(([^()]*)\)", effect.physics)).split("; ")
+    sources = dict.fromkeys(map(_short, texts))
     return f"| `{effect.name}` | {title} | {'; '.join(filter(None, sources))} | {channels} | {effect.excitation} |"
 
 

@@ -98,7 +98,7 @@ _Fit = Callable[[SampleSource, Array], Calibration]
 @click.option("--method", default=DEFAULT_METHOD, show_default=True, help=f"One of {', '.join(METHODS)}.")
 @click.option(
     "--place",
-    help="LAT,LON,DATE of a recording without scalar: its intensity is that of IGRF there; beside --prior or "
+    help="LAT,LON,DATE of a recording without scalar: its intensity is that of IGRF there; with --prior or "
     "--attitude-noise-deg the field of IGRF counts with its error.",
 )
 @click.option(

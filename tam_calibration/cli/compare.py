@@ -41,7 +41,7 @@ from tam_calibration.results.comparison_json import Sources, comparison_to_mappi
     help="Array YAML of the simulation, where that is another one with as many sensors.",
 )
 @click.option("--json", "json_path", type=PATH, help="Write the result as JSON; - is stdout, instead of the tables.")
-@click.option("--report", type=PATH, help="Write an HTML page: what differs, drawn, and the mend to copy.")
+@click.option("--report", type=PATH, help="Write an HTML page: what differs, drawn, and the corrections to copy.")
 @click.option("--mend", type=PATH, help="Write what the simulation lacks, for tam simulate --from-comparison.")
 @click.option("--map-of-simulation", type=PATH, help="Map YAML of the simulation, if its names are others.")
 @reading_options

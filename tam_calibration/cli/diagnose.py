@@ -28,7 +28,7 @@ from tam_calibration.report.signature_rows import first_sentence, signature_bloc
 from tam_calibration.results import read_calibration
 from tam_calibration.results.results_json import gap_to_mapping
 
-_LEFT = "What is left with the causes, and the simulated twin does not have:"
+_LEFT = "What remains with the causes, and the simulated twin does not have:"
 
 
 def _blocks(gap: Gap) -> list[Block]:
@@ -64,7 +64,7 @@ _ANSWERS = ("no_gap", "explained")
     "--calibration",
     "calibration_path",
     type=terminal.PATH,
-    help="Calibration YAML whose effects are taken off first: what is left is the gap that they do not explain.",
+    help="Calibration YAML whose effects are removed first: the gap that they do not explain remains.",
 )
 @click.option(
     "--place",

@@ -60,21 +60,21 @@ class HeldWarnings(logging.Handler):
 
 
 SUBCOMMANDS = {
-    "simulate": "Make a recording of a known array and field, with the truth beside it.",
-    "inspect": "Show what a recording holds, what is odd, and what is taken as sensors.",
+    "simulate": "Make a recording of a known array and field, and write the truth too.",
+    "inspect": "Show what a recording contains, what is odd, and what is taken as sensors.",
     "calibrate": "Estimate the errors of an array's sensors from a recording.",
-    "diagnose": "Say where a recording and its simulation part, and which effect causes it.",
-    "compare": "Say what a simulator's recording has otherwise than a real one, and what mends the simulator.",
+    "diagnose": "Find what a recording contains beyond model and noise, and which effect causes it.",
+    "compare": "Compare a simulator's recording with a real one, and write corrections for the simulator.",
     "plan": "Propose the attitudes to record next, and what the standard errors will then be.",
     "correct": "Turn raw readings into the centre vector and the gradient tensor.",
     "export": "Write a calibration for PX4, ArduPilot, imu_tools, MicroStrain, C or JSON.",
-    "recover": "Write the whole messages of an unfinished or damaged bag to a new one.",
+    "recover": "Write the readable messages of an unfinished or damaged bag to a new one.",
     "locate": "Locate the source in a recording, steady or alternating.",
     "batch": "Calibrate, diagnose and correct many recordings, on all cores or on a Dask cluster.",
     "nodes": "Start the nodes together: collector, calibrator, corrector, localizer.",
     "play": "Play a bag onto its topics, to feed the nodes.",
     "call": "Call a service of the nodes, such as calibrator/calibrate.",
-    "demo": "Run the whole chain over ROS 2 and show what it gained.",
+    "demo": "Run the complete chain over ROS 2 and show what it gained.",
 }
 
 VALIDATION = {

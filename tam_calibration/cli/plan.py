@@ -56,7 +56,7 @@ def plan_turns(path: Path, array: Array, vehicle: Vehicle, inclination: float, a
 
 def _print(prior: Prior, before: float, turns: list[Turn]) -> None:
     now = (
-        f"Now, beside a prior {age_in_words(prior.elapsed_s)}: what is not known of the calibration adds "
+        f"Now, with a prior {age_in_words(prior.elapsed_s)}: what is not known of the calibration adds "
         f"{_percent(before)} to the variance of field and tensor that the noise makes."
     )
     rows = []
@@ -244,7 +244,7 @@ _ASSUMED_INCLINATION_DEG, _ASSUMED_INTENSITY_NT = 60.0, 50_000.0
     "--prior",
     "prior_path",
     type=PATH,
-    help="Calibration YAML: which turns of a vehicle buy most beside it per minute, as old as it is now.",
+    help="Calibration YAML, as old as it is now: which turns of a vehicle add most to it per minute.",
 )
 @click.option("--turn-rate-deg-s", type=Number(0.1, 180), help="Of a vehicle about each axis.  [default: 5]")
 @click.option("--sample-rate-hz", type=Number(0.1, 10_000), help="Of its sensors.  [default: 10]")
@@ -253,7 +253,7 @@ _ASSUMED_INCLINATION_DEG, _ASSUMED_INTENSITY_NT = 60.0, 50_000.0
 @click.option("--roll-limit-deg", type=float, help="Of such a vehicle.  [default: 0]")
 @click.option("--place", help="LAT,LON,DATE: inclination and intensity are those of IGRF there.")
 @click.option("--inclination-deg", type=Number(-90, 90), help="Of the field, positive downwards.")
-@click.option("--intensity-nT", "intensity_nT", type=Number(15e3, 100e3), help="Where no scalar tells it.")
+@click.option("--intensity-nT", "intensity_nT", type=Number(15e3, 100e3), help="If there is no scalar.")
 @click.option("--poses", type=click.IntRange(1, 200), default=12, show_default=True, help="Number of attitudes.")
 @click.option("--samples-per-pose", type=click.IntRange(1, 1_000_000), default=100, show_default=True)
 @reading_options
@@ -282,7 +282,7 @@ def command(
     """
     if place is not None:
         if inclination_deg is not None or intensity_nT is not None:
-            raise InputError("--place tells inclination and intensity: leave out --inclination-deg and --intensity-nT")
+            raise InputError("--place gives inclination and intensity: leave out --inclination-deg and --intensity-nT")
         field_T = field_at(place)
         intensity_nT = to_nanotesla(float(np.linalg.norm(field_T)))
         inclination_deg = to_degrees(float(np.arcsin(-to_nanotesla(field_T[2]) / intensity_nT)))
@@ -324,7 +324,7 @@ def _start(
     progress: Progress,
 ) -> PlanStart:
     if recording_path is not None and calibration_path is not None:
-        raise InputError("give either a recording or --calibration, which tells what its recording determines")
+        raise InputError("give either a recording or --calibration, which states what its recording determines")
     if calibration_path is not None:
         calibration = read_calibration(calibration_path)
         if not calibration.is_of(array):

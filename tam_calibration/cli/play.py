@@ -59,7 +59,7 @@ def _wait(player: "Player") -> None:
     for name in player.unknown_types:
         say(f"not played: {name} is not installed here", err=True)
     if not player.wait_for_subscribers(WAIT_S):
-        say(f"nobody listens to {', '.join(player.unheard())}; playing all the same", err=True)
+        say(f"no subscriber for {', '.join(player.unheard())}; playing all the same", err=True)
 
 
 def _show(player: "Player", loop: bool) -> None:

@@ -63,7 +63,7 @@ def parse_mapping(text: str) -> dict[str, Any]:
         When it is not YAML, no mapping, too large or too deep, or names types.
     """
     if len(text) > MOST_CHARACTERS:
-        raise InputError(f"it has {len(text)} characters, more than {MOST_CHARACTERS}: this is none of our files")
+        raise InputError(f"it has {len(text)} characters, more than {MOST_CHARACTERS}: this is not one of our files")
     try:
         content = _Reader(text).document()
     except yaml.MarkedYAMLError as problem:
@@ -148,7 +148,7 @@ class _Reader:
     def _count(self, event: Any, level: int) -> None:
         self._nodes += 1
         if self._nodes > MOST_NODES:
-            raise _fault(event, f"there are more than {MOST_NODES} keys and values: this is none of our files")
+            raise _fault(event, f"there are more than {MOST_NODES} keys and values: this is not one of our files")
         if level > MOST_LEVELS:
             raise _fault(event, f"more than {MOST_LEVELS} lists and mappings lie within each other")
 

@@ -139,7 +139,7 @@ def _standard_errors(calibration: Calibration) -> str:
 def _geometry(calibration: Calibration) -> str:
     if calibration.array.sensor_count < _FEWEST_FOR_GRADIENT or calibration.array.has_gradient:
         return ""
-    return "the sensors stand in one line, so that the outputs have no gradient: place one sensor beside that line"
+    return "the sensors lie on one line, so the outputs have no gradient: place one sensor off that line"
 
 
 def _first_sensor(calibration: Calibration) -> str:

@@ -66,7 +66,7 @@ class TurningScalar:
         """What it is and what became of it, for people."""
         counts = "so that only its mean counts" if self.is_most else "in part, which the standard errors hold"
         size = f"{to_nanotesla(self.size_T):.2g} nT"
-        return f"{FOLLOWS} by {size}, as beside a magnet or a current, {counts}: move it away, or fit its heading error"
+        return f"{FOLLOWS} by {size}, as near a magnet or a current, {counts}: move it away, or fit its heading error"
 
 
 def turning_scalar(recording: SampleSource, array: Array) -> TurningScalar | None:

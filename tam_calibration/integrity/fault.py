@@ -11,7 +11,7 @@ from tam_calibration.model.units import to_nanotesla
 CHANNEL_FAULTS = {
     "alternating": "a sensor that reads two courses in turn, as where two publishers send on its topic",
     "few_samples": "fewer samples than leave enough to check a fit on",
-    "frozen": "a sensor or axis that holds one value while the others move",
+    "frozen": "a sensor or axis that stays at one value while the others move",
     "mirrored": "a sensor whose axes are left-handed, or two of which are exchanged",
     "quantised": "steps of the readings far above the stated noise",
     "repeated": "a sensor or axis that repeats another, at once or later",
@@ -109,4 +109,4 @@ def refuse(faults: Iterable[Fault]) -> None:
     more = f"; and {len(told) - MOST_TOLD} more such findings" if len(told) > MOST_TOLD else ""
     sentences = "; ".join(fault.sentence for fault in told[:MOST_TOLD])
     names = ", ".join(dict.fromkeys(fault.name for fault in told))
-    raise Refused(f"{sentences}{more}; mend that, or accept it by name: {names}")
+    raise Refused(f"{sentences}{more}; correct that, or accept it by name: {names}")

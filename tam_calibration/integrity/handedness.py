@@ -104,7 +104,7 @@ def _fault(overview: Overview, sensor: int, way: str, against: str) -> Fault:
 def _of_either(overview: Overview, few: list[int], many: list[int]) -> Fault:
     verb = "is a mirror image" if len(few) == 1 else "are mirror images"
     sentence = (
-        f"{_names(few)} {verb} of {_names(many)} {between(overview.time_s)}: which is left-handed can be told only "
+        f"{_names(few)} {verb} of {_names(many)} {between(overview.time_s)}: which is left-handed can be decided only "
         "with recorded attitude, or where more sensors are right"
     )
     return Fault("mirrored", None, "", overview.time_s, sentence)

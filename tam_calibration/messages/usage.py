@@ -167,9 +167,9 @@ class Usage:
         if self.doubled:
             raise Refused("; ".join(self.doubled))
         if self.used < _REFUSED_BELOW * self.received:
-            raise Refused(f"only {self}; mend that and record again")
+            raise Refused(f"only {self}; correct that and record again")
         if self.scalar_is_lost:
-            raise Refused(f"{'; '.join(self.lost)}: mend that, or leave the topic out to do without")
+            raise Refused(f"{'; '.join(self.lost)}: correct that, or leave the topic out")
 
     def warnings(self) -> tuple[str, ...]:
         """Return warnings: few samples, an unfinished recording, channels that are lost, messages of other frames."""
@@ -252,7 +252,7 @@ class Usage:
                 warnings.append(
                     f"sensor {sensor + 1} is read at {1 / period_s:.3g} Hz while the array turns at up to "
                     f"{fastest:.0f}°/s: its interpolated readings are wrong by {to_nanotesla(error_T):.2g} nT (RMS), "
-                    "which the standard errors do not hold; turn slower, or read it faster"
+                    "beyond the standard errors; turn more slowly, or read it faster"
                 )
         return tuple(warnings)
 

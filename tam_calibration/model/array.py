@@ -128,7 +128,7 @@ class Array:
             raise InputError(f"positions_m must be K rows of x, y, z; its shape is {positions.shape}")
         require_sensor_count(len(positions))
         if not np.isfinite(positions).all():
-            raise InputError("positions_m holds a value that is not finite")
+            raise InputError("positions_m contains a value that is not finite")
         object.__setattr__(self, "positions_m", positions)
         count = len(positions)
         for name, shape, needed in (
@@ -148,7 +148,7 @@ class Array:
                 if array.shape != shape:
                     raise InputError(f"{needed}, not the shape {array.shape}")
                 if not np.isfinite(array).all():
-                    raise InputError(f"{needed}, and holds one that is not finite")
+                    raise InputError(f"{needed}, and contains one that is not finite")
                 object.__setattr__(self, name, array)
         if self.vector_noise_T is not None and not (self.vector_noise_T > 0).all():
             raise InputError("every vector noise must be a positive number")

@@ -271,7 +271,7 @@ def site_field_T(latitude_deg: float, longitude_deg: float, height_m: float, day
         raise InputError(f"the height must lie between -10 and 600 km, not at {height_m} m")
     if not _MODEL_YEARS[0] <= day.year < _MODEL_YEARS[1]:
         raise InputError(
-            f"the geomagnetic model IGRF-14 holds from {_MODEL_YEARS[0]} to {_MODEL_YEARS[1] - 1}, not in {day.year}"
+            f"the geomagnetic model IGRF-14 is valid from {_MODEL_YEARS[0]} to {_MODEL_YEARS[1] - 1}, not in {day.year}"
         )
     return igrf_T(latitude_deg, longitude_deg, height_m, day)
 

@@ -168,7 +168,7 @@ class Recording:
         require_sensor_count(self.sensor_count)
         self._check_shapes()
         if self.sample_count == 0:
-            raise InputError("the recording holds no sample")
+            raise InputError("the recording contains no sample")
         self._check_sizes()
         self._check_attitude()
         self._check_time()

@@ -297,7 +297,7 @@ def _check_accept(names: str) -> None:
 
 
 def _in_words(usage: Usage) -> str:
-    return str(usage) if usage.received else "no collector tells how many samples of sensor 1 were used"
+    return str(usage) if usage.received else "no collector says how many samples of sensor 1 were used"
 
 
 def _level_of(gap: Gap) -> bytes:

@@ -32,7 +32,9 @@ def call(service: str, find_s: float) -> str:
     try:
         client = node.create_client(Trigger, service)
         if not client.wait_for_service(timeout_sec=find_s):
-            raise Refused(f"nobody offers the service {service}: are the nodes running (tam nodes), in this namespace?")
+            raise Refused(
+                f"the service {service} is not offered: are the nodes running (tam nodes), in this namespace?"
+            )
         future = client.call_async(Trigger.Request())
         while not future.done() and client.service_is_ready():
             rclpy.spin_until_future_complete(node, future, timeout_sec=_CALL_TURN_S)

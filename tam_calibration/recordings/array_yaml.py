@@ -189,7 +189,7 @@ class ArrayFile(Document):
                 "it names frame_ids and no positions, which are then looked up in /tf_static: here state positions_m"
             )
         if self.rotations_deg or self.rotations_quaternion:
-            raise InputError("it leaves positions to tf, which tells the rotations too: leave those out, or state both")
+            raise InputError("it leaves positions to tf, which gives the rotations too: leave those out, or state both")
         poses = [look_up(frame) for frame in self.frame_ids or ()]
         found: dict[str, Any] = {
             "positions_m": [position.tolist() for position, _ in poses],
@@ -309,7 +309,7 @@ def read_array(path: str | Path, look_up: LookUp | None = None) -> Array:
     """
     with mapping_in(Path(path)) as content:
         if {"array", "motion"} <= content.keys():
-            raise InputError("it is a scenario: give the array file that tam simulate wrote beside the recording")
+            raise InputError("it is a scenario: give the array file that tam simulate wrote with the recording")
         return check(content, ArrayFile).located(look_up).to_array()
 
 

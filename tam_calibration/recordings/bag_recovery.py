@@ -64,7 +64,7 @@ class Recovered:
         ends = f"the recording ends at {self.last_ns / 1e9:.3f} s, {duration_s:.3f} s after it began"
         more = len(self.faults) - NAMED
         lost = [*self.faults[:NAMED], *([f"{more} faults more"] if more > 0 else [])]
-        return f"{self.messages} whole messages are recovered, {ends}{''.join(f'; {each}' for each in lost)}"
+        return f"{self.messages} complete messages are recovered, {ends}{''.join(f'; {each}' for each in lost)}"
 
 
 class ReadableBag:
@@ -197,7 +197,7 @@ def _write_whole(path: Path, files: list[Path], target: Path, faults: list[str])
             first_ns = min(first_ns, int(block.recorded_ns.min()))
             last_ns = max(last_ns, int(block.recorded_ns.max()))
         if not count:
-            raise InputError(f"{path} is damaged or truncated: no message in it is whole")
+            raise InputError(f"{path} is damaged or truncated: no message in it is complete")
     return Recovered(count, first_ns, last_ns, tuple(faults))
 
 

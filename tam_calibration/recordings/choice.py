@@ -475,7 +475,7 @@ def _table(tables: Mapping[tuple[str, int], Table], pick: Pick) -> Table:
     kind = "file" if pick.file or not name else "topic"
     held = ", ".join(sorted(table.title for table in tables.values())) or "none"
     missing = f"{kind} {name}{f' [{instance}]' if instance else ''} is missing" if name else "a map names no file"
-    raise InputError(f"{missing}; the recording holds {held}")
+    raise InputError(f"{missing}; the recording has {held}")
 
 
 def _fields(stream: str, table: Table, pick: Pick) -> tuple[str, ...]:

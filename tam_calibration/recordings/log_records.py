@@ -167,9 +167,9 @@ def log_source(path: Path, format: str, columns: Sequence[Columns], lost: int) -
         When it holds nothing.
     """
     if not any(each.table.count for each in columns):
-        raise InputError(f"{path} holds no whole message of readings: the log is damaged, or ended at once")
+        raise InputError(f"{path} contains no complete message of readings: the log is damaged, or ended at once")
     source = MemorySource(path, format, columns)
     if lost:
-        source.unfinished = f"the log was left unfinished or is damaged: {lost} bytes of it are no whole messages"
+        source.unfinished = f"the log was left unfinished or is damaged: {lost} bytes of it are no complete messages"
         log.warning("%s: %s", path, source.unfinished)
     return source

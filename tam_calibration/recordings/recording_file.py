@@ -135,7 +135,7 @@ def recording_of_frame(
     streams = streams_of(source, Reading(channel_map))
     samples = RowJoining(source, streams, AS_IT_IS, None, with_partial=False).whole()
     if samples is None:
-        raise InputError("no row holds all sensors")
+        raise InputError("no row has all sensors")
     return samples.recording
 
 

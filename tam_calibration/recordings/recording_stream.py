@@ -79,7 +79,7 @@ class RecordingStream:
                 "name a folder with more room by the environment variable TMPDIR"
             ) from None
         if not self._columns:
-            raise InputError("the recording holds no sample")
+            raise InputError("the recording contains no sample")
 
     def _append(self, piece: Recording) -> None:
         if not self._columns:

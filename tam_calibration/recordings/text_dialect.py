@@ -114,7 +114,7 @@ def detect_dialect(path: Path, stated: TextFormat) -> Dialect:
     is_data = [line.strip() and not (comment and line.lstrip().startswith(comment)) for line in lines]
     rows = [(number, line) for number, line in enumerate(lines, 1) if is_data[number - 1]]
     if not rows:
-        raise InputError(f"{path} is empty" if not text.strip() else f"{path} holds comments only")
+        raise InputError(f"{path} is empty" if not text.strip() else f"{path} contains comments only")
     delimiter, decimal = _delimiter_in(path, [line for _, line in rows], stated)
     cells = [(number, cells_of(line, delimiter)) for number, line in rows]
     own = next((each for _, each in cells if sum(is_own_column(cell.strip()) for cell in each) > 3), None)
@@ -125,7 +125,7 @@ def detect_dialect(path: Path, stated: TextFormat) -> Dialect:
         raise InputError(f"{path} line {number} has {len(row)} values, but the table has {width} columns")
     if start is None:
         raise InputError(
-            f"{path} holds a header but no sample" if len(rows) < 3 else f"{path} holds no table of numbers"
+            f"{path} has a header but no sample" if len(rows) < 3 else f"{path} contains no table of numbers"
         )
     above = lines[: cells[start][0] - 1]
     if stated.header_line is not None and stated.header_line > len(above):
@@ -194,7 +194,7 @@ def _delimiter_in(path: Path, lines: Sequence[str], stated: TextFormat) -> tuple
                 best, found = score, (delimiter, decimal)
     is_header = is_own_column(lines[0].strip()) or any(len(cells_of(lines[0], each)) > 1 for each in delimiters)
     if found is None and len(lines) == 1 and is_header:
-        raise InputError(f"{path} holds a header but no sample")
+        raise InputError(f"{path} has a header but no sample")
     if found is None:
         raise InputError(f"{path} is no table of numbers: no commas, semicolons, tabs or blanks separate columns")
     return found

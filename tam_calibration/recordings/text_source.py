@@ -379,7 +379,7 @@ class FrameSource(RowSource):
         try:
             values = self._frame[list(fields)].to_numpy(dtype=float, na_value=np.nan)
         except (TypeError, ValueError) as problem:
-            raise InputError(f"the table holds what is not a number: {problem}") from None
+            raise InputError(f"the table contains what is not a number: {problem}") from None
         cells: Any = None
         if self.time_column is not None:
             column = self._frame[self.time_column]

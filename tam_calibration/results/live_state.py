@@ -86,7 +86,7 @@ def read_live_state(path: Path, sensor_count: int) -> tuple[LiveState, str]:
         state = _state(arrays, about, sensor_count)
         calibration = str(about["calibration"])
     except Exception as problem:  # an archive without checksum fails in any way where it is damaged
-        raise InputError(f"{path} holds nothing that was learned of this array, or is damaged: {problem}") from None
+        raise InputError(f"{path} contains nothing that was learned of this array, or is damaged: {problem}") from None
     return state, calibration
 
 

@@ -63,7 +63,7 @@ def find_frequency(
     InputError
         When there is nothing to search between the two, or the record is too short or too sparse.
     Refused
-        When no line stands out of the noise.
+        When no line exceeds the noise.
     """
     from scipy.optimize import minimize_scalar
     from scipy.stats import gamma
@@ -74,7 +74,7 @@ def find_frequency(
     best = int(power.argmax())
     if power[best] < threshold:
         raise Refused(
-            f"no line stands out of the noise between {lowest_hz:g} and {highest_hz:g} Hz: the strongest, at "
+            f"no line exceeds the noise between {lowest_hz:g} and {highest_hz:g} Hz: the strongest, at "
             f"{frequency[best]:.4g} Hz, has {power[best]:.3g} times its power, and chance reaches {threshold:.3g}"
         )
     rest = without(background, values)
@@ -102,7 +102,7 @@ def _periodogram(
     if np.ptp(time) * lowest_hz < 1 or searched.sum() < _PADDING:
         raise InputError(
             f"between {lowest_hz:g} and {highest_hz:g} Hz a record of {np.ptp(time):g} s at "
-            f"{(count - 1) / np.ptp(time):g} samples per second holds no frequency: change the bounds or the record"
+            f"{(count - 1) / np.ptp(time):g} samples per second contains no frequency: change the bounds or the record"
         )
     power = np.abs(np.fft.rfft(values * np.hanning(count)[:, None], _PADDING * count, axis=0)[searched]) ** 2
     # The median of an exponential distribution is ln 2 times its mean.

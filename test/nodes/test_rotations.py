@@ -162,7 +162,7 @@ def test_tf_tells_what_the_array_file_leaves_to_it(bench, turned, recording, tmp
     assert live.is_of(array) and not live.is_of(replace(array, mounting=Mounting()))
     assert_allclose(live.array.mounting.imu_rotation, array.mounting.imu_rotation, atol=1e-12)
     assert_allclose(live.errors.matrix, calibrate(expected, array).errors.matrix, atol=1e-9)
-    assert "/tf_static tells where the sensors are: sensor 1 at 0.25 0 0 m" in children.log("collector")
+    assert "/tf_static states where the sensors are: sensor 1 at 0.25 0 0 m" in children.log("collector")
 
 
 def test_what_tf_does_not_tell_is_said(bench, tmp_path, monkeypatch):

@@ -297,7 +297,7 @@ def test_a_bag_of_ros1_without_index_is_told_how_to_mend(tmp_path):
     place = content.index(b"index_pos=") + len(b"index_pos=")
     path.write_bytes(content[:place] + bytes(8) + content[place + 8 :])
     for attempt in (lambda: open_bag(path).__enter__(), lambda: recover(path, tmp_path / "new")):
-        with pytest.raises(InputError, match=r"run.bag cannot be read: .*`rosbag reindex run.bag` mends"):
+        with pytest.raises(InputError, match=r"run.bag cannot be read: .*`rosbag reindex run.bag` repairs"):
             attempt()
     assert not (tmp_path / "new").exists()
 
@@ -307,7 +307,7 @@ def test_a_bag_of_ros1_without_its_beginning_is_one_sentence(tmp_path, lost):
     """In which no library of Python speaks."""
     path = write_ros1(tmp_path / "run.bag")
     path.write_bytes(path.read_bytes()[lost:])
-    with pytest.raises(InputError, match=r"run.bag cannot be read: .*`rosbag reindex run.bag` mends") as problem:
+    with pytest.raises(InputError, match=r"run.bag cannot be read: .*`rosbag reindex run.bag` repairs") as problem:
         open_bag(path).__enter__()
     assert "codec" not in str(problem.value)
 

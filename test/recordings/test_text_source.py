@@ -101,7 +101,7 @@ HEADER = "time_s,b1x_nT,b1y_nT,b1z_nT\n"
     [
         ("", "is empty"),
         (" \n", "is empty"),
-        (HEADER, "holds a header but no sample"),
+        (HEADER, "has a header but no sample"),
         ("time_s,b1x_nT,b1y_nT\n0,1,2\n", r"column b1z_nT is missing \(of 1 sensors\)"),
         ("time_s,b2x_nT,b2y_nT,b2z_nT\n0,1,2,3\n", r"column b1x_nT is missing \(of 2 sensors\)"),
         ("time_s,qx,qy\n0,1,2\n", "no vector of a magnetic field is recognised among columns qx, qy; `tam inspect"),

@@ -141,7 +141,7 @@ def test_a_log_that_ends_in_a_cut_message_is_read_up_to_there(tmp_path, caplog, 
     log.write_bytes(whole[:-lost])
     stamps_ns, _, _, source = columns(log, "sensor_mag", "x")
     rest = len(data()[-1]) - lost
-    told = f"the log was left unfinished or is damaged: {rest} bytes of it are no whole messages"
+    told = f"the log was left unfinished or is damaged: {rest} bytes of it are no complete messages"
     assert len(stamps_ns) == COUNT - 1 and source.unfinished == told
     assert caplog.messages == [f"{log}: {told}"]
 

@@ -44,8 +44,8 @@ def test_power_of_noise_is_one_and_rarely_passes_the_threshold():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: find_frequency(TIME_S, np.ones((2000, 1)), BACKGROUND, 60, 70), "holds no frequency"),
-        (lambda: find_frequency(TIME_S, np.ones((2000, 1)), BACKGROUND, 0.01, 1), "holds no frequency"),
+        (lambda: find_frequency(TIME_S, np.ones((2000, 1)), BACKGROUND, 60, 70), "contains no frequency"),
+        (lambda: find_frequency(TIME_S, np.ones((2000, 1)), BACKGROUND, 0.01, 1), "contains no frequency"),
     ],
 )
 def test_bounds_outside_the_record_are_refused(call, message):
