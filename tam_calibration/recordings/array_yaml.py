@@ -284,9 +284,9 @@ def read_array(path: str | Path, look_up: LookUp | None = None) -> Array:
     Parameters
     ----------
     path : str or Path
-        The YAML file: ``baseline_m`` of a cross or ``positions_m``, metres, and the noise in nT where it is known.
+        The YAML file: ``baseline_m`` of a cross or ``positions_m``, metres, and the noise in nT if known.
     look_up : callable, optional
-        Tells positions and rotations where the file leaves them to tf.
+        Returns positions and rotations if the file leaves them to tf.
 
     Returns
     -------
@@ -296,7 +296,7 @@ def read_array(path: str | Path, look_up: LookUp | None = None) -> Array:
     Raises
     ------
     InputError
-        When it cannot be read, a key is not known, or the values make no array.
+        When it cannot be read, a key is unknown, or the values do not describe an array.
 
     Examples
     --------

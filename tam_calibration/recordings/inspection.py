@@ -47,7 +47,7 @@ def inspect(
     array: Array | None = None,
     progress: Progress = lambda done, total: None,
 ) -> Inspection:
-    """Look at a recording: what it holds, what is odd, and what would be taken of it for what.
+    """Inspect a recording: its channels, what is odd, and what would be taken as sensors and channels.
 
     Parameters
     ----------

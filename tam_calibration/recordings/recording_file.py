@@ -77,20 +77,20 @@ def read_recording(
     path : str or Path
         The file or folder.
     sensor_count : int, optional
-        Number of sensors that there must be; by default that of the array, else as many as there are.
+        Required number of sensors; by default that of the array, otherwise any.
     tolerance_s : float
         Greatest difference of stamps within a sample, seconds.
     array : Array, optional
-        Whose delays are taken off, and into whose axes readings and attitude are turned.
+        Its delays are removed, and readings and attitude are turned into its axes.
     map : ChannelMap, mapping, str or Path, optional
         Which topics, fields or columns are what: a map, its keys and values, or its YAML file. By default the choice
-        is made from what the recording holds.
+        is automatic.
     start, until : float or str, optional
         The part that is read: seconds from the start, or ISO 8601 times.
     unwrap : bool
-        Whether overflows of a sensor's counter are taken out.
+        Whether to continue a sensor's counter across overflows.
     base_station : str or Path, optional
-        IAGA-2002 file, from which the intensity is taken where the recording has none.
+        IAGA-2002 file with the intensity, if the recording has none.
 
     Returns
     -------
@@ -100,7 +100,7 @@ def read_recording(
     Raises
     ------
     InputError
-        When it cannot be read, holds no recording, or what is meant is ambiguous.
+        When it cannot be read, contains no recording, or the choice is ambiguous.
 
     Examples
     --------
@@ -154,7 +154,7 @@ def read_samples(
     path : Path
         The file or folder.
     array : Array, optional
-        Whose delays are taken off, and into whose axes readings and attitude are turned.
+        Its delays are removed, and readings and attitude are turned into its axes.
     reading : Reading
         How it is read.
     progress : callable
