@@ -190,7 +190,7 @@ def _beside_motion(recording: SampleSource, array: Array, known: Known) -> Joint
         warnings = (judged.doubt, *joint.calibration.warnings)
         joint = joint._replace(calibration=replace(joint.calibration, warnings=warnings))
     if is_attitude_used:
-        notes = (*notes, "the recorded attitude is left out, as the gyroscope, which needs no magnetometer, is used")
+        notes = (*notes, "the recorded attitude is left out beside the gyroscope, which needs no magnetometer")
     return _noting(joint, (*notes, *judged.notes))
 
 

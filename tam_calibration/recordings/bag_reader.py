@@ -114,7 +114,7 @@ def _chosen(path: Path, files: Sequence[StoredFile]) -> list[Connection]:
                 log.warning("%s: %s is not read: its messages are %s", path, topic, serialisation_of(one))
         chosen += usable[:1]
         for one in usable[1:]:
-            types = f"{one.msgcount} of {one.msgtype} and {chosen[-1].msgcount} of {chosen[-1].msgtype}"
+            types = f"{one.msgcount} of {one.msgtype}; used: {chosen[-1].msgcount} of {chosen[-1].msgtype}"
             log.warning("%s: %s has messages of several types; left out: %s", path, topic, types)
     return sorted(chosen, key=lambda one: one.id)
 

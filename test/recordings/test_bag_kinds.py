@@ -249,7 +249,7 @@ def test_of_a_topic_that_changes_its_type_the_most_messages_are_read(tmp_path, c
         for index in range(2):
             writer.write(late, START_NS + COUNT * PERIOD_NS + index, ROS2.serialize_cdr(text, "std_msgs/msg/String"))
     assert_array_equal(read_recording(tmp_path / "bag").readings_T, readings())
-    told = f"2 of std_msgs/msg/String beside {COUNT} of {FIELD}"
+    told = f"2 of std_msgs/msg/String; used: {COUNT} of {FIELD}"
     assert f"{TOPICS[1]} has messages of several types; left out: {told}" in caplog.text
 
 

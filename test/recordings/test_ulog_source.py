@@ -151,7 +151,7 @@ def test_after_damage_it_goes_on_at_the_next_mark(tmp_path, spoil):
     """What stands between is lost and counted."""
     log = write(tmp_path, FLAGS, formats(MAG), added(0, "sensor_mag"), *data(30), spoil, *data(30, first=30))
     stamps_ns, _, _, source = columns(log, "sensor_mag", "x")
-    assert 30 + 20 <= len(stamps_ns) < 60 and "no whole messages" in source.unfinished
+    assert 30 + 20 <= len(stamps_ns) < 60 and "no complete messages" in source.unfinished
     assert stamps_ns[-1] == 1_000_000_000 + 20_000_000 * 59
 
 
