@@ -1,4 +1,4 @@
-"""`tam demo`: the whole chain over ROS 2, judged by the truth that was simulated."""
+"""`tam demo`: the complete chain over ROS 2, judged by the truth that was simulated."""
 
 import os
 import time
@@ -127,7 +127,7 @@ CHECK_SAMPLES = 1000
 _CHECK_BEGINS_S = 1000.0
 """Stamp of the first sample of the second recording: after the last of the first one."""
 PLAY_RATE = 2.0
-"""How much faster than its stamps a bag is played: the whole chain stays under a minute."""
+"""How much faster than its stamps a bag is played: the complete chain stays under a minute."""
 _TIMEOUT_S = 30.0
 """Longest wait for a node: ten times what a start takes on two cores."""
 

@@ -90,7 +90,7 @@ def command(
     detail: terminal.Detail,
     accept: tuple[str, ...],
 ) -> None:
-    """Say whether RECORDING, of any format, holds more than the model and the noise can make, where, and why.
+    """Say whether RECORDING, of any format, contains more than the model and the noise can make, where, and why.
 
     Exits 0 when there is no gap or its causes are found, 1 when some of it stays unexplained or the recording is too
     short to tell, 2 on bad input.

@@ -1,4 +1,4 @@
-"""`tam inspect`: what a recording holds, what is odd about it, and what would be taken of it for what."""
+"""`tam inspect`: what a recording contains, what is odd about it, and what would be taken of it for what."""
 
 from pathlib import Path
 
@@ -37,7 +37,7 @@ def command(
     map_path: Path | None,
     report: Path | None,
 ) -> None:
-    """Show what RECORDING holds, what is odd, and what is taken as sensors and channels.
+    """Show what RECORDING contains, what is odd, and what is taken as sensors and channels.
 
     Several files make one recording, such as one file for each sensor. Exits 0 when a choice can be made, 1 when it is
     ambiguous or not enough (it says what to add), 2 on bad input.

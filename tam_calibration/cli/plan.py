@@ -278,7 +278,7 @@ def command(
 ) -> None:
     """Propose the attitudes that shrink the worst standard error most, and tell what the standard errors will then be.
 
-    What RECORDING or a calibration determines counts; without either a whole calibration is planned.
+    What RECORDING or a calibration determines counts; without either a complete calibration is planned.
     """
     if place is not None:
         if inclination_deg is not None or intensity_nT is not None:

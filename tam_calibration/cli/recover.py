@@ -18,7 +18,7 @@ from tam_calibration.results.overwriting import require_separate
 @click.option("-o", "--output", type=PATH, required=True, help="The folder of a new bag, or an .mcap file.")
 @click.option("--json", "as_json", is_flag=True, help="Print what was recovered as JSON.")
 def command(bag: Path, output: Path, as_json: bool) -> None:
-    """Write every whole message of BAG to a new bag: of a killed recorder's, a cut or a damaged one.
+    """Write every complete message of BAG to a new bag: of a killed recorder's, a cut or a damaged one.
 
     BAG is not changed. Messages that are damaged are left out and told.
     """

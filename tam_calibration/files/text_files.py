@@ -1,4 +1,4 @@
-"""Text files: written whole or not at all, problems told with the file's name, numbers that read back exactly."""
+"""Text files: written completely or not at all, problems told with the file's name, numbers that read back exactly."""
 
 import json
 import math
@@ -124,7 +124,7 @@ def write_whole(path: Path) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file, whole or not at all.
+    """Write a text file, completely or not at all.
 
     Raises
     ------

@@ -230,7 +230,7 @@ def _kept(path: Path, folder: Path) -> Path:
 
 
 def replace_folder(place: Path, path: Path) -> None:
-    """Move a folder to its place once all that it holds is on the disk; an older one there makes room for it.
+    """Move a folder to its place once all that it contains is on the disk; an older one there makes room for it.
 
     That is removed with the folder that the newer one comes from, in which it waits until that is in place.
 
@@ -260,7 +260,7 @@ def replace_folder(place: Path, path: Path) -> None:
 
 
 def _sync(path: Path) -> None:
-    """Wait until a file, or a folder with all that it holds, is on the disk."""
+    """Wait until a file, or a folder with all that it contains, is on the disk."""
     if path.is_dir():
         for part in path.iterdir():
             _sync(part)

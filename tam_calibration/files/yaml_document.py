@@ -47,7 +47,7 @@ _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 def parse_mapping(text: str) -> dict[str, Any]:
-    """Return the mapping that a text holds.
+    """Return the mapping that a text contains.
 
     Its keys are short lines of text. Values are None, truths, numbers, text, lists and mappings; a date is text. An
     alias is what it stands for.
@@ -168,12 +168,12 @@ def _fault(event: Any, problem: str) -> yaml.MarkedYAMLError:
 
 @contextmanager
 def mapping_in(path: Path) -> Iterator[dict[str, Any]]:
-    """Give the mapping that a file holds; what is wrong with it, here or in the block, is told with the file's name.
+    """Give the mapping that a file contains; what is wrong with it, here or in the block, is told with the file's name.
 
     Raises
     ------
     InputError
-        When the file cannot be read, is not YAML, or holds no mapping.
+        When the file cannot be read, is not YAML, or contains no mapping.
     """
     text = read_text(path)
     with in_file(path):

@@ -74,12 +74,12 @@ class Sample(NamedTuple):
 
 
 class Synchroniser:
-    """Joins the messages of K sensors and the channels beside them into samples in the order of their stamps.
+    """Joins the messages of K sensors and the channels recorded with them into samples in the order of their stamps.
 
     Parameters
     ----------
     layout : SampleLayout
-        Number of sensors, and the channels that a sample holds.
+        Number of sensors, and the channels that a sample contains.
     tolerance_ns : int
         Greatest difference of stamps within a sample.
     patience_ns : int

@@ -257,7 +257,7 @@ class Usage:
         return tuple(warnings)
 
     def remarks(self) -> tuple[str, ...]:
-        """Return the warnings and what is missing as whole sentences.
+        """Return the warnings and what is missing as complete sentences.
 
         Raises
         ------

@@ -48,7 +48,7 @@ def require_sensor_count(count: int) -> None:
 
 
 class Block(NamedTuple):
-    """Some samples that follow each other, as in ``Recording``; no scalar where the whole run has none."""
+    """Some samples that follow each other, as in ``Recording``; no scalar where the complete run has none."""
 
     time_s: FloatArray
     readings_T: FloatArray

@@ -168,7 +168,7 @@ class TamNode(AnsweringNode):
         Parameters
         ----------
         topic : str
-            Its whole name.
+            Its complete name.
         published : str
             The type, such as ``sensor_msgs/msg/Imu``.
         """
@@ -187,7 +187,7 @@ class TamNode(AnsweringNode):
         return Health(level, health.message + remark, {**health.values, **values})
 
     def _peers(self) -> dict[str, object]:
-        """Return the number of peers on each topic: what nobody listens to is not published."""
+        """Return the number of peers on each topic: topics without subscribers are not published."""
         outputs = {f"subscribers.{each.topic_name}": each.get_subscription_count() for each in self.publishers}
         inputs = {f"publishers.{each.topic_name}": each.get_publisher_count() for each in self.all_subscriptions}
         return {key: count for key, count in (outputs | inputs).items() if not key.endswith(_TOPICS_OF_ROS)}

@@ -26,7 +26,7 @@ def call(service: str, find_s: float) -> str:
     Raises
     ------
     Refused
-        When nobody offers the service, its node ends before it answers, or it answers no, with its reason.
+        When no one offers the service, its node ends before it answers, or it answers no, with its reason.
     """
     node = Node("tam_call")
     try:

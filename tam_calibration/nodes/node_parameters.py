@@ -65,7 +65,7 @@ _QOS_CHOICES = {
     "reliability": ("reliable", "best_effort", "system_default"),
 }
 _DEEPEST = 1_000_000
-"""Messages that a queue holds at most: a quarter of an hour of 1000 Hz."""
+"""Messages that a queue contains at most: a quarter of an hour of 1000 Hz."""
 
 
 def unknown_parameters(node: Node, rules: Sequence[Rule]) -> dict[str, str]:

@@ -373,7 +373,7 @@ def write_array(path: Path, array: Array) -> None:
     Parameters
     ----------
     path : Path
-        The YAML file; one that is there is replaced once the new one is whole.
+        The YAML file; one that is there is replaced once the new one is complete.
     array : Array
         Its positions are written in metres, its noise in nT where it is known.
 

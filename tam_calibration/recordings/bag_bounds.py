@@ -1,4 +1,4 @@
-"""Bounds for what a bag holds: checked before it is unpacked, and while it is."""
+"""Bounds for what a bag contains: checked before it is unpacked, and while it is."""
 
 from bz2 import BZ2Decompressor
 from pathlib import Path
@@ -44,7 +44,7 @@ def check_expansion(packed: int, unpacked: int, what: str) -> None:
     Raises
     ------
     InputError
-        When it holds more.
+        When it contains more.
     """
     if unpacked > max(_ALWAYS_ALLOWED, LARGEST_EXPANSION * packed):
         raise InputError(

@@ -18,7 +18,7 @@ _TELLING = {"tam_calibration", "rosbags", "zstandard", "apsw"}
 
 
 class Damaged(InputError):
-    """A part of a bag is not what was written; other parts may be whole."""
+    """A part of a bag is not what was written; other parts may be complete."""
 
 
 @contextmanager

@@ -53,7 +53,7 @@ class BagReader:
 
 @contextmanager
 def open_bag(path: Path) -> Iterator[BagReader]:
-    """Open a bag for reading; of one that its recorder did not finish the whole messages, with a warning.
+    """Open a bag for reading; of one that its recorder did not finish the complete messages, with a warning.
 
     Raises
     ------

@@ -339,7 +339,7 @@ def _single(table: Table, field: str, unit: FieldUnit = "") -> Pick:
 def _channels(
     tables: Sequence[Table], scalars: list[Pick], sensors: Sequence[Vector]
 ) -> tuple[dict[str, Pick], tuple[str, ...]]:
-    """Return the channels beside the sensors, and what was not taken because there are several."""
+    """Return the channels recorded with the sensors, and what was not taken because there are several."""
     attitudes = [pick for table in tables for pick in attitudes_in(table)]
     rates = [vector.pick for table in tables for vector in vectors_in(table) if _is_rate(vector)]
     temperatures, currents = [], []

@@ -39,7 +39,7 @@ def read_iaga2002(path: Path) -> ObservatoryRecord:
     Raises
     ------
     InputError
-        When the file cannot be read, is of another format, reports other components, or holds a broken row.
+        When the file cannot be read, is of another format, reports other components, or contains a broken row.
     """
     lines = read_text(path).splitlines()
     with in_file(path):

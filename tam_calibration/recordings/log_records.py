@@ -159,12 +159,12 @@ def log_source(path: Path, format: str, columns: Sequence[Columns], lost: int) -
     columns : sequence of Columns
         Its tables.
     lost : int
-        Bytes that belong to no whole message.
+        Bytes that belong to no complete message.
 
     Raises
     ------
     InputError
-        When it holds nothing.
+        When it contains nothing.
     """
     if not any(each.table.count for each in columns):
         raise InputError(f"{path} contains no complete message of readings: the log is damaged, or ended at once")

@@ -1,4 +1,4 @@
-"""Recordings of any format read into samples, whole, in pieces or on disk, and where a result came from."""
+"""Recordings of any format read into samples, complete, in pieces or on disk, and where a result came from."""
 
 import logging
 from collections.abc import Iterator, Mapping
@@ -129,7 +129,7 @@ def as_map(given: "ChannelMap | Mapping[str, Any] | str | Path | None") -> Chann
 def recording_of_frame(
     frame: "pandas.DataFrame", map: "ChannelMap | Mapping[str, Any] | str | Path | None" = None
 ) -> Recording:
-    """Return the recording that a table of pandas holds, as `Recording.from_pandas` describes."""
+    """Return the recording that a table of pandas contains, as `Recording.from_pandas` describes."""
     channel_map = as_map(map)
     source = FrameSource(Path("the table"), frame, TimeColumn() if channel_map is None else channel_map.time_column)
     streams = streams_of(source, Reading(channel_map))
@@ -147,7 +147,7 @@ def read_samples(
     with_partial: bool = False,
     sensor_count: int | None = None,
 ) -> Samples:
-    """Read a recording whole, with the exact stamps of a bag.
+    """Read a recording complete, with the exact stamps of a bag.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ def read_samples(
     Raises
     ------
     InputError
-        When it cannot be read, or holds no recording.
+        When it cannot be read, or contains no recording.
     """
     with _joining(path, array, reading, with_partial, sensor_count) as joining:
         samples = joining.whole(progress)
@@ -187,7 +187,7 @@ def read_pieces(
 ) -> Iterator[Samples]:
     """Yield a recording as `read_samples` returns it, in pieces of bounded size.
 
-    The pieces follow each other in time without a sample lost or doubled. A channel without a value in a whole piece
+    The pieces follow each other in time without a sample lost or doubled. A channel without a value in a complete piece
     is None in that piece.
 
     Parameters
@@ -198,7 +198,7 @@ def read_pieces(
     Raises
     ------
     InputError
-        When it cannot be read, or holds no recording; pieces before the fault have been yielded by then.
+        When it cannot be read, or contains no recording; pieces before the fault have been yielded by then.
     """
     with _joining(path, array, reading, with_partial, sensor_count) as joining:
         for samples in joining.pieces(progress):
@@ -296,7 +296,7 @@ def read_stream(
     Raises
     ------
     InputError
-        When it cannot be read or kept, or holds no recording.
+        When it cannot be read or kept, or contains no recording.
     """
     usage: Usage | None = None
 
@@ -332,7 +332,7 @@ def read_source(
     Raises
     ------
     InputError
-        When it cannot be read or kept, or holds no recording.
+        When it cannot be read or kept, or contains no recording.
     """
     source, usage = read_every(path, array, reading, progress)
     return (source if usage is None else usage.with_each_reading_once(source)), usage
@@ -361,7 +361,7 @@ def read_every(
     Raises
     ------
     InputError
-        When it cannot be read or kept, or holds no recording.
+        When it cannot be read or kept, or contains no recording.
     """
     if is_large(path):
         stream = read_stream(path, array, reading, progress)

@@ -61,7 +61,7 @@ class RecordingStream:
     """
 
     usage: Usage | None = None
-    """How many of sensor 1's messages are in it; None where they were no messages, or nobody told."""
+    """How many of sensor 1's messages are in it; None where they were no messages, or no one told."""
 
     interpolated_noise: InterpolatedNoise | None = None
     """What interpolation made of the sensors' noise."""

@@ -1,4 +1,4 @@
-"""The rows of a table as samples: each row holds the readings of one moment."""
+"""The rows of a table as samples: each row contains the readings of one moment."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any

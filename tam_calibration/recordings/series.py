@@ -1,4 +1,4 @@
-"""The numbers of a whole recording, table by table, with both clocks and with nothing repaired or left out."""
+"""The numbers of a complete recording, table by table, with both clocks and with nothing repaired or left out."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

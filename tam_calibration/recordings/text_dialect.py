@@ -70,14 +70,14 @@ class Dialect:
     sample: tuple[tuple[str, ...], ...]
 
     def is_numeric(self, column: int) -> bool:
-        """Whether a column, from 0, holds numbers, or nothing yet."""
+        """Whether a column, from 0, contains numbers, or nothing yet."""
         cells = [row[column].strip() for row in self.sample]
         numbers = sum(is_number(cell, self.decimal) or cell in MISSING for cell in cells)
         return numbers >= _LEAST_NUMERIC * len(cells) or is_own_column(self.names[column])
 
 
 def is_number(cell: str, decimal: str) -> bool:
-    """Return whether a cell holds a number."""
+    """Return whether a cell contains a number."""
     return _NUMBER.fullmatch(cell.replace(decimal, ".") if decimal != "." else cell) is not None
 
 
@@ -106,7 +106,7 @@ def detect_dialect(path: Path, stated: TextFormat) -> Dialect:
     Raises
     ------
     InputError
-        When it is no text, or holds no table of numbers.
+        When it is no text, or contains no table of numbers.
     """
     text, encoding = _beginning(path)
     lines = text.splitlines()[:_SAMPLE]
@@ -136,7 +136,7 @@ def detect_dialect(path: Path, stated: TextFormat) -> Dialect:
 
 
 def _beginning(path: Path) -> tuple[str, str]:
-    """Return the text of the first whole lines, and its encoding."""
+    """Return the text of the first complete lines, and its encoding."""
     require_regular(path)
     try:
         with path.open("rb") as file:
@@ -252,4 +252,4 @@ _LATIN = "\u03ff"
 
 _UNIT_NAMES = "s ms us µs ns nT uT µT mT T G mG degC °C C A V - 1 deg rad m"
 _UNIT_CELLS = frozenset((*_UNIT_NAMES.split(" "), ""))
-"""What a line of units below the names holds."""
+"""What a line of units below the names contains."""

@@ -103,7 +103,7 @@ class RowSource:
         return name, time.format or named[name]
 
     def _is_time(self, column: str, is_numeric: bool) -> bool:
-        """Whether a column of another name may be the time: it rises from row to row, or holds times of day."""
+        """Whether a column of another name may be the time: it rises from row to row, or contains times of day."""
         return False
 
     def rows(self, fields: Sequence[str]) -> Iterator[tuple[Sequence[str] | FloatArray | None, FloatArray]]:

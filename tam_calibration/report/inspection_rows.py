@@ -21,7 +21,7 @@ def rows_of(found: Inspection, most: int) -> Iterator[list[str]]:
     Parameters
     ----------
     found : Inspection
-        What a recording holds.
+        What a recording contains.
     most : int
         Channels of a table that are shown beside those that are taken.
     """

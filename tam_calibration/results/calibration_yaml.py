@@ -68,7 +68,7 @@ def write_calibration(path: str | Path, calibration: Calibration) -> None:
     Parameters
     ----------
     path : str or Path
-        The YAML file; one that is there is replaced once the new one is whole.
+        The YAML file; one that is there is replaced once the new one is complete.
     calibration : Calibration
         What it shall hold; biases are written in nT, angles in degrees, the covariance in SI.
 
@@ -90,7 +90,7 @@ def write_calibration(path: str | Path, calibration: Calibration) -> None:
 
 
 def calibration_from_yaml(text: str, where: str) -> Calibration:
-    """Return the calibration that a text holds.
+    """Return the calibration that a text contains.
 
     Parameters
     ----------

@@ -232,7 +232,7 @@ class Consumer:
     limits : callable, optional
         Leaves out of a correction what the file cannot hold.
     ignores : callable, optional
-        Leaves out of a correction what the file holds but the consumer does not use.
+        Leaves out of a correction what the file contains but the consumer does not use.
     most_sensors : int
         How many sensors it reads.
     is_of_one_sensor : bool

@@ -26,7 +26,7 @@ _BELIEFS = ("begin", "now", "published")
 
 
 def write_live_state(path: Path, state: LiveState, calibration: str) -> None:
-    """Write a state; a file that is there is replaced once the new one is whole.
+    """Write a state; a file that is there is replaced once the new one is complete.
 
     Parameters
     ----------

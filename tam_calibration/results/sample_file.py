@@ -24,7 +24,7 @@ _BEGIN, _SQLITE = b"tam samples", b"SQLite format 3\0"
 """What files begin with, and those of earlier versions."""
 
 _MOST_OF_OTHERS = 1 << 28
-"""Bytes of a file that does not begin as it should in which whole rows are sought: six times the usual ones."""
+"""Bytes of a file that does not begin as it should in which complete rows are sought: six times the usual ones."""
 
 _NUMBERS, _CHECK = [(name, "<i8") for name in StoredSample._fields[:3]], 4
 """What stands before the values of a row, and how many bytes of checksum after them."""
@@ -67,7 +67,7 @@ class SampleFile:
         self._size = self._row.itemsize
 
     def read(self) -> tuple[list[StoredSample], bool]:
-        """Return the whole samples in the order of their numbers, and whether the file can be gone on with.
+        """Return the complete samples in the order of their numbers, and whether the file can be gone on with.
 
         One that cannot is set aside: renamed, not changed.
 

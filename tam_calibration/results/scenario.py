@@ -313,7 +313,7 @@ def write_truth(path: Path, simulation: Simulation) -> None:
     Parameters
     ----------
     path : Path
-        The YAML file; one that is there is replaced once the new one is whole.
+        The YAML file; one that is there is replaced once the new one is complete.
     simulation : Simulation
         Errors are written in nT and degrees, of the field the mean and standard deviation of its intensity at the
         centre.
