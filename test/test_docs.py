@@ -4,6 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import click
 import pytest
 import yaml
 from catkin_pkg.package import parse_package
@@ -71,3 +72,26 @@ def test_the_commands_for_a_recording_of_ones_own_work_as_pasted(tmp_path, monke
     for command in commands:
         done = CliRunner().invoke(main, command)
         assert done.exit_code == 0, done.output
+
+
+PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
+
+
+def test_the_documentation_stays_short():
+    """What is read first has 1200 words, all pages together 30 000, and the changelog of a release 60 lines."""
+    assert len(PAGES[0].read_text().split()) <= 1200
+    assert sum(len(page.read_text().split()) for page in PAGES) <= 30_000
+    assert len((ROOT / "CHANGELOG.rst").read_text().partition("\n0.1.0 (")[0].splitlines()) <= 66
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_commands_have_the_options_that_a_page_shows(page):
+    """Also those that take too long to run, or need a robot."""
+    blocks = re.findall(r"^```\w*\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE)
+    for line in (line for block in blocks for line in block.splitlines() if line.startswith("tam ")):
+        command, words = main, shlex.split(line, comments=True)[1:]
+        while isinstance(command, click.Group):
+            command = command.get_command(click.Context(command), words.pop(0))
+            assert command is not None, line
+        known = {option for parameter in command.params for option in parameter.opts}
+        assert {word for word in words if re.fullmatch(r"--?[a-z-]+", word, re.IGNORECASE)} <= known, line
