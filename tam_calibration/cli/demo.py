@@ -138,13 +138,13 @@ _TIMEOUT_S = 30.0
     type=NamedPath(file_okay=False, path_type=Path),
     default=Path("demo_output"),
     show_default=True,
-    help="Where bags, calibration, page and logs go.",
+    help="Folder for bags, calibration, page and logs.",
 )
 def command(output_dir: Path) -> None:
-    """Simulate a cross array that is turned, calibrate it over ROS 2, and judge by a second run.
+    """Simulate a turning cross array, calibrate it over ROS 2, and test the result on a second run.
 
-    Exits 0 only if the nodes joined every sample, and the tensor error of what the corrector published of the second
-    run, which the calibration has not seen, is within 5 % of the noise floor.
+    Exits 0 only if the nodes joined every sample, and the tensor error that the corrector published in the second run
+    is within 5 % of the noise floor.
     """
     from rich.console import Console
 

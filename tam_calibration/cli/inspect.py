@@ -24,7 +24,7 @@ _CLAUSES = 30
 
 @click.command()
 @click.argument("recording", type=PATH, nargs=-1, required=True)
-@click.option("--array", "array_path", type=PATH, help="Array YAML: the number of its sensors helps to choose.")
+@click.option("--array", "array_path", type=PATH, help="Array YAML: its number of sensors helps to choose.")
 @click.option("--json", "json_path", type=PATH, help="Write everything as JSON; - prints it instead of the tables.")
 @click.option("--write-map", "map_path", type=PATH, help="Write the choice, or the best guess, as a map to edit.")
 @click.option("--report", type=PATH, help="Write an HTML page that draws every channel over time.")

@@ -71,7 +71,7 @@ SUBCOMMANDS = {
     "recover": "Write the readable messages of an unfinished or damaged bag to a new one.",
     "locate": "Locate the source in a recording, steady or alternating.",
     "batch": "Calibrate, diagnose and correct many recordings, on all cores or on a Dask cluster.",
-    "nodes": "Start the nodes together: collector, calibrator, corrector, localizer.",
+    "nodes": "Start the nodes: collector, calibrator, corrector, localizer.",
     "play": "Play a bag onto its topics, to feed the nodes.",
     "call": "Call a service of the nodes, such as calibrator/calibrate.",
     "demo": "Run the complete chain over ROS 2 and show what it gained.",

@@ -238,22 +238,24 @@ _ASSUMED_INCLINATION_DEG, _ASSUMED_INTENSITY_NT = 60.0, 50_000.0
 
 @click.command()
 @click.argument("recording", type=PATH, required=False)
-@click.option("--array", "array_path", type=PATH, required=True, help="Array YAML: where the sensors sit, their noise.")
-@click.option("--calibration", "calibration_path", type=PATH, help="Calibration YAML, instead of its recording.")
+@click.option("--array", "array_path", type=PATH, required=True, help="Array YAML: positions and noise of the sensors.")
+@click.option("--calibration", "calibration_path", type=PATH, help="Calibration YAML instead of a recording.")
 @click.option(
     "--prior",
     "prior_path",
     type=PATH,
-    help="Calibration YAML, as old as it is now: which turns of a vehicle add most to it per minute.",
+    help="Calibration YAML at its present age: rank a vehicle's turns by what they add per minute.",
 )
-@click.option("--turn-rate-deg-s", type=Number(0.1, 180), help="Of a vehicle about each axis.  [default: 5]")
-@click.option("--sample-rate-hz", type=Number(0.1, 10_000), help="Of its sensors.  [default: 10]")
-@click.option("--turntable", help="Step of all axes in degrees, or YAW,PITCH,ROLL; 0 for an axis that does not turn.")
-@click.option("--pitch-limit-deg", type=float, help="Of a vehicle that yaws right round.  [default: 0]")
-@click.option("--roll-limit-deg", type=float, help="Of such a vehicle.  [default: 0]")
-@click.option("--place", help="LAT,LON,DATE: inclination and intensity are those of IGRF there.")
-@click.option("--inclination-deg", type=Number(-90, 90), help="Of the field, positive downwards.")
-@click.option("--intensity-nT", "intensity_nT", type=Number(15e3, 100e3), help="If there is no scalar.")
+@click.option("--turn-rate-deg-s", type=Number(0.1, 180), help="Turn rate of a vehicle about each axis.  [default: 5]")
+@click.option("--sample-rate-hz", type=Number(0.1, 10_000), help="Sample rate of its sensors.  [default: 10]")
+@click.option("--turntable", help="Steps of a turntable, degrees: one for all, or YAW,PITCH,ROLL; 0 for a fixed axis.")
+@click.option("--pitch-limit-deg", type=float, help="Pitch limit of a vehicle with full yaw.  [default: 0]")
+@click.option("--roll-limit-deg", type=float, help="Roll limit of a vehicle with full yaw.  [default: 0]")
+@click.option("--place", help="LAT,LON,DATE: take inclination and intensity from IGRF.")
+@click.option("--inclination-deg", type=Number(-90, 90), help="Inclination of the field, positive downwards.")
+@click.option(
+    "--intensity-nT", "intensity_nT", type=Number(15e3, 100e3), help="Intensity of the field without a scalar."
+)
 @click.option("--poses", type=click.IntRange(1, 200), default=12, show_default=True, help="Number of attitudes.")
 @click.option("--samples-per-pose", type=click.IntRange(1, 1_000_000), default=100, show_default=True)
 @reading_options
@@ -276,9 +278,9 @@ def command(
     how: Reading,
     as_json: bool,
 ) -> None:
-    """Propose the attitudes that shrink the worst standard error most, and tell what the standard errors will then be.
+    """Propose the attitudes that reduce the worst standard error most, and predict the standard errors.
 
-    What RECORDING or a calibration determines counts; without either a complete calibration is planned.
+    The plan adds to what RECORDING or a calibration determines; without either, it is a complete calibration.
     """
     if place is not None:
         if inclination_deg is not None or intensity_nT is not None:

@@ -38,7 +38,7 @@ _SLOWEST, _FASTEST = 0.001, 1000.0
 @click.option("--loop", is_flag=True, help="Begin again at the end; stamps then go backwards.")
 @click.option("--clock", is_flag=True, help="Publish the bag's time on /clock, for nodes with use_sim_time.")
 def command(recording: Path, map_path: Path | None, rate: float, loop: bool, clock: bool) -> None:
-    """Play RECORDING, once somebody listens to the sensors.
+    """Play RECORDING, once a node subscribes to the sensors.
 
     A bag with the topics of this package is played as it was recorded. Of any other recording, and with --map, the
     sensors and channels are played onto the topics that the collector reads.

@@ -98,12 +98,10 @@ MAP_HELP = "Map YAML: which topics or columns are sensors and channels (`tam ins
 
 _READING_OPTIONS = (
     click.option("--map", "map_path", type=PATH, help=MAP_HELP),
-    click.option("--from", "start", metavar="TIME", help="Read from here on: seconds from the start, or ISO 8601."),
-    click.option("--until", metavar="TIME", help="Read until here: seconds from the start, or ISO 8601."),
-    click.option("--unwrap", is_flag=True, help="Continue the counters of sensors that overflow."),
-    click.option(
-        "--base-station", type=PATH, help="IAGA-2002 file: the intensity where the recording has none of its own."
-    ),
+    click.option("--from", "start", metavar="TIME", help="Start reading here: seconds from the start, or ISO 8601."),
+    click.option("--until", metavar="TIME", help="Stop reading here: seconds from the start, or ISO 8601."),
+    click.option("--unwrap", is_flag=True, help="Continue sensor counters that overflow."),
+    click.option("--base-station", type=PATH, help="IAGA-2002 file with the intensity, if the recording has none."),
     click.option(
         "--tolerance-s",
         type=Number(0, 60),
