@@ -56,8 +56,8 @@ def plan_turns(path: Path, array: Array, vehicle: Vehicle, inclination: float, a
 
 def _print(prior: Prior, before: float, turns: list[Turn]) -> None:
     now = (
-        f"Now, with a prior {age_in_words(prior.elapsed_s)}: what is not known of the calibration adds "
-        f"{_percent(before)} to the variance of field and tensor that the noise makes."
+        f"Now, with a prior {age_in_words(prior.elapsed_s)}: the uncertainty of the calibration adds "
+        f"{_percent(before)} to the noise variance of field and tensor."
     )
     rows = []
     for turn in turns:
@@ -66,7 +66,7 @@ def _print(prior: Prior, before: float, turns: list[Turn]) -> None:
         gain = _percent(turn.gain_per_minute)
         rows.append([number(yaw), *swings, number(turn.duration_s), _percent(turn.excess), gain])
     header = ("heading turns by (°)", "pitch (°)", "roll (°)", "takes (s)", "adds then", "less per minute")
-    print_blocks([Text(now), Table(header, rows, "Turns, the one that buys most per minute first")])
+    print_blocks([Text(now), Table(header, rows, "Turns, the one that gains most per minute first")])
 
 
 def _percent(part: float) -> str:

@@ -149,7 +149,7 @@ def _chi_square(calibration: Calibration) -> str:
     if not calibration.reduced_chi_square:
         return "There is no redundancy, hence no reduced χ²."
     values = [f"{number(value)} {_CHANNELS.get(name, name)}" for name, value in calibration.reduced_chi_square.items()]
-    return f"Reduced χ²: {join(values)}; it is 1 where noise alone is left."
+    return f"Reduced χ²: {join(values)}; it is 1 for noise alone."
 
 
 def _noise(calibration: Calibration) -> str:

@@ -113,7 +113,7 @@ def test_turns_are_planned_beside_a_prior(folder):
     assert gains == sorted(gains, reverse=True) and len(gains) == 15
     assert all(turn["excess_after"] < told["excess_before"] for turn in told["turns"])
     assert all(abs(turn["pitch_deg"]) in (0, pytest.approx(10)) for turn in told["turns"])
-    assert "Turns, the one that buys most" in run("plan", "--array", "array.yaml", "--prior", "pier.yaml", *limits)
+    assert "Turns, the one that gains most" in run("plan", "--array", "array.yaml", "--prior", "pier.yaml", *limits)
 
 
 def test_plans_that_cannot_be_are_one_sentence(folder):
