@@ -50,7 +50,7 @@ def test_an_update_is_told_and_kept(folder):
         *("calibrate", "dive.csv", "--array", "array.yaml", "--prior", "pier.yaml"),
         *("-o", "dive.yaml", "--report", "dive.html", "--verbose"),
     )
-    assert "2.0" in told and "h old" in told and "temperatures are not known" in told
+    assert "2.0" in told and "h old" in told and "temperatures unknown" in told
     assert "The data contradict the prior" in told and "The bias of sensor 3 moved by" in told
     assert "Share of the recording" in told
     moved = read_calibration("dive.yaml").update.moved[0]
