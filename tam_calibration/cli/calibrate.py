@@ -247,7 +247,7 @@ def _fit_of(
     prior_path: Path | None,
     main_field_T: FloatArray | None,
 ) -> _Fit:
-    """Return the fit that the options ask for: of the errors alone, beside a prior, or together with effects."""
+    """Return the fit that the options ask for: of the errors alone, with a prior, or together with effects."""
     if effects is None:
         prior = None if prior_path is None else read_calibration(prior_path)
         return partial(

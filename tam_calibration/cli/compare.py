@@ -1,4 +1,4 @@
-"""`tam compare`: what a simulator's recording has otherwise than a real one, and what mends the simulator."""
+"""`tam compare`: compare a simulator's recording with a real one, and write corrections for the simulator."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -29,7 +29,7 @@ from tam_calibration.results.overwriting import require_separate
 Pieces = Iterator[tuple[Corrected, IntArray | None]]
 
 RESIDUAL = "residual"
-"""Name by which it is accepted that the scalar magnetometer contradicts the corrected field."""
+"""Name that accepts a scalar magnetometer that contradicts the corrected field."""
 
 
 @click.command()
@@ -85,7 +85,7 @@ class _Intensity:
     remarks: tuple[str, ...] = ()
 
     def add(self, corrected: Corrected) -> None:
-        """Add the intensities of a correction; what is missing stands in the last that tells it."""
+        """Add the intensities of a correction; the last one says what is missing."""
         self.remarks = corrected.remarks or self.remarks
         if corrected.missing is not None:
             self.without.update(corrected.missing[corrected.missing > 0].tolist())

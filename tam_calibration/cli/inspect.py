@@ -16,7 +16,7 @@ from tam_calibration.report.inspection_rows import HEADER, headline, rows_of
 from tam_calibration.results.inspection_json import inspection_to_mapping
 
 _CHANNELS = 12
-"""Channels of a topic that are printed beside those that are taken."""
+"""Channels of a topic that are printed in addition to those taken."""
 
 _CLAUSES = 30
 """Oddities that are printed."""

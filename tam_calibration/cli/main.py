@@ -1,6 +1,6 @@
 """The `tam` command: one group, its subcommands loaded when they are called.
 
-It tells notes that are logged at once, and warnings at its end or in the sentence that ends it.
+It prints notes when they are logged, and warnings at its end or in the sentence that ends it.
 """
 
 import logging
@@ -20,7 +20,7 @@ from tam_calibration.model.signals import Ending
 
 
 class HeldWarnings(logging.Handler):
-    """Tells notes of this package on stderr while it is entered, and holds its warnings until nothing is refused."""
+    """Prints notes of this package on stderr while it is entered, and its warnings once nothing is refused."""
 
     def __init__(self) -> None:
         super().__init__(logging.INFO)
@@ -81,7 +81,7 @@ VALIDATION = {
     "blind": "Check the diagnosis on recordings whose cause is withheld: make, answer, score.",
     "reproduce": "Run the simulations of the papers again, number by number.",
 }
-"""Subcommands of the package `tam_validation`, which lies beside this one in a checkout and is not installed."""
+"""Subcommands of the package `tam_validation`, which a checkout has next to this one and which is not installed."""
 
 
 def subcommands() -> dict[str, str]:
@@ -147,7 +147,7 @@ class LazyGroup(click.Group):
             formatter.write_dl(list(subcommands().items()))
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run a subcommand; what the user can mend becomes one sentence, with what was warned of, and an exit code."""
+        """Run a subcommand; input errors become one sentence, with the warnings, and an exit code."""
         held = HeldWarnings()
         try:
             with held:

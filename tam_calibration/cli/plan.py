@@ -31,11 +31,11 @@ from tam_calibration.report.update_rows import age_in_words
 from tam_calibration.results import read_calibration
 
 _MOST_SHOWN = 8
-"""Turns that are told: those after them buy less."""
+"""Turns that are shown: later ones gain less."""
 
 
 def plan_turns(path: Path, array: Array, vehicle: Vehicle, inclination: float, as_json: bool) -> None:
-    """Print which turns buy most, beside a calibration that is as old as it is now.
+    """Print which turns add most to a calibration at its present age.
 
     Raises
     ------

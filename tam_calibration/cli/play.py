@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from tam_calibration.nodes.player import Player
 
 WAIT_S = 10.0
-"""Longest wait for a subscriber: nodes that start beside the player are there within some seconds."""
+"""Longest wait for a subscriber: nodes that start with the player are there within some seconds."""
 
 _SLOWEST, _FASTEST = 0.001, 1000.0
 """Limits of the rate: an hour lasts six weeks, or 3.6 s, which no node keeps up with."""

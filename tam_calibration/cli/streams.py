@@ -26,9 +26,9 @@ class GradedBad(Refused):
     reason : str
         Why.
     as_json : bool
-        Whether it is told as JSON.
+        Whether it is printed as JSON.
     further : dict of str to object, optional
-        What the JSON contains beside the grade.
+        Content of the JSON in addition to the grade.
     """
 
     def __init__(self, reason: str, as_json: bool, further: dict[str, object] | None = None) -> None:

@@ -145,7 +145,7 @@ def reading_options(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 MOST_LINES = 20
-"""Lines of an answer that is not asked for in full: they fit a terminal beside the command."""
+"""Lines of an answer that is not asked for in full: they fit a terminal with the command."""
 
 Detail = Literal["tables", "answer"] | None
 """How much of an answer is printed: all tables, its first line alone, or a summary."""
@@ -228,7 +228,7 @@ _MOST_ROWS = 30
 
 
 def print_blocks(blocks: Iterable[Block], most: int = sys.maxsize, console: Console | None = None) -> None:
-    """Print the paragraphs, points and tables of a page; what stands out is bold.
+    """Print the paragraphs, points and tables of a page; important parts are bold.
 
     Parameters
     ----------
@@ -293,7 +293,7 @@ def working(progress: Progress, description: str) -> ProgressCallback:
     progress : Progress
         Display to which the task is added.
     description : str
-        What is being done, shown beside the bar.
+        What is being done, shown with the bar.
     """
     task = progress.add_task(printable(description), total=None)
     return lambda done, total: progress.update(task, completed=done, total=total)
@@ -307,7 +307,7 @@ def progress_of(progress: Progress, description: str) -> Callable[[str, float], 
     progress : Progress
         Display to which the task is added.
     description : str
-        Shown until the first stage is told.
+        Shown until the first stage is known.
     """
     task = progress.add_task(description, total=1.0)
     return lambda stage, done: progress.update(task, description=stage, completed=done)

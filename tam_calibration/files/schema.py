@@ -180,7 +180,7 @@ def _bounded(kind: Any, value: Any, place: str, faults: list[str]) -> Any:
 
 
 def _one_of(kind: Any, value: Any, place: str, faults: list[str]) -> Any:
-    """Return a value as the first type of a union that has it; of what all others say the first is told."""
+    """Return a value as the first type of a union that has it; otherwise raise the first error."""
     kinds = [each for each in get_args(kind) if each is not NoneType]
     if value is None and NoneType in get_args(kind):
         return None

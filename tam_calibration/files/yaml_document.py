@@ -168,7 +168,7 @@ def _fault(event: Any, problem: str) -> yaml.MarkedYAMLError:
 
 @contextmanager
 def mapping_in(path: Path) -> Iterator[dict[str, Any]]:
-    """Give the mapping that a file contains; what is wrong with it, here or in the block, is told with the file's name.
+    """Give the mapping that a file contains; errors, here or in the block, name the file.
 
     Raises
     ------

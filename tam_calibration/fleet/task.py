@@ -344,7 +344,7 @@ def _read(path: Path, options: Options) -> tuple[SampleSource, Usage | None]:
 
 
 def _in_short(content: dict[str, Any]) -> dict[str, Any]:
-    """Return what the summary tells of a gap."""
+    """Return what the summary says of a gap."""
     return {
         "verdict": content["verdict"],
         "statement": content["statement"],

@@ -44,7 +44,7 @@ def columns_of(channel: str) -> tuple[str, ...]:
 
 
 def is_channel(stream: str) -> bool:
-    """Whether a stream is a channel beside the sensors, or a further one."""
+    """Whether a stream is a channel recorded with the sensors, or a further one."""
     return stream in CHANNEL_COLUMNS or is_further(stream)
 
 

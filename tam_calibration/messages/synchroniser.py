@@ -48,7 +48,7 @@ CATCH_UP_NS = 1_000_000_000
 """Time of arrival for which samples wait for all streams after a stall: ten times what was measured after 8 s."""
 
 REMEMBERED = 16
-"""Intervals between samples, the shortest of which tells when a message may be of the next sample."""
+"""Intervals between samples, the shortest of which decides when a message may be of the next sample."""
 
 # Stamps of successive epochs are set apart by more than any stamp, so that one number orders all messages.
 _EPOCH = 1 << 64

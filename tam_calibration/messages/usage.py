@@ -51,7 +51,7 @@ class Usage:
         Messages of sensor 1, also those that were lost on the way, but for those that still wait, and those of the
         sensor that stood in for it.
     reasons : tuple of str
-        Why the others were not used, each with its count and what mends it, the most frequent first.
+        Why the others were not used, each with its count and what to do, the most frequent first.
     readings : tuple of int
         Readings that came of each sensor.
     interpolated : tuple of int
@@ -102,7 +102,7 @@ class Usage:
         patience_ns : int
             How far the stamps of one may lag behind those of another, nanoseconds.
         channels : sequence of Stream
-            Of what is recorded beside the sensors.
+            Of the channels recorded with the sensors.
         """
         own = _own_faults(first.losses)
         reasons = [(count, f"{count} {fault}: look at the driver of {first.name}") for count, fault in own]
@@ -162,7 +162,7 @@ class Usage:
         ------
         Refused
             When less than half of the samples were used, two publishers send on the topic of a sensor, or the scalar,
-            which tells the scale, is lost.
+            which determines the scale, is lost.
         """
         if self.doubled:
             raise Refused("; ".join(self.doubled))

@@ -122,7 +122,7 @@ _LARGEST_BIAS = 100.0
 """Of a sensor's readings, in units of the strongest field: a bias may be many times the field."""
 
 LOCAL_STANDARD_ERROR_T = 140e-9
-"""Of each component of a model of the main field: crust and currents, as the World Magnetic Model tells of itself."""
+"""Of each component of a model of the main field: crust and currents, as the World Magnetic Model states."""
 
 LOCAL_VARIANCE_T2 = LOCAL_STANDARD_ERROR_T**2 * np.eye(3)
 """(3, 3) covariance of such a field."""

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import xarray
 
 CHANNELS = ("scalar_T", "temperature_C", "current_A", "attitude", "angular_velocity_rad_s", "position_m")
-"""What may be recorded beside the sensors; a channel that holds nothing but NaN is absent."""
+"""Channels that may be recorded with the sensors; a channel of NaN only is absent."""
 
 COMPONENTS = {"attitude": 4, "angular_velocity_rad_s": 3, "position_m": 3}
 """Numbers of a value of each channel that has more than one; one NaN among them makes all NaN."""

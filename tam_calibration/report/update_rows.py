@@ -20,7 +20,7 @@ _UNITS = {
 """Factor from SI and unit of a change of each kind."""
 
 _MOST_VALUES = 8
-"""Parts of a change whose sizes are told: of all errors of all sensors the table of errors tells more."""
+"""Parts of a change whose sizes are stated: for all errors of all sensors the table of errors says more."""
 
 _AXES = {"non-orthogonality": "θ φ ψ", "misalignment": "α β γ"}
 """Names of the three errors of a kind, where they are not those of the axes."""

@@ -1,6 +1,6 @@
 """Calibrations in the form that other software reads, in its unit, sign and order, and what it cannot hold.
 
-A reading r of a sensor becomes the field C (r - o) in the array frame. A consumer that holds only a symmetric matrix
+A reading r of a sensor becomes the field C (r - o) in the array frame. A consumer that has only a symmetric matrix
 gets S of the polar decomposition C = R S: the intensity is exact, and the rotation R is left out.
 """
 

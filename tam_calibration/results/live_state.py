@@ -1,6 +1,6 @@
 """What a calibrator has learned, on disk, so that one that is started anew goes on: arrays and a text about them.
 
-A line with a checksum of what follows stands before them; earlier versions had none.
+A line with a checksum of what follows precedes them; earlier versions had none.
 """
 
 import json

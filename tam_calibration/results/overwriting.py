@@ -110,6 +110,6 @@ def _place(path: Path) -> set[Hashable]:
 
 
 def name_aside(path: Path) -> Path:
-    """Return a name beside a path that no file has, for one that is to be kept: the path with a number at its end."""
+    """Return an unused name next to a path, for a file that is to be kept: the path with a number at its end."""
     names = (path.with_name(f"{path.name}.{number}") for number in range(1, 1_000_000))
     return next(name for name in names if not name.exists())

@@ -1,4 +1,4 @@
-"""Scenario files, shipped ones by name, and the truth that is written beside a simulated recording."""
+"""Scenario files, shipped ones by name, and the truth that is written with a simulated recording."""
 
 from collections.abc import Callable
 from dataclasses import field, replace
