@@ -20,13 +20,13 @@ CHANNEL_FAULTS = {
     "unit": "an axis, a sensor or the scalar in another unit than the others",
     "zero": "readings that are exactly zero",
 }
-"""The names by which faults of channels are told and accepted, and what each is."""
+"""Names of the faults of channels, for messages and `--accept`, and what each is."""
 
 ACCEPTABLE = {**CHANNEL_FAULTS, **LIMITS}
 """The names of all that may be accepted: of the channels, and of the calibration that was fitted."""
 
 MOST_TOLD = 3
-"""Faults that a refusal tells in full: one cause, such as a dead converter, shows in the three axes of a sensor."""
+"""Faults that a refusal states in full: one cause, such as a dead converter, shows in the three axes of a sensor."""
 
 Severity = Literal["refusal", "warning", "note"]
 
@@ -40,9 +40,9 @@ class Fault:
     name : str
         One of ``CHANNEL_FAULTS``.
     sensor : int or None
-        From 1; None where it is the scalar, or cannot be told.
+        From 1; None if it is the scalar, or unknown.
     axis : str
-        x, y or z; empty where it is the whole sensor.
+        x, y or z; empty for all axes of the sensor.
     time_s : tuple of float
         First and last time, seconds.
     sentence : str
@@ -101,7 +101,7 @@ def refuse(faults: Iterable[Fault]) -> None:
     Raises
     ------
     Refused
-        It tells them, and the names by which they are accepted.
+        The message states them, and the names to accept them by.
     """
     told = list(faults)
     if not told:

@@ -32,7 +32,7 @@ class Health:
 
 
 class TamNode(AnsweringNode):
-    """A node that checks its parameters, streams serialised messages, and tells its health.
+    """A node that checks its parameters, streams serialised messages, and reports its health.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ class TamNode(AnsweringNode):
         return self.get_clock().now().nanoseconds / 1e9
 
     def refuse(self, topic: str, problem: str) -> None:
-        """Count a message that cannot be used; the first of a topic is logged, all are told in /diagnostics.
+        """Count a message that cannot be used; the first of a topic is logged, all are counted in /diagnostics.
 
         Parameters
         ----------
@@ -163,7 +163,7 @@ class TamNode(AnsweringNode):
         return Health(ERROR, "; ".join([*problems, health.message]), health.values)
 
     def mend_of_type(self, topic: str, published: str) -> str:
-        """Return what mends an input that is published as another type.
+        """Return what to do about an input that is published as another type.
 
         Parameters
         ----------

@@ -207,7 +207,7 @@ class _Shape:
 
 
 class CloudReader:
-    """Reads serialised clouds, many at once where they are alike; what is like a cloud before is not parsed again.
+    """Reads serialised clouds, many at once if their layouts agree; a layout that was seen before is not parsed again.
 
     Parameters
     ----------

@@ -76,7 +76,7 @@ def unknown_parameters(node: Node, rules: Sequence[Rule]) -> dict[str, str]:
     node : Node
         That has declared all it was given.
     rules : sequence of Rule
-        The parameters that it knows, beside those of ROS.
+        The parameters that it knows, in addition to those of ROS.
 
     Returns
     -------
