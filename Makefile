@@ -1,6 +1,6 @@
 # make demo     the whole chain once: simulate, play over DDS, calibrate, compare; writes demo_output/
 # make test     every check and test
-# make check    format, lint and types only
+# make check    format, lint, types and prose only
 # make bytecode what the tests import, compiled once: else each of their processes does it for itself
 # make docs     the site of docs/ and the docstrings; writes build/docs/index.html
 # make battery  every bad input and kill, and a flood of the nodes for a minute; a seed: make battery SEED=7
@@ -35,6 +35,7 @@ check: $(READY)
 	@$(BIN)/ruff format --check --quiet .
 	@$(BIN)/ruff check --quiet .
 	@$(BIN)/mypy --no-error-summary --num-workers 2
+	@$(BIN)/python benchmarks/prose.py
 
 bytecode: $(READY)
 	@$(BIN)/pytest --collect-only --quiet >/dev/null || true

@@ -3,9 +3,9 @@
 Run ``python benchmarks/blind.py --seed SEED [--cases 600] [--folder KEPT] [--judged]``. Every recording is made by
 ``tam blind make``, diagnosed by ``tam diagnose`` from its two files alone, once more with its true effect left out of
 the library, and scored against the sealed keys. With ``--judged`` the figures go to ``results/blind*.csv`` and into
-``docs/gap_check.md``, with the pictures of its confusion matrix and reliability curve, which ``docs/gap.md`` shows too;
+``docs/explanation/gap_check.md``, with the pictures of its confusion matrix and reliability curve;
 the seed must then be one that nothing was tuned on, and the causes outside the library must be new ones.
-What the figures are, and what is asked of them, is described in ``docs/gap_check.md``.
+What the figures are, and what is asked of them, is described in ``docs/explanation/gap_check.md``.
 """
 
 import re
@@ -22,10 +22,12 @@ from rich.console import Console
 from tam_calibration.files.text_files import write_whole
 from tam_validation.blind.folder import TIMES, read_json, read_keys, read_outcomes
 from tam_validation.blind.score import Score
-from tam_validation.blind.score_table import HEADER, cells, effects, print_score, remarks
+from tam_validation.blind.score_table import HEADER, cells, print_score, remarks
 
 RESULTS = Path(__file__).parent / "results"
 DOCS = Path(__file__).parents[1] / "docs"
+PRINTED = HEADER[:5]
+"""Columns of the documentation."""
 MARKS = ("<!-- figures: written by benchmarks/blind.py -->", "<!-- end of figures -->")
 
 
@@ -79,18 +81,19 @@ def document(score: Score, times_s: dict[str, float], command: str, commit: str)
     """Put the figures between their marks in the documentation, and draw the pictures."""
     draw_confusion(score).savefig(DOCS / "images" / "gap_confusion.png", dpi=110)
     draw_reliability(score).savefig(DOCS / "images" / "gap_reliability.png", dpi=110)
-    summary = [
+    figures = [
         f"Made by `{command}` at commit {commit}, on cases that nothing was tuned on.",
+        markdown(PRINTED, [cells(row)[: len(PRINTED)] for row in score.rows if is_printed(row.name, cells(row)[2])]),
         "\n".join(f"- {line}" for line in remarks(score, times_s)),
-        "![How often each answer came first; rows are the truth](images/gap_confusion.png)",
-        "![What came true of what was told](images/gap_reliability.png)",
+        "![How often each answer came first; rows are the truth](../images/gap_confusion.png)",
+        "![Observed against predicted frequencies](../images/gap_reliability.png)",
     ]
-    put(DOCS / "gap.md", summary)
-    figures = markdown(HEADER, [cells(row) for row in score.rows])
-    put(
-        DOCS / "gap_check.md",
-        [summary[0], figures, *summary[1:], markdown(("effect", "solved", "amplitude left, median"), effects(score))],
-    )
+    put(DOCS / "explanation" / "gap_check.md", figures)
+
+
+def is_printed(name: str, asked: str) -> bool:
+    """Return whether the documentation has a figure; ``results/blind.csv`` has all."""
+    return bool(asked) and not name.startswith(("the same", "among", "axis"))
 
 
 def draw_confusion(score: Score) -> Figure:

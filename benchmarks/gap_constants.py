@@ -4,7 +4,7 @@ Run ``python benchmarks/gap_constants.py [--quick] [--only NAME]… [--page PAGE
 check, made once, are diagnosed as the code stands and with one constant halved and doubled wherever it is imported. Of
 those whose diagnosis calls a function that reads the constant, an effect's is tried on those of the effect itself and
 three others. ``--quick`` runs nothing; ``--only`` measures the constants whose name contains some letters. What was
-measured stays in ``results/gap_constants.csv`` until the value changes. ``docs/gap_constants.md`` is written whole.
+measured stays in ``results/gap_constants.csv`` until the value changes. ``gap_constants.md`` is written anew.
 """
 
 import csv
@@ -47,7 +47,7 @@ from tam_validation.blind.folder import write_case
 from tam_validation.blind.outcome import Outcome
 
 RESULTS = Path(__file__).parent / "results" / "gap_constants.csv"
-PAGE = Path(__file__).parents[1] / "docs" / "gap_constants.md"
+PAGE = Path(__file__).parent / "gap_constants.md"
 SEED = 1207
 """Of recordings that nothing is tuned on or judged by."""
 
@@ -230,22 +230,21 @@ def text(constants: Sequence[Constant], rows: Mapping[tuple[str, str], Mapping[s
     totals = ["all", *(str(sum(counts[room, kind] for kind in KINDS)) for room in ROOMS)]
     parts = [
         "# The constants of the diagnosis",
-        "Written by `python benchmarks/gap_constants.py`, which halves and doubles each and runs for hours; "
-        "`--only NAME` measures some, `--quick` none. "
+        "This page lists every number that the diagnosis uses, with its reason and what halving and doubling it does. "
+        "`python benchmarks/gap_constants.py` writes it and runs for hours; `--only NAME` measures some constants, "
+        "`--quick` none. "
         f"Measured so far: {len(measured)} of {len(constants)}.",
         markdown(("kind", *(f"`{room}/`" for room in ROOMS)), [*table, totals]),
-        f"Besides, {unnamed_in_comparisons()} numbers other than 0 to 3 are compared without a name. What the kinds "
-        "are is a rule, which stands in `benchmarks/constants.py`: a *decision* is compared with something that the "
-        "data tell, so that it may turn an answer; of the others none can but by way of numerics.",
+        f"{unnamed_in_comparisons()} further numbers other than 0 to 3 are compared without a name. "
+        "`benchmarks/constants.py` assigns the kinds: a *decision* is compared with a function of the data, so it can "
+        "change an answer. The others can do so only through numerics.",
         f"The figures are those of {len(PLANS)} recordings of {SAMPLES} samples: sixteen with one cause, of 0.3, 1 and "
         "3 noise floors, two with none, three with a cause outside the library, two with a known cause beside one, two "
-        "with two causes. *Answers* counts the diagnoses "
-        "whose verdict, causes or sizes become others, of those tried; then follow how many more or fewer first causes "
-        "and verdicts are right (those of clean recordings also apart), and the seconds of processor time over those "
-        "without the change. Of a part between 0.9 and 1 what it lacks of 1 is halved and doubled; a number that is "
-        "made of another when a module is imported stays. So few recordings show what a constant may do, not that it "
-        "does nothing elsewhere.",
-        f"Changed nothing, or not reached by any of the recordings: {', '.join(idle) or 'none of those measured'}.",
+        "with two causes. *Answers* counts the diagnoses whose verdict, causes or sizes change, of those tried. Then "
+        "follow how many more or fewer first causes and verdicts are right (clean recordings also separately), and the "
+        "ratio of processor times. For a fraction p between 0.9 and 1, 1 - p is halved and doubled. So few recordings "
+        "show what a constant can do, not that it has no effect elsewhere.",
+        f"No effect, or not reached in these recordings: {', '.join(idle) or 'none of those measured'}.",
     ]
     by_kind = defaultdict(list)
     for one in constants:

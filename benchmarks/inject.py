@@ -32,7 +32,7 @@ QUANTITIES = {
 """What the names of comparable parameters in an answer end in."""
 
 NEAR = 0.10
-"""Part of the true size by which a right one may err, whatever its standard error; asked for in docs/gap_check.md."""
+"""Part of the true size by which a right one may err, whatever its standard error."""
 
 STANDARD_ERRORS = 3.0
 """By which a right size may err: more is one case in 370 of normal errors."""

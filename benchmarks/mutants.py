@@ -7,7 +7,7 @@
 
 cosmic-ray changes a number or an operator in a copy of the repository, and the tests of the module run until one fails:
 those of the file that mirrors it, then of those that name it, then of those that mirror a module which imports it. What
-lives is printed, but for what stands in docs/mutants.md with the reason, which is not tried. After ``--since`` the exit
+lives is printed. What ``benchmarks/mutants.md`` lists with the reason is not tried. After ``--since`` the exit
 code is 1 where so few are killed as would be one time in a hundred if nine of ten mutants of these lines were: a
 sample of twenty that misses three proves nothing.
 """
@@ -71,7 +71,7 @@ def outcomes(
     mutants: Iterable[Mutant], copy: Path, limit_of: Callable[[str], float], is_nearest: bool = False
 ) -> Counter[str]:
     """Return how many mutants had which outcome, and print those that live; without time a module is left out."""
-    listed, counts = set((ROOT / "docs" / "mutants.md").read_text("utf-8").splitlines()), Counter[str]()
+    listed, counts = set((ROOT / "benchmarks" / "mutants.md").read_text("utf-8").splitlines()), Counter[str]()
     for mutant in mutants:
         path, tests = copy / PACKAGE / f"{mutant.module}.py", tests_of(mutant.module, is_nearest)
         if mutant.change in listed:

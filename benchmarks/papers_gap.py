@@ -1,6 +1,6 @@
 """What the experiments of the four papers have beyond their models, and which law would make it.
 
-Run ``python benchmarks/papers_gap.py [--seeds 40] [--diagnosed 10]``. It prints the tables of ``docs/papers_gap.md``.
+Run ``python benchmarks/papers_gap.py [--seeds 40] [--diagnosed 10]``. It prints the tables of ``papers_gap.md``.
 
 Each experiment is simulated as its paper describes it: printed errors, baseline, poses drawn within what is stated, the
 noise of the paper's own simulation, the paper's own procedure. Then one law is added, in a new random form for each

@@ -45,7 +45,7 @@ Result = TypeVar("Result")
 SAMPLES = 1000
 FIRST_SEED = 20_000
 DRIFT_T = 8.26e-9
-"""Of a calm day, as in docs/methods.md."""
+"""Of a calm day, as in docs/explanation/methods.md."""
 GROUPS = {"bias": slice(6, 9), "scale": slice(0, 3), "axes": slice(3, 6)}
 TOGETHER = "maximum_likelihood, all at once"
 TIMES, RESAMPLES = ("time, ms", "time/ours"), 500

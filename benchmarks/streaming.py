@@ -3,7 +3,8 @@
 Run ``python benchmarks/streaming.py [--seconds 60] [--repeats 4]``. Four sensors, scalar and IMU (100 Hz) of an array
 that turns 3 m from a dipole are published as by drivers; the nodes are other processes, over DDS on this machine.
 Times are those of the processor, so that other processes on the machine count only by the caches that they share;
-latencies are those of the clock, so that they count in full: their load is told too. `docs/streaming.md` says more.
+latencies are those of the clock, so that they count in full: their load is told too.
+`docs/explanation/streaming.md` says more.
 """
 
 import os

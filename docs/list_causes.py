@@ -1,20 +1,21 @@
-"""Write ``docs/causes.md`` from the table of causes.
+"""Write ``docs/reference/causes.md`` from the table of causes.
 
-Run ``python docs/list_causes.py`` after the table was changed; a test holds the two together.
+Run ``python docs/list_causes.py`` after the table was changed; a test compares the two.
 """
 
 from pathlib import Path
 
 from tam_calibration.gap.laws.causes import CAUSES, PossibleCause
 
-PAGE = Path(__file__).parent / "causes.md"
+PAGE = Path(__file__).parent / "reference" / "causes.md"
 
 _HEAD = """\
 # Causes by their signature
 
-`tam diagnose` finds the *law* of a gap first: what the disturbance does to a reading, in which sensor and axes, and how
-its size goes with time. This page lists what can make such a law. Written by `docs/list_causes.py` from
-`tam_calibration/gap/laws/causes.toml`.
+This page lists the causes that `tam diagnose` can name, with a test and a remedy for each. The diagnosis finds the
+*law* of a gap first: what the disturbance does to a reading, where, and its course in time. A cause is named if it can
+have that law. `docs/list_causes.py` writes this page; [effects](effects.md) lists those that the library can fit and
+simulate. The physics and source of each cause are in `causes.toml` and on the page of `tam diagnose --report`.
 
 | law | what the disturbance does |
 |---|---|
@@ -26,7 +27,7 @@ its size goes with time. This page lists what can make such a law. Written by `d
 | `noise` | adds variance |
 | `samples` | makes single or held readings |
 
-| cause | law | course | what it is, and its source | what would prove it | what to do |
+| cause | law | course | what it is | how to test it | what to do |
 |---|---|---|---|---|---|
 """
 
@@ -38,9 +39,9 @@ def page() -> str:
 
 def _row(cause: PossibleCause) -> str:
     title = cause.title[:1].upper() + cause.title[1:]
-    size = f" In nature: {cause.size}." if cause.size else ""
+    size = f"; in nature {cause.size}" if cause.size else ""
     law, course = (", ".join(f"`{one}`" for one in words) for words in (cause.law, cause.course))
-    return f"| `{cause.name}` | {law} | {course} | {title}. {cause.physics}{size} | {cause.proof} | {cause.remedy} |\n"
+    return f"| `{cause.name}` | {law} | {course} | {title}{size} | {cause.proof} | {cause.remedy} |\n"
 
 
 if __name__ == "__main__":

@@ -1,22 +1,26 @@
-"""Write the table of effects into ``docs/gap.md`` from the effects themselves.
+"""Write the tables of ``docs/reference/effects.md`` from the effects themselves.
 
-Run ``python docs/list_effects.py`` after an effect was changed; a test holds the two together.
+Run ``python docs/list_effects.py`` after an effect was changed; a test compares the two.
 """
 
+import re
 from pathlib import Path
 
-from tam_calibration.effects.effect import Effect, LinearEffect
+from tam_calibration.effects.effect import Effect, Limit, LinearEffect
 from tam_calibration.effects.library import installed_effects
 
-PAGE = Path(__file__).parent / "gap.md"
+PAGE = Path(__file__).parent / "reference" / "effects.md"
 BEGIN, END = "<!-- effects: written by docs/list_effects.py -->\n", "<!-- end of effects -->\n"
 
 _SIZES = """
-The largest sizes that the effects have in nature; a fit that asks for more is no finding. Where coefficients have no
-size of their own, it is that of all that the effect adds to a reading (root of the mean square over the recording).
+## Largest sizes in nature
 
-| effect | of what | at most | source |
-|---|---|---|---|
+A fit that asks for more is no finding. `sizes` in the JSON of `tam diagnose` has the source of each limit. If a
+coefficient has no limit, the limit is for everything that the effect adds to a reading (root mean square over the
+recording).
+
+| effect | largest size |
+|---|---|
 """
 
 _CHANNELS = {
@@ -31,25 +35,38 @@ def effects_table() -> str:
     """Return the tables of this package's effects, and of their largest sizes, in Markdown."""
     own = [effect for effect in installed_effects().values() if type(effect).__module__.startswith("tam_calibration.")]
     rows = [_row(effect) for effect in own]
-    header = ["| effect | what it is, and its source | channels | what shows it |", "|---|---|---|---|"]
-    limits = [line for effect in own for line in _limits(effect)]
+    header = ["| effect | what it is | source | channel | motion that shows it |", "|---|---|---|---|---|"]
+    limits = [_limits(effect) for effect in own if effect.limits or _signal(effect)]
     return "\n".join([*header, *rows, *_SIZES.splitlines(), *limits, ""])
 
 
 def _row(effect: Effect) -> str:
     title = effect.title[:1].upper() + effect.title[1:]
     channels = ", ".join(_CHANNELS[name] for name in effect.channels) or "none"
-    return f"| `{effect.name}` | {title}. {effect.physics} | {channels} | {effect.excitation} |"
+    texts = "; ".join(re.findall(r"\(([^()]*)\)", effect.physics)).split("; ")
+    sources = dict.fromkeys(map(_short, texts))
+    return f"| `{effect.name}` | {title} | {'; '.join(filter(None, sources))} | {channels} | {effect.excitation} |"
 
 
-def _limits(effect: Effect) -> list[str]:
+def _short(source: str) -> str:
+    """Return authors and year of a source, or nothing if there is no year."""
+    if "," not in source:
+        return source.strip() if re.search(r"\d{4}", source) else ""
+    years = re.findall(r"\b(?:18|19|20)\d\d\b", source)
+    authors = re.split(r",| (?=\d{4}\b)", source)[0].rpartition(": ")[2].strip()
+    return f"{authors} {years[-1]}" if years else ""
+
+
+def _limits(effect: Effect) -> str:
     limits = dict(effect.limits)
-    if isinstance(effect, LinearEffect) and effect.largest_signal is not None:
-        limits["part of the field" if effect.largest_signal.unit == "1" else "size"] = effect.largest_signal
-    return [
-        f"| `{effect.name}` | {name} | {limit.with_unit(limit.largest)} | {limit.source} |"
-        for name, limit in limits.items()
-    ]
+    if signal := _signal(effect):
+        limits["part of the field" if signal.unit == "1" else "size"] = signal
+    sizes = ". ".join(f"{name} {limit.with_unit(limit.largest)}" for name, limit in limits.items())
+    return f"| `{effect.name}` | {sizes} |"
+
+
+def _signal(effect: Effect) -> Limit | None:
+    return effect.largest_signal if isinstance(effect, LinearEffect) else None
 
 
 def with_table(page: str) -> str:

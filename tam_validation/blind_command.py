@@ -25,15 +25,15 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("recording", type=PATH)
 @click.option("--array", type=PATH, required=True, help="Array YAML of the recording.")
-@click.option("--effect", metavar="NAME", help="Which to put in; without it their names are told.")
+@click.option("--effect", metavar="NAME", help="Effect to add; without it the names are listed.")
 @click.option(
     "--times",
     type=Number(0, 1e6, min_open=True),
     default=1.0,
     show_default=True,
-    help="Visible size over what the recording leaves by itself.",
+    help="Visible size, in units of the recording's own residual.",
 )
-@click.option("-o", "--output", type=PATH, required=True, help="CSV to write; the truth goes to .key.json beside it.")
+@click.option("-o", "--output", type=PATH, required=True, help="CSV to write; the truth goes to .key.json next to it.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
 def inject(recording: Path, array: Path, effect: str | None, times: float, output: Path, seed: int) -> None:
     """Put an effect into a real RECORDING, made by the check's own physics and not the library's.
@@ -79,7 +79,7 @@ _PRELOADED = ("tam_calibration.cli.diagnose", "tam_validation.blind.case")
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
-_jobs_option = click.option("--jobs", type=JOBS, default=2, show_default=True, help="Processes.")
+_jobs_option = click.option("--jobs", type=JOBS, default=2, show_default=True, help="Number of processes.")
 _keys_option = click.option("--keys", "keys_path", type=PATH, help="The sealed keys.  [default: DIR/keys.json]")
 
 
@@ -94,7 +94,7 @@ command.add_command(inject)
 @command.command()
 @click.argument("folder", metavar="OUT", type=PATH)
 @click.option("--cases", type=click.IntRange(1, 9999), default=400, show_default=True)
-@click.option("--seed", type=click.IntRange(min=0), required=True, help="Never one that anything was tuned on.")
+@click.option("--seed", type=click.IntRange(min=0), required=True, help="Use one that nothing was tuned on.")
 @click.option("--kinds", type=click.Choice(KINDS), multiple=True, default=KINDS, show_default=True)
 @_jobs_option
 def make(folder: Path, cases: int, seed: int, kinds: tuple[str, ...], jobs: int) -> None:
@@ -131,7 +131,7 @@ def _make_one(task: tuple[Path, "CasePlan", int, int]) -> tuple[int, dict[str, A
 @command.command()
 @click.argument("folder", metavar="DIR", type=PATH)
 @_jobs_option
-@click.option("--without-effect", is_flag=True, help="Open the keys, and leave each case's true effect out.")
+@click.option("--without-effect", is_flag=True, help="Open the keys, and leave out each case's true effect.")
 @_keys_option
 def answer(folder: Path, jobs: int, without_effect: bool, keys_path: Path | None) -> None:
     """Diagnose every case in DIR from data.csv and spec.yaml alone; each answer goes to answer.json beside them.
@@ -193,7 +193,7 @@ def _run_quietly(main: click.Command, arguments: list[str]) -> str:
 @click.option("--json", "json_path", type=PATH, help="Write the figures as JSON.")
 @click.option("--failures", is_flag=True, help="List the cases that went wrong, key against answer, one in a line.")
 def score(folder: Path, keys_path: Path | None, json_path: Path | None, failures: bool) -> None:
-    """Open the keys of DIR, hold them against their commitments, and say how many answers are right."""
+    """Open the keys of DIR, compare them with their commitments, and count the right answers."""
     from tam_calibration.files.text_files import to_json
     from tam_validation.blind.folder import COMMITMENTS, KEYS, TIMES, read_keys, read_outcomes, read_times
     from tam_validation.blind.score import Score

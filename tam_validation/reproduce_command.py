@@ -24,7 +24,7 @@ _SWEPT = "wu2025"
     help="Follow the text to the letter, also where it cannot give the printed numbers: a constant intensity in Wu's "
     "step 1, Li 2018a's artificial vector as reference, Li 2018b's ten samples of one turn, Chi's sign of ψ.",
 )
-@click.option("--output-dir", type=PATH, help=f"Of the CSV files.  [default: {RESULTS} if there is one, else here]")
+@click.option("--output-dir", type=PATH, help=f"CSV folder.  [default: {RESULTS} if there is one, else here]")
 def command(paper: str, seeds: int, as_published: bool, output_dir: Path | None) -> None:
     """Run the simulations of PAPER again and compare its numbers with ours.
 

@@ -1,4 +1,4 @@
-"""The worked case of docs/compare.md: its commands are run, and print what it shows."""
+"""The pages on simulators: the tutorial's commands are run and print what it shows; the guide's lists are complete."""
 
 import re
 import shlex
@@ -15,7 +15,8 @@ from tam_calibration.comparison.snippets import python_plugin
 
 ROOT = Path(__file__).parents[1]
 
-PAGE = (ROOT / "docs" / "compare.md").read_text(encoding="utf-8")
+TUTORIAL = (ROOT / "docs" / "tutorials" / "simulator.md").read_text(encoding="utf-8")
+GUIDE = (ROOT / "docs" / "how_to" / "compare.md").read_text(encoding="utf-8")
 
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
 
@@ -30,7 +31,7 @@ def blocks(text):
 
 def worked_case():
     """Return the blocks between the headline of the case and the next."""
-    return blocks(PAGE.partition("## From a MuJoCo model")[2].partition("\n## ")[0])
+    return blocks(TUTORIAL.partition("## From a MuJoCo model")[2].partition("\n## ")[0])
 
 
 def run(command):
@@ -79,12 +80,12 @@ def test_a_line_that_is_not_printed_is_told(other):
 
 def test_the_lines_of_the_plugin_are_those_that_the_mend_holds():
     """To copy from the page or from the report."""
-    assert python_plugin(SimpleNamespace(added=())) in [content for _, content in blocks(PAGE)]
+    assert python_plugin(SimpleNamespace(added=())) in [content for _, content in blocks(GUIDE)]
 
 
 def test_the_table_of_mistakes_has_every_kind():
     """Of units by their names, of the others as they stand in the code; and no other."""
-    rows = PAGE.partition("## Gross mistakes")[2].partition("\n## ")[0].splitlines()
+    rows = GUIDE.partition("## Gross mistakes")[2].partition("\n## ")[0].splitlines()
     told = [kind for row in rows if row.startswith("| `") for kind in re.findall(r"`(\w+)`", row.split("|")[1])]
     files = (ROOT / "tam_calibration" / "comparison" / "mistakes").glob("[!_]*.py")
     known = {kind for file in files for kind in re.findall(r'"([a-z]+(?:_[a-z]+)+)"', file.read_text(encoding="utf-8"))}

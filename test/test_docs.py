@@ -4,6 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import click
 import pytest
 import yaml
 from catkin_pkg.package import parse_package
@@ -29,7 +30,8 @@ def site(tmp_path_factory):
 def test_every_page_is_in_the_navigation(site):
     """The first page leads to all others, those included that a list forgot."""
     first = (site / "index.html").read_text()
-    assert {path.stem for path in DOCS.glob("*.md")} <= set(re.findall(r'href="(\w+)\.html"', first))
+    pages = {path.relative_to(DOCS).with_suffix("").as_posix() for path in DOCS.rglob("*.md")}
+    assert pages <= set(re.findall(r'href="([\w/]+)\.html"', first))
 
 
 def test_every_picture_is_shown(site):
@@ -40,7 +42,7 @@ def test_every_picture_is_shown(site):
 @pytest.mark.parametrize("name", tam_calibration.__all__)
 def test_every_public_name_is_documented(site, name):
     """What the package gives to Python has its place on the page of its names."""
-    assert f'id="tam_calibration.{name}"' in (site / "api.html").read_text()
+    assert f'id="tam_calibration.{name}"' in (site / "reference" / "python.html").read_text()
 
 
 def test_rosdoc2_finds_the_pages():
@@ -55,7 +57,7 @@ def test_rosdoc2_finds_the_pages():
 
 def test_no_command_installs_into_the_python_of_the_system():
     """Where pip is called it is that of an environment: outside of one, Ubuntu's and Debian's Python refuses it."""
-    pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "Makefile", *DOCS.glob("*.md"), *DOCS.glob("*.rst")]
+    pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "Makefile", *DOCS.rglob("*.md"), *DOCS.glob("*.rst")]
     lines = [line for page in [*pages, *(ROOT / "benchmarks").glob("*.py")] for line in page.read_text().splitlines()]
     calls = [line for line in lines if re.search(r"\bpip3? install\b", line)]
     assert calls and [line for line in calls if not re.search(r"(/bin/|\$\(BIN\)/)pip install", line)] == []
@@ -70,3 +72,26 @@ def test_the_commands_for_a_recording_of_ones_own_work_as_pasted(tmp_path, monke
     for command in commands:
         done = CliRunner().invoke(main, command)
         assert done.exit_code == 0, done.output
+
+
+PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
+
+
+def test_the_documentation_stays_short():
+    """What is read first has 1200 words, all pages together 30 000, and the changelog of a release 60 lines."""
+    assert len(PAGES[0].read_text().split()) <= 1200
+    assert sum(len(page.read_text().split()) for page in PAGES) <= 30_000
+    assert len((ROOT / "CHANGELOG.rst").read_text().partition("\n0.1.0 (")[0].splitlines()) <= 66
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_commands_have_the_options_that_a_page_shows(page):
+    """Also those that take too long to run, or need a robot."""
+    blocks = re.findall(r"^```\w*\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE)
+    for line in (line for block in blocks for line in block.splitlines() if line.startswith("tam ")):
+        command, words = main, shlex.split(line, comments=True)[1:]
+        while isinstance(command, click.Group):
+            command = command.get_command(click.Context(command), words.pop(0))
+            assert command is not None, line
+        known = {option for parameter in command.params for option in parameter.opts}
+        assert {word for word in words if re.fullmatch(r"--?[a-z-]+", word, re.IGNORECASE)} <= known, line

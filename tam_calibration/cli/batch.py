@@ -56,15 +56,15 @@ def _answer(results: Sequence[Result], points: Sequence[str]) -> str:
 
 @click.command()
 @click.argument("recordings", nargs=-1, required=True)
-@click.option("--array", "array_path", type=PATH, required=True, help="Array YAML: where the sensors sit, their noise.")
+@click.option("--array", "array_path", type=PATH, required=True, help="Array YAML: positions and noise of the sensors.")
 @click.option(
     "--calibration",
     "calibration_path",
     type=PATH,
-    help="Calibration YAML to correct with, its effects taken off first; by default each recording's own.",
+    help="Calibration YAML to correct with; its effects are removed first. By default each recording's own.",
 )
 @click.option("--out", type=PATH, required=True, help="Folder of the results.")
-@click.option("--jobs", type=JOBS, help="Processes of this machine; by default one for each core.")
+@click.option("--jobs", type=JOBS, help="Number of processes on this machine; by default one for each core.")
 @click.option("--scheduler", help="Address of a Dask scheduler, such as tcp://host:8786, whose workers do the work.")
 @reading_options
 @answer_options
@@ -80,10 +80,10 @@ def command(
     how: Reading,
     detail: Detail,
 ) -> None:
-    """Calibrate, diagnose and correct many RECORDINGS, or those that patterns find, such as 'missions/**/*.mcap'.
+    """Calibrate, diagnose and correct many RECORDINGS: files, folders, or patterns such as 'missions/**/*.mcap'.
 
-    Called again, also after it was killed, it does what is not done yet, has failed or has changed. The folder that a
-    recording lies in names its platform. Exits 0 when all is done and no gap is open, 1 when something was refused,
+    Run again, also after a kill, it does what is missing, has failed or has changed. The folder of a recording names
+    its platform. Exits 0 when all is done and no gap is open, 1 when something was refused,
     failed or stays unexplained, 2 on bad input.
     """
     require("report", "the summary of a batch")

@@ -93,45 +93,45 @@ _Fit = Callable[[SampleSource, Array], Calibration]
 
 @click.command()
 @click.argument("recording", type=terminal.PATH)
-@click.option("--array", type=terminal.PATH, required=True, help="Array YAML: where the sensors sit, and their noise.")
+@click.option("--array", type=terminal.PATH, required=True, help="Array YAML: positions and noise of the sensors.")
 @click.option("-o", "--output", type=terminal.PATH, help="Calibration YAML to write.")
 @click.option("--method", default=DEFAULT_METHOD, show_default=True, help=f"One of {', '.join(METHODS)}.")
 @click.option(
     "--place",
-    help="LAT,LON,DATE of a recording without scalar: its intensity is that of IGRF there; beside --prior or "
-    "--attitude-noise-deg the field of IGRF counts with its error.",
+    help="LAT,LON,DATE: take the intensity from IGRF if the recording has no scalar; with --prior or "
+    "--attitude-noise-deg use the field of IGRF with its error.",
 )
 @click.option(
     "--prior",
     "prior_path",
     type=terminal.PATH,
-    help="Calibration YAML of the same array, made before: what is known already, less what may have changed since.",
+    help="Earlier calibration YAML of the same array, used with allowance for changes since then.",
 )
 @click.option(
     "--attitude-noise-deg",
     type=terminal.NumberOrEstimate(1e-4, 28),
-    help="Standard deviation of the recorded attitude about each axis, or estimate: attitude is then data of the fit. "
-    "It must come from gyroscope and accelerometer: the heading of an AHRS with a magnetometer is left out.",
+    help="Use the recorded attitude in the fit: its standard deviation about each axis, or estimate. It must come from "
+    "gyroscope and accelerometer; the heading of an AHRS with a magnetometer is left out.",
 )
 @click.option(
     "--ambient-gradient",
     is_flag=True,
-    help="Fit a gradient of the site's field too, from the recorded attitude: for a site that is not perfect.",
+    help="Also fit a gradient of the site's field, using the recorded attitude.",
 )
 @click.option(
     "--effects",
-    help="Fit effects too and keep them: names such as temperature_drift,current_interference, or auto for those that "
-    "tam diagnose finds.",
+    help="Also fit effects and keep them in the calibration: names such as temperature_drift,current_interference, or "
+    "auto for those that tam diagnose finds.",
 )
 @click.option(
     "--source",
     type=terminal.PATH,
-    help="YAML of a known source and its recording: fit baselines, common frame and places of the axes too.",
+    help="YAML of a known source and its recording: also fit baselines, common frame and places of the axes.",
 )
 @click.option(
     "--estimate-delays",
     is_flag=True,
-    help="Estimate first how much later than sensor 1's the other sensors' readings are stamped, and take that off.",
+    help="First estimate the delays of the other sensors' stamps against sensor 1, and remove them.",
 )
 @terminal.reading_options
 @terminal.answer_options
@@ -165,7 +165,7 @@ def command(
     """Estimate the errors of an array's sensors from RECORDING, of any format.
 
     The first line says whether the calibration is good, doubtful or bad, and why. Exits 0 when it is good or doubtful,
-    1 when it is bad (nothing is written then, unless the finding is accepted by its name), 2 on bad input.
+    1 when it is bad (nothing is written, unless --accept names the finding), 2 on bad input.
     """
     to_stdout = json_path == Path("-")
     outputs = {"yaml": output, "json": None if to_stdout else json_path, "report": report}
@@ -247,7 +247,7 @@ def _fit_of(
     prior_path: Path | None,
     main_field_T: FloatArray | None,
 ) -> _Fit:
-    """Return the fit that the options ask for: of the errors alone, beside a prior, or together with effects."""
+    """Return the fit that the options ask for: of the errors alone, with a prior, or together with effects."""
     if effects is None:
         prior = None if prior_path is None else read_calibration(prior_path)
         return partial(

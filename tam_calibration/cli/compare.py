@@ -1,4 +1,4 @@
-"""`tam compare`: what a simulator's recording has otherwise than a real one, and what mends the simulator."""
+"""`tam compare`: compare a simulator's recording with a real one, and write corrections for the simulator."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -33,17 +33,17 @@ from tam_calibration.results.comparison_json import Sources, comparison_to_mappi
 @click.command()
 @click.argument("simulation", type=PATH)
 @click.argument("recording", type=PATH)
-@click.option("--array", "array_path", type=PATH, required=True, help="Array YAML: where the sensors sit, their noise.")
+@click.option("--array", "array_path", type=PATH, required=True, help="Array YAML: positions and noise of the sensors.")
 @click.option(
     "--array-of-simulation",
     "simulated_array_path",
     type=PATH,
-    help="Array YAML of the simulation, where that is another one with as many sensors.",
+    help="Array YAML of the simulation, if it differs; it needs the same number of sensors.",
 )
 @click.option("--json", "json_path", type=PATH, help="Write the result as JSON; - is stdout, instead of the tables.")
-@click.option("--report", type=PATH, help="Write an HTML page: what differs, drawn, and the mend to copy.")
+@click.option("--report", type=PATH, help="Write an HTML page: what differs, drawn, and the corrections to copy.")
 @click.option("--mend", type=PATH, help="Write what the simulation lacks, for tam simulate --from-comparison.")
-@click.option("--map-of-simulation", type=PATH, help="Map YAML of the simulation, if its names are others.")
+@click.option("--map-of-simulation", type=PATH, help="Map YAML of the simulation, if its names differ.")
 @reading_options
 @answer_options
 @click.pass_context
@@ -60,10 +60,10 @@ def command(
     how: Reading,
     detail: Detail,
 ) -> None:
-    """Say what SIMULATION, recorded from your simulator, has otherwise than RECORDING, and what mends the simulator.
+    """Compare SIMULATION, recorded from your simulator, with RECORDING, and write corrections for the simulator.
 
     Each may have any format; path, length, rate and site may differ. Exits 0 when they are the same, 1 when they
-    differ or that cannot be told, 2 on bad input.
+    differ or it cannot be decided, 2 on bad input.
     """
     to_stdout = json_path == Path("-")
     outputs = {"json": None if to_stdout else json_path, "report": report, "mend": mend}

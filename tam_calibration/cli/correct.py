@@ -29,18 +29,16 @@ from tam_calibration.results.overwriting import require_separate
 Pieces = Iterator[tuple[Corrected, IntArray | None]]
 
 RESIDUAL = "residual"
-"""Name by which it is accepted that the scalar magnetometer contradicts the corrected field."""
+"""Name that accepts a scalar magnetometer that contradicts the corrected field."""
 
 
 @click.command()
 @click.argument("recording", type=PATH)
 @click.option("--calibration", "calibration_path", type=PATH, required=True, help="Calibration YAML of this array.")
-@click.option("--array", "array_path", type=PATH, help="Array YAML, to make sure that the calibration is of it.")
+@click.option("--array", "array_path", type=PATH, help="Array YAML, to check that the calibration belongs to it.")
 @click.option("-o", "--output", type=PATH, required=True, help="A .csv or .mcap file, or the folder of a bag.")
 @reading_options
-@click.option(
-    "--accept", type=click.Choice([RESIDUAL]), multiple=True, help="Write what would be refused by this name."
-)
+@click.option("--accept", type=click.Choice([RESIDUAL]), multiple=True, help="Overrule the refusal of this name.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def command(
     recording: Path,
@@ -51,7 +49,7 @@ def command(
     accept: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Correct RECORDING, of any format; a bag keeps its other topics when a bag is written."""
+    """Correct RECORDING, of any format. From bag to bag, other topics are copied."""
     inputs = [recording, calibration_path, *([] if array_path is None else [array_path]), *how.files]
     require_separate([output], inputs)
     calibration = read_calibration(calibration_path)
@@ -87,7 +85,7 @@ class _Intensity:
     remarks: tuple[str, ...] = ()
 
     def add(self, corrected: Corrected) -> None:
-        """Add the intensities of a correction; what is missing stands in the last that tells it."""
+        """Add the intensities of a correction; the last one says what is missing."""
         self.remarks = corrected.remarks or self.remarks
         if corrected.missing is not None:
             self.without.update(corrected.missing[corrected.missing > 0].tolist())

@@ -1,4 +1,4 @@
-"""`tam demo`: the whole chain over ROS 2, judged by the truth that was simulated."""
+"""`tam demo`: the complete chain over ROS 2, judged by the truth that was simulated."""
 
 import os
 import time
@@ -127,7 +127,7 @@ CHECK_SAMPLES = 1000
 _CHECK_BEGINS_S = 1000.0
 """Stamp of the first sample of the second recording: after the last of the first one."""
 PLAY_RATE = 2.0
-"""How much faster than its stamps a bag is played: the whole chain stays under a minute."""
+"""How much faster than its stamps a bag is played: the complete chain stays under a minute."""
 _TIMEOUT_S = 30.0
 """Longest wait for a node: ten times what a start takes on two cores."""
 
@@ -138,13 +138,13 @@ _TIMEOUT_S = 30.0
     type=NamedPath(file_okay=False, path_type=Path),
     default=Path("demo_output"),
     show_default=True,
-    help="Where bags, calibration, page and logs go.",
+    help="Folder for bags, calibration, page and logs.",
 )
 def command(output_dir: Path) -> None:
-    """Simulate a cross array that is turned, calibrate it over ROS 2, and judge by a second run.
+    """Simulate a turning cross array, calibrate it over ROS 2, and test the result on a second run.
 
-    Exits 0 only if the nodes joined every sample, and the tensor error of what the corrector published of the second
-    run, which the calibration has not seen, is within 5 % of the noise floor.
+    Exits 0 only if the nodes joined every sample, and the tensor error that the corrector published in the second run
+    is within 5 % of the noise floor.
     """
     from rich.console import Console
 

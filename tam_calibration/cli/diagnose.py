@@ -28,7 +28,7 @@ from tam_calibration.report.signature_rows import first_sentence, signature_bloc
 from tam_calibration.results import read_calibration
 from tam_calibration.results.results_json import gap_to_mapping
 
-_LEFT = "What is left with the causes, and the simulated twin does not have:"
+_LEFT = "What remains with the causes, and the simulated twin does not have:"
 
 
 def _blocks(gap: Gap) -> list[Block]:
@@ -54,22 +54,22 @@ _ANSWERS = ("no_gap", "explained")
 
 @click.command()
 @click.argument("recording", type=terminal.PATH)
-@click.option("--array", type=terminal.PATH, required=True, help="Array YAML: where the sensors sit, and their noise.")
+@click.option("--array", type=terminal.PATH, required=True, help="Array YAML: positions and noise of the sensors.")
 @click.option(
     "--json", "json_path", type=terminal.PATH, help="Write the result as JSON; - is stdout, instead of the tables."
 )
-@click.option("--report", type=terminal.PATH, help="Write an HTML page: where the gap is, its causes, what they leave.")
-@click.option("--without", multiple=True, metavar="EFFECT", help="Leave an effect out of those tried; may be repeated.")
+@click.option("--report", type=terminal.PATH, help="Write an HTML page: where the gap is, its causes, and the rest.")
+@click.option("--without", multiple=True, metavar="EFFECT", help="Do not try this effect; may be repeated.")
 @click.option(
     "--calibration",
     "calibration_path",
     type=terminal.PATH,
-    help="Calibration YAML whose effects are taken off first: what is left is the gap that they do not explain.",
+    help="Calibration YAML whose effects are removed first: the gap that they do not explain remains.",
 )
 @click.option(
     "--place",
-    help="LAT,LON,DATE of the recording: its field has the intensity of IGRF there, but for what iron nearby makes of "
-    "it. A scalar reference that contradicts it is bad input.",
+    help="LAT,LON,DATE: limit the intensity of the field to that of IGRF there, within a factor of 1.5. A scalar "
+    "reference that contradicts it is bad input.",
 )
 @terminal.reading_options
 @terminal.answer_options
@@ -90,7 +90,7 @@ def command(
     detail: terminal.Detail,
     accept: tuple[str, ...],
 ) -> None:
-    """Say whether RECORDING, of any format, holds more than the model and the noise can make, where, and why.
+    """Find what RECORDING, of any format, contains beyond model and noise, where, and why.
 
     Exits 0 when there is no gap or its causes are found, 1 when some of it stays unexplained or the recording is too
     short to tell, 2 on bad input.

@@ -16,7 +16,7 @@ from tam_calibration.results.export import CONSUMERS, export
 @click.option("--to", "target", type=click.Choice(list(CONSUMERS)), required=True, help="Software that will read it.")
 @click.option("-o", "--output", type=PATH, help="File to write; NAME_1, NAME_2 and so on if each sensor has its own.")
 def command(calibration_path: Path, target: str, output: Path | None) -> None:
-    """Write CALIBRATION for other software, and say what that cannot hold.
+    """Write CALIBRATION for other software, and say what that cannot represent.
 
     Without --output a single file is printed; a file for each sensor is named after CALIBRATION.
     """

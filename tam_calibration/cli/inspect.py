@@ -1,4 +1,4 @@
-"""`tam inspect`: what a recording holds, what is odd about it, and what would be taken of it for what."""
+"""`tam inspect`: what a recording contains, what is odd about it, and what would be taken of it for what."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from tam_calibration.report.inspection_rows import HEADER, headline, rows_of
 from tam_calibration.results.inspection_json import inspection_to_mapping
 
 _CHANNELS = 12
-"""Channels of a topic that are printed beside those that are taken."""
+"""Channels of a topic that are printed in addition to those taken."""
 
 _CLAUSES = 30
 """Oddities that are printed."""
@@ -24,7 +24,7 @@ _CLAUSES = 30
 
 @click.command()
 @click.argument("recording", type=PATH, nargs=-1, required=True)
-@click.option("--array", "array_path", type=PATH, help="Array YAML: the number of its sensors helps to choose.")
+@click.option("--array", "array_path", type=PATH, help="Array YAML: its number of sensors helps to choose.")
 @click.option("--json", "json_path", type=PATH, help="Write everything as JSON; - prints it instead of the tables.")
 @click.option("--write-map", "map_path", type=PATH, help="Write the choice, or the best guess, as a map to edit.")
 @click.option("--report", type=PATH, help="Write an HTML page that draws every channel over time.")
@@ -37,7 +37,7 @@ def command(
     map_path: Path | None,
     report: Path | None,
 ) -> None:
-    """Show what RECORDING holds, what is odd, and what is taken as sensors and channels.
+    """Show what RECORDING contains, what is odd, and what is taken as sensors and channels.
 
     Several files make one recording, such as one file for each sensor. Exits 0 when a choice can be made, 1 when it is
     ambiguous or not enough (it says what to add), 2 on bad input.

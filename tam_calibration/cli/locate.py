@@ -35,14 +35,20 @@ from tam_calibration.results import read_calibration
 @click.option(
     "--index", default=3.0, show_default=True, help="Structural index: 3 dipole, 2 line of dipoles, 1 current."
 )
-@click.option("--frequency", type=float, help="Of an alternating source [Hz].")
+@click.option("--frequency", type=float, help="Frequency of an alternating source [Hz].")
 @click.option("--find-frequency", is_flag=True, help="Find the frequency of an alternating source.")
-@click.option("--velocity", help="X,Y,Z of a platform that goes straight [m/s], in the world of the attitude.")
-@click.option("--velocity-error", type=float, help="Its standard error along each axis [m/s]; else a tenth of it.")
-@click.option("--position-error-m", type=float, help="White error of recorded positions [m]; else estimated.")
+@click.option("--velocity", help="X,Y,Z of a platform on a straight track [m/s], in the world of the attitude.")
+@click.option(
+    "--velocity-error",
+    type=float,
+    help="Standard error of the velocity along each axis [m/s]; by default a tenth of the speed.",
+)
+@click.option("--position-error-m", type=float, help="White error of recorded positions [m]; by default estimated.")
 @click.option("--position-drift-m", type=float, help="Slow error of recorded positions over the line [m].")
-@click.option("--place", help="LAT,LON,DATE: the regional field is that of IGRF there, instead of a fitted one.")
-@click.option("--attitude-noise-deg", default=0.0, show_default=True, help="Standard deviation about each axis.")
+@click.option("--place", help="LAT,LON,DATE: take the regional field from IGRF instead of fitting it.")
+@click.option(
+    "--attitude-noise-deg", default=0.0, show_default=True, help="Standard deviation of the attitude about each axis."
+)
 @terminal.reading_options
 @terminal.answer_options
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
@@ -66,9 +72,9 @@ def command(
 ) -> None:
     """Locate the source in RECORDING, of any format.
 
-    With positions of the platform, or --velocity of one that goes straight, all targets along the line are found from
-    all samples together. Otherwise a steady source is located in each sample, less the regional field. An alternating
-    source is located in each pose in which the array stood still.
+    With positions of the platform, or --velocity on a straight track, all targets along the line are found from all
+    samples together. Otherwise a steady source is located in each sample, after the regional field is subtracted. An
+    alternating source is located in each pose in which the array was at rest.
     """
     is_alternating = frequency is not None or find_frequency
     _check(frequency, find_frequency, is_alternating and bool(velocity or place or attitude_noise_deg))

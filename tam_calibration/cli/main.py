@@ -1,6 +1,6 @@
 """The `tam` command: one group, its subcommands loaded when they are called.
 
-It tells notes that are logged at once, and warnings at its end or in the sentence that ends it.
+It prints notes when they are logged, and warnings at its end or in the sentence that ends it.
 """
 
 import logging
@@ -20,7 +20,7 @@ from tam_calibration.model.signals import Ending
 
 
 class HeldWarnings(logging.Handler):
-    """Tells notes of this package on stderr while it is entered, and holds its warnings until nothing is refused."""
+    """Prints notes of this package on stderr while it is entered, and its warnings once nothing is refused."""
 
     def __init__(self) -> None:
         super().__init__(logging.INFO)
@@ -60,28 +60,28 @@ class HeldWarnings(logging.Handler):
 
 
 SUBCOMMANDS = {
-    "simulate": "Make a recording of a known array and field, with the truth beside it.",
-    "inspect": "Show what a recording holds, what is odd, and what is taken as sensors.",
+    "simulate": "Make a recording of a known array and field, and write the truth too.",
+    "inspect": "Show what a recording contains, what is odd, and what is taken as sensors.",
     "calibrate": "Estimate the errors of an array's sensors from a recording.",
-    "diagnose": "Say where a recording and its simulation part, and which effect causes it.",
-    "compare": "Say what a simulator's recording has otherwise than a real one, and what mends the simulator.",
+    "diagnose": "Find what a recording contains beyond model and noise, and which effect causes it.",
+    "compare": "Compare a simulator's recording with a real one, and write corrections for the simulator.",
     "plan": "Propose the attitudes to record next, and what the standard errors will then be.",
     "correct": "Turn raw readings into the centre vector and the gradient tensor.",
     "export": "Write a calibration for PX4, ArduPilot, imu_tools, MicroStrain, C or JSON.",
-    "recover": "Write the whole messages of an unfinished or damaged bag to a new one.",
+    "recover": "Write the readable messages of an unfinished or damaged bag to a new one.",
     "locate": "Locate the source in a recording, steady or alternating.",
     "batch": "Calibrate, diagnose and correct many recordings, on all cores or on a Dask cluster.",
-    "nodes": "Start the nodes together: collector, calibrator, corrector, localizer.",
+    "nodes": "Start the nodes: collector, calibrator, corrector, localizer.",
     "play": "Play a bag onto its topics, to feed the nodes.",
     "call": "Call a service of the nodes, such as calibrator/calibrate.",
-    "demo": "Run the whole chain over ROS 2 and show what it gained.",
+    "demo": "Run the complete chain over ROS 2 and show what it gained.",
 }
 
 VALIDATION = {
     "blind": "Check the diagnosis on recordings whose cause is withheld: make, answer, score.",
     "reproduce": "Run the simulations of the papers again, number by number.",
 }
-"""Subcommands of the package `tam_validation`, which lies beside this one in a checkout and is not installed."""
+"""Subcommands of the package `tam_validation`, which a checkout has next to this one and which is not installed."""
 
 
 def subcommands() -> dict[str, str]:
@@ -147,7 +147,7 @@ class LazyGroup(click.Group):
             formatter.write_dl(list(subcommands().items()))
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run a subcommand; what the user can mend becomes one sentence, with what was warned of, and an exit code."""
+        """Run a subcommand; input errors become one sentence, with the warnings, and an exit code."""
         held = HeldWarnings()
         try:
             with held:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 @click.option(
     "--calibration",
     type=NamedPath(dir_okay=False, path_type=Path),
-    help="Calibration YAML: loaded where it exists, written by calibrator/save.",
+    help="Calibration YAML: loaded if it exists, written by calibrator/save.",
 )
 @click.option("--method", help="Method of the fit.")
 @click.option("--map", "map_file", type=NamedPath(exists=True, path_type=Path), help=MAP_HELP)

@@ -31,11 +31,11 @@ from tam_calibration.report.update_rows import age_in_words
 from tam_calibration.results import read_calibration
 
 _MOST_SHOWN = 8
-"""Turns that are told: those after them buy less."""
+"""Turns that are shown: later ones gain less."""
 
 
 def plan_turns(path: Path, array: Array, vehicle: Vehicle, inclination: float, as_json: bool) -> None:
-    """Print which turns buy most, beside a calibration that is as old as it is now.
+    """Print which turns add most to a calibration at its present age.
 
     Raises
     ------
@@ -56,8 +56,8 @@ def plan_turns(path: Path, array: Array, vehicle: Vehicle, inclination: float, a
 
 def _print(prior: Prior, before: float, turns: list[Turn]) -> None:
     now = (
-        f"Now, beside a prior {age_in_words(prior.elapsed_s)}: what is not known of the calibration adds "
-        f"{_percent(before)} to the variance of field and tensor that the noise makes."
+        f"Now, with a prior {age_in_words(prior.elapsed_s)}: the uncertainty of the calibration adds "
+        f"{_percent(before)} to the noise variance of field and tensor."
     )
     rows = []
     for turn in turns:
@@ -66,7 +66,7 @@ def _print(prior: Prior, before: float, turns: list[Turn]) -> None:
         gain = _percent(turn.gain_per_minute)
         rows.append([number(yaw), *swings, number(turn.duration_s), _percent(turn.excess), gain])
     header = ("heading turns by (°)", "pitch (°)", "roll (°)", "takes (s)", "adds then", "less per minute")
-    print_blocks([Text(now), Table(header, rows, "Turns, the one that buys most per minute first")])
+    print_blocks([Text(now), Table(header, rows, "Turns, the one that gains most per minute first")])
 
 
 def _percent(part: float) -> str:
@@ -238,22 +238,24 @@ _ASSUMED_INCLINATION_DEG, _ASSUMED_INTENSITY_NT = 60.0, 50_000.0
 
 @click.command()
 @click.argument("recording", type=PATH, required=False)
-@click.option("--array", "array_path", type=PATH, required=True, help="Array YAML: where the sensors sit, their noise.")
-@click.option("--calibration", "calibration_path", type=PATH, help="Calibration YAML, instead of its recording.")
+@click.option("--array", "array_path", type=PATH, required=True, help="Array YAML: positions and noise of the sensors.")
+@click.option("--calibration", "calibration_path", type=PATH, help="Calibration YAML instead of a recording.")
 @click.option(
     "--prior",
     "prior_path",
     type=PATH,
-    help="Calibration YAML: which turns of a vehicle buy most beside it per minute, as old as it is now.",
+    help="Calibration YAML at its present age: rank a vehicle's turns by what they add per minute.",
 )
-@click.option("--turn-rate-deg-s", type=Number(0.1, 180), help="Of a vehicle about each axis.  [default: 5]")
-@click.option("--sample-rate-hz", type=Number(0.1, 10_000), help="Of its sensors.  [default: 10]")
-@click.option("--turntable", help="Step of all axes in degrees, or YAW,PITCH,ROLL; 0 for an axis that does not turn.")
-@click.option("--pitch-limit-deg", type=float, help="Of a vehicle that yaws right round.  [default: 0]")
-@click.option("--roll-limit-deg", type=float, help="Of such a vehicle.  [default: 0]")
-@click.option("--place", help="LAT,LON,DATE: inclination and intensity are those of IGRF there.")
-@click.option("--inclination-deg", type=Number(-90, 90), help="Of the field, positive downwards.")
-@click.option("--intensity-nT", "intensity_nT", type=Number(15e3, 100e3), help="Where no scalar tells it.")
+@click.option("--turn-rate-deg-s", type=Number(0.1, 180), help="Turn rate of a vehicle about each axis.  [default: 5]")
+@click.option("--sample-rate-hz", type=Number(0.1, 10_000), help="Sample rate of its sensors.  [default: 10]")
+@click.option("--turntable", help="Steps of a turntable, degrees: one for all, or YAW,PITCH,ROLL; 0 for a fixed axis.")
+@click.option("--pitch-limit-deg", type=float, help="Pitch limit of a vehicle with full yaw.  [default: 0]")
+@click.option("--roll-limit-deg", type=float, help="Roll limit of a vehicle with full yaw.  [default: 0]")
+@click.option("--place", help="LAT,LON,DATE: take inclination and intensity from IGRF.")
+@click.option("--inclination-deg", type=Number(-90, 90), help="Inclination of the field, positive downwards.")
+@click.option(
+    "--intensity-nT", "intensity_nT", type=Number(15e3, 100e3), help="Intensity of the field without a scalar."
+)
 @click.option("--poses", type=click.IntRange(1, 200), default=12, show_default=True, help="Number of attitudes.")
 @click.option("--samples-per-pose", type=click.IntRange(1, 1_000_000), default=100, show_default=True)
 @reading_options
@@ -276,13 +278,13 @@ def command(
     how: Reading,
     as_json: bool,
 ) -> None:
-    """Propose the attitudes that shrink the worst standard error most, and tell what the standard errors will then be.
+    """Propose the attitudes that reduce the worst standard error most, and predict the standard errors.
 
-    What RECORDING or a calibration determines counts; without either a whole calibration is planned.
+    The plan adds to what RECORDING or a calibration determines; without either, it is a complete calibration.
     """
     if place is not None:
         if inclination_deg is not None or intensity_nT is not None:
-            raise InputError("--place tells inclination and intensity: leave out --inclination-deg and --intensity-nT")
+            raise InputError("--place gives inclination and intensity: leave out --inclination-deg and --intensity-nT")
         field_T = field_at(place)
         intensity_nT = to_nanotesla(float(np.linalg.norm(field_T)))
         inclination_deg = to_degrees(float(np.arcsin(-to_nanotesla(field_T[2]) / intensity_nT)))
@@ -324,7 +326,7 @@ def _start(
     progress: Progress,
 ) -> PlanStart:
     if recording_path is not None and calibration_path is not None:
-        raise InputError("give either a recording or --calibration, which tells what its recording determines")
+        raise InputError("give either a recording or --calibration, which states what its recording determines")
     if calibration_path is not None:
         calibration = read_calibration(calibration_path)
         if not calibration.is_of(array):

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from tam_calibration.nodes.player import Player
 
 WAIT_S = 10.0
-"""Longest wait for a subscriber: nodes that start beside the player are there within some seconds."""
+"""Longest wait for a subscriber: nodes that start with the player are there within some seconds."""
 
 _SLOWEST, _FASTEST = 0.001, 1000.0
 """Limits of the rate: an hour lasts six weeks, or 3.6 s, which no node keeps up with."""
@@ -38,7 +38,7 @@ _SLOWEST, _FASTEST = 0.001, 1000.0
 @click.option("--loop", is_flag=True, help="Begin again at the end; stamps then go backwards.")
 @click.option("--clock", is_flag=True, help="Publish the bag's time on /clock, for nodes with use_sim_time.")
 def command(recording: Path, map_path: Path | None, rate: float, loop: bool, clock: bool) -> None:
-    """Play RECORDING, once somebody listens to the sensors.
+    """Play RECORDING, once a node subscribes to the sensors.
 
     A bag with the topics of this package is played as it was recorded. Of any other recording, and with --map, the
     sensors and channels are played onto the topics that the collector reads.
@@ -59,7 +59,7 @@ def _wait(player: "Player") -> None:
     for name in player.unknown_types:
         say(f"not played: {name} is not installed here", err=True)
     if not player.wait_for_subscribers(WAIT_S):
-        say(f"nobody listens to {', '.join(player.unheard())}; playing all the same", err=True)
+        say(f"no subscriber for {', '.join(player.unheard())}; playing all the same", err=True)
 
 
 def _show(player: "Player", loop: bool) -> None:

@@ -18,9 +18,9 @@ from tam_calibration.results.overwriting import require_separate
 @click.option("-o", "--output", type=PATH, required=True, help="The folder of a new bag, or an .mcap file.")
 @click.option("--json", "as_json", is_flag=True, help="Print what was recovered as JSON.")
 def command(bag: Path, output: Path, as_json: bool) -> None:
-    """Write every whole message of BAG to a new bag: of a killed recorder's, a cut or a damaged one.
+    """Write every complete message of an unfinished, cut or damaged BAG to a new bag.
 
-    BAG is not changed. Messages that are damaged are left out and told.
+    BAG is not changed. Damaged messages are left out and listed.
     """
     if not is_bag(bag):
         raise InputError(f"{bag} is no bag: only bags can be recovered, a rosbag2 folder, an .mcap or a .db3 file")

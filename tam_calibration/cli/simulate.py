@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     "--from-comparison",
     "mend_path",
     type=PATH,
-    help="What a simulation lacks, as tam compare wrote it: added to the scenario's run, or to that of --recording.",
+    help="Corrections that tam compare wrote: added to the scenario's run, or to that of --recording.",
 )
 @click.option(
     "--recording",
@@ -47,13 +47,13 @@ if TYPE_CHECKING:
     "with --from-comparison the simulated run itself.",
 )
 @click.option("-o", "--output", type=PATH, required=True, help="A .csv, a .mcap, or a bag's folder.")
-@click.option("--seed", type=click.IntRange(min=0), help="Of the random numbers, instead of the scenario's.")
+@click.option("--seed", type=click.IntRange(min=0), help="Seed of the random numbers, instead of the scenario's.")
 @click.option(
     "--storage",
     type=click.Choice(list(written())),
     default=DEFAULT,
     show_default=True,
-    help="Of a bag's folder.",
+    help="Storage of a bag's folder.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print what was made as JSON.")
 def command(
@@ -66,7 +66,7 @@ def command(
     storage: str,
     as_json: bool,
 ) -> None:
-    """Make the recording of SCENARIO, a file or the name of a shipped one, with array file and truth beside it.
+    """Make the recording of SCENARIO, a file or the name of a shipped one, with array file and truth.
 
     Shipped are wu_table_1, wu_turntable, tumble_100_hz, auv and warming_up. With --from-calibration the twin of a
     calibrated array is made, on the run of SCENARIO or of a recording. With --from-comparison the run of SCENARIO, or a

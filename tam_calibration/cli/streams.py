@@ -15,7 +15,7 @@ _DIGITS = re.compile(r"(\d{12})\d{24,}(\d{12})")
 """A number of more digits than anybody reads, between those that are shown."""
 
 _LONGEST = 2000
-"""Letters of a sentence: a name in it, of a file or a column, may have thousands that tell nobody more."""
+"""Letters of a sentence: a name in it, of a file or a column, may have thousands that tell no one more."""
 
 
 class GradedBad(Refused):
@@ -26,9 +26,9 @@ class GradedBad(Refused):
     reason : str
         Why.
     as_json : bool
-        Whether it is told as JSON.
+        Whether it is printed as JSON.
     further : dict of str to object, optional
-        What the JSON holds beside the grade.
+        Content of the JSON in addition to the grade.
     """
 
     def __init__(self, reason: str, as_json: bool, further: dict[str, object] | None = None) -> None:

@@ -98,12 +98,10 @@ MAP_HELP = "Map YAML: which topics or columns are sensors and channels (`tam ins
 
 _READING_OPTIONS = (
     click.option("--map", "map_path", type=PATH, help=MAP_HELP),
-    click.option("--from", "start", metavar="TIME", help="Read from here on: seconds from the start, or ISO 8601."),
-    click.option("--until", metavar="TIME", help="Read until here: seconds from the start, or ISO 8601."),
-    click.option("--unwrap", is_flag=True, help="Continue the counters of sensors that overflow."),
-    click.option(
-        "--base-station", type=PATH, help="IAGA-2002 file: the intensity where the recording has none of its own."
-    ),
+    click.option("--from", "start", metavar="TIME", help="Start reading here: seconds from the start, or ISO 8601."),
+    click.option("--until", metavar="TIME", help="Stop reading here: seconds from the start, or ISO 8601."),
+    click.option("--unwrap", is_flag=True, help="Continue sensor counters that overflow."),
+    click.option("--base-station", type=PATH, help="IAGA-2002 file with the intensity, if the recording has none."),
     click.option(
         "--tolerance-s",
         type=Number(0, 60),
@@ -147,7 +145,7 @@ def reading_options(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 MOST_LINES = 20
-"""Lines of an answer that is not asked for in full: they fit a terminal beside the command."""
+"""Lines of an answer that is not asked for in full: they fit a terminal with the command."""
 
 Detail = Literal["tables", "answer"] | None
 """How much of an answer is printed: all tables, its first line alone, or a summary."""
@@ -230,7 +228,7 @@ _MOST_ROWS = 30
 
 
 def print_blocks(blocks: Iterable[Block], most: int = sys.maxsize, console: Console | None = None) -> None:
-    """Print the paragraphs, points and tables of a page; what stands out is bold.
+    """Print the paragraphs, points and tables of a page; important parts are bold.
 
     Parameters
     ----------
@@ -295,7 +293,7 @@ def working(progress: Progress, description: str) -> ProgressCallback:
     progress : Progress
         Display to which the task is added.
     description : str
-        What is being done, shown beside the bar.
+        What is being done, shown with the bar.
     """
     task = progress.add_task(printable(description), total=None)
     return lambda done, total: progress.update(task, completed=done, total=total)
@@ -309,7 +307,7 @@ def progress_of(progress: Progress, description: str) -> Callable[[str, float], 
     progress : Progress
         Display to which the task is added.
     description : str
-        Shown until the first stage is told.
+        Shown until the first stage is known.
     """
     task = progress.add_task(description, total=1.0)
     return lambda stage, done: progress.update(task, description=stage, completed=done)

@@ -12,7 +12,7 @@ from tam_calibration.model.units import FloatArray
 COSINES = 4
 """Number of cosines: with more the estimate is more certain, but too small where the residual drifts slowly.
 
-Beside what is unknown in real recordings intervals cover 94 % with four and 91 % with eight (docs/gap_check.md).
+Beside what is unknown in real recordings intervals cover 94 % with four and 91 % with eight (benchmarks/intervals.py).
 """
 
 BLOCKS = 4 * COSINES

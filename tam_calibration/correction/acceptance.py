@@ -1,6 +1,6 @@
 """What no sensor of an array is: a calibration beyond these limits is of another unit, or went wrong.
 
-Nor should the corrected field be longer or shorter than the scalar magnetometer beside the array reads it.
+Nor should the corrected field be longer or shorter than the scalar magnetometer of the array reads it.
 """
 
 from collections.abc import Collection
@@ -20,7 +20,7 @@ LIMITS = {
     "residual": "intensities far from those of the field",
     "scale_factor": "an axis in another unit, or of another gain, than the others",
 }
-"""Names by which what is beyond a limit is told and accepted, and what each is."""
+"""Names of the limits, for messages and `--accept`, and what each is."""
 
 _SCALE_FACTORS = (0.5, 2.0)
 """Least and largest: chips are within 30 % of their data sheets, and the nearest other unit is ten times away."""
@@ -32,7 +32,7 @@ LARGEST_NON_ORTHOGONALITY = from_degrees(15.0)
 """Of two axes, radians: ten times that of the worst chips; axes that are glued by hand are within it."""
 
 _LARGEST_BIAS_T = 2e-3
-"""Tesla: beyond the range of sensors that read the field of the Earth; beside the magnets of a phone it is 0.6 mT."""
+"""Tesla: beyond the range of sensors that read the field of the Earth; near the magnets of a phone it is 0.6 mT."""
 
 _FEWEST_TOLD_APART = 3
 """Sensors of which two may have the same errors and others not."""
@@ -47,7 +47,7 @@ _OTHER_ERRORS = 100.0
 """Times that distance, by which errors must differ from those of an ideal sensor: others are small, or unknown."""
 
 _LARGEST_RESIDUAL = 0.05
-"""Part of the intensity, some 2.5 µT, that the fit may leave: twice what a phone's chip leaves beside its currents."""
+"""Part of the intensity, some 2.5 µT, that the fit may leave: twice what a phone's chip leaves with its currents."""
 
 _ROBUST = "robust"
 """Method whose residuals hold the outliers that it held down."""
@@ -245,7 +245,7 @@ class ScalarAgreement:
         return self.residual_T > _DOUBTFUL_RATIO * least_T
 
     def sentence(self, calibration: Calibration) -> str:
-        """Return the residual beside the noise floor, and what to do where they do not fit."""
+        """Return the residual and the noise floor, and what to do if they do not agree."""
         floor_nT = to_nanotesla(calibration.floor.center_intensity_T)
         compared = f"|B| − scalar is {to_nanotesla(self.residual_T):.3g} nT, noise floor {floor_nT:.3g} nT"
         if self.is_wrong:

@@ -41,14 +41,14 @@ class AmbientGradientEstimate:
 
 @dataclass(frozen=True, eq=False)
 class EffectSize:
-    """What an effect does to the outputs of an array that takes it for field: T and T/m.
+    """Contribution of an effect to the outputs of an array if it is not removed: T and T/m.
 
     Parameters
     ----------
     rms : (9,) array
         Root mean square over the recording of the calibration.
     standard_errors : (9,) array
-        The same of what is not known of it.
+        The same for the uncertainty of the effect.
     """
 
     rms: FloatArray
@@ -57,7 +57,7 @@ class EffectSize:
 
 @dataclass(frozen=True, eq=False)
 class KnownSource:
-    """What a source of known place and strength showed of the array; array and errors of the calibration hold it.
+    """What a source of known place and strength showed of the array. Array and errors of the calibration include it.
 
     Parameters
     ----------
@@ -132,14 +132,14 @@ class Corrected:
     standard_errors : (9,) array
         Standard error of each column: sensor noise and the calibration's own uncertainty.
     missing : (N,) array of int, optional
-        Which sensors each sample lacks, bit k for sensor k + 1; None where none lacks any. What the others do not
-        determine is NaN.
+        Missing sensors of each sample, bit k for sensor k + 1; None if all are complete. Outputs that the others do
+        not determine are NaN.
     covariances : dict of int to (9, 9) array
-        Of the outputs of samples that lack sensors, by what they lack.
+        Covariances of samples with missing sensors, by the value of ``missing``.
     scalar_T : (N,) array, optional
-        What the scalar magnetometer read, less what effects add to it, tesla; None where there is none.
+        Scalar readings minus the effects in them, tesla; None without a scalar.
     remarks : tuple of str
-        Readings that are missing, a clause for each sensor and reason.
+        Missing readings, a clause for each sensor and reason.
 
     Examples
     --------
@@ -175,51 +175,48 @@ class Calibration:
     errors : SensorErrors
         The estimate. What the data cannot determine is zero: see ``statements``.
     covariance : (12 K, 12 K) array, optional
-        Of ``errors.to_vector()`` flattened, SI; zero for what is fixed. None where it was not to be had.
+        Of ``errors.to_vector()`` flattened, SI; zero for what is fixed. None if it could not be computed.
     has_scalar_reference : bool
         Whether the absolute scale comes from a scalar reference.
     intensity_T : float
         Mean intensity of the field of the recording: the reference's, or the fitted constant, tesla.
     before, in_sample, floor : Residuals
-        Residuals of the raw and of the corrected recording, and what sensor noise alone makes.
+        Residuals of the raw and of the corrected recording, and of sensor noise alone.
     samples : int
         Number of samples of the recording.
     time_span_s : (float, float)
         First and last time stamp of the recording, seconds.
     coverage : float
-        Part of the sphere of field directions that the recording visited, 0 to 1.
+        Fraction of the sphere of field directions that the recording visited.
     reduced_chi_square : dict
         ``differential`` (between sensors) and ``common_mode`` (against the scalar) whitened residual energy per
-        degree of freedom; 1 when noise alone is left. Empty where there is no redundancy. Where residuals are larger,
-        or last longer, than noise, ``slow_differential`` or ``slow_common_mode`` stands beside them: see
-        ``variance_factors``.
+        degree of freedom; 1 for noise alone. Empty without redundancy. For residuals that are larger than noise or
+        correlated in time it also has ``slow_differential`` or ``slow_common_mode``: see ``variance_factors``.
     warnings : tuple of str
-        What speaks against trusting the calibration, one sentence each: what is wrong and, behind the last colon, what
-        to do.
+        Reasons to doubt the calibration, one sentence each: what is wrong and, after the last colon, what to do.
     notes : tuple of str
         What was done to the recording before the fit, such as readings that were left out, one sentence each. They
-        are no reason to doubt the calibration.
+        do not affect the grade.
     held_out : Residuals, optional
         Residuals of samples that the fit did not see.
     source : Provenance, optional
         Where the recording came from.
     ambient_gradient : AmbientGradient, optional
-        What was fitted beside the errors, where that was asked for.
+        The gradient that was fitted with the errors, if requested.
     frame : str
-        What the array frame of the errors is, one or more sentences.
+        Description of the array frame, one or more sentences.
     effects : tuple of FittedEffect
-        Fitted together with the errors, where that was asked for; what goes with the array is taken off what is
-        corrected.
+        Effects that were fitted with the errors, if requested. Corrections remove those that belong to the array.
     effect_sizes : tuple of EffectSize
-        Of each effect, where they are known.
+        Size of each effect, if known.
     known_source : KnownSource, optional
-        What completed the calibration, where a source was recorded.
+        What a known source showed, if one was recorded.
     accepted : tuple of str
-        Names of the limits that it is beyond, as somebody accepted: see ``correction.acceptance``.
+        Names of exceeded limits that the user accepted: see ``correction.acceptance``.
     temperature_C : float, optional
-        Mean temperature of the recording, where it was recorded.
+        Mean temperature of the recording, if recorded.
     update : Update, optional
-        How it came from an older calibration, where one was its prior.
+        How it follows from the prior, if there was one.
 
     Examples
     --------
@@ -283,7 +280,7 @@ class Calibration:
 
     @property
     def statements(self) -> tuple[str, ...]:
-        """What holds for the frame, and what the data could not determine."""
+        """Sentences on the frame and on what the data could not determine."""
         scale = () if self.has_scalar_reference else (_SCALE_STATEMENT,)
         gradient = () if self.ambient_gradient is None else (_GRADIENT_STATEMENT,)
         effects = (_EFFECTS_STATEMENT,) if self.effects else ()
@@ -309,7 +306,7 @@ class Calibration:
 
     @property
     def variance_factors(self) -> VarianceFactors:
-        """By how much what each channel tells varies more than by white noise of the stated size."""
+        """Factors by which the variances of each channel exceed those of white noise of the stated size."""
         told = self.reduced_chi_square
         return VarianceFactors(told.get("slow_differential", 1.0), told.get("slow_common_mode", 1.0))
 

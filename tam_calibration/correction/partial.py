@@ -37,7 +37,7 @@ class Unaffected:
     Raises
     ------
     InputError
-        When an effect can only be taken off a whole recording.
+        When an effect can only be taken off a complete recording.
     """
 
     def __init__(self, calibration: Calibration) -> None:

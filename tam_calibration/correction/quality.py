@@ -25,7 +25,7 @@ class Quality:
     next : tuple of str
         What to do about each reason: an action or a command.
     headline : str
-        The residual beside its noise floor; empty where there is no calibration.
+        The residual and its noise floor; empty without a calibration.
     """
 
     grade: Grade
@@ -34,7 +34,7 @@ class Quality:
     headline: str = ""
 
     def __str__(self) -> str:
-        """Return the grade, the residual beside its floor, and the gravest reason with what to do, on one line."""
+        """Return the grade, the residual and its floor, and the gravest reason with what to do, on one line."""
         return f"{self.grade.capitalize()}: {'; '.join(filter(None, (self.headline, *self.reasons[:1])))}"
 
 
@@ -45,7 +45,7 @@ def quality_for(grade: Grade, reasons: Sequence[str], headline: str = "") -> Qua
 
 
 def residual_in_words(residual: Residuals, floor: Residuals, seen: str) -> str:
-    """Return a residual beside its noise floor: of the tensor, or of |B| where the array measures no gradient.
+    """Return a residual and its noise floor: of the tensor, or of |B| if the array measures no gradient.
 
     Parameters
     ----------

@@ -1,1 +1,1 @@
-"""What every file has in common: text, YAML, schemas, and outputs that appear whole."""
+"""What every file has in common: text, YAML, schemas, and outputs that appear complete."""

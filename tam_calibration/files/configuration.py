@@ -23,6 +23,6 @@ def configuration_folder() -> Path:
         if (place / "tam.yaml").is_file():  # another package's folder may have the name config too
             return place
     raise InputError(
-        f"the folder config is missing: {package} has none beside it, nor share/{package.name}/config above it; "
+        f"the folder config is missing: it is neither next to {package}, nor share/{package.name}/config above it; "
         f"install {package.name} again"
     )

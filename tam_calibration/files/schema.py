@@ -180,7 +180,7 @@ def _bounded(kind: Any, value: Any, place: str, faults: list[str]) -> Any:
 
 
 def _one_of(kind: Any, value: Any, place: str, faults: list[str]) -> Any:
-    """Return a value as the first type of a union that has it; of what all others say the first is told."""
+    """Return a value as the first type of a union that has it; otherwise raise the first error."""
     kinds = [each for each in get_args(kind) if each is not NoneType]
     if value is None and NoneType in get_args(kind):
         return None
@@ -207,7 +207,7 @@ def _of_kind(schemas: list[Any], content: Any, place: str, faults: list[str]) ->
     by_kind = {kind: schema for schema in schemas for kind in get_args(_types(schema)["kind"])}
     kind = content["kind"]
     if not isinstance(kind, str) or kind not in by_kind:
-        faults.append(f"{place}: the kind {quoted(kind)} is none of {', '.join(by_kind)}")
+        faults.append(f"{place}: the kind {quoted(kind)} is not one of {', '.join(by_kind)}")
         return None
     return _document(by_kind[kind], content, place, faults)
 

@@ -1,4 +1,4 @@
-"""Text files: written whole or not at all, problems told with the file's name, numbers that read back exactly."""
+"""Text files: written completely or not at all, errors with the file's name, numbers that read back exactly."""
 
 import json
 import math
@@ -112,7 +112,7 @@ def write_whole(path: Path) -> Iterator[Path]:
     Yields
     ------
     Path
-        Path of the same name in a temporary folder beside the target.
+        Path of the same name in a temporary folder next to the target.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def write_whole(path: Path) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file, whole or not at all.
+    """Write a text file, completely or not at all.
 
     Raises
     ------

@@ -1,6 +1,6 @@
-"""Files and folders that appear whole, several together or none, whatever ends the process that writes them.
+"""Files and folders that appear complete, all together or not at all, even if the writing process is killed.
 
-Each is written in a folder beside its path, is on the disk before it is moved there, and that folder goes in the end.
+Each is written in a folder next to its path, synced to disk, and moved there; that folder is then removed.
 What a process that was killed left there is removed by the next one that writes to the same path.
 """
 
@@ -40,7 +40,7 @@ def write_set(paths: Iterable[Path]) -> Iterator[list[Path]]:
     Yields
     ------
     list of Path
-        For each a path of the same name in a folder beside it.
+        For each a path of the same name in a folder next to it.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def _written_where(problem: OSError, moves: Mapping[Path, Path]) -> str:
 
 @contextmanager
 def unfinished(path: Path) -> Iterator[Path]:
-    """Give an empty folder beside a path, which goes with the block; what killed processes left there goes first.
+    """Give an empty folder next to a path, removed with the block; leftovers of killed processes are removed first.
 
     Parameters
     ----------
@@ -129,12 +129,12 @@ def _make_folder(path: Path) -> tuple[Path, int]:
 
 
 def temporary_place() -> Path:
-    """Return the path beside which `unfinished` gives folders for what is needed for a while only."""
+    """Return the path next to which `unfinished` gives folders for temporary data."""
     return Path(gettempdir(), "tam")
 
 
 def remove_unfinished(path: Path) -> None:
-    """Remove the folders that `unfinished` gave beside a path to processes that are gone.
+    """Remove the folders that `unfinished` gave next to a path to processes that have ended.
 
     Raises
     ------
@@ -230,7 +230,7 @@ def _kept(path: Path, folder: Path) -> Path:
 
 
 def replace_folder(place: Path, path: Path) -> None:
-    """Move a folder to its place once all that it holds is on the disk; an older one there makes room for it.
+    """Move a folder to its place once all that it contains is on the disk; an older one there makes room for it.
 
     That is removed with the folder that the newer one comes from, in which it waits until that is in place.
 
@@ -260,7 +260,7 @@ def replace_folder(place: Path, path: Path) -> None:
 
 
 def _sync(path: Path) -> None:
-    """Wait until a file, or a folder with all that it holds, is on the disk."""
+    """Wait until a file, or a folder with all that it contains, is on the disk."""
     if path.is_dir():
         for part in path.iterdir():
             _sync(part)

@@ -47,7 +47,7 @@ _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 def parse_mapping(text: str) -> dict[str, Any]:
-    """Return the mapping that a text holds.
+    """Return the mapping that a text contains.
 
     Its keys are short lines of text. Values are None, truths, numbers, text, lists and mappings; a date is text. An
     alias is what it stands for.
@@ -63,7 +63,7 @@ def parse_mapping(text: str) -> dict[str, Any]:
         When it is not YAML, no mapping, too large or too deep, or names types.
     """
     if len(text) > MOST_CHARACTERS:
-        raise InputError(f"it has {len(text)} characters, more than {MOST_CHARACTERS}: this is none of our files")
+        raise InputError(f"it has {len(text)} characters, more than {MOST_CHARACTERS}: this is not one of our files")
     try:
         content = _Reader(text).document()
     except yaml.MarkedYAMLError as problem:
@@ -148,7 +148,7 @@ class _Reader:
     def _count(self, event: Any, level: int) -> None:
         self._nodes += 1
         if self._nodes > MOST_NODES:
-            raise _fault(event, f"there are more than {MOST_NODES} keys and values: this is none of our files")
+            raise _fault(event, f"there are more than {MOST_NODES} keys and values: this is not one of our files")
         if level > MOST_LEVELS:
             raise _fault(event, f"more than {MOST_LEVELS} lists and mappings lie within each other")
 
@@ -168,12 +168,12 @@ def _fault(event: Any, problem: str) -> yaml.MarkedYAMLError:
 
 @contextmanager
 def mapping_in(path: Path) -> Iterator[dict[str, Any]]:
-    """Give the mapping that a file holds; what is wrong with it, here or in the block, is told with the file's name.
+    """Give the mapping that a file contains; errors, here or in the block, name the file.
 
     Raises
     ------
     InputError
-        When the file cannot be read, is not YAML, or holds no mapping.
+        When the file cannot be read, is not YAML, or contains no mapping.
     """
     text = read_text(path)
     with in_file(path):

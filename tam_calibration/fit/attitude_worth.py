@@ -57,7 +57,7 @@ def worth_of(recording: SampleSource, calibration: Calibration) -> str:
         return misread_attitude(some, calibration.errors) or f"recorded attitude is not used: {reason}"
     beside = replace(problem, attitude=replace(problem.attitude, attitude_noise=noise))
     information = beside.attitude_at(beside.start).information * recording.sample_count / some.sample_count
-    words = f"recorded attitude, which scatters by {to_degrees(noise):.2g}°, is not used: "
+    words = f"recorded attitude (noise {to_degrees(noise):.2g}°) is not used: "
     if _ratio(calibration, information).min() < _WORTHLESS:
         information /= lasting_of(beside, beside.start)
     ratio = _ratio(calibration, information)

@@ -65,38 +65,37 @@ def calibrate(
     Parameters
     ----------
     recording : Recording
-        Samples (N, K, 3), tesla, in a uniform field, the array turned through many directions; any ``SampleSource``
-        where it is larger than memory.
+        Samples (N, K, 3), tesla, in a uniform field, with the array turned through many directions. Any
+        ``SampleSource`` if it is larger than memory.
     array : Array
-        Geometry and noise, of K sensors; a noise that is not stated is estimated. Tolerances that it states are known
-        before a fit of maximum likelihood in a uniform field, where no prior is given.
+        Geometry and noise of K sensors; a noise that is not stated is estimated. Its tolerances are the prior of a
+        maximum likelihood fit in a uniform field if no prior is given.
     method : str
         "maximum_likelihood", "robust", "lossless", "artificial_vector", "fast_rotation", "integrated",
         "two_step_linear" or "simplified_linear".
     ambient_gradient : bool
-        Whether the field had a gradient, which the recorded attitude tells from the errors of the sensors.
+        Whether to fit a gradient of the field; this needs the recorded attitude.
     accept : collection of str
-        Names of findings that shall refuse nothing: ``tam_calibration.integrity.ACCEPTABLE``.
+        Names of findings that become warnings: ``tam_calibration.integrity.ACCEPTABLE``.
     prior : Calibration or Prior, optional
-        What is known before: a calibration of the same array, which is widened by what its sensors may have changed
-        since, or a prior that is taken as it is. The recording need then determine only what the prior leaves open.
+        A calibration of the same array, made less certain by possible changes since then, or a prior that is used as
+        it is. The recording then needs to determine only what the prior leaves open.
     main_field_T : (3,) array, optional
-        The field of a model where the recording was made, east, north, up, tesla, taken with its error of
-        ``LOCAL_STANDARD_ERROR_T``: it tells the scale where there is no scalar, and the heading where attitude is data.
+        The field of a model at the place of the recording, east, north, up, tesla, with an error of
+        ``LOCAL_STANDARD_ERROR_T``. It determines the scale without a scalar, and the heading with attitude as data.
 
     Returns
     -------
     Calibration
         Scale factors, non-orthogonality and misalignment [rad] and bias [T] of each sensor, with their covariance, and
-        the residuals of held-out blocks of time where the recording is long enough.
+        the residuals of held-out blocks of time if the recording is long enough.
 
     Raises
     ------
     InputError
         When the recording cannot be used, does not belong to the array or leaves parameters open.
     Refused
-        When the recording is not one calibration, its channels are not those of sound sensors, or the calibration is
-        beyond a limit.
+        When something changed within the recording, its channels are faulty, or the calibration exceeds a limit.
 
     Examples
     --------

@@ -87,16 +87,16 @@ def _residual(calibration: Calibration) -> str:
     )
     factor = float(np.sqrt(calibration.variance_factors.largest))
     widened = (
-        f"; its slow part is {factor:.3g} times that of white noise, for which standard errors are widened"
+        f"; its slow part is {factor:.3g} times that of white noise, and standard errors have been increased"
         if factor > 1
         else ""
     )
     if widened and (independent := calibration.samples / factor**2) < _FEW_INDEPENDENT:
-        widened += f", and may be too small still, as of {independent:.0f} independent samples"
+        widened += f" but may still be too small ({independent:.0f} independent samples)"
     if high:
         return f"the residual is above the noise floor ({worst}){widened}: {LOOK_FOR_CAUSE}"
     if widened:
-        return f"the residual lasts longer than white noise does{widened}: {LOOK_FOR_CAUSE}"
+        return f"the residual is correlated in time{widened}: {LOOK_FOR_CAUSE}"
     return ""
 
 
@@ -110,7 +110,7 @@ def _small_residual(calibration: Calibration) -> str:
     ratio = float(np.sqrt(max(small.values())))
     words = " and ".join(_CHANNELS[name] for name in small)
     return (
-        f"the residual {words} is only {ratio:.2g} times the stated noise, so that standard errors are {1 / ratio:.2g} "
+        f"the residual {words} is only {ratio:.2g} times the stated noise, so standard errors are {1 / ratio:.2g} "
         "times too large: state less noise, or leave it out to have it estimated"
     )
 
@@ -131,15 +131,15 @@ def _standard_errors(calibration: Calibration) -> str:
     if of_scalar := next((note for note in calibration.notes if note.startswith(FOLLOWS)), ""):
         return of_scalar
     return (
-        f"the errors of the parameters make that of a corrected sample up to {growth:.3g} times what sensor noise "
-        "alone makes: record longer, in more directions"
+        f"the parameter errors increase the error of a corrected sample to {growth:.3g} times that of sensor noise "
+        "alone: record longer, in more directions"
     )
 
 
 def _geometry(calibration: Calibration) -> str:
     if calibration.array.sensor_count < _FEWEST_FOR_GRADIENT or calibration.array.has_gradient:
         return ""
-    return "the sensors stand in one line, so that the outputs have no gradient: place one sensor beside that line"
+    return "the sensors lie on one line, so the outputs have no gradient: place one sensor off that line"
 
 
 def _first_sensor(calibration: Calibration) -> str:

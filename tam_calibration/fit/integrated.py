@@ -17,8 +17,8 @@ from tam_calibration.model.units import FloatArray
 
 FRAME_STATEMENT = (
     "The array frame is the frame in which the matrix of sensor 1 is upper triangular. With soft iron that is not the "
-    "frame of its axes, and it may be turned against the array by tens of degrees: a uniform field looks perfect, but "
-    "the components of the field and of a source's gradient are turned with it. Record the attitude, "
+    "frame of its axes, and it may be turned against the array by tens of degrees. A uniform field then looks perfect, "
+    "but the components of the field and of a source's gradient are turned with it. Record the attitude, "
     "and the frame is taken from it."
 )
 

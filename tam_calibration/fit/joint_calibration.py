@@ -307,8 +307,8 @@ def _doubts(calibration: Calibration, given: Prior, update: Update, unnamed: Seq
     doubts = []
     if any(each.together == (SEVERAL, 0) for each in update.moved):
         doubts.append(
-            "all errors of all sensors seem to have changed since the prior: so look other sensors, sensors in another "
-            "order, and a field that is not uniform, as near a source; turn the array elsewhere, and compare"
+            "all errors of all sensors seem to have changed since the prior. Other sensors, sensors in another order, "
+            "and a field that is not uniform, as near a source, look the same: turn the array elsewhere, and compare"
         )
     elif update.moved and (more := [each for each in unnamed if each.probability > PLAUSIBLE]):
         names = ", ".join(f"{each.name} (probability {each.probability:.2g})" for each in more)

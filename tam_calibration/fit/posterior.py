@@ -411,7 +411,7 @@ class Problem:
                 else "leave out spoilt samples"
             )
             raise Refused(
-                "the readings, and what is known beside them, determine no calibration: the fit leads to sensors that "
+                "the readings, with what else is known, determine no calibration: the fit leads to sensors that "
                 f"cannot be; turn the array further, or {mend}"
             )
         errors = SensorErrors.from_vector(vector, errors.orientation)

@@ -242,7 +242,7 @@ def _covariance_of(calibration: Calibration) -> FloatArray:
     values = np.linalg.eigvalsh((covariance + covariance.T) / 2 * np.outer(scale, scale))
     if values[0] < -_NEGATIVE * max(values[-1], 1.0) or (np.diag(covariance) < 0).any():
         raise InputError(
-            "the covariance of the calibration is none: it gives a combination of the errors a negative variance; "
+            "the covariance of the calibration is not valid: it gives a combination of the errors a negative variance; "
             "calibrate its recording anew"
         )
     return (covariance + covariance.T) / 2

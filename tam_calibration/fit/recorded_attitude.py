@@ -16,7 +16,7 @@ from tam_calibration.model.units import FloatArray, from_degrees, to_degrees
 
 FRAME_STATEMENT = (
     "The array frame is the one whose attitude was recorded. It was found from the uniform field, "
-    "which stands still in the world while the array turns."
+    "which is constant in the world while the array turns."
 )
 
 _SMALLEST_SHARE = 1e-3
@@ -124,8 +124,8 @@ def strayed(angle: float) -> str:
     if angle < _LARGEST_ANGLE:
         return ""
     return (
-        f"the field of the readings does not stand still in the world of the attitude but turns by "
-        f"{to_degrees(angle):.0f}°: attitude must be the turn from the array to the world, x y z w, at the time of the "
+        f"the field of the readings is not constant in the world of the attitude but turns by "
+        f"{to_degrees(angle):.0f}°. Attitude must be the turn from the array to the world, x y z w, at the time of the "
         "sample"
     )
 

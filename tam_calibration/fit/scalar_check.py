@@ -64,9 +64,9 @@ class TurningScalar:
     @property
     def sentence(self) -> str:
         """What it is and what became of it, for people."""
-        counts = "so that only its mean counts" if self.is_most else "in part, which the standard errors hold"
+        counts = "so only its mean is used" if self.is_most else "and the standard errors include that"
         size = f"{to_nanotesla(self.size_T):.2g} nT"
-        return f"{FOLLOWS} by {size}, as beside a magnet or a current, {counts}: move it away, or fit its heading error"
+        return f"{FOLLOWS} by {size}, as near a magnet or a current, {counts}: move it away, or fit its heading error"
 
 
 def turning_scalar(recording: SampleSource, array: Array) -> TurningScalar | None:

@@ -30,8 +30,8 @@ OURS = ("maximum_likelihood", "robust")
 """Methods whose covariance is that of noise of the stated size."""
 
 GROWING = (
-    "the residual lasts as long as the recording, and no recording shows by how much such noise moves its mean: "
-    "standard errors, of biases above all, may be too small still"
+    "the residual is correlated over the complete recording, which cannot show by how much such noise shifts its mean: "
+    "standard errors, above all of biases, may still be too small"
 )
 
 _SEEN = 1e-9

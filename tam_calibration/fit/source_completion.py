@@ -385,9 +385,8 @@ def _demodulate(pose: Recording, frequency_hz: float) -> tuple[FloatArray, Float
 
 
 _FRAME_STATEMENT = (
-    "The array frame is the one whose attitude was recorded: a source of known place, axis and strength showed how the "
-    "frame of the calibration in a uniform field is turned against it, how long the baselines are, and where the "
-    "elements of the axes sit."
+    "The array frame is the one whose attitude was recorded. A source of known place, axis and strength showed the "
+    "rotation of the calibration's frame, the length of the baselines, and the places of the elements of the axes."
 )
 _LARGEST_CHI_SQUARE = 10.0
 """Above this many times what noise leaves, the source is not the one that is stated."""

@@ -148,7 +148,7 @@ def _settled(known: Known, recording: SampleSource, array: KnownNoiseArray) -> t
         factors = measured.at_least(factors.times(1 / _LARGEST_FALL))
     else:
         raise Refused(
-            "the weight that the readings have beside what is known before does not settle: turn the array further, or "
+            "the weight of the readings against the prior does not settle: turn the array further, or "
             "state the noise that they have"
         )
     return known, calibration

@@ -96,7 +96,7 @@ def require_separate_folder(out: Path, inputs: Iterable[Path]) -> None:
 
 
 def run_batch(recordings: list[Path], out: Path, options: Options, run: Run, progress: Progress) -> list[Result]:
-    """Do what is left to do of a batch, write its summaries, and return all results in the order of the summaries.
+    """Finish a batch, write its summaries, and return all results in the order of the summaries.
 
     Parameters
     ----------

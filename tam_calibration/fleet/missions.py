@@ -61,7 +61,7 @@ def fit_drift(
     Returns
     -------
     LinearDrift or None
-        None where no mission tells the parameter.
+        None if no mission determines the parameter.
     """
     known = np.isfinite(values) & (standard_errors > 0)
     count = int(known.sum())
@@ -163,7 +163,7 @@ class Missions:
         return "" if is_absolute else "no drift: the times of the missions do not count from 1970"
 
     def drifts(self) -> Iterator[ParameterDrift]:
-        """Yield the drift of each parameter that some mission tells."""
+        """Yield the drift of each parameter that some mission determines."""
         apart_s = math.inf if self.no_drift else self.longest_s
         for group, values in self.values.items():
             errors = self.standard_errors[group]

@@ -1,4 +1,4 @@
-"""One recording through calibration, diagnosis and correction, into a folder that appears whole.
+"""One recording through calibration, diagnosis and correction, into a folder that appears complete.
 
 What became of it is the file ``result.json`` of its folder, written last.
 """
@@ -67,7 +67,7 @@ class Result:
     Parameters
     ----------
     recording, platform, path : str
-        Name of the recording, of the folder that it lies in, and its whole path.
+        Name of the recording, of the folder that it lies in, and its complete path.
     status : str
         ``done``; ``refused`` when it could be read, but not be calibrated or diagnosed, which is an answer; ``failed``
         when it could not be read or corrected, which is tried again the next time.
@@ -133,7 +133,7 @@ def write_result(folder: Path, result: Result) -> None:
 
 
 def read_result(folder: Path) -> Result | None:
-    """Return the result that a folder holds; None where it holds none, or one that is not as it was written."""
+    """Return the result that a folder contains; None where it contains none, or one that is not as it was written."""
     try:
         content = json.loads((folder / RESULT).read_text(encoding="utf-8"))
         if content.pop("digest") != _digest(content) or content.pop("schema") != SCHEMA:
@@ -345,7 +345,7 @@ def _read(path: Path, options: Options) -> tuple[SampleSource, Usage | None]:
 
 
 def _in_short(content: dict[str, Any]) -> dict[str, Any]:
-    """Return what the summary tells of a gap."""
+    """Return what the summary says of a gap."""
     return {
         "verdict": content["verdict"],
         "statement": content["statement"],

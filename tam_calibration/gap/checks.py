@@ -33,7 +33,7 @@ _SAYS = {
         "χ²/n {value:.3g}, where noise has {low:.2f} to {high:.2f}",
     ),
     "lag_1_correlation": (
-        "is alike from sample to sample",
+        "is correlated from sample to sample",
         "changes its sign from sample to sample",
         "lag-1 correlation {value:.2f}, where noise has {middle:.2f} ± {half:.2f}",
     ),

@@ -23,9 +23,9 @@ _SCREENED = ("frozen", "unit", "zero")
 
 
 def faults_of(source: SampleSource, array: Array) -> list[Fault]:
-    """Return what a recording holds that no sound sensors read.
+    """Return the faults of a recording's channels.
 
-    A fault that makes others is told alone: what a sensor that is in another unit, say, looks like beside the others.
+    A fault that causes others is reported alone: a sensor in another unit, for example, looks faulty in other ways too.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def faults_of(source: SampleSource, array: Array) -> list[Fault]:
 
 
 def _constant(some: Recording) -> list[Fault]:
-    """Return a note on each channel beside the magnetometers whose readings never change."""
+    """Return a note on each further channel whose readings never change."""
     notes = []
     for name, values, unit in (("temperature", some.temperature_C, "°C"), ("current", some.current_A, "A")):
         if values is not None and np.ptp(values) == 0:
@@ -95,7 +95,7 @@ def require_sound(
     accept : collection of str
         Names of faults that refuse nothing.
     sought : collection of str
-        Names of faults that the effects show as which will be fitted beside the errors: those refuse nothing.
+        Names of faults that effects explain which will be fitted too: those refuse nothing.
     screened : SampleSource, optional
         The samples without single bad readings: short holds and zeros are sought in these.
 

@@ -11,7 +11,7 @@ from tam_calibration.model.recording import Block
 from tam_calibration.model.units import FloatArray
 
 SURE = 1e-6
-"""Chance that sound readings are taken for faulty ones, in a whole recording."""
+"""Probability of a false alarm in one recording."""
 
 
 def is_chance(equal: int, share: float, count: int) -> bool:
@@ -45,7 +45,7 @@ COPIED = 1 - 1e-13
 """Correlation of two axes that differ by rounding only; noise of a millionth of the readings' spread makes less."""
 
 FLAT = 1e-12
-"""Variance out of a plane of readings without noise, in units of theirs: axes are alike there because the field is."""
+"""Variance out of a plane of readings without noise, in units of theirs: axes agree there because the field does."""
 
 _MIXED = np.array([1.0, 0.6180339887498949, 0.41421356237309503])
 """Weights of x, y and z in the number by which readings are compared: different readings have different ones."""

@@ -11,7 +11,7 @@ from tam_calibration.model.units import to_nanotesla
 CHANNEL_FAULTS = {
     "alternating": "a sensor that reads two courses in turn, as where two publishers send on its topic",
     "few_samples": "fewer samples than leave enough to check a fit on",
-    "frozen": "a sensor or axis that holds one value while the others move",
+    "frozen": "a sensor or axis that stays at one value while the others move",
     "mirrored": "a sensor whose axes are left-handed, or two of which are exchanged",
     "quantised": "steps of the readings far above the stated noise",
     "repeated": "a sensor or axis that repeats another, at once or later",
@@ -20,13 +20,13 @@ CHANNEL_FAULTS = {
     "unit": "an axis, a sensor or the scalar in another unit than the others",
     "zero": "readings that are exactly zero",
 }
-"""The names by which faults of channels are told and accepted, and what each is."""
+"""Names of the faults of channels, for messages and `--accept`, and what each is."""
 
 ACCEPTABLE = {**CHANNEL_FAULTS, **LIMITS}
 """The names of all that may be accepted: of the channels, and of the calibration that was fitted."""
 
 MOST_TOLD = 3
-"""Faults that a refusal tells in full: one cause, such as a dead converter, shows in the three axes of a sensor."""
+"""Faults that a refusal states in full: one cause, such as a dead converter, shows in the three axes of a sensor."""
 
 Severity = Literal["refusal", "warning", "note"]
 
@@ -40,9 +40,9 @@ class Fault:
     name : str
         One of ``CHANNEL_FAULTS``.
     sensor : int or None
-        From 1; None where it is the scalar, or cannot be told.
+        From 1; None if it is the scalar, or unknown.
     axis : str
-        x, y or z; empty where it is the whole sensor.
+        x, y or z; empty for all axes of the sensor.
     time_s : tuple of float
         First and last time, seconds.
     sentence : str
@@ -101,7 +101,7 @@ def refuse(faults: Iterable[Fault]) -> None:
     Raises
     ------
     Refused
-        It tells them, and the names by which they are accepted.
+        The message states them, and the names to accept them by.
     """
     told = list(faults)
     if not told:
@@ -109,4 +109,4 @@ def refuse(faults: Iterable[Fault]) -> None:
     more = f"; and {len(told) - MOST_TOLD} more such findings" if len(told) > MOST_TOLD else ""
     sentences = "; ".join(fault.sentence for fault in told[:MOST_TOLD])
     names = ", ".join(dict.fromkeys(fault.name for fault in told))
-    raise Refused(f"{sentences}{more}; mend that, or accept it by name: {names}")
+    raise Refused(f"{sentences}{more}; correct that, or accept it by name: {names}")

@@ -1,4 +1,4 @@
-"""Sensors with left-handed axes: reversed or exchanged ones, told by the other sensors and by recorded attitude.
+"""Sensors with left-handed axes: reversed or exchanged ones, found with the other sensors and recorded attitude.
 
 The intensity of a field does not tell them: it is the same for the mirrored one. Nor does attitude alone, as all axes
 reversed are those of a field that is reversed in the world; only that fields point north does.
@@ -24,7 +24,7 @@ ENOUGH = 300
 """Attitudes that tell how a sensor is placed: thirty for each product of an axis and a component of the field."""
 
 LEVEL = 0.05
-"""Part of the field that must be level before north is told by it."""
+"""Fraction of the field that must be horizontal for a north direction."""
 
 ONE_FIELD = 0.1
 """Of the singular values of what sensor and field make together, the second to the first: of one field it is 0."""
@@ -104,7 +104,7 @@ def _fault(overview: Overview, sensor: int, way: str, against: str) -> Fault:
 def _of_either(overview: Overview, few: list[int], many: list[int]) -> Fault:
     verb = "is a mirror image" if len(few) == 1 else "are mirror images"
     sentence = (
-        f"{_names(few)} {verb} of {_names(many)} {between(overview.time_s)}: which is left-handed can be told only "
+        f"{_names(few)} {verb} of {_names(many)} {between(overview.time_s)}: which is left-handed can be decided only "
         "with recorded attitude, or where more sensors are right"
     )
     return Fault("mirrored", None, "", overview.time_s, sentence)
@@ -176,7 +176,7 @@ def _placed(overview: Overview, sensor: int) -> _Placed | None:
 def _against_attitude(placements: dict[int, _Placed], groups: list[list[int]]) -> list[int]:
     """Return the sensors that attitude shows to be left-handed; none where it does not tell.
 
-    Of a group that has the same hand one sensor along the array tells that it is the right one.
+    In a group of one handedness, one sensor along the array's axes shows that it is the right one.
     """
     if not placements or any(sensor not in placements for group in groups for sensor in group):
         return []

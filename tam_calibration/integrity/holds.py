@@ -10,13 +10,13 @@ from tam_calibration.model.recording import Block, SampleSource
 from tam_calibration.model.units import FloatArray
 
 SHORTEST = 10
-"""Samples of a hold: readings up to eight samples late are stale samples, an effect that is fitted beside errors."""
+"""Samples of a hold: readings up to eight samples late are stale samples, an effect that is fitted with the errors."""
 
 FINE = 0.1
 """Share of samples that repeat the one before below which an axis shows its noise, so that none can stand still."""
 
 MOVED = 0.1
-"""Part of their whole range through which others move at least where an axis of coarse steps should have moved too."""
+"""Fraction of their range through which others move at least where an axis of coarse steps should move too."""
 
 STEPS = 2.0
 """Of the smallest change of an axis, by which it comes to rest or turns back: noise may add one."""

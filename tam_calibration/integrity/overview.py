@@ -1,4 +1,4 @@
-"""Some samples of a recording, from which what does not depend on their order is told."""
+"""Some samples of a recording, for checks that do not depend on their order."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -30,7 +30,7 @@ class Overview:
 
     @classmethod
     def of(cls, source: SampleSource) -> "Overview":
-        """Return that of a whole recording, however large."""
+        """Return that of a complete recording of any size."""
         return cls(source.thinned(SKETCH).thinned(ENOUGH), source.time_span_s)
 
     @property

@@ -1,4 +1,4 @@
-"""Axes, sensors or a scalar in another unit than the others, told by how far the readings spread."""
+"""Axes, sensors or a scalar in another unit than the others, found by the spread of the readings."""
 
 from collections.abc import Iterator
 
@@ -22,7 +22,7 @@ ALONE_APART = 300.0
 a fifth of a degree no turntable stands."""
 
 ALL_ROUND = 0.25
-"""Least over largest variance of readings whose spread is that of the whole field: those of half a sphere."""
+"""Least over largest variance of readings whose spread is that of the complete field: those of half a sphere."""
 
 
 def in_other_units(overview: Overview, array: Array) -> Iterator[Fault]:
@@ -65,7 +65,7 @@ def _scalar(overview: Overview) -> float | None:
 
 
 def _may_be_read(overview: Overview, field: FieldBounds) -> bool:
-    """Whether no reading is so large or small that its unit is told beside the field's bounds."""
+    """Whether all readings are of a size that agrees with the bounds of the field."""
     try:
         field.require_readings(np.median(np.linalg.norm(overview.recording.readings_T, axis=2), axis=0))
     except InputError:

@@ -27,7 +27,7 @@ MANY_AT_END = 0.01
 """Share of the samples at an end that spoils a fit: a sphere is cut off by 2 % of the field, and scale errs by 1e-3."""
 
 COARSE = 10.0
-"""Of the error of rounding to the stated noise: standard errors are told ten times too small."""
+"""Of the error of rounding to the stated noise: standard errors would be ten times too small."""
 
 REPEATING = 0.05
 """Share of readings that others repeat from which the steps can be seen."""
@@ -70,7 +70,7 @@ def _at_end(overview: Overview, column: int, name: str, end_T: float, there: np.
 
 
 def in_steps(overview: Overview, array: Array) -> Iterator[Fault]:
-    """Yield the axes whose readings have steps that are coarse beside the stated noise."""
+    """Yield the axes whose readings have steps that are coarse compared with the stated noise."""
     if array.vector_noise_T is None:
         return
     for column, row in enumerate(overview.sorted_T):
@@ -110,16 +110,16 @@ FEWEST_PERIODS = 2.5
 """Periods in the range of the values at least: fewer bands are no pattern."""
 
 FEWEST_ALONE = 16.0
-"""The same where no other sensor tells that the motion leaves nothing out: fewer bands may be visited attitudes."""
+"""The same if no other sensor shows that the motion leaves nothing out: fewer bands may be visited attitudes."""
 
 DIFFERENT = 100
-"""Values that differ by a sixteenth of a period where no other sensor tells it: the poses of a turntable are fewer."""
+"""Values that differ by a sixteenth of a period if no other sensor shows it: the poses of a turntable are fewer."""
 
 COHERENT = 0.5
 """Least mean of the phases: values that fill half of each period have 2 / pi, those that fill all of it none."""
 
 EMPTY = (0.45, 0.8)
-"""Part of a period that is left out: half by one bit, three quarters by two beside each other."""
+"""Part of a period that is left out: half by one bit, three quarters by two adjacent bits."""
 
 FILLED = 7
 """Of eight equal parts of the rest, that hold values: a pure lattice of steps has them in one."""
@@ -128,7 +128,7 @@ MIXED = 0.5
 """Share of the variance within the bands that the sensor's other axes explain: noise leaves all, a matrix little."""
 
 PREDICTED = 0.2
-"""Share of the readings that the other sensors predict to lie in what is left out: of half a period it is half."""
+"""Share of the readings that the other sensors predict to lie in the gaps: half of them for half a period."""
 
 NEAR = 160
 """Values nearest to each other, in which short periods are looked for: the mean of their phases errs by 0.08."""

@@ -159,7 +159,7 @@ class Queue:
         Parameters
         ----------
         stream : Stream
-            Its buffer holds what waits from earlier batches.
+            Its buffer contains what waits from earlier batches.
         messages : StreamMessages or None
             What came of it in this batch; None where nothing did.
         arrivals : Arrivals

@@ -1,4 +1,4 @@
-"""Joining whole batches of messages at once: the samples and losses of `Synchroniser`, for recordings.
+"""Joining complete batches of messages at once: the samples and losses of `Synchroniser`, for recordings.
 
 What is usual - stamps that rise, streams that keep within the patience of each other, no silent sensor, no message that
 two samples want - is joined by searching in sorted stamps. A batch with anything else goes through message by message.

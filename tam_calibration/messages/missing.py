@@ -50,7 +50,7 @@ _MOST_KEPT = 1024
 """Readings that tell the range of a stream on line; when full, every second is given up."""
 
 _RENEWED = 16
-"""The range on line is told anew when the readings have become more by one in so many."""
+"""The range on line is updated when the number of readings has grown by one in so many."""
 
 
 def codes_of(stream: str, raw: FloatArray) -> NDArray[np.int8]:
@@ -95,7 +95,7 @@ def _may_stand_for_none(raw: Sequence[float]) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Range:
-    """What a sensor, or the scalar, can read, told by most of its readings."""
+    """Range of a sensor or of the scalar, from most of its readings."""
 
     center: FloatArray
     reach: float
@@ -243,7 +243,7 @@ class LiveMissing(Missing):
     def take(self, stream: str, raw: Sequence[float]) -> int:
         """Count a reading, and return the code of why it is missing; 0 where it is there.
 
-        As `codes_of` and `Range` judge a recording; the range is told by the readings until now, from the 18th on.
+        As `codes_of` and `Range` judge a recording; the range follows from the readings so far, from the 18th on.
 
         Parameters
         ----------

@@ -1,6 +1,6 @@
 """The rows of the point clouds and matrices on the topics: names, order and size, without any ROS import.
 
-A cloud holds one row (height and width 1) of little-endian float64 fields that follow each other without gaps.
+A cloud contains one row (height and width 1) of little-endian float64 fields that follow each other without gaps.
 The header's stamp is the exact time of a row.
 """
 
@@ -35,7 +35,7 @@ CHANNEL_COLUMNS = {
     "gyroscope": RATE_COLUMNS,
     "position": POSITION_COLUMNS,
 }
-"""Columns of the channels beside the sensors, in their order in a sample; those of further channels follow."""
+"""Columns of the channels recorded with the sensors, in their order in a sample; those of further channels follow."""
 
 
 def columns_of(channel: str) -> tuple[str, ...]:
@@ -44,7 +44,7 @@ def columns_of(channel: str) -> tuple[str, ...]:
 
 
 def is_channel(stream: str) -> bool:
-    """Whether a stream is a channel beside the sensors, or a further one."""
+    """Whether a stream is a channel recorded with the sensors, or a further one."""
     return stream in CHANNEL_COLUMNS or is_further(stream)
 
 

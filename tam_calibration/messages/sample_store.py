@@ -43,7 +43,7 @@ class StoredSample(NamedTuple):
 class SampleStore:
     """The samples since the last start over.
 
-    When it is full every second sample is given up, and only every second new one is taken, so that the whole
+    When it is full every second sample is given up, and only every second new one is taken, so that the complete
     run stays covered. Its time goes on where stamps step back; a recording that is played once more starts it over. One
     thread may add while another asks for the recording.
 

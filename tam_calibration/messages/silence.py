@@ -15,7 +15,7 @@ BEFORE_ALL = -(1 << 64)
 
 _NEVER = 1 << 62
 _FEWEST = 3
-"""Sensors of an array that goes on without one of them: a single one tells nothing of the centre."""
+"""Sensors of an array that goes on without one of them: a single one does not determine the centre."""
 
 SILENCE_NS = 2_000_000_000
 """Time without a message after which samples go on without a sensor: two periods of one that is read at 1 Hz."""

@@ -176,7 +176,7 @@ class IntensityStream(JoinedStream):
 
 
 class InterpolatedStream(JoinedStream):
-    """A stream that tells the values between its messages too."""
+    """A stream with values between its messages too."""
 
     def __init__(self, name: str, window_ns: int, awaited: bool) -> None:
         super().__init__(name, window_ns, awaited)
@@ -223,7 +223,7 @@ class InterpolatedStream(JoinedStream):
 
 
 class HeldStream(Stream):
-    """A stream whose newest value holds until the next, for a limited time."""
+    """A stream whose newest value is valid until the next, for a limited time."""
 
     kept = 1
     """Messages up to the stamp of a sample that may join it or later ones."""

@@ -48,7 +48,7 @@ CATCH_UP_NS = 1_000_000_000
 """Time of arrival for which samples wait for all streams after a stall: ten times what was measured after 8 s."""
 
 REMEMBERED = 16
-"""Intervals between samples, the shortest of which tells when a message may be of the next sample."""
+"""Intervals between samples, the shortest of which decides when a message may be of the next sample."""
 
 # Stamps of successive epochs are set apart by more than any stamp, so that one number orders all messages.
 _EPOCH = 1 << 64
@@ -74,12 +74,12 @@ class Sample(NamedTuple):
 
 
 class Synchroniser:
-    """Joins the messages of K sensors and the channels beside them into samples in the order of their stamps.
+    """Joins the messages of K sensors and the channels recorded with them into samples in the order of their stamps.
 
     Parameters
     ----------
     layout : SampleLayout
-        Number of sensors, and the channels that a sample holds.
+        Number of sensors, and the channels that a sample contains.
     tolerance_ns : int
         Greatest difference of stamps within a sample.
     patience_ns : int

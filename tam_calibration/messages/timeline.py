@@ -1,6 +1,6 @@
 """Which stamps of a stream can be believed: one that jumps is either false or the first after a step of the clock.
 
-The next message of the stream tells. When it goes on from before the jump, the stamp was false, and its message is
+The next message of the stream decides. When it goes on from before the jump, the stamp was false, and its message is
 given up; when it follows the jump, a clock was set or a driver started anew, and both are taken. No clock is read.
 """
 

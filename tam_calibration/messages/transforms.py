@@ -132,7 +132,7 @@ class TransformTree:
             try:
                 turn = Rotation.from_quat(transform.rotation)
             except ValueError:
-                raise InputError(f"the rotation of {frame} in {transform.parent} is none in tf") from None
+                raise InputError(f"the rotation of {frame} in {transform.parent} is not a valid one in tf") from None
             position, rotation = turn.apply(position) + transform.position_m, turn * rotation
             frame = transform.parent.lstrip("/")
         return position, rotation

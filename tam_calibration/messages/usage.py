@@ -51,7 +51,7 @@ class Usage:
         Messages of sensor 1, also those that were lost on the way, but for those that still wait, and those of the
         sensor that stood in for it.
     reasons : tuple of str
-        Why the others were not used, each with its count and what mends it, the most frequent first.
+        Why the others were not used, each with its count and what to do, the most frequent first.
     readings : tuple of int
         Readings that came of each sensor.
     interpolated : tuple of int
@@ -102,7 +102,7 @@ class Usage:
         patience_ns : int
             How far the stamps of one may lag behind those of another, nanoseconds.
         channels : sequence of Stream
-            Of what is recorded beside the sensors.
+            Of the channels recorded with the sensors.
         """
         own = _own_faults(first.losses)
         reasons = [(count, f"{count} {fault}: look at the driver of {first.name}") for count, fault in own]
@@ -162,14 +162,14 @@ class Usage:
         ------
         Refused
             When less than half of the samples were used, two publishers send on the topic of a sensor, or the scalar,
-            which tells the scale, is lost.
+            which determines the scale, is lost.
         """
         if self.doubled:
             raise Refused("; ".join(self.doubled))
         if self.used < _REFUSED_BELOW * self.received:
-            raise Refused(f"only {self}; mend that and record again")
+            raise Refused(f"only {self}; correct that and record again")
         if self.scalar_is_lost:
-            raise Refused(f"{'; '.join(self.lost)}: mend that, or leave the topic out to do without")
+            raise Refused(f"{'; '.join(self.lost)}: correct that, or leave the topic out")
 
     def warnings(self) -> tuple[str, ...]:
         """Return warnings: few samples, an unfinished recording, channels that are lost, messages of other frames."""
@@ -252,12 +252,12 @@ class Usage:
                 warnings.append(
                     f"sensor {sensor + 1} is read at {1 / period_s:.3g} Hz while the array turns at up to "
                     f"{fastest:.0f}°/s: its interpolated readings are wrong by {to_nanotesla(error_T):.2g} nT (RMS), "
-                    "which the standard errors do not hold; turn slower, or read it faster"
+                    "beyond the standard errors; turn more slowly, or read it faster"
                 )
         return tuple(warnings)
 
     def remarks(self) -> tuple[str, ...]:
-        """Return the warnings and what is missing as whole sentences.
+        """Return the warnings and what is missing as complete sentences.
 
         Raises
         ------

@@ -42,51 +42,51 @@ _ONE_FOR_ALL = ("vector_noise_T", "delay_s")
 
 @dataclass(frozen=True, eq=False)
 class Array:
-    """Positions and noise of K tri-axial magnetometers and the scalar magnetometer beside them.
+    """Positions and noise of K tri-axial magnetometers and an optional scalar magnetometer.
 
     Parameters
     ----------
     positions_m : (K, 3) array
         Sensor positions in the array frame (x forward, y left, z up; origin at the centre), metres.
     vector_noise_T : (K,) array or float, optional
-        Standard deviation of the white noise of each axis of each sensor, tesla; a float holds for all sensors.
+        Standard deviation of the white noise of each axis of each sensor, tesla; a float is used for all sensors.
         None means unknown: it is estimated from the recording.
     scalar_noise_T : float, optional
         Standard deviation of the scalar magnetometer's noise, tesla. None means unknown.
     scalar_position_m : (3,) array, optional
         Position of the scalar magnetometer in the array frame, metres; None means at the centre. It matters only
-        where a fit takes the ambient field to have a gradient.
+        if a fit includes a gradient of the ambient field.
     axis_offsets_m : (K, 3, 3) array, optional
-        Where the elements of axis x, y and z of each sensor sit beside its position: a row for each axis, array frame,
-        metres; None means all three at the position.
+        Places of the elements of axes x, y and z of each sensor relative to its position, metres, array frame. There
+        is a row for each axis. None means all three at the position.
     field : FieldBounds
-        What the intensity of the field can be in which the array is turned.
+        Bounds on the intensity of the field.
     delay_s : (K,) array or float, optional
-        How much later than it was read a reading of each sensor is stamped, seconds; a float holds for all sensors.
-        None means that stamps are true.
+        Time from reading to stamp of each sensor, seconds; a float is used for all sensors. None means that stamps
+        are correct.
     scalar_delay_s : float
-        The same of the scalar magnetometer.
+        The same for the scalar magnetometer.
     mounting : Mounting
-        How sensors and IMU are turned against the array's axes, in which a recording is once it is read.
+        Rotations of sensors and IMU against the array's axes. A recording is in the array's axes once it is read.
     change_rates : ChangeRates, optional
-        How fast the errors of the sensors change; None where the defaults hold.
+        How fast the errors of the sensors change; None means the defaults.
     attitude_noise : float, optional
-        Standard deviation of the recorded attitude about each axis, radians, its errors independent from sample to
-        sample; infinite where it is to be estimated, and None where attitude is no data of a fit.
+        Standard deviation of the recorded attitude about each axis, radians, assuming white errors. Infinite means
+        that it is estimated, None that a fit does not use the attitude.
     mounting_error : float, optional
-        Standard deviation of the turn, about each axis, of the attitude's frame against the array's, radians; None
-        where that turn may be any.
+        Standard deviation of the rotation of the attitude's frame against the array's about each axis, radians. None
+        means that the rotation is unknown.
     further_channels : tuple of str
-        Currents and actuators beside ``current_A`` that the nodes listen to, see ``further_channels``.
+        Currents and actuators, in addition to ``current_A``, that the nodes listen to; see ``further_channels``.
     tolerances : Tolerances, optional
-        How far the errors of new sensors may be from none; None where nothing is known of them before a fit.
+        How large the errors of new sensors may be; None if nothing is known before a fit.
     gyroscope : Gyroscope, optional
-        Noise and bias of the gyroscope; None where they are not stated.
+        Noise and bias of the gyroscope; None if they are not stated.
 
     Raises
     ------
     InputError
-        When a position or noise is not finite, not positive, has the wrong shape or is beyond what can be (`limits`).
+        When a position or noise is not finite, not positive, has the wrong shape or is implausible (`limits`).
 
     Examples
     --------
@@ -128,7 +128,7 @@ class Array:
             raise InputError(f"positions_m must be K rows of x, y, z; its shape is {positions.shape}")
         require_sensor_count(len(positions))
         if not np.isfinite(positions).all():
-            raise InputError("positions_m holds a value that is not finite")
+            raise InputError("positions_m contains a value that is not finite")
         object.__setattr__(self, "positions_m", positions)
         count = len(positions)
         for name, shape, needed in (
@@ -148,7 +148,7 @@ class Array:
                 if array.shape != shape:
                     raise InputError(f"{needed}, not the shape {array.shape}")
                 if not np.isfinite(array).all():
-                    raise InputError(f"{needed}, and holds one that is not finite")
+                    raise InputError(f"{needed}, and contains one that is not finite")
                 object.__setattr__(self, name, array)
         if self.vector_noise_T is not None and not (self.vector_noise_T > 0).all():
             raise InputError("every vector noise must be a positive number")
@@ -273,7 +273,7 @@ class Array:
         vector_noise_T : (K,) array
             Of each axis of each sensor, tesla.
         scalar_noise_T : float
-            Of the scalar magnetometer, tesla; 0 where there is none.
+            Of the scalar magnetometer, tesla; 0 without one.
 
         Returns
         -------
@@ -284,7 +284,7 @@ class Array:
         return KnownNoiseArray(**own | {"vector_noise_T": vector_noise_T, "scalar_noise_T": scalar_noise_T})
 
     def with_stated_noise(self) -> "KnownNoiseArray":
-        """Return the array with its noise as stated; that of a scalar magnetometer is zero where there is none.
+        """Return the array with its noise as stated; without a scalar magnetometer its noise is zero.
 
         Returns
         -------
@@ -320,7 +320,7 @@ class Array:
             )
 
     def has_geometry_of(self, other: "Array") -> bool:
-        """Whether the other array has its sensors at the same places, to a micrometre, and turned alike.
+        """Whether the other array has its sensors at the same places, to a micrometre, with the same rotations.
 
         Parameters
         ----------

@@ -8,7 +8,7 @@ from unicodedata import category
 
 
 class InputError(ValueError):
-    """The input cannot be used; the message says what is wrong, where, and what would mend it.
+    """The input cannot be used; the message says what is wrong, where, and what to do.
 
     Examples
     --------
@@ -26,7 +26,7 @@ class Refused(RuntimeError):
 
     Examples
     --------
-    A magnet that comes near during the last minute leaves no calibration that holds throughout:
+    With a magnet that comes near during the last minute, no calibration is valid throughout:
 
     >>> from dataclasses import replace
     >>> from tam_calibration import Refused, calibrate, read_scenario, simulate

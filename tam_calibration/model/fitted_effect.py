@@ -7,7 +7,7 @@ SCALAR = -1
 """In place of a sensor's index: the scalar magnetometer."""
 
 ALL = -2
-"""In place of a sensor's index: all sensors alike."""
+"""In place of a sensor's index: all sensors."""
 
 Shape = Mapping[str, float]
 """Parameters on which an effect depends otherwise than linearly, by name, SI: a time constant, a frequency."""

@@ -1,6 +1,6 @@
 """Further channels of a vehicle by name: the currents of its circuits, and what its actuators do.
 
-A name is that of a column, and tells the topic: ``current_2_A``, the second current, is ``currents/current_2``, and
+A name is that of a column, and implies the topic: ``current_2_A``, the second current, is ``currents/current_2``, and
 ``actuator_rudder`` is ``actuators/rudder``: an angle, a speed or a power in whatever unit. The first current is the
 channel ``current_A`` of old.
 """

@@ -122,7 +122,7 @@ _LARGEST_BIAS = 100.0
 """Of a sensor's readings, in units of the strongest field: a bias may be many times the field."""
 
 LOCAL_STANDARD_ERROR_T = 140e-9
-"""Of each component of a model of the main field: crust and currents, as the World Magnetic Model tells of itself."""
+"""Of each component of a model of the main field: crust and currents, as the World Magnetic Model states."""
 
 LOCAL_VARIANCE_T2 = LOCAL_STANDARD_ERROR_T**2 * np.eye(3)
 """(3, 3) covariance of such a field."""
@@ -271,7 +271,7 @@ def site_field_T(latitude_deg: float, longitude_deg: float, height_m: float, day
         raise InputError(f"the height must lie between -10 and 600 km, not at {height_m} m")
     if not _MODEL_YEARS[0] <= day.year < _MODEL_YEARS[1]:
         raise InputError(
-            f"the geomagnetic model IGRF-14 holds from {_MODEL_YEARS[0]} to {_MODEL_YEARS[1] - 1}, not in {day.year}"
+            f"the geomagnetic model IGRF-14 is valid from {_MODEL_YEARS[0]} to {_MODEL_YEARS[1] - 1}, not in {day.year}"
         )
     return igrf_T(latitude_deg, longitude_deg, height_m, day)
 

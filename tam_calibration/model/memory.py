@@ -31,7 +31,7 @@ def load_within_limit(libraries: Sequence[str], needed_bytes: int) -> None:
     in_use = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     if limit - in_use < needed_bytes:
         raise InputError(
-            f"this process may have {limit >> 20} MiB of memory, and needs {needed_bytes >> 20} beside the "
+            f"this process may have {limit >> 20} MiB of memory, and needs {needed_bytes >> 20} in addition to the "
             f"{in_use >> 20} in use: raise the limit (ulimit -v)"
         )
     for library in libraries:

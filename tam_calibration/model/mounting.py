@@ -79,7 +79,7 @@ class Mounting:
                 raise InputError(f"{name} needs one for each of {count} sensors, not {len(stated)}")
 
     def turns_sensors_as(self, other: "Mounting") -> bool:
-        """Whether the sensors of the other, as many, are turned alike; IMU and names of frames do not matter."""
+        """Whether the other has as many sensors with the same rotations; IMU and frame names do not matter."""
         mine, others = (_NO_ROTATION if each.rotations is None else each.rotations for each in (self, other))
         difference = np.minimum(np.abs(mine - others).max(axis=-1), np.abs(mine + others).max(axis=-1))
         return bool((difference < _SAME_ROTATION).all())

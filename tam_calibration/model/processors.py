@@ -4,7 +4,7 @@ import os
 
 
 def use_one_thread() -> None:
-    """Have linear algebra use one thread, unless told otherwise: matrices here are small, and threads only wait.
+    """Have linear algebra use one thread, by default: matrices here are small, and threads only wait.
 
     To be called before numpy is loaded.
     """

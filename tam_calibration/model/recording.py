@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import xarray
 
 CHANNELS = ("scalar_T", "temperature_C", "current_A", "attitude", "angular_velocity_rad_s", "position_m")
-"""What may be recorded beside the sensors; a channel that holds nothing but NaN is absent."""
+"""Channels that may be recorded with the sensors; a channel of NaN only is absent."""
 
 COMPONENTS = {"attitude": 4, "angular_velocity_rad_s": 3, "position_m": 3}
 """Numbers of a value of each channel that has more than one; one NaN among them makes all NaN."""
@@ -48,7 +48,7 @@ def require_sensor_count(count: int) -> None:
 
 
 class Block(NamedTuple):
-    """Some samples that follow each other, as in ``Recording``; no scalar where the whole run has none."""
+    """Some samples that follow each other, as in ``Recording``; no scalar where the complete run has none."""
 
     time_s: FloatArray
     readings_T: FloatArray
@@ -82,7 +82,7 @@ class SampleSource(Protocol):
 
     @property
     def interpolated_noise(self) -> InterpolatedNoise | None:
-        """What interpolation made of their noise; None where all hold readings as they came."""
+        """Effect of interpolation on their noise; None if no reading was interpolated."""
 
     def with_noise(self, noise: InterpolatedNoise) -> "SampleSource":
         """Return the same samples with what interpolation made of their noise."""
@@ -96,7 +96,7 @@ class SampleSource(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """N simultaneous samples of K tri-axial sensors and the channels beside them.
+    """N simultaneous samples of K tri-axial sensors and further channels.
 
     Parameters
     ----------
@@ -105,29 +105,28 @@ class Recording:
     readings_T : (N, K, 3) array
         Raw readings of the sensors along their own axes x, y, z, tesla.
     scalar_T : (N,) array, optional
-        Intensity from the scalar magnetometer, tesla; NaN where there is none.
+        Intensity from the scalar magnetometer, tesla; NaN if missing.
     temperature_C : (N,) array, optional
-        Temperature, degrees Celsius; NaN where there is none.
+        Temperature, degrees Celsius; NaN if missing.
     current_A : (N,) array, optional
-        Current that may disturb the sensors, ampere; NaN where there is none.
+        Current that may disturb the sensors, ampere; NaN if missing.
     attitude : (N, 4) array, optional
-        Quaternion x, y, z, w that turns vectors of the array frame into the world's; NaN where there is none. One NaN
-        makes the whole quaternion NaN.
+        Quaternion x, y, z, w that turns vectors of the array frame into the world's; NaN if missing. One NaN makes all
+        four components NaN.
     further : mapping of str to (N,) array
-        Further currents and actuators by their names, see ``further_channels``; NaN where there is none.
+        Further currents and actuators by their names, see ``further_channels``; NaN if missing.
     interpolated_noise : InterpolatedNoise, optional
-        What interpolation made of the sensors' noise; None where all samples hold readings as they came.
+        Effect of interpolation on the sensors' noise; None if no reading was interpolated.
     angular_velocity_rad_s : (N, 3) array, optional
-        Angular velocity of the array against the world, in the array frame, from a gyroscope, rad/s; NaN where there is
-        none.
+        Angular velocity of the array against the world, in the array frame, from a gyroscope, rad/s; NaN if missing.
     position_m : (N, 3) array, optional
-        Place of the array's centre in the attitude's world, from navigation, metres; NaN where there is none.
+        Place of the array's centre in the attitude's world, from navigation, metres; NaN if missing.
 
     Raises
     ------
     InputError
-        When a shape is wrong, a value that is needed is not finite, one is beyond what can be (`limits.LARGEST`), or
-        time does not increase.
+        When a shape is wrong, a required value is not finite, a value is implausible (`limits.LARGEST`), or time
+        does not increase.
 
     Examples
     --------
@@ -168,7 +167,7 @@ class Recording:
         require_sensor_count(self.sensor_count)
         self._check_shapes()
         if self.sample_count == 0:
-            raise InputError("the recording holds no sample")
+            raise InputError("the recording contains no sample")
         self._check_sizes()
         self._check_attitude()
         self._check_time()
@@ -363,8 +362,8 @@ class Recording:
         Returns
         -------
         pandas.DataFrame
-            Index ``time_s``; columns as in a CSV file but SI: b1x_T, b1y_T, b1z_T … bKz_T along the sensors' own axes,
-            then what there is of scalar_T, temperature_C, current_A, qx, qy, qz, qw, wx_rad_s, wy_rad_s, wz_rad_s, x_m,
+            Index ``time_s``; columns as in a CSV file but SI: b1x_T, b1y_T, b1z_T … bKz_T along the sensors' own axes.
+            Then, if recorded, scalar_T, temperature_C, current_A, qx, qy, qz, qw, wx_rad_s, wy_rad_s, wz_rad_s, x_m,
             y_m, z_m, and the further channels.
 
         Raises
@@ -424,9 +423,9 @@ class Recording:
         Returns
         -------
         xarray.Dataset
-            Variables by the names of the fields that are there: ``readings_T`` over ``time_s``, ``sensor`` (1 to K) and
-            ``axis`` (x, y, z, the sensor's own), ``attitude`` over ``time_s`` and ``quaternion`` (x, y, z, w),
-            ``angular_velocity_rad_s`` and ``position_m`` over ``time_s`` and ``axis``, the others over ``time_s``; each
+            Variables with the names of the fields: ``readings_T`` over ``time_s``, ``sensor`` (1 to K) and ``axis``
+            (x, y, z of the sensor). ``attitude`` is over ``time_s`` and ``quaternion`` (x, y, z, w),
+            ``angular_velocity_rad_s`` and ``position_m`` over ``time_s`` and ``axis``, the others over ``time_s``. Each
             has its unit as the attribute ``units``.
 
         Raises

@@ -1,4 +1,4 @@
-"""What is left of corrected readings in a uniform field of known intensity, and what noise alone would leave."""
+"""Residuals of corrected readings in a uniform field of known intensity, and those of noise alone."""
 
 from dataclasses import dataclass
 

@@ -79,7 +79,7 @@ class SensorErrors:
             if value.shape != self.scale_factor.shape or value.shape[1] != 3:
                 raise InputError(f"{each.name} must have the shape (sensors, 3) of the others, not {value.shape}")
             if not np.isfinite(value).all():
-                raise InputError(f"{each.name} holds a value that is not finite")
+                raise InputError(f"{each.name} contains a value that is not finite")
         if not (self.scale_factor > 0).all():
             raise InputError("scale factors must be positive: turn a reversed axis round before")
         orientation = np.asarray(self.orientation, dtype=float)

@@ -49,7 +49,7 @@ class AnsweringNode(ListeningNode):
         action : callable
             Returns the message of the answer; what it raises is the answer that it could not be done.
         work : Work, optional
-            Does the action where that takes long: who calls while it is busy is told so at once.
+            Does the action if it takes long; other callers are told at once that it is busy.
         """
         service = self.create_service(Trigger, f"~/{name}", _unused, qos_profile=_SERVICE)
         self._served[service] = name, action, work

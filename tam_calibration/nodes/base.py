@@ -32,7 +32,7 @@ class Health:
 
 
 class TamNode(AnsweringNode):
-    """A node that checks its parameters, streams serialised messages, and tells its health.
+    """A node that checks its parameters, streams serialised messages, and reports its health.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ class TamNode(AnsweringNode):
         return self.get_clock().now().nanoseconds / 1e9
 
     def refuse(self, topic: str, problem: str) -> None:
-        """Count a message that cannot be used; the first of a topic is logged, all are told in /diagnostics.
+        """Count a message that cannot be used; the first of a topic is logged, all are counted in /diagnostics.
 
         Parameters
         ----------
@@ -163,12 +163,12 @@ class TamNode(AnsweringNode):
         return Health(ERROR, "; ".join([*problems, health.message]), health.values)
 
     def mend_of_type(self, topic: str, published: str) -> str:
-        """Return what mends an input that is published as another type.
+        """Return what to do about an input that is published as another type.
 
         Parameters
         ----------
         topic : str
-            Its whole name.
+            Its complete name.
         published : str
             The type, such as ``sensor_msgs/msg/Imu``.
         """
@@ -187,7 +187,7 @@ class TamNode(AnsweringNode):
         return Health(level, health.message + remark, {**health.values, **values})
 
     def _peers(self) -> dict[str, object]:
-        """Return the number of peers on each topic: what nobody listens to is not published."""
+        """Return the number of peers on each topic: topics without subscribers are not published."""
         outputs = {f"subscribers.{each.topic_name}": each.get_subscription_count() for each in self.publishers}
         inputs = {f"publishers.{each.topic_name}": each.get_publisher_count() for each in self.all_subscriptions}
         return {key: count for key, count in (outputs | inputs).items() if not key.endswith(_TOPICS_OF_ROS)}

@@ -12,7 +12,7 @@ _PR_SET_PDEATHSIG = 1
 
 
 def _bind(parent: int) -> None:
-    """Have the kernel send SIGTERM when the thread that started this process has ended; it holds after exec too."""
+    """Have the kernel send SIGTERM when the thread that started this process has ended, also after exec."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
     if os.getppid() != parent:  # it ended before it was asked for

@@ -162,7 +162,7 @@ class Calibrator(TamNode):
             self._add(rows)
 
     def _add(self, rows: Rows) -> None:
-        """Store the rows that are whole samples: one that is not is counted and costs no other."""
+        """Store the rows that are complete samples: one that is not is counted and costs no other."""
         values = self._store.layout.widened(rows.columns, rows.values)
         are_samples, are_partial = self._store.layout.are_samples(values), self._store.layout.are_partial(values)
         self._live.add(values[are_samples])
@@ -297,7 +297,7 @@ def _check_accept(names: str) -> None:
 
 
 def _in_words(usage: Usage) -> str:
-    return str(usage) if usage.received else "no collector tells how many samples of sensor 1 were used"
+    return str(usage) if usage.received else "no collector says how many samples of sensor 1 were used"
 
 
 def _level_of(gap: Gap) -> bytes:

@@ -26,13 +26,15 @@ def call(service: str, find_s: float) -> str:
     Raises
     ------
     Refused
-        When nobody offers the service, its node ends before it answers, or it answers no, with its reason.
+        When no one offers the service, its node ends before it answers, or it answers no, with its reason.
     """
     node = Node("tam_call")
     try:
         client = node.create_client(Trigger, service)
         if not client.wait_for_service(timeout_sec=find_s):
-            raise Refused(f"nobody offers the service {service}: are the nodes running (tam nodes), in this namespace?")
+            raise Refused(
+                f"the service {service} is not offered: are the nodes running (tam nodes), in this namespace?"
+            )
         future = client.call_async(Trigger.Request())
         while not future.done() and client.service_is_ready():
             rclpy.spin_until_future_complete(node, future, timeout_sec=_CALL_TURN_S)

@@ -144,7 +144,7 @@ def read_cloud(cloud: PointCloud2) -> tuple[tuple[str, ...], FloatArray]:
     if not is_plain or cloud.is_bigendian or cloud.point_step != FLOAT64_SIZE * len(columns):
         raise InputError("the point cloud is not made of little-endian float64 columns without gaps")
     if len(cloud.data) != cloud.width * cloud.height * cloud.point_step:
-        raise InputError(f"the point cloud holds {len(cloud.data)} bytes, not {cloud.width * cloud.height} rows")
+        raise InputError(f"the point cloud has {len(cloud.data)} bytes, not {cloud.width * cloud.height} rows")
     return columns, np.frombuffer(cloud.data, "<f8").reshape(-1, max(len(columns), 1))
 
 
@@ -207,7 +207,7 @@ class _Shape:
 
 
 class CloudReader:
-    """Reads serialised clouds, many at once where they are alike; what is like a cloud before is not parsed again.
+    """Reads serialised clouds, many at once if their layouts agree; a layout that was seen before is not parsed again.
 
     Parameters
     ----------

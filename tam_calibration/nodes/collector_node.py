@@ -196,7 +196,7 @@ class Collector(TamNode):
         Parameters
         ----------
         topic : str
-            Its whole name.
+            Its complete name.
         published : str
             The type, such as ``sensor_msgs/msg/Imu``.
         """

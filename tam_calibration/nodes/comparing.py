@@ -1,4 +1,4 @@
-"""What the calibrator does on ~/compare: the stored samples beside those of a simulator, and what it writes of that."""
+"""What the calibrator does on ~/compare: it compares the stored samples with a simulator's, and writes results."""
 
 from collections.abc import Callable
 from dataclasses import replace

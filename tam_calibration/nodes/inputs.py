@@ -170,7 +170,7 @@ def _object(kind: Any, message: bytes) -> Any:
     try:
         return deserialize_message(message, kind)
     except RuntimeError:
-        raise InputError(f"a message is damaged: it is none of {type_name(kind)}") from None
+        raise InputError(f"a message is damaged: it is not a {type_name(kind)}") from None
 
 
 def _paths(value: Any, path: str = "") -> Iterator[str]:

@@ -191,7 +191,7 @@ class LiveUpdate:
             if not calibration_from_yaml(text, str(self._path)).is_of(self._array):
                 raise InputError(f"{self._path} is of another array")
             if stored not in ("", text):
-                raise InputError(f"{self._path} was learned beside another calibration than calibration_file")
+                raise InputError(f"{self._path} was learned with another calibration than calibration_file")
         except InputError as problem:
             self._node.get_logger().warning(f"{problem}: {self._set_aside(self._path)}, and the update begins anew")
             return None

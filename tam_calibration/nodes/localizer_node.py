@@ -39,7 +39,7 @@ RULES = (
     Rule(
         "regional",
         _FITTED,
-        "Field beside the source's, taken off with the attitude: fitted to the first samples, LAT,LON,DATE for IGRF "
+        "Regional field, subtracted with the attitude: fitted to the first samples, LAT,LON,DATE for IGRF "
         "there, or none.",
     ),
     Rule("regional_samples", 500, "Samples to which the regional field is fitted.", bounds=(1, 1_000_000)),
@@ -144,7 +144,7 @@ class Localizer(CalibratedNode):
         if time.monotonic() - self._heard_s > SILENCE_S:
             return STALE, "no field and gradient arrive: see the corrector"
         if not self._is_heard:
-            return OK, "nobody listens to the source: it is not located"
+            return OK, "no node subscribes to the source: it is not located"
         located = self._statuses[Status.LOCATED]
         refused = Counter({status: count for status, count in self._statuses.items() if status})
         counted = f"{located} of {located + refused.total()} samples located"

@@ -87,7 +87,7 @@ def field_marker(header: Header, field_T: FloatArray) -> Marker:
 
 
 def source_markers(header: Header, solutions: EulerSolutions, index: int) -> MarkerArray:
-    """Return the ellipsoid that holds a source with 95 %, and the arrow of its moment from there.
+    """Return the ellipsoid that contains a source with 95 %, and the arrow of its moment from there.
 
     Parameters
     ----------

@@ -48,7 +48,7 @@ class Monitor(Node):
         self.create_subscription(DiagnosticArray, "/diagnostics", self._take, 10)
 
     def wait_until(self, condition: Callable[[], object], what: str = "", timeout_s: float = math.inf) -> None:
-        """Wait until a condition holds.
+        """Wait until a condition is true.
 
         Parameters
         ----------

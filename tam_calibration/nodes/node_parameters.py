@@ -65,7 +65,7 @@ _QOS_CHOICES = {
     "reliability": ("reliable", "best_effort", "system_default"),
 }
 _DEEPEST = 1_000_000
-"""Messages that a queue holds at most: a quarter of an hour of 1000 Hz."""
+"""Messages that a queue contains at most: a quarter of an hour of 1000 Hz."""
 
 
 def unknown_parameters(node: Node, rules: Sequence[Rule]) -> dict[str, str]:
@@ -76,7 +76,7 @@ def unknown_parameters(node: Node, rules: Sequence[Rule]) -> dict[str, str]:
     node : Node
         That has declared all it was given.
     rules : sequence of Rule
-        The parameters that it knows, beside those of ROS.
+        The parameters that it knows, in addition to those of ROS.
 
     Returns
     -------
@@ -112,7 +112,7 @@ def require_quality(node: Node) -> None:
         value = node.get_parameter(f"{_QOS_OVERRIDES}{name}").value
         choices = _QOS_CHOICES.get(name.rpartition(".")[2])
         if choices is None:
-            is_right, right = type(value) is int and 1 <= value <= _DEEPEST, f"a whole number from 1 to {_DEEPEST}"
+            is_right, right = type(value) is int and 1 <= value <= _DEEPEST, f"an integer from 1 to {_DEEPEST}"
         else:
             is_right, right = str(value).lower() in choices, f"one of {', '.join(choices)}"
         if not is_right:
@@ -164,7 +164,7 @@ def array_of(node: Node) -> Array:
         transforms.close()
     if transforms.are_used:
         places = (f"sensor {sensor} at {x:g} {y:g} {z:g} m" for sensor, (x, y, z) in enumerate(array.positions_m, 1))
-        node.get_logger().info(f"{STATIC_TRANSFORMS} tells where the sensors are: {', '.join(places)}")
+        node.get_logger().info(f"{STATIC_TRANSFORMS} states where the sensors are: {', '.join(places)}")
     return array
 
 

@@ -57,7 +57,7 @@ class Player(Node):
             raise InputError(f"{playback.path}: no message type of it is installed: {', '.join(self.unknown_types)}")
 
     def unheard(self) -> list[str]:
-        """Return the sensors' topics that nobody subscribes to."""
+        """Return the sensors' topics that no one subscribes to."""
         return [topic for topic, publisher in self._sensors.items() if not publisher.get_subscription_count()]
 
     def wait_for_subscribers(self, timeout_s: float) -> bool:

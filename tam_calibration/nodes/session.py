@@ -19,7 +19,7 @@ _FEWEST_FILES = 64
 
 
 def configure_fast_dds() -> None:
-    """Have this process and those that it starts use our profile of Fast DDS, unless told otherwise.
+    """Have this process and those that it starts use our profile of Fast DDS by default.
 
     A profile of the user's, or a choice of transports, stays in force.
     """
@@ -76,7 +76,7 @@ def initialise_ros(arguments: Sequence[str]) -> None:
     Parameters
     ----------
     arguments : sequence of str
-        Those of the command line, of which ROS takes what stands behind ``--ros-args``.
+        Those of the command line, of which ROS takes what follows ``--ros-args``.
 
     Raises
     ------

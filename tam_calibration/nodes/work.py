@@ -12,7 +12,7 @@ Result = TypeVar("Result")
 
 
 class Work:
-    """What a node does beside its stream; the memory that an action took is given back.
+    """The actions of a node in addition to its stream; they return their memory.
 
     rclpy's executor with threads would do the same at the cost of a core.
     """

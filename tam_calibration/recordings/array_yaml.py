@@ -189,7 +189,7 @@ class ArrayFile(Document):
                 "it names frame_ids and no positions, which are then looked up in /tf_static: here state positions_m"
             )
         if self.rotations_deg or self.rotations_quaternion:
-            raise InputError("it leaves positions to tf, which tells the rotations too: leave those out, or state both")
+            raise InputError("it leaves positions to tf, which gives the rotations too: leave those out, or state both")
         poses = [look_up(frame) for frame in self.frame_ids or ()]
         found: dict[str, Any] = {
             "positions_m": [position.tolist() for position, _ in poses],
@@ -284,9 +284,9 @@ def read_array(path: str | Path, look_up: LookUp | None = None) -> Array:
     Parameters
     ----------
     path : str or Path
-        The YAML file: ``baseline_m`` of a cross or ``positions_m``, metres, and the noise in nT where it is known.
+        The YAML file: ``baseline_m`` of a cross or ``positions_m``, metres, and the noise in nT if known.
     look_up : callable, optional
-        Tells positions and rotations where the file leaves them to tf.
+        Returns positions and rotations if the file leaves them to tf.
 
     Returns
     -------
@@ -296,7 +296,7 @@ def read_array(path: str | Path, look_up: LookUp | None = None) -> Array:
     Raises
     ------
     InputError
-        When it cannot be read, a key is not known, or the values make no array.
+        When it cannot be read, a key is unknown, or the values do not describe an array.
 
     Examples
     --------
@@ -309,7 +309,7 @@ def read_array(path: str | Path, look_up: LookUp | None = None) -> Array:
     """
     with mapping_in(Path(path)) as content:
         if {"array", "motion"} <= content.keys():
-            raise InputError("it is a scenario: give the array file that tam simulate wrote beside the recording")
+            raise InputError("it is a scenario: give the array file that tam simulate wrote with the recording")
         return check(content, ArrayFile).located(look_up).to_array()
 
 
@@ -373,7 +373,7 @@ def write_array(path: Path, array: Array) -> None:
     Parameters
     ----------
     path : Path
-        The YAML file; one that is there is replaced once the new one is whole.
+        The YAML file; one that is there is replaced once the new one is complete.
     array : Array
         Its positions are written in metres, its noise in nT where it is known.
 

@@ -1,4 +1,4 @@
-"""Bounds for what a bag holds: checked before it is unpacked, and while it is."""
+"""Bounds for what a bag contains: checked before it is unpacked, and while it is."""
 
 from bz2 import BZ2Decompressor
 from pathlib import Path
@@ -44,7 +44,7 @@ def check_expansion(packed: int, unpacked: int, what: str) -> None:
     Raises
     ------
     InputError
-        When it holds more.
+        When it contains more.
     """
     if unpacked > max(_ALWAYS_ALLOWED, LARGEST_EXPANSION * packed):
         raise InputError(
@@ -69,7 +69,7 @@ def check_piece(packed: int, unpacked: int, what: str) -> None:
         When it is larger than ``LARGEST_PIECE``, or too much comes of it.
     """
     if unpacked > LARGEST_PIECE:
-        raise InputError(f"{what} holds {unpacked} bytes: more than {LARGEST_PIECE} are not read")
+        raise InputError(f"{what} has {unpacked} bytes: more than {LARGEST_PIECE} are not read")
     check_expansion(packed, unpacked, what)
 
 
@@ -82,7 +82,7 @@ def check_topics(count: int) -> None:
         When there are more.
     """
     if count > MOST_TOPICS:
-        raise InputError(f"a file holds {count} topics: more than {MOST_TOPICS} are not read")
+        raise InputError(f"a file has {count} topics: more than {MOST_TOPICS} are not read")
 
 
 def quality_of(text: str) -> list[Qos]:

@@ -18,7 +18,7 @@ _TELLING = {"tam_calibration", "rosbags", "zstandard", "apsw"}
 
 
 class Damaged(InputError):
-    """A part of a bag is not what was written; other parts may be whole."""
+    """A part of a bag is not what was written; other parts may be complete."""
 
 
 @contextmanager
@@ -45,7 +45,7 @@ def damage_named(path: Path, may_recover: bool = True) -> Iterator[None]:
         if isinstance(problem, InputError) and not isinstance(problem, Damaged):
             raise InputError(f"{path} cannot be read: {problem}") from problem
         is_advised = may_recover and path.suffix != ".bag"
-        advice = f"; `tam recover {path} -o NEW` keeps what is whole" if is_advised else ""
+        advice = f"; `tam recover {path} -o NEW` keeps the complete messages" if is_advised else ""
         raise InputError(f"{path} is damaged or truncated: {reason_of(problem)}{advice}") from problem
 
 

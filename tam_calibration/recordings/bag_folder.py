@@ -69,11 +69,11 @@ def _found_in(folder: Path) -> list[Path]:
     files = [each for each in files if each.name == each.name.removesuffix(PACKED) or each.stem not in names]
     if not files:
         kinds = " or ".join(suffixes)
-        raise InputError(f"{folder} holds no {METADATA}, nor a file that ends in {kinds}: is it a bag?")
+        raise InputError(f"{folder} contains no {METADATA}, nor a file that ends in {kinds}: is it a bag?")
     if len(recordings := sorted({re.sub(r"_\d+$", "", each.name.partition(".")[0]) for each in files})) > 1:
         raise InputError(
-            f"{folder} holds no {METADATA}, but files of several recordings, {recordings[0]} and {recordings[1]} among "
-            "them: name one of them"
+            f"{folder} contains no {METADATA}, but files of several recordings, {recordings[0]} and {recordings[1]} "
+            "among them: name one of them"
         )
     return sorted(files, key=_in_order)
 

@@ -14,7 +14,7 @@ class BagFormat:
     """Bags of ROS 2 and ROS 1."""
 
     def recognises(self, path: Path, beginning: bytes) -> bool:
-        """Return whether a file begins as a bag does, or a folder holds one."""
+        """Return whether a file begins as a bag does, or a folder contains one."""
         return is_bag(path)
 
     @contextmanager

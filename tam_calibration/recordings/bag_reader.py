@@ -53,7 +53,7 @@ class BagReader:
 
 @contextmanager
 def open_bag(path: Path) -> Iterator[BagReader]:
-    """Open a bag for reading; of one that its recorder did not finish the whole messages, with a warning.
+    """Open a bag for reading; of one that its recorder did not finish the complete messages, with a warning.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def open_bag(path: Path) -> Iterator[BagReader]:
             _require_counted(path, bag.files)
     reader = BagReader(path, bag.files)
     if not reader.message_count:
-        raise InputError(f"{path} holds no message: the recorder wrote nothing, or was killed")
+        raise InputError(f"{path} contains no message: the recorder wrote nothing, or was killed")
     if bag.is_unfinished:
         end_ns = reader.start_time + reader.duration
         found = Recovered(reader.message_count, reader.start_time, end_ns, bag.faults)
@@ -114,7 +114,7 @@ def _chosen(path: Path, files: Sequence[StoredFile]) -> list[Connection]:
                 log.warning("%s: %s is not read: its messages are %s", path, topic, serialisation_of(one))
         chosen += usable[:1]
         for one in usable[1:]:
-            types = f"{one.msgcount} of {one.msgtype} beside {chosen[-1].msgcount} of {chosen[-1].msgtype}"
+            types = f"{one.msgcount} of {one.msgtype}; used: {chosen[-1].msgcount} of {chosen[-1].msgtype}"
             log.warning("%s: %s has messages of several types; left out: %s", path, topic, types)
     return sorted(chosen, key=lambda one: one.id)
 

@@ -41,7 +41,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Recovered:
-    """The whole messages of a bag.
+    """The complete messages of a bag.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class Recovered:
         ends = f"the recording ends at {self.last_ns / 1e9:.3f} s, {duration_s:.3f} s after it began"
         more = len(self.faults) - NAMED
         lost = [*self.faults[:NAMED], *([f"{more} faults more"] if more > 0 else [])]
-        return f"{self.messages} whole messages are recovered, {ends}{''.join(f'; {each}' for each in lost)}"
+        return f"{self.messages} complete messages are recovered, {ends}{''.join(f'; {each}' for each in lost)}"
 
 
 class ReadableBag:
@@ -116,7 +116,7 @@ def readable(path: Path) -> ReadableBag:
     Raises
     ------
     InputError
-        When it is no bag, damaged, or nothing in it is whole.
+        When it is no bag, damaged, or nothing in it is complete.
     """
     require_regular(path)
     parts = path.iterdir() if path.is_dir() else path.parent.glob(f"{escape(path.name)}*")
@@ -162,7 +162,7 @@ def _unpack(files: list[Path], folder: Path, faults: list[str] | None = None) ->
 
 
 def recover(path: Path, target: Path) -> Recovered:
-    """Write a bag of all messages of another that are whole, in the order in which they were written.
+    """Write a bag of all messages of another that are complete, in the order in which they were written.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ def recover(path: Path, target: Path) -> Recovered:
     Raises
     ------
     InputError
-        When it is no bag, no message of it is whole, or the new one cannot be written.
+        When it is no bag, no message of it is complete, or the new one cannot be written.
     """
     require_regular(path)
     faults: list[str] = []
@@ -185,7 +185,7 @@ def recover(path: Path, target: Path) -> Recovered:
 
 
 def _write_whole(path: Path, files: list[Path], target: Path, faults: list[str]) -> Recovered:
-    """Write the whole messages of the files of a bag, which may have been unpacked, to a new one."""
+    """Write the complete messages of the files of a bag, which may have been unpacked, to a new one."""
     from tam_calibration.recordings.bag_writing import write_bag
 
     faults.extend(f"{file.name} is missing" for file in files if not file.exists())
@@ -197,12 +197,12 @@ def _write_whole(path: Path, files: list[Path], target: Path, faults: list[str])
             first_ns = min(first_ns, int(block.recorded_ns.min()))
             last_ns = max(last_ns, int(block.recorded_ns.max()))
         if not count:
-            raise InputError(f"{path} is damaged or truncated: no message in it is whole")
+            raise InputError(f"{path} is damaged or truncated: no message in it is complete")
     return Recovered(count, first_ns, last_ns, tuple(faults))
 
 
 def _whole_blocks(path: Path, files: list[Path], writer: "BlockWriter", faults: list[str]) -> Iterator[RawMessages]:
-    """Yield the whole messages of files, their connections made known to a writer."""
+    """Yield the complete messages of files, their connections made known to a writer."""
     from tam_calibration.recordings.bag_writing import copy_connection
 
     copies: dict[tuple[str, str, str], int] = {}

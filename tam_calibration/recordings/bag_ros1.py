@@ -37,7 +37,7 @@ class Ros1File:
                 self.start_ns, self.end_ns = reader.start_time, reader.end_time - 1
         except Exception as problem:  # rosbags asserts some parts of an index
             reason = reason_of(problem).rstrip(".")
-            raise InputError(f"{reason}; `rosbag reindex {path.name}` mends an index that is missing") from problem
+            raise InputError(f"{reason}; `rosbag reindex {path.name}` repairs a missing index") from problem
         self.message_count = sum(one.msgcount for one in self.connections)
 
     def blocks(self, position: Mapping[int, int]) -> Iterator[tuple[RawMessages, int]]:
@@ -66,7 +66,7 @@ def condition_of(path: Path) -> Condition:
 
 def whole_messages(path: Path, faults: list[str]) -> Iterator[tuple[Connection, int, bytes]]:
     """Refuse to recover a bag of ROS 1, which has tools of its own."""
-    raise InputError(f"it is a bag of ROS 1: `rosbag reindex {path.name}` mends an index that is missing")
+    raise InputError(f"it is a bag of ROS 1: `rosbag reindex {path.name}` repairs a missing index")
 
 
 FILE = Ros1File

@@ -209,7 +209,7 @@ def _is_ros1(connection: Connection) -> bool:
 
 @cache
 def _fields_of(msgtype: str, form: str, text: str, is_ros1: bool) -> MessageFields:
-    """Return the numbers of a type, by the definition that the bag holds, else by that of ROS.
+    """Return the numbers of a type, by the definition that the bag contains, else by that of ROS.
 
     Raises
     ------

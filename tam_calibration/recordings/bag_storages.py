@@ -36,7 +36,7 @@ class Condition(Enum):
 
 
 class StoredFile(Protocol):
-    """A whole file of a bag; made of its path.
+    """A complete file of a bag; made of its path.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class StoredFile(Protocol):
         The file.
     connections : sequence of Connection
         Its topics as rosbags describes them. ``ext.serialization_format`` is ``cdr``, ``ros1``, or one that is not
-        read; ``msgdef`` is the definition of the type, where the file holds one.
+        read; ``msgdef`` is the definition of the type, where the file contains one.
     message_count : int
         Messages of all topics.
     start_ns, end_ns : int
@@ -68,12 +68,12 @@ class StoredFile(Protocol):
 
 
 class Storage(Protocol):
-    """What the module of a storage holds.
+    """What the module of a storage contains.
 
     Attributes
     ----------
     FILE : type of StoredFile
-        Reads a whole file, and is made of its path.
+        Reads a complete file, and is made of its path.
     WRITER : type
         Writes a file, as ``rosbags.rosbag2.Writer`` asks of a plugin; beside that ``write_block(messages)`` writes
         ``RawMessages``. A storage that is only read has none.
@@ -92,7 +92,7 @@ class Storage(Protocol):
         """
 
     def whole_messages(self, path: Path, faults: list[str]) -> Iterator[tuple["Connection", int, bytes]]:
-        """Yield connection, time of recording and serialised message of all that is whole, in the order of writing.
+        """Yield connection, time of recording and serialised message of all that is complete, in the order of writing.
 
         Parameters
         ----------
@@ -143,7 +143,7 @@ STORAGES = {
         RegisteredStorage("ros1", ".bag", b"#ROSBAG V2.0", "tam_calibration.recordings.bag_ros1", is_written=False),
     )
 }
-"""By their names; the first is what a bag's folder holds where nothing else is asked for."""
+"""By their names; the first is what a bag's folder contains where nothing else is asked for."""
 
 _BEGINNINGS = tuple(storage.beginning for storage in STORAGES.values())
 _SUFFIXES = tuple(storage.suffix for storage in STORAGES.values())

@@ -56,14 +56,14 @@ class BlockWriter(Writer):
 
 @contextmanager
 def write_bag(path: Path, storage: str) -> Iterator[BlockWriter]:
-    """Give a writer of a bag that appears whole: a folder, or a single file where its storage stands alone.
+    """Give a writer of a bag that appears complete: a folder, or a single file where its storage stands alone.
 
     Parameters
     ----------
     path : Path
-        Where the bag appears once it is whole; a file that is there is replaced, a folder is not.
+        Where the bag appears once it is complete; a file that is there is replaced, a folder is not.
     storage : str
-        What a folder holds: a name in ``bag_storages.STORAGES``. A single file has the storage of its suffix.
+        What a folder contains: a name in ``bag_storages.STORAGES``. A single file has the storage of its suffix.
 
     Raises
     ------
@@ -107,7 +107,7 @@ def write_bag_recording(path: Path, recording: Recording, storage: str = DEFAULT
     recording : Recording
         Its times become stamps; a topic has no message where its values are NaN.
     storage : str
-        What a folder holds: a name in ``bag_storages.STORAGES``.
+        What a folder contains: a name in ``bag_storages.STORAGES``.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The map: which topics, fields or columns of a recording are the sensors of an array and the channels beside them."""
+"""The map: which topics, fields or columns of a recording are the sensors of an array and its channels."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, fields
@@ -19,7 +19,7 @@ FieldUnit = Literal["", "T", "mT", "uT", "nT", "G", "mG"]
 """Unit of a field; empty where it is not stated."""
 
 CHANNEL_WIDTHS = {"scalar": 1, "attitude": 4, "gyroscope": 3, "temperature": 1, "current": 1, "position": 3}
-"""Values of each channel that a recording holds beside its sensors."""
+"""Values of each channel that a recording contains beside its sensors."""
 
 
 class Pick(Document):
@@ -130,7 +130,7 @@ class TimeColumn(Document):
     format : str
         ``s``, ``ms``, ``us``, ``ns``, ``iso8601`` or a pattern of ``strptime``; detected where it is empty.
     rate_hz : float, optional
-        Samples in a second, where no column holds the time.
+        Samples in a second, where no column contains the time.
     """
 
     column: str | int | None = None
@@ -148,7 +148,7 @@ Clock = Literal["stamp", "received"]
 
 
 class ChannelMap(Document):
-    """The sensors of an array, sensor 1 first, and the channels beside them.
+    """The sensors of an array, sensor 1 first, and the channels recorded with them.
 
     Parameters
     ----------
@@ -230,7 +230,7 @@ def _time_in_words(time: Clock | TimeColumn) -> str:
 
 
 def map_of(content: Mapping[str, Any]) -> ChannelMap:
-    """Return the map that a mapping holds, as its file does.
+    """Return the map that a mapping contains, as its file does.
 
     Raises
     ------

@@ -339,7 +339,7 @@ def _single(table: Table, field: str, unit: FieldUnit = "") -> Pick:
 def _channels(
     tables: Sequence[Table], scalars: list[Pick], sensors: Sequence[Vector]
 ) -> tuple[dict[str, Pick], tuple[str, ...]]:
-    """Return the channels beside the sensors, and what was not taken because there are several."""
+    """Return the channels recorded with the sensors, and what was not taken because there are several."""
     attitudes = [pick for table in tables for pick in attitudes_in(table)]
     rates = [vector.pick for table in tables for vector in vectors_in(table) if _is_rate(vector)]
     temperatures, currents = [], []
@@ -475,7 +475,7 @@ def _table(tables: Mapping[tuple[str, int], Table], pick: Pick) -> Table:
     kind = "file" if pick.file or not name else "topic"
     held = ", ".join(sorted(table.title for table in tables.values())) or "none"
     missing = f"{kind} {name}{f' [{instance}]' if instance else ''} is missing" if name else "a map names no file"
-    raise InputError(f"{missing}; the recording holds {held}")
+    raise InputError(f"{missing}; the recording has {held}")
 
 
 def _fields(stream: str, table: Table, pick: Pick) -> tuple[str, ...]:

@@ -150,7 +150,7 @@ class DataFlashReader:
         Raises
         ------
         InputError
-            When it holds no readings.
+            When it contains no readings.
         """
         log = _Log(mapped(path))
         yield log_source(path, "ArduPilot log", list(log.tables()), log.lost)

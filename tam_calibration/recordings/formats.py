@@ -79,7 +79,7 @@ def open_files(files: list[Path], channel_map: ChannelMap | None = None) -> Iter
     Raises
     ------
     InputError
-        When one is missing, damaged or holds no rows.
+        When one is missing, damaged or contains no rows.
     """
     columns = []
     with ExitStack() as stack:

@@ -39,7 +39,7 @@ def read_iaga2002(path: Path) -> ObservatoryRecord:
     Raises
     ------
     InputError
-        When the file cannot be read, is of another format, reports other components, or holds a broken row.
+        When the file cannot be read, is of another format, reports other components, or contains a broken row.
     """
     lines = read_text(path).splitlines()
     with in_file(path):
@@ -66,7 +66,7 @@ def read_intensity(path: Path) -> tuple[FloatArray, FloatArray]:
             intensity_T = from_nanotesla(columns[name])
         known = np.isfinite(intensity_T)
         if known.sum() < 2:
-            raise InputError("it holds no intensity: F, S or three components are needed")
+            raise InputError("it has no intensity: F, S or three components are needed")
         return (start.replace(tzinfo=UTC).timestamp() + time_s)[known], intensity_T[known]
 
 
@@ -86,7 +86,7 @@ def _columns(lines: list[str]) -> tuple[datetime, FloatArray, dict[str, FloatArr
     body = [(number, line) for number, line in enumerate(lines[first + 1 :], first + 2) if line.strip()]
     rows = [_read_row(number, line, len(letters)) for number, line in body]
     if not rows:
-        raise InputError("the file holds no values")
+        raise InputError("the file has no values")
     stamps = np.array([stamp for stamp, _ in rows], dtype="datetime64[ms]")
     values = np.array([row for _, row in rows])
     values[~(np.abs(values) < _MISSING_NT)] = np.nan
@@ -124,7 +124,7 @@ def _meridian_components(columns: dict[str, FloatArray]) -> FloatArray:
 def _turn_to_mean(north: FloatArray, east: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return geographic components along and across their own mean direction."""
     if not np.isfinite(north + east).any():
-        raise InputError("no row holds both horizontal components: take another day of the observatory")
+        raise InputError("no row has both horizontal components: take another day of the observatory")
     meridian = np.arctan2(np.nanmean(east), np.nanmean(north))
     cosine, sine = np.cos(meridian), np.sin(meridian)
     return north * cosine + east * sine, east * cosine - north * sine

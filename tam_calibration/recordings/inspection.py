@@ -1,4 +1,4 @@
-"""Looks at a recording: what it holds, what is odd, and what would be taken of it for what."""
+"""Looks at a recording: what it contains, what is odd, and what would be taken of it for what."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
@@ -47,7 +47,7 @@ def inspect(
     array: Array | None = None,
     progress: Progress = lambda done, total: None,
 ) -> Inspection:
-    """Look at a recording: what it holds, what is odd, and what would be taken of it for what.
+    """Inspect a recording: its channels, what is odd, and what would be taken as sensors and channels.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ class _Inspecting:
         self.duration_s = (max(int(each.max()) for each in times) - self._begin_ns) / 1e9 if times else float("nan")
 
     def tables(self) -> tuple[InspectedTable, ...]:
-        """Return what each table holds."""
+        """Return what each table contains."""
         with np.errstate(all="ignore"):  # columns of any meaning hold numbers of any size
             return tuple(self._table(each) for each in self._series)
 

@@ -1,4 +1,4 @@
-"""The answer of an inspection: what a recording holds, what is odd about it, and what would be taken of it."""
+"""The answer of an inspection: what a recording contains, what is odd about it, and what would be taken of it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -115,7 +115,7 @@ class InspectedTable:
 
 @dataclass(frozen=True, eq=False)
 class Inspection:
-    """What a recording holds, and what would be taken of it.
+    """What a recording contains, and what would be taken of it.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ class Inspection:
 
     @property
     def oddities(self) -> tuple[str, ...]:
-        """What is odd about the whole recording: each clause behind what shows it, first that of what is taken."""
+        """What is odd about the complete recording: each clause behind what shows it, first that of what is taken."""
         shown: dict[str, list[tuple[bool, str]]] = {}
         for table in self.tables:
             is_free = not any(channel.taken_as for channel in table.channels)

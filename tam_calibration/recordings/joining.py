@@ -145,7 +145,7 @@ class Joining:
     def pieces(self, progress: Progress) -> Iterator[Samples]:
         """Yield the samples in the order of time, the last piece with the usage of the whole.
 
-        A channel without a value in a whole piece is None in that piece. Steps and losses are logged at the end.
+        A channel without a value in a complete piece is None in that piece. Steps and losses are logged at the end.
 
         Raises
         ------
@@ -258,7 +258,7 @@ class Joining:
         return messages if inside.all() else messages.take(inside)
 
     def _kept(self, stamps_ns: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return stamps and values of the samples that are wanted: the whole ones, or all."""
+        """Return stamps and values of the samples that are wanted: the complete ones, or all."""
         if self._with_partial or not self._synchroniser.partial:
             return stamps_ns, values
         is_whole = np.isfinite(values[:, : 3 * self._synchroniser.sensor_count]).all(axis=1)

@@ -159,17 +159,17 @@ def log_source(path: Path, format: str, columns: Sequence[Columns], lost: int) -
     columns : sequence of Columns
         Its tables.
     lost : int
-        Bytes that belong to no whole message.
+        Bytes that belong to no complete message.
 
     Raises
     ------
     InputError
-        When it holds nothing.
+        When it contains nothing.
     """
     if not any(each.table.count for each in columns):
-        raise InputError(f"{path} holds no whole message of readings: the log is damaged, or ended at once")
+        raise InputError(f"{path} contains no complete message of readings: the log is damaged, or ended at once")
     source = MemorySource(path, format, columns)
     if lost:
-        source.unfinished = f"the log was left unfinished or is damaged: {lost} bytes of it are no whole messages"
+        source.unfinished = f"the log was left unfinished or is damaged: {lost} bytes of it are no complete messages"
         log.warning("%s: %s", path, source.unfinished)
     return source

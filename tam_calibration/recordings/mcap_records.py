@@ -86,7 +86,7 @@ class Topics:
         self._types: dict[int, tuple[str, MessageDefinition]] = {}
 
     def learn(self, stream: BinaryIO, kind: int, place: int, size: int) -> None:
-        """Take in the type or topic of a record, if it holds one.
+        """Take in the type or topic of a record, if it contains one.
 
         Raises
         ------
@@ -182,7 +182,7 @@ def _crc_of(file: BinaryIO, begin: int, end: int) -> int:
 
 
 def whole_messages(path: Path, faults: list[str]) -> Iterator[tuple[Connection, int, bytes]]:
-    """Yield what is whole in a file, finished or not, as ``Storage`` asks."""
+    """Yield what is complete in a file, finished or not, as ``Storage`` asks."""
     topics, end = Topics(), path.stat().st_size
     with path.open("rb") as file:
         beginning = file.read(len(MAGIC))
@@ -219,7 +219,7 @@ def _walk(
 
 
 def _whole_part(record: bytes, size: int, place: int, faults: list[str]) -> bytes:
-    """Return what is whole in the record of a chunk of that size: all, nothing, or where it was cut the beginning."""
+    """Return what is complete in the record of a chunk of that size: all, nothing, or the beginning before a cut."""
     stream = BytesIO(record)
     try:
         first_ns, last_ns, unpacked, crc = _CHUNK_HEAD.unpack(stream.read(_CHUNK_HEAD.size))

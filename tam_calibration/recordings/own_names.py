@@ -88,7 +88,7 @@ def own_map(tables: Sequence[Table], sensor_count: int | None) -> ChannelMap | N
     if not spaces:
         return None
     if len(spaces) > 1:
-        raise InputError(f"the bag holds several arrays, under {', '.join(spaces)}: name the topics of one in a map")
+        raise InputError(f"the bag has several arrays, under {', '.join(spaces)}: name the topics of one in a map")
     space = spaces[0]
     pattern = re.compile(re.escape(space) + sensor_topic(0).replace("0", r"(\d{1,9})"))
     highest = max(int(match[1]) for topic in topics if (match := pattern.fullmatch(topic)))

@@ -88,7 +88,7 @@ class Window:
 
     @property
     def is_all(self) -> bool:
-        """Whether it is the whole recording."""
+        """Whether it is the complete recording."""
         return self.start is None and self.end is None
 
     def holds(self, stamps_ns: IntArray, first_ns: int) -> NDArray[np.bool_]:
@@ -116,7 +116,7 @@ class Reading:
     Parameters
     ----------
     channel_map : ChannelMap, optional
-        Which topics or columns are what; without one the choice is made from what the recording holds.
+        Which topics or columns are what; without one the choice is made from what the recording contains.
     window : Window
         The part that is read.
     unwrap : bool
@@ -143,4 +143,4 @@ class Reading:
 
 
 AS_IT_IS = Reading()
-"""The whole recording, without a map."""
+"""The complete recording, without a map."""

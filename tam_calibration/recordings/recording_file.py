@@ -1,4 +1,4 @@
-"""Recordings of any format read into samples, whole, in pieces or on disk, and where a result came from."""
+"""Recordings of any format read into samples, complete, in pieces or on disk, and where a result came from."""
 
 import logging
 from collections.abc import Iterator, Mapping
@@ -77,20 +77,20 @@ def read_recording(
     path : str or Path
         The file or folder.
     sensor_count : int, optional
-        Number of sensors that there must be; by default that of the array, else as many as there are.
+        Required number of sensors; by default that of the array, otherwise any.
     tolerance_s : float
         Greatest difference of stamps within a sample, seconds.
     array : Array, optional
-        Whose delays are taken off, and into whose axes readings and attitude are turned.
+        Its delays are removed, and readings and attitude are turned into its axes.
     map : ChannelMap, mapping, str or Path, optional
         Which topics, fields or columns are what: a map, its keys and values, or its YAML file. By default the choice
-        is made from what the recording holds.
+        is automatic.
     start, until : float or str, optional
         The part that is read: seconds from the start, or ISO 8601 times.
     unwrap : bool
-        Whether overflows of a sensor's counter are taken out.
+        Whether to continue a sensor's counter across overflows.
     base_station : str or Path, optional
-        IAGA-2002 file, from which the intensity is taken where the recording has none.
+        IAGA-2002 file with the intensity, if the recording has none.
 
     Returns
     -------
@@ -100,7 +100,7 @@ def read_recording(
     Raises
     ------
     InputError
-        When it cannot be read, holds no recording, or what is meant is ambiguous.
+        When it cannot be read, contains no recording, or the choice is ambiguous.
 
     Examples
     --------
@@ -129,13 +129,13 @@ def as_map(given: "ChannelMap | Mapping[str, Any] | str | Path | None") -> Chann
 def recording_of_frame(
     frame: "pandas.DataFrame", map: "ChannelMap | Mapping[str, Any] | str | Path | None" = None
 ) -> Recording:
-    """Return the recording that a table of pandas holds, as `Recording.from_pandas` describes."""
+    """Return the recording that a table of pandas contains, as `Recording.from_pandas` describes."""
     channel_map = as_map(map)
     source = FrameSource(Path("the table"), frame, TimeColumn() if channel_map is None else channel_map.time_column)
     streams = streams_of(source, Reading(channel_map))
     samples = RowJoining(source, streams, AS_IT_IS, None, with_partial=False).whole()
     if samples is None:
-        raise InputError("no row holds all sensors")
+        raise InputError("no row has all sensors")
     return samples.recording
 
 
@@ -147,14 +147,14 @@ def read_samples(
     with_partial: bool = False,
     sensor_count: int | None = None,
 ) -> Samples:
-    """Read a recording whole, with the exact stamps of a bag.
+    """Read a recording complete, with the exact stamps of a bag.
 
     Parameters
     ----------
     path : Path
         The file or folder.
     array : Array, optional
-        Whose delays are taken off, and into whose axes readings and attitude are turned.
+        Its delays are removed, and readings and attitude are turned into its axes.
     reading : Reading
         How it is read.
     progress : callable
@@ -167,7 +167,7 @@ def read_samples(
     Raises
     ------
     InputError
-        When it cannot be read, or holds no recording.
+        When it cannot be read, or contains no recording.
     """
     with _joining(path, array, reading, with_partial, sensor_count) as joining:
         samples = joining.whole(progress)
@@ -187,7 +187,7 @@ def read_pieces(
 ) -> Iterator[Samples]:
     """Yield a recording as `read_samples` returns it, in pieces of bounded size.
 
-    The pieces follow each other in time without a sample lost or doubled. A channel without a value in a whole piece
+    The pieces follow each other in time without a sample lost or doubled. A channel without a value in a complete piece
     is None in that piece.
 
     Parameters
@@ -198,7 +198,7 @@ def read_pieces(
     Raises
     ------
     InputError
-        When it cannot be read, or holds no recording; pieces before the fault have been yielded by then.
+        When it cannot be read, or contains no recording; pieces before the fault have been yielded by then.
     """
     with _joining(path, array, reading, with_partial, sensor_count) as joining:
         for samples in joining.pieces(progress):
@@ -296,7 +296,7 @@ def read_stream(
     Raises
     ------
     InputError
-        When it cannot be read or kept, or holds no recording.
+        When it cannot be read or kept, or contains no recording.
     """
     usage: Usage | None = None
 
@@ -332,7 +332,7 @@ def read_source(
     Raises
     ------
     InputError
-        When it cannot be read or kept, or holds no recording.
+        When it cannot be read or kept, or contains no recording.
     """
     source, usage = read_every(path, array, reading, progress)
     return (source if usage is None else usage.with_each_reading_once(source)), usage
@@ -361,7 +361,7 @@ def read_every(
     Raises
     ------
     InputError
-        When it cannot be read or kept, or holds no recording.
+        When it cannot be read or kept, or contains no recording.
     """
     if is_large(path):
         stream = read_stream(path, array, reading, progress)

@@ -61,7 +61,7 @@ class RecordingStream:
     """
 
     usage: Usage | None = None
-    """How many of sensor 1's messages are in it; None where they were no messages, or nobody told."""
+    """How many of sensor 1's messages are in it; None where they were no messages, or no one told."""
 
     interpolated_noise: InterpolatedNoise | None = None
     """What interpolation made of the sensors' noise."""
@@ -79,7 +79,7 @@ class RecordingStream:
                 "name a folder with more room by the environment variable TMPDIR"
             ) from None
         if not self._columns:
-            raise InputError("the recording holds no sample")
+            raise InputError("the recording contains no sample")
 
     def _append(self, piece: Recording) -> None:
         if not self._columns:

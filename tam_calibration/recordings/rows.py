@@ -1,4 +1,4 @@
-"""The rows of a table as samples: each row holds the readings of one moment."""
+"""The rows of a table as samples: each row contains the readings of one moment."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -62,7 +62,7 @@ class RowJoining:
         """
         parts = list(self.source.rows(self._fields))
         if not parts or not sum(len(values) for _, values in parts):
-            raise InputError("it holds no sample")
+            raise InputError("it contains no sample")
         cells, values = joined_cells([cells for cells, _ in parts]), np.concatenate([each for _, each in parts])
         samples = self._samples(cells, values, self.source.timed(cells, len(values)))
         self._missing.require_half()
@@ -101,7 +101,7 @@ class RowJoining:
         """
         self._missing.require_half()
         if samples is None:
-            raise InputError("it holds no sample that lies within --from and --until and has all sensors")
+            raise InputError("it contains no sample that lies within --from and --until and has all sensors")
         if self._missing.counts:
             usage = Usage(self._whole, self._count, missing=self._missing.sentences())
             return Samples(samples.recording, None, usage, samples.missing)

@@ -1,4 +1,4 @@
-"""The numbers of a whole recording, table by table, with both clocks and with nothing repaired or left out."""
+"""The numbers of a complete recording, table by table, with both clocks and with nothing repaired or left out."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -102,7 +102,7 @@ def read_rows(source: RowSource, name: str, progress: Progress) -> Series:
         if count * max(len(table.fields), 1) > _MOST_NUMBERS:
             break
     if not count:
-        raise InputError("it holds no sample")
+        raise InputError("it contains no sample")
     rows = np.concatenate(parts)
     try:
         times = source.timed(joined_cells(cells), count)

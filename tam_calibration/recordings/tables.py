@@ -106,7 +106,7 @@ class Source(Protocol):
 
     @property
     def tables(self) -> Sequence[Table]:
-        """What it holds."""
+        """What it contains."""
 
     def batches(
         self, wanted: Mapping[str, Wanted], clock: Clock, progress: Progress

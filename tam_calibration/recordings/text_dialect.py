@@ -70,14 +70,14 @@ class Dialect:
     sample: tuple[tuple[str, ...], ...]
 
     def is_numeric(self, column: int) -> bool:
-        """Whether a column, from 0, holds numbers, or nothing yet."""
+        """Whether a column, from 0, contains numbers, or nothing yet."""
         cells = [row[column].strip() for row in self.sample]
         numbers = sum(is_number(cell, self.decimal) or cell in MISSING for cell in cells)
         return numbers >= _LEAST_NUMERIC * len(cells) or is_own_column(self.names[column])
 
 
 def is_number(cell: str, decimal: str) -> bool:
-    """Return whether a cell holds a number."""
+    """Return whether a cell contains a number."""
     return _NUMBER.fullmatch(cell.replace(decimal, ".") if decimal != "." else cell) is not None
 
 
@@ -106,7 +106,7 @@ def detect_dialect(path: Path, stated: TextFormat) -> Dialect:
     Raises
     ------
     InputError
-        When it is no text, or holds no table of numbers.
+        When it is no text, or contains no table of numbers.
     """
     text, encoding = _beginning(path)
     lines = text.splitlines()[:_SAMPLE]
@@ -114,7 +114,7 @@ def detect_dialect(path: Path, stated: TextFormat) -> Dialect:
     is_data = [line.strip() and not (comment and line.lstrip().startswith(comment)) for line in lines]
     rows = [(number, line) for number, line in enumerate(lines, 1) if is_data[number - 1]]
     if not rows:
-        raise InputError(f"{path} is empty" if not text.strip() else f"{path} holds comments only")
+        raise InputError(f"{path} is empty" if not text.strip() else f"{path} contains comments only")
     delimiter, decimal = _delimiter_in(path, [line for _, line in rows], stated)
     cells = [(number, cells_of(line, delimiter)) for number, line in rows]
     own = next((each for _, each in cells if sum(is_own_column(cell.strip()) for cell in each) > 3), None)
@@ -125,7 +125,7 @@ def detect_dialect(path: Path, stated: TextFormat) -> Dialect:
         raise InputError(f"{path} line {number} has {len(row)} values, but the table has {width} columns")
     if start is None:
         raise InputError(
-            f"{path} holds a header but no sample" if len(rows) < 3 else f"{path} holds no table of numbers"
+            f"{path} has a header but no sample" if len(rows) < 3 else f"{path} contains no table of numbers"
         )
     above = lines[: cells[start][0] - 1]
     if stated.header_line is not None and stated.header_line > len(above):
@@ -136,7 +136,7 @@ def detect_dialect(path: Path, stated: TextFormat) -> Dialect:
 
 
 def _beginning(path: Path) -> tuple[str, str]:
-    """Return the text of the first whole lines, and its encoding."""
+    """Return the text of the first complete lines, and its encoding."""
     require_regular(path)
     try:
         with path.open("rb") as file:
@@ -194,7 +194,7 @@ def _delimiter_in(path: Path, lines: Sequence[str], stated: TextFormat) -> tuple
                 best, found = score, (delimiter, decimal)
     is_header = is_own_column(lines[0].strip()) or any(len(cells_of(lines[0], each)) > 1 for each in delimiters)
     if found is None and len(lines) == 1 and is_header:
-        raise InputError(f"{path} holds a header but no sample")
+        raise InputError(f"{path} has a header but no sample")
     if found is None:
         raise InputError(f"{path} is no table of numbers: no commas, semicolons, tabs or blanks separate columns")
     return found
@@ -252,4 +252,4 @@ _LATIN = "\u03ff"
 
 _UNIT_NAMES = "s ms us µs ns nT uT µT mT T G mG degC °C C A V - 1 deg rad m"
 _UNIT_CELLS = frozenset((*_UNIT_NAMES.split(" "), ""))
-"""What a line of units below the names holds."""
+"""What a line of units below the names contains."""

@@ -103,7 +103,7 @@ class RowSource:
         return name, time.format or named[name]
 
     def _is_time(self, column: str, is_numeric: bool) -> bool:
-        """Whether a column of another name may be the time: it rises from row to row, or holds times of day."""
+        """Whether a column of another name may be the time: it rises from row to row, or contains times of day."""
         return False
 
     def rows(self, fields: Sequence[str]) -> Iterator[tuple[Sequence[str] | FloatArray | None, FloatArray]]:
@@ -379,7 +379,7 @@ class FrameSource(RowSource):
         try:
             values = self._frame[list(fields)].to_numpy(dtype=float, na_value=np.nan)
         except (TypeError, ValueError) as problem:
-            raise InputError(f"the table holds what is not a number: {problem}") from None
+            raise InputError(f"the table contains what is not a number: {problem}") from None
         cells: Any = None
         if self.time_column is not None:
             column = self._frame[self.time_column]

@@ -31,7 +31,7 @@ _SYNC = b"\x08\x00S\x2f\x73\x13\x20\x25\x0c\xbb\x12"
 """The message that the logger writes now and then, from which a reader finds its way again."""
 
 _LONGEST = 1 << 16
-"""More bytes than a message holds."""
+"""More bytes than a message contains."""
 
 _NARROWEST, _WIDEST = 1 << 8, 1 << 16
 """Bytes in which the next readings are looked for: as many as had readings without a break before."""
@@ -220,7 +220,7 @@ class UlogReader:
         Raises
         ------
         InputError
-            When it holds no readings, or has to be read otherwise.
+            When it contains no readings, or has to be read otherwise.
         """
         with in_file(path):
             try:

@@ -83,7 +83,7 @@ def _introduce(evidence: CalibrationView) -> str:
     tensor = ", and the gradient tensor is zero" if evidence.calibration.array.has_gradient else ""
     return (
         f"In a uniform field the length |B| of every corrected vector equals {evidence.reference_name}{tensor}; "
-        "what is left is the residual. The dashed lines are ± one standard deviation of the noise floor, which no "
+        "the rest is the residual. The dashed lines are ± one standard deviation of the noise floor, which no "
         "calibration can remove. Before and after are drawn to their own scales. "
         f"{thinning_note(evidence.recording.sample_count)}"
     ).strip()
@@ -91,7 +91,7 @@ def _introduce(evidence: CalibrationView) -> str:
 
 _INTRO = (
     "Residuals after calibration (blue) against the Gaussian of the noise floor (line), with their RMS over the floor. "
-    "A histogram that is wider than its line, shifted or lopsided holds more than sensor noise. "
+    "A histogram that is wider than its line, shifted or lopsided contains more than sensor noise. "
     "“Outside” counts samples beyond the axis."
 )
 
@@ -129,7 +129,7 @@ def _summary(coverage: Coverage) -> str:
     strength = "These directions do not determine every parameter."
     if np.isfinite(coverage.relative_error):
         size = number(coverage.relative_error)
-        strength = f"The worst standard error is {size} × that of as many samples over the whole sphere."
+        strength = f"The worst standard error is {size} × that of as many samples over the complete sphere."
     return f"{seen} {strength} {'' if coverage.enough else sentence(coverage.advice)}".strip()
 
 

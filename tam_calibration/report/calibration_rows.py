@@ -15,7 +15,7 @@ _KINDS = (("", 1.0, 6), (" (°)", to_degrees(1.0), 5), (" (nT)", to_nanotesla(1.
 """Unit, factor from SI and decimals of scale factor, non-orthogonality, bias and misalignment."""
 
 _MODEL = (
-    "Value ± standard error. The model is yᵢ = Dᵢ Λᵢ bᵢ + oᵢ: D holds scale factors and non-orthogonality, "
+    "Value ± standard error. The model is yᵢ = Dᵢ Λᵢ bᵢ + oᵢ: D contains scale factors and non-orthogonality, "
     "Λ the misalignment, o the bias."
 )
 _EFFECTS = (
@@ -149,7 +149,7 @@ def _chi_square(calibration: Calibration) -> str:
     if not calibration.reduced_chi_square:
         return "There is no redundancy, hence no reduced χ²."
     values = [f"{number(value)} {_CHANNELS.get(name, name)}" for name, value in calibration.reduced_chi_square.items()]
-    return f"Reduced χ²: {join(values)}; it is 1 where noise alone is left."
+    return f"Reduced χ²: {join(values)}; it is 1 for noise alone."
 
 
 def _noise(calibration: Calibration) -> str:
@@ -168,7 +168,7 @@ _INTRODUCTION = (
     "elements of the axes sit. The field of a known source did; array and matrices hold what it showed."
 )
 _COMMON = "Value ± standard error, of the noise of the source's amplitudes; the source itself counts as exact."
-_PLACES = "Place of the element of each axis beside its sensor (mm), array frame ± standard error."
+_PLACES = "Place of the element of each axis relative to its sensor (mm), array frame ± standard error."
 _DOUBTFUL = 2.0
 """Reduced χ² above which source and array do not fit each other."""
 
@@ -196,8 +196,8 @@ def _verdict(found: KnownSource) -> list[Text]:
         return []
     return [
         Text(
-            f"Reduced χ² is {number(found.reduced_chi_square)} where 1 is expected: the source is not quite where or "
-            "what it was stated to be, or the array has an error of another kind; the standard errors are too small.",
+            f"Reduced χ² is {number(found.reduced_chi_square)} where 1 is expected. The source is not quite where or "
+            "what it was stated to be, or the array has an error of another kind. The standard errors are too small.",
             "doubt",
         )
     ]

@@ -178,7 +178,7 @@ def _side_rows(simulation: Side, recording: Side) -> list[list[str]]:
         ["samples", *(count(side.recording.sample_count) for side in sides)],
         ["span (s)", *(number(float(span)) for span in spans)],
         ["sensors", *(count(side.array.sensor_count) for side in sides)],
-        ["beside its own model", *(side.gap.verdict.replace("_", " ") for side in sides)],
+        ["against its own model", *(side.gap.verdict.replace("_", " ") for side in sides)],
     ]
 
 
@@ -224,14 +224,14 @@ def residuals_section(comparison: Comparison) -> Section | None:
     blocks: list[Block] = [
         Text(
             f"What a calibration of each leaves of its own readings, for {name}, the row in which the two differ most. "
-            "Paths need not be alike: each residual is that of its own run."
+            "Paths may differ: each residual is that of its own run."
         ),
         embed(plot_sphere(*sides), "Residuals by direction", "Mean residual over the directions of the field"),
         embed(plot_histograms(*sides), "Residuals by size", "How often the residual has which size"),
         Points(
             [
                 "What you see: a smooth pattern of the ground or of the dots alone is an effect of attitude that the "
-                "other side lacks; broader shoulders or longer tails are noise or outliers that it lacks.",
+                "other side lacks. Broader shoulders or longer tails are noise or outliers that it lacks.",
                 "When they are the same: the dots have the shade of the ground, and the two lines lie on each other.",
             ]
         ),
@@ -306,7 +306,7 @@ def write_comparison_report(path: Path, comparison: Comparison, sources: Sources
         When the file cannot be written.
     """
     subtitle = f"simulation: {_named(sources.simulation)} | recording: {_named(sources.recording)}"
-    write_page(path, "The simulation beside the recording", subtitle, sections_of(SECTIONS, comparison))
+    write_page(path, "The simulation and the recording", subtitle, sections_of(SECTIONS, comparison))
 
 
 def _named(source: Provenance | None) -> str:

@@ -66,7 +66,7 @@ _TERMS = (
     "The simulated twin is a recording made by the computer: the same attitudes and field, the sensor errors that were "
     "fitted, the noise of the recording, and nothing else. Whatever the recording shows and its twin does not is the "
     "gap.",
-    "A residual is what is left of a reading when the fitted model is taken off: the shift of that one axis that would "
+    "A residual is a reading minus the fitted model: the shift of that one axis that would "
     "explain the sample best. A fault of one axis casts a weaker image on the others and on the scalar, since "
     "each sample alone cannot tell which of them is at fault.",
     "The noise floor is the standard deviation that white noise alone gives a residual. The size of the gap is what "
@@ -88,7 +88,7 @@ def where_section(view: GapView) -> Section | None:
     name = view.row_name(row)
     words = gap_rows.where_words(view.gap.where, view.sensor_count)
     found = f"The gap lies in: {words}." if view.gap.where.sensors else "No place stands out."
-    band = "" if view.gap.where.frequency_hz is None else "; the band that holds the gap is shaded"
+    band = "" if view.gap.where.frequency_hz is None else "; the band of the gap is shaded"
     blocks: list[Block] = [
         Text(f"{found} This was found without assuming a cause. Figures of one axis show {name}, the largest there."),
         *figure_blocks(
@@ -142,7 +142,7 @@ def shrinkage_section(view: GapView) -> Section | None:
     if gap.verdict == "not_identifiable":
         return None
     blocks: list[Block] = []
-    shaded = "" if gap.where.time_s is None else "; the span that holds the gap is shaded"
+    shaded = "" if gap.where.time_s is None else "; the span of the gap is shaded"
     for row in view.rows:
         blocks += figure_blocks(
             plot_time(view, row),

@@ -126,9 +126,8 @@ def unseen_words(gap: Gap) -> list[str]:
     words = f"A gap of less than {number(gap.smallest_gap, 2)} noise floors would not have been seen."
     if math.isfinite(gap.most_unseen_errors):
         words += (
-            f" With {count(round(gap.channel_count))} values beyond what the field takes, such a gap moves a parameter "
-            f"of the calibration by at most {number(gap.most_unseen_errors, 2)} of its standard errors, which hold "
-            "noise alone; the most where all of the gap has the course of that parameter."
+            f" In the worst case such a gap would shift a parameter of the calibration by "
+            f"{number(gap.most_unseen_errors, 2)} of its standard errors."
         )
     return [words]
 
@@ -165,7 +164,7 @@ def _noise_table(floor: Floor) -> Table:
     ]
     if math.isfinite(level[-1]):
         rows.append(["scalar", _known(level[-1]), "", "", _known(stated[-1]), _known(floor.colour[-1])])
-    return Table(("noise of", "x (nT)", "y (nT)", "z (nT)", "stated (nT)", "alike from sample to sample"), rows)
+    return Table(("noise of", "x (nT)", "y (nT)", "z (nT)", "stated (nT)", "lag-1 autocorrelation"), rows)
 
 
 def _known(value: float) -> str:
@@ -199,7 +198,7 @@ def where_words(where: Where, sensor_count: int) -> str:
 
 
 def place(sensors: Sequence[int | str], axes: Sequence[str], sensor_count: int) -> str:
-    """Say which sensors and axes: "sensor 2, axis x", "the scalar magnetometer", "all sensors alike".
+    """Say which sensors and axes: "sensor 2, axis x", "the scalar magnetometer", "all sensors".
 
     Parameters
     ----------
@@ -213,7 +212,7 @@ def place(sensors: Sequence[int | str], axes: Sequence[str], sensor_count: int) 
     numbers = [str(sensor) for sensor in sensors if sensor != "scalar"]
     names = ["the scalar magnetometer"] if "scalar" in sensors else []
     if len(numbers) == sensor_count > 1:
-        names.insert(0, "all sensors alike")
+        names.insert(0, "all sensors")
     elif numbers:
         names.insert(0, f"sensor{'s' if len(numbers) > 1 else ''} {join(numbers)}")
     if not names:

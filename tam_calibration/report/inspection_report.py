@@ -1,4 +1,4 @@
-"""The report on an inspection: what a recording holds, and every channel over time."""
+"""The report on an inspection: what a recording contains, and every channel over time."""
 
 from pathlib import Path
 
@@ -36,7 +36,7 @@ def oddities_section(found: Inspection) -> Section:
 
 
 def content_section(found: Inspection) -> Section:
-    """Return what the recording holds."""
+    """Return what the recording contains."""
     return Section("Content", [Table(HEADER, list(rows_of(found, most=_MOST_CHANNELS)), numeric=False)])
 
 
@@ -84,7 +84,7 @@ SECTIONS = (choice_section, oddities_section, content_section, time_section)
 
 
 def write_inspection_report(path: Path, found: Inspection) -> None:
-    """Write a self-contained HTML page about what a recording holds.
+    """Write a self-contained HTML page about what a recording contains.
 
     Parameters
     ----------

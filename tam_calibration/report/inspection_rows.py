@@ -21,9 +21,9 @@ def rows_of(found: Inspection, most: int) -> Iterator[list[str]]:
     Parameters
     ----------
     found : Inspection
-        What a recording holds.
+        What a recording contains.
     most : int
-        Channels of a table that are shown beside those that are taken.
+        Channels of a table that are shown in addition to those taken.
     """
     for table in found.tables:
         yield _table_row(table, found)

@@ -11,7 +11,7 @@ WIDTH_INCH = 4.7
 """Of a plain figure."""
 
 PAGE_WIDTH_INCH = 7.4
-"""Of a figure that takes the whole width of a page."""
+"""Of a figure that takes the complete width of a page."""
 
 STYLE: dict[Any, Any] = {
     "font.family": "DejaVu Sans",

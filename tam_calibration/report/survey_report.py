@@ -25,7 +25,7 @@ _PANEL_INCH = 2.5
 _VIEWS = (((0, 1), "plan"), ((0, 2), "profile"), ((1, 2), "profile"))
 _NAMES = {True: ("x, forward", "y, left", "z, up"), False: ("x", "y", "z")}
 _NINETY_FIVE = np.sqrt(5.991)
-"""Half axis, in standard deviations, of an ellipse that holds 95 %: χ² with two degrees of freedom."""
+"""Half axis, in standard deviations, of an ellipse that contains 95 %: χ² with two degrees of freedom."""
 _MOST_ELLIPSES = 40
 """More cover one another."""
 

@@ -77,7 +77,7 @@ def overall_rows(overall: Overall) -> list[list[str]]:
 
 
 def statements(survey: Survey) -> list[str]:
-    """Return what holds for all of it, one sentence each."""
+    """Return statements on all of it, one sentence each."""
     words = [f"{survey.frame[:1].upper()}{survey.frame[1:]}."]
     if survey.line is not None:
         error = survey.line.standard_error_hz
@@ -106,7 +106,7 @@ def _explaining(survey: Survey) -> str:
 
 
 def _of_track(track: Track) -> list[str]:
-    """Return what was found along a track beside its sources."""
+    """Return what was found along a track in addition to sources."""
     velocity = ", ".join(_values(track.velocity_m_per_s, track.velocity_standard_errors_m_per_s))
     largest = float(np.abs(np.linalg.eigvalsh(track.gradient_T_per_m)).max())
     error = float(track.gradient_standard_errors_T_per_m.max())

@@ -20,7 +20,7 @@ _UNITS = {
 """Factor from SI and unit of a change of each kind."""
 
 _MOST_VALUES = 8
-"""Parts of a change whose sizes are told: of all errors of all sensors the table of errors tells more."""
+"""Parts of a change whose sizes are stated: for all errors of all sensors the table of errors says more."""
 
 _AXES = {"non-orthogonality": "θ φ ψ", "misalignment": "α β γ"}
 """Names of the three errors of a kind, where they are not those of the axes."""
@@ -28,7 +28,7 @@ _AXES = {"non-orthogonality": "θ φ ψ", "misalignment": "α β γ"}
 
 def update_sentences(update: Update) -> list[str]:
     """Return where the prior came from, whether the data contradict it, and what moved, one sentence each."""
-    chance = f"χ² {number(update.chi_square)} of {update.freedom} independent differences"
+    chance = f"χ² {number(update.chi_square)} for {update.freedom} degrees of freedom"
     if update.rates is None:
         return ["Prior: the tolerances that the array file states.", f"Data against tolerances: {chance}."]
     verdict = "Data and prior agree" if not update.moved else "The data contradict the prior"
@@ -40,8 +40,8 @@ def update_sentences(update: Update) -> list[str]:
 
 
 _SHARES = (
-    "Share of the recording in what is known of each parameter; the rest is that of the prior: one less the ratio of "
-    "the variances after and before."
+    "Share of the recording in the knowledge of each parameter: one minus the ratio of the variances after and before. "
+    "The rest comes from the prior."
 )
 
 
@@ -60,14 +60,14 @@ def update_blocks(update: Update) -> list[Block]:
 def age_in_words(elapsed_s: float | None) -> str:
     """Return how old a prior is; of unknown age it counts as a day old."""
     if elapsed_s is None:
-        return "of unknown age, for which a day was assumed"
+        return "of unknown age (one day assumed)"
     days = elapsed_s / DAY_S
     return f"{number(days)} days old" if days >= 1 else f"{number(24 * days)} h old"
 
 
 def _warming(update: Update) -> str:
     if update.warming_K is None:
-        return "temperatures are not known, and were taken for the same"
+        return "temperatures unknown, assumed equal"
     return f"warmer by {number(update.warming_K)} K since"
 
 
@@ -89,7 +89,7 @@ def _told(parts: list[Moved]) -> str:
     if moved.rivals:
         others = join([f"the {in_words(*rival)}" for rival in moved.rivals])
         words += f"; with probability {number(1 - moved.probability, 2)} it was {others}"
-    return f"{words}. It was learned anew."
+    return f"{words}. It was estimated again."
 
 
 def _values(moved: Moved) -> str:

@@ -1,4 +1,4 @@
-"""Corrected data as the topics of the corrector node, beside everything else that was in the bag."""
+"""Corrected data as the topics of the corrector node, with everything else that was in the bag."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What a calibration file holds, and the calibration that it gives."""
+"""What a calibration file contains, and the calibration that it gives."""
 
 import dataclasses
 from collections.abc import Sequence

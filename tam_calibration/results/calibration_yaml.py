@@ -24,11 +24,11 @@ from tam_calibration.results.update_schema import update_to_mapping
 FORMULA = (
     "Field at a sensor in the array frame [nT] = inverse of its matrix × (its raw reading [nT] - its bias_nT). "
     "The centre vector b and the gradient tensor G are the least-squares fit of b + G × position to the fields of all "
-    "sensors, G symmetric with zero trace; where the positions do not determine G, b is the mean of the fields."
+    "sensors, G symmetric with zero trace. If the positions do not determine G, b is the mean of the fields."
 )
 _COVARIANCE_ORDER = (
     "For each sensor in turn: scale factors x y z [1], non-orthogonality theta phi psi [rad], bias x y z [T], "
-    "misalignment alpha beta gamma [rad]; what the data did not determine was held fixed and is 0."
+    "misalignment alpha beta gamma [rad]. What the data did not determine was fixed and is 0."
 )
 
 
@@ -68,7 +68,7 @@ def write_calibration(path: str | Path, calibration: Calibration) -> None:
     Parameters
     ----------
     path : str or Path
-        The YAML file; one that is there is replaced once the new one is whole.
+        The YAML file; one that is there is replaced once the new one is complete.
     calibration : Calibration
         What it shall hold; biases are written in nT, angles in degrees, the covariance in SI.
 
@@ -90,7 +90,7 @@ def write_calibration(path: str | Path, calibration: Calibration) -> None:
 
 
 def calibration_from_yaml(text: str, where: str) -> Calibration:
-    """Return the calibration that a text holds.
+    """Return the calibration that a text contains.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """A comparison as JSON, with the unit in the key: what a simulator's recording lacks, and the mend.
 
-The mend file holds what a simulator lacks, for ``tam simulate --from-comparison`` and for a simulator's plugin.
+The mend file contains what a simulator lacks, for ``tam simulate --from-comparison`` and for a simulator's plugin.
 """
 
 from dataclasses import dataclass
@@ -61,7 +61,7 @@ def write_mend(path: str | Path, mend: Mend) -> None:
     Parameters
     ----------
     path : str or Path
-        The YAML file; one that is there is replaced once the new one is whole.
+        The YAML file; one that is there is replaced once the new one is complete.
     mend : Mend
         What it shall hold; fields are written in nT.
 
@@ -169,7 +169,7 @@ def mend_of(content: dict[str, Any]) -> Mend:
 
 
 def _of_comparison(content: dict[str, Any]) -> dict[str, Any]:
-    """Return the content of a mend file that the JSON of a comparison holds."""
+    """Return the content of a mend file that the JSON of a comparison contains."""
     mend = content.get("mend")
     parameters = mend.get("parameters") if isinstance(mend, dict) else None
     if not isinstance(parameters, dict):

@@ -37,7 +37,7 @@ def write_csv_recording(path: Path, recording: Recording) -> None:
     Parameters
     ----------
     path : Path
-        The CSV file; one that is there is replaced once the new one is whole.
+        The CSV file; one that is there is replaced once the new one is complete.
     recording : Recording
         A channel that it lacks has no column; NaN is written as nan.
 
@@ -67,7 +67,7 @@ def write_csv_corrected(path: Path, pieces: Iterable[Corrected]) -> None:
     Parameters
     ----------
     path : Path
-        The CSV file; one that is there is replaced once the new one is whole.
+        The CSV file; one that is there is replaced once the new one is complete.
     pieces : iterable of Corrected
         Results in the order of time.
 
@@ -90,7 +90,7 @@ def write_recording(path: Path, recording: Recording, storage: str = DEFAULT) ->
     recording : Recording
         The samples.
     storage : str
-        What a bag's folder holds: a name in ``bag_storages.STORAGES``.
+        What a bag's folder contains: a name in ``bag_storages.STORAGES``.
 
     Raises
     ------
@@ -164,7 +164,7 @@ def correct_file(
     path : Path
         The bag or CSV file.
     calibration : Calibration
-        What to correct with; where it holds effects, the whole recording is one piece.
+        What to correct with; where it contains effects, the complete recording is one piece.
     how : Reading
         How it is read.
     progress : callable

@@ -1,6 +1,6 @@
 """Calibrations in the form that other software reads, in its unit, sign and order, and what it cannot hold.
 
-A reading r of a sensor becomes the field C (r - o) in the array frame. A consumer that holds only a symmetric matrix
+A reading r of a sensor becomes the field C (r - o) in the array frame. A consumer that has only a symmetric matrix
 gets S of the polar decomposition C = R S: the intensity is exact, and the rotation R is left out.
 """
 
@@ -232,7 +232,7 @@ class Consumer:
     limits : callable, optional
         Leaves out of a correction what the file cannot hold.
     ignores : callable, optional
-        Leaves out of a correction what the file holds but the consumer does not use.
+        Leaves out of a correction what the file contains but the consumer does not use.
     most_sensors : int
         How many sensors it reads.
     is_of_one_sensor : bool

@@ -15,7 +15,7 @@ def inspection_to_mapping(found: Inspection) -> dict[str, Any]:
     Parameters
     ----------
     found : Inspection
-        What a recording holds. Courses over time are left out.
+        What a recording contains. Courses over time are left out.
     """
     content = asdict(found) | {"files": [str(file) for file in found.files], "is_certain": found.is_certain}
     content["channel_map"] = None if found.channel_map is None else map_to_mapping(found.channel_map)

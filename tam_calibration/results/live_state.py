@@ -1,6 +1,6 @@
 """What a calibrator has learned, on disk, so that one that is started anew goes on: arrays and a text about them.
 
-A line with a checksum of what follows stands before them; earlier versions had none.
+A line with a checksum of what follows precedes them; earlier versions had none.
 """
 
 import json
@@ -26,7 +26,7 @@ _BELIEFS = ("begin", "now", "published")
 
 
 def write_live_state(path: Path, state: LiveState, calibration: str) -> None:
-    """Write a state; a file that is there is replaced once the new one is whole.
+    """Write a state; a file that is there is replaced once the new one is complete.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def read_live_state(path: Path, sensor_count: int) -> tuple[LiveState, str]:
         state = _state(arrays, about, sensor_count)
         calibration = str(about["calibration"])
     except Exception as problem:  # an archive without checksum fails in any way where it is damaged
-        raise InputError(f"{path} holds nothing that was learned of this array, or is damaged: {problem}") from None
+        raise InputError(f"{path} contains nothing that was learned of this array, or is damaged: {problem}") from None
     return state, calibration
 
 

@@ -27,7 +27,7 @@ def require_separate(outputs: Iterable[Path], inputs: Iterable[Path]) -> None:
     Raises
     ------
     InputError
-        When an output is an input, a bag or another output, lies inside one, or holds an input.
+        When an output is an input, a bag or another output, lies inside one, or contains an input.
     """
     inputs = list(inputs)
     taken = {key for path in inputs for key in _keys(path) | _parts(path)}
@@ -90,7 +90,7 @@ def _keys(path: Path) -> set[Hashable]:
 
 
 def _parts(path: Path) -> set[Hashable]:
-    """Return the places on the disk of what a folder holds; empty for what is no folder."""
+    """Return the places on the disk of what a folder contains; empty for what is no folder."""
     with suppress(OSError, ValueError):
         return {place for each in path.iterdir() for place in _place(each)}
     return set()
@@ -110,6 +110,6 @@ def _place(path: Path) -> set[Hashable]:
 
 
 def name_aside(path: Path) -> Path:
-    """Return a name beside a path that no file has, for one that is to be kept: the path with a number at its end."""
+    """Return an unused name next to a path, for a file that is to be kept: the path with a number at its end."""
     names = (path.with_name(f"{path.name}.{number}") for number in range(1, 1_000_000))
     return next(name for name in names if not name.exists())

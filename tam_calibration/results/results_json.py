@@ -145,7 +145,7 @@ def numbers_of(fitted: FittedEffect, units: Mapping[str, str]) -> dict[str, dict
 
 
 def _without_unit(name: str, unit: str) -> str:
-    """Return "time constant" for time_constant_s: the unit stands beside the value, and may be another."""
+    """Return "time constant" for time_constant_s: the value has its own unit, which may differ."""
     stem, _, last = name.rpartition("_")
     return (stem if last.lower() == unit.strip("°").lower() else name).replace("_", " ")
 

@@ -1,6 +1,6 @@
 """The samples of a run on disk, so that a calibrator that is started anew goes on.
 
-The first line of a file tells what its samples are of, and of which node. Rows of one size follow, each with a checksum
+The first line of a file says what its samples are of, and of which node. Rows of one size follow, each with a checksum
 over that line and itself: damage costs the rows that it hits, and no row is taken for one of another array or node.
 """
 
@@ -24,10 +24,10 @@ _BEGIN, _SQLITE = b"tam samples", b"SQLite format 3\0"
 """What files begin with, and those of earlier versions."""
 
 _MOST_OF_OTHERS = 1 << 28
-"""Bytes of a file that does not begin as it should in which whole rows are sought: six times the usual ones."""
+"""Bytes of a file that does not begin as it should in which complete rows are sought: six times the usual ones."""
 
 _NUMBERS, _CHECK = [(name, "<i8") for name in StoredSample._fields[:3]], 4
-"""What stands before the values of a row, and how many bytes of checksum after them."""
+"""What precedes the values of a row, and how many bytes of checksum follow them."""
 
 _ROWS, _TYPES = "SELECT number, stamp_ns, time_ns, row FROM samples ORDER BY number", [int, int, int, bytes]
 
@@ -43,7 +43,7 @@ class SampleFile:
     path : Path
         Of the file; it and its folder are made when samples are saved.
     node : str
-        Whose the file is. One of another node is left alone: this node has its own beside it.
+        Whose the file is. One of another node is left alone: this node has its own next to it.
     about : mapping
         What the samples are of, as JSON has it, such as the array.
     columns : int
@@ -67,7 +67,7 @@ class SampleFile:
         self._size = self._row.itemsize
 
     def read(self) -> tuple[list[StoredSample], bool]:
-        """Return the whole samples in the order of their numbers, and whether the file can be gone on with.
+        """Return the complete samples in the order of their numbers, and whether the file can be gone on with.
 
         One that cannot is set aside: renamed, not changed.
 

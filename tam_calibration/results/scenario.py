@@ -1,4 +1,4 @@
-"""Scenario files, shipped ones by name, and the truth that is written beside a simulated recording."""
+"""Scenario files, shipped ones by name, and the truth that is written with a simulated recording."""
 
 from collections.abc import Callable
 from dataclasses import field, replace
@@ -313,7 +313,7 @@ def write_truth(path: Path, simulation: Simulation) -> None:
     Parameters
     ----------
     path : Path
-        The YAML file; one that is there is replaced once the new one is whole.
+        The YAML file; one that is there is replaced once the new one is complete.
     simulation : Simulation
         Errors are written in nT and degrees, of the field the mean and standard deviation of its intensity at the
         centre.

@@ -1,4 +1,4 @@
-"""The channels beside the tri-axial sensors: scalar magnetometer, temperature, current and attitude.
+"""The channels recorded with the tri-axial sensors: scalar magnetometer, temperature, current and attitude.
 
 Each has ``readings``, which takes the times or the true values and the numpy generator of this channel.
 """
@@ -19,7 +19,7 @@ class ScalarReference:
     rate_hz : float, optional
         Readings per second, at most the sensors' rate; None for one in every sample.
     one_error_per_recording : bool
-        Whether the noise is one draw for the whole recording, as Wu 2025 Fig. 6 needs it, and not one per reading.
+        Whether the noise is one draw for the complete recording, as Wu 2025 Fig. 6 needs it, and not one per reading.
     """
 
     rate_hz: float | None = None

@@ -70,7 +70,7 @@ class Scenario:
     scalar : ScalarReference, optional
         The scalar magnetometer, where the array has it; None when there is none.
     temperature, current, attitude : optional
-        Channels that are recorded beside the sensors.
+        Channels that are recorded with the sensors.
     site_gradient_T_per_m : (3, 3) array, optional
         Gradient of the site's field, symmetric and trace-free, east, north, up, T/m.
     effects : tuple of FittedEffect
@@ -301,7 +301,7 @@ _MOMENT_S = 1e-4
 
 
 def _angular_velocity(scenario: Scenario) -> FloatArray | None:
-    """Return what the gyroscope reads, (N, 3), rad/s; zero where a motion stands still between its samples."""
+    """Return what the gyroscope reads, (N, 3), rad/s; zero if a motion rests between its samples."""
     if scenario.gyroscope is None:
         return None
     from scipy.spatial.transform import Rotation

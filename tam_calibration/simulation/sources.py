@@ -1,6 +1,6 @@
 """Where the field comes from: the site's uniform field and its drift, in the world's east, north, up.
 
-A magnetic object beside it is a ``sources.dipole.Dipole``.
+A magnetic object near it is a ``sources.dipole.Dipole``.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The field of an alternating source out of what the sensors read beside it: least squares over a slow background.
+"""The field of an alternating source, separated from a slow background by least squares.
 
 Where the frequency is not known it is found.
 """
@@ -19,7 +19,7 @@ _CHANCE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """The power of all channels over frequency, and the line that stands out of it.
+    """The power of all channels over frequency, and the line that exceeds it.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def find_frequency(
     InputError
         When there is nothing to search between the two, or the record is too short or too sparse.
     Refused
-        When no line stands out of the noise.
+        When no line exceeds the noise.
     """
     from scipy.optimize import minimize_scalar
     from scipy.stats import gamma
@@ -74,7 +74,7 @@ def find_frequency(
     best = int(power.argmax())
     if power[best] < threshold:
         raise Refused(
-            f"no line stands out of the noise between {lowest_hz:g} and {highest_hz:g} Hz: the strongest, at "
+            f"no line exceeds the noise between {lowest_hz:g} and {highest_hz:g} Hz: the strongest, at "
             f"{frequency[best]:.4g} Hz, has {power[best]:.3g} times its power, and chance reaches {threshold:.3g}"
         )
     rest = without(background, values)
@@ -102,7 +102,7 @@ def _periodogram(
     if np.ptp(time) * lowest_hz < 1 or searched.sum() < _PADDING:
         raise InputError(
             f"between {lowest_hz:g} and {highest_hz:g} Hz a record of {np.ptp(time):g} s at "
-            f"{(count - 1) / np.ptp(time):g} samples per second holds no frequency: change the bounds or the record"
+            f"{(count - 1) / np.ptp(time):g} samples per second contains no frequency: change the bounds or the record"
         )
     power = np.abs(np.fft.rfft(values * np.hanning(count)[:, None], _PADDING * count, axis=0)[searched]) ** 2
     # The median of an exponential distribution is ln 2 times its mean.
@@ -251,13 +251,13 @@ class Demodulated:
     amplitude : (D,) array
         Peak amplitude with its sign, in the unit of each channel.
     covariance : (D, D) array
-        Of the amplitudes; the noise is taken from what is left of the channels.
+        Of the amplitudes; the noise is that of the residuals of the channels.
     phase : float
         Of the source at the middle of the record, radians, between -π/2 and π/2.
     phase_standard_error : float
         Radians.
     noise : (D,) array
-        Standard deviation of what is left of each channel.
+        Standard deviation of the residual of each channel.
     out_of_phase : float
         Sum of the squared amplitudes at right angles to the common phase, each over its standard error, per degree of
         freedom: near 1 where the source has one phase.
@@ -295,7 +295,7 @@ def demodulate(
     frequency_hz : float
         Of the source.
     background : (N, Q) array
-        What each channel may hold beside it, in any proportion: see ``background_of``.
+        Background of each channel, in any proportion: see ``background_of``.
     turning : (N, D, D) array, optional
         From amplitudes that rest in the world to those of the channels, for a platform that turns: see
         ``turning_of``. The amplitudes are then those in the world.
@@ -310,7 +310,7 @@ def demodulate(
     InputError
         When a shape is wrong, or the record is too short or too sparse for the frequency.
     Refused
-        When the background takes the whole signal.
+        When the background explains all of the signal.
     """
     time, channels = _check(time_s, channels, frequency_hz)
     rest = without(background, channels)

@@ -153,7 +153,7 @@ def probability_rows(outcomes: Sequence[Outcome]) -> list[ScoreRow]:
             remark=f"{own:.3f} and {constant:.3f}",
             is_share=False,
         ),
-        ScoreRow("right and wrong told apart (AUROC)", "", separation(forecasts), 0.9, None, both * len(forecasts)),
+        ScoreRow("right and wrong separated (AUROC)", "", separation(forecasts), 0.9, None, both * len(forecasts)),
     ]
 
 
@@ -162,16 +162,16 @@ def set_rows(outcomes: Sequence[Outcome]) -> list[ScoreRow]:
     with_set = [one for one in outcomes if one.set_95 is not None]
     middle = median([len(one.set_95 or []) for one in with_set] or [float("nan")])
     return [
-        rate_row("95 % sets hold the true cause", "", (one.set_holds for one in with_set), 0.93, 0.97),
+        rate_row("95 % sets contain the true cause", "", (one.set_holds for one in with_set), 0.93, 0.97),
         ScoreRow("95 % sets, median size", "", middle, None, 1.0, len(with_set), is_share=False),
     ]
 
 
 def interval_rows(outcomes: Sequence[Outcome]) -> list[ScoreRow]:
-    """Return how often the 95 % intervals of parameters hold the true values, alone and beside an unknown cause."""
+    """Return how often the 95 % intervals of parameters contain the true values, alone and beside an unknown cause."""
     alone, beside = (
         [held for one in outcomes if (one.kind == "mixed") == mixed for held in one.coefficients_held()]
         for mixed in (False, True)
     )
-    name = "95 % intervals of parameters hold the true values"
-    return [rate_row(name, "", alone, 0.93, 0.97), rate_row(name, "beside an unknown", beside, 0.93, 0.97)]
+    name = "95 % intervals of parameters contain the true values"
+    return [rate_row(name, "", alone, 0.93, 0.97), rate_row(name, "with an unknown", beside, 0.93, 0.97)]

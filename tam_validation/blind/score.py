@@ -93,12 +93,12 @@ class Score:
         pairs = self.of_kind("pair")
         return [
             rate_row("both of two effects found, none spurious", "", map(is_pair_solved, pairs), 0.90),
-            rate_row("a spurious cause beside two effects", "", map(is_spurious, pairs), most=0.03),
+            rate_row("a spurious cause with two effects", "", map(is_spurious, pairs), most=0.03),
         ]
 
     def _mixtures(self) -> list[ScoreRow]:
         mixed = self.of_kind("mixed")
-        name = "known beside unknown: "
+        name = "known with unknown: "
         return [
             rate_row(f"{name}partly_explained, the known named, nothing else", "", map(is_mixture_found, mixed), 0.90),
             rate_row(f"{name}the known named", "", map(is_known_named, mixed)),

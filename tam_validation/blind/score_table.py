@@ -83,7 +83,7 @@ def remarks(score: Score, times_s: Mapping[str, float]) -> list[str]:
     lines = [
         f"a wrong effect named first: {_of(strict)}, with nested partners forgiven {_of(forgiving)}",
         f"what a verdict says is true: {', '.join(f'{name} {_of(rate)}' for name, rate in score.by_verdict.items())}",
-        f"gap told over gap visible, median of single effects: {score.stated_gap:.2f}",
+        f"stated gap over visible gap, median of single effects: {score.stated_gap:.2f}",
     ]
     if times_s:
         values = list(times_s.values())

@@ -84,7 +84,7 @@ def test_truncated_bags(folder):
     """sqlite3 and mcap that were cut before the first message; what is left behind it is in ``test_recover``."""
     for data, name in ((folder / "run" / "run.db3", "run"), (folder / "run.mcap", "run.mcap")):
         os.truncate(data, 90)
-        refuse_recording(folder, name, "is damaged or truncated: no message in it is whole")
+        refuse_recording(folder, name, "is damaged or truncated: no message in it is complete")
 
 
 def test_empty_files_and_bags(folder):
@@ -94,7 +94,7 @@ def test_empty_files_and_bags(folder):
         refuse_recording(folder, name, "empty")
     with write_bag(folder / "none", "sqlite3") as writer:
         writer.add_connection("/tam_1/magnetic_field", MAGNETIC_FIELD, typestore=TYPESTORE)
-    refuse_recording(folder, "none", "holds no message")
+    refuse_recording(folder, "none", "contains no message")
 
 
 def test_a_bag_without_index(folder):
@@ -102,7 +102,7 @@ def test_a_bag_without_index(folder):
     (folder / "run" / "metadata.yaml").unlink()
     (folder / "run" / "run.db3").unlink()
     refuse_recording(
-        folder, "run", "holds no metadata.yaml, nor a file that ends in .db3 or .mcap or .bag: is it a bag?"
+        folder, "run", "contains no metadata.yaml, nor a file that ends in .db3 or .mcap or .bag: is it a bag?"
     )
 
 
@@ -123,7 +123,7 @@ def test_missing_topics_and_wrong_types(folder):
     sensors = [(f"/{sensor_topic(k)}", MAGNETIC_FIELD, [3e-5, 0, 4e-5]) for k in (1, 2, 3, 4)]
     write_topics(folder / "three", sensors[:2] + sensors[3:])
     refuse_recording(
-        folder, "three", "topic /tam_3/magnetic_field is missing; the recording holds /tam_1/magnetic_field, "
+        folder, "three", "topic /tam_3/magnetic_field is missing; the recording has /tam_1/magnetic_field, "
     )
     write_topics(folder / "wrong", [*sensors[:3], ("/tam_4/magnetic_field", "std_msgs/msg/Float64", [1.0])])
     refuse_recording(

@@ -159,7 +159,7 @@ def test_answers_are_those_of_diagnose(tmp_path):
     assert CliRunner().invoke(main, list(map(str, words))).exit_code in (0, 1)
     assert json.loads((case / "answer.json").read_text()) == json.loads((tmp_path / "by_hand.json").read_text())
     spoilt = json.loads((folder / "case_0002" / "answer.json").read_text())
-    assert spoilt["verdict"] == "error" and "holds a header but no sample" in spoilt["why"]
+    assert spoilt["verdict"] == "error" and "has a header but no sample" in spoilt["why"]
 
 
 def test_the_true_effect_can_be_left_out(tmp_path):

@@ -142,7 +142,7 @@ def test_a_gradient_of_the_site_is_fitted_with_the_flag(folder, undrawn):
     write_recording("site.csv", simulate(scenario).recording)
     write_array("wu.yaml", scenario.array)
     arguments = ("site.csv", "--array", "wu.yaml", "-o", "c.yaml", "--report", "page.html", "--ambient-gradient")
-    assert "Recorded attitude, which scatters by" in run("site.csv", "--array", "wu.yaml").stdout
+    assert "Recorded attitude (noise " in run("site.csv", "--array", "wu.yaml").stdout
     told = run(*arguments, "-v").stdout
     assert "Gradient of the field in the world of the attitude (nT/m): gxx 1" in told
     assert "Recorded attitude" not in told

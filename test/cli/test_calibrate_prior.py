@@ -50,7 +50,7 @@ def test_an_update_is_told_and_kept(folder):
         *("calibrate", "dive.csv", "--array", "array.yaml", "--prior", "pier.yaml"),
         *("-o", "dive.yaml", "--report", "dive.html", "--verbose"),
     )
-    assert "2.0" in told and "h old" in told and "temperatures are not known" in told
+    assert "2.0" in told and "h old" in told and "temperatures unknown" in told
     assert "The data contradict the prior" in told and "The bias of sensor 3 moved by" in told
     assert "Share of the recording" in told
     moved = read_calibration("dive.yaml").update.moved[0]
@@ -113,7 +113,7 @@ def test_turns_are_planned_beside_a_prior(folder):
     assert gains == sorted(gains, reverse=True) and len(gains) == 15
     assert all(turn["excess_after"] < told["excess_before"] for turn in told["turns"])
     assert all(abs(turn["pitch_deg"]) in (0, pytest.approx(10)) for turn in told["turns"])
-    assert "Turns, the one that buys most" in run("plan", "--array", "array.yaml", "--prior", "pier.yaml", *limits)
+    assert "Turns, the one that gains most" in run("plan", "--array", "array.yaml", "--prior", "pier.yaml", *limits)
 
 
 def test_plans_that_cannot_be_are_one_sentence(folder):

@@ -42,7 +42,7 @@ def test_a_service_that_nobody_offers_is_told(ros_domain):
     """Without nodes the answer names the service and what to start."""
     done = call("calibrator/save")
     assert done.returncode == 1
-    assert done.stderr.startswith("tam: nobody offers the service calibrator/save: are the nodes running")
+    assert done.stderr.startswith("tam: the service calibrator/save is not offered: are the nodes running")
 
 
 def test_a_node_that_ends_before_it_answers_is_told(bench, ros_domain):

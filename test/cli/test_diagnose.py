@@ -89,7 +89,7 @@ def test_people_see_what_is_left_and_what_it_means(folder, asked, gap):
         "  Its offset is 2.00 nT; the largest known is 1000 nT (a book).",
         "What no cause explains: It drifts.",
         "the truth is among: unknown.",
-        "What is left with the causes, and the simulated twin does not have:",
+        "What remains with the causes, and the simulated twin does not have:",
         f"  {checks.sentences[0]}",
     ):
         assert words in out

@@ -245,6 +245,6 @@ def test_a_tiny_error_of_the_velocity_is_none(folder, error):
 def test_nothing_to_be_found_is_exit_1(folder, passing):
     """Noise alone has neither a line nor a source; the sentence says so."""
     write_recording(folder / "far.csv", passing.take(slice(0, 60)))
-    for words, sentence in (((), "no source can be located"), (("--find-frequency",), "no line stands out")):
+    for words, sentence in (((), "no source can be located"), (("--find-frequency",), "no line exceeds the noise")):
         result = run(folder, "far.csv", *words)
         assert result.exit_code == 1 and sentence in result.stdout

@@ -109,7 +109,7 @@ def test_nobody_listens_is_said(ros_domain, bag, monkeypatch):
     monkeypatch.setattr("tam_calibration.cli.play.WAIT_S", 0.1)
     result = CliRunner().invoke(main, ["play", str(bag), "--rate", "1000"])
     assert result.exit_code == 0, result.output
-    assert "nobody listens to /tam_1/magnetic_field" in result.output and "2000 messages" in result.output
+    assert "no subscriber for /tam_1/magnetic_field" in result.output and "2000 messages" in result.output
 
 
 def test_damaged_bag_is_refused(ros_domain, bag, tmp_path):

@@ -44,7 +44,7 @@ def test_a_clean_bag_is_written(folder, recording, name, output):
     """Which is read without a word, holds what the other held, and is said in one line; the other is as it was."""
     before = {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()}
     told = run("recover", name, "-o", output).stdout
-    assert told.startswith(f"{output}: ") and "whole messages are recovered, the recording ends at 170000000" in told
+    assert told.startswith(f"{output}: ") and "complete messages are recovered, the recording ends at 170000000" in told
     assert told.count("\n") == 1
     assert all(file.read_bytes() == content for file, content in before.items())
     new = read_recording(output)

@@ -115,7 +115,9 @@ def test_a_diagnosis_within_a_limit_of_memory_ends(folder, limit_MiB):
     code, output, errors = run(arguments, command=f'ulimit -v {limit_MiB << 10}; exec "$@"')
     if limit_MiB < 500:
         assert (code, output, errors.count(b"\n")) == (2, b"", 1)
-        assert errors.startswith(b"tam: this process may have %d MiB of memory, and needs 224 beside the " % limit_MiB)
+        assert errors.startswith(
+            b"tam: this process may have %d MiB of memory, and needs 224 in addition to the " % limit_MiB
+        )
     else:
         assert code in (0, 1) and b"No gap" in output
 

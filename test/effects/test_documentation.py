@@ -1,4 +1,4 @@
-"""What docs/gap.md says of the effects is true: its table, and its example of an effect of one's own."""
+"""What the pages say of the effects is true: the table, and the example of an effect of one's own."""
 
 import re
 import runpy
@@ -17,7 +17,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 
 def test_the_table_is_that_of_the_effects():
     """After a change of an effect, run ``python docs/list_effects.py``."""
-    page = (DOCS / "gap.md").read_text(encoding="utf-8")
+    page = (DOCS / "reference" / "effects.md").read_text(encoding="utf-8")
     names = runpy.run_path(str(DOCS / "list_effects.py"))
     assert names["with_table"](page) == page
     assert page.count("\n| `") >= 16
@@ -26,7 +26,7 @@ def test_the_table_is_that_of_the_effects():
 @pytest.fixture
 def with_example(monkeypatch, tmp_path):
     """Install the page's example as a package of somebody else's would."""
-    page = (DOCS / "gap.md").read_text(encoding="utf-8")
+    page = (DOCS / "how_to" / "add_effect.md").read_text(encoding="utf-8")
     (code,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     (tmp_path / "my_package").mkdir()
     (tmp_path / "my_package" / "__init__.py").touch()

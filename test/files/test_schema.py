@@ -94,7 +94,7 @@ FAULTS = [
     ({"values": 3}, "values: input should be a mapping of keys to values"),
     ({"shape": 3}, "shape: input should be a mapping of keys to values"),
     ({"shape": {"radius_m": 1}}, "the key 'shape.kind' is missing"),
-    ({"shape": {"kind": "flat"}}, "shape: the kind 'flat' is none of round, square"),
+    ({"shape": {"kind": "flat"}}, "shape: the kind 'flat' is not one of round, square"),
     ({"shape": {"kind": "round"}}, "the key 'shape.radius_m' is missing"),
     ({"shape": {"kind": "round", "radius_m": 0}}, "shape.radius_m: input should be greater than 0"),
     ({"shape": {"kind": "round", "radius_m": float("inf")}}, "shape.radius_m: input should be a finite number"),

@@ -87,7 +87,7 @@ def test_sensors_in_one_line_are_a_warning(wu_run, count, bent, warns):
     places = [[0.3 * sensor, bent * (sensor == 2), 0.0] for sensor in range(count)]
     array = Array(places, wu_run.scenario.array.vector_noise_T[:count], wu_run.scenario.array.scalar_noise_T)
     some = replace(wu_run.recording, readings_T=wu_run.recording.readings_T[:, :count])
-    told = [warning for warning in calibrate(some, array).warnings if "in one line" in warning]
+    told = [warning for warning in calibrate(some, array).warnings if "on one line" in warning]
     assert bool(told) is warns
 
 

@@ -167,7 +167,7 @@ def test_attitudes_of_something_else_are_told(scenario):
     """Quaternions that turn the other way do not hold the field still in the world."""
     recording = simulate(scenario).recording
     wrong = replace(recording, attitude=Rotation.from_quat(recording.attitude).inv().as_quat())
-    with pytest.raises(InputError, match="attitude must be the turn from the array to the world"):
+    with pytest.raises(InputError, match="Attitude must be the turn from the array to the world"):
         maximum_likelihood(wrong, scenario.array, ambient_gradient=True)
 
 

@@ -223,8 +223,10 @@ def test_a_calibration_says_by_how_much_they_are_wider(wu_scenario, has_scalar):
     calibration = calibrate(recording, wu_scenario.array.with_stated_noise())
     [warning] = [one for one in calibration.warnings if "the residual" in one]
     factor = calibration.variance_factors.largest
-    few = f", and may be too small still, as of {calibration.samples / factor:.0f} independent samples"
-    slow = f"; its slow part is {np.sqrt(factor):.3g} times that of white noise, for which standard errors are widened"
+    few = f" but may still be too small ({calibration.samples / factor:.0f} independent samples)"
+    slow = (
+        f"; its slow part is {np.sqrt(factor):.3g} times that of white noise, and standard errors have been increased"
+    )
     assert f"{slow}{few}: look" in warning
     expected = np.sqrt(np.diag(sandwich(calibration, recording))).reshape(4, 12)
     assert_allclose(calibration.standard_errors, expected, rtol=1e-3)

@@ -41,7 +41,7 @@ def test_noise_alone_departs_once_in_twenty_recordings():
         (
             "lag_1_correlation",
             lambda noise, *_: (noise + np.roll(noise, 1)) / np.sqrt(2),
-            "is alike from sample to sample: lag-1 correlation 0.",
+            "is correlated from sample to sample: lag-1 correlation 0.",
         ),
         (
             "lag_1_correlation",
@@ -121,7 +121,7 @@ def test_the_autocorrelation_is_that_of_an_autoregressive_process():
 
 
 def test_what_interpolation_makes_is_in_the_range():
-    """Noise that is alike from sample to sample by 0.4 departs, unless interpolation makes as much."""
+    """Noise that is correlated from sample to sample by 0.4 departs, unless interpolation makes as much."""
     noise = np.random.default_rng(4).normal(size=(SAMPLES + 1, 1))
     rows = (0.89 * noise[1:] + 0.46 * noise[:-1]) * [1, 1, 1, 1]
     correlation = np.zeros((1, SHARED))

@@ -119,7 +119,7 @@ def test_noise_has_no_hand():
         assert diagnose(replace(recording, readings_T=noise), array).verdict == "not_identifiable"
     readings = recording.readings_T * np.where(np.arange(6).reshape(2, 3) == 4, -1, 1)
     with pytest.raises(
-        Refused, match=r"sensor 1 is a mirror image of sensor 2 .* can be told only with recorded attitude"
+        Refused, match=r"sensor 1 is a mirror image of sensor 2 .* can be decided only with recorded attitude"
     ):
         diagnose(replace(recording, readings_T=readings), array)
 

@@ -48,7 +48,7 @@ def test_two_of_four_cannot_be_told_without_attitude(run, sensors):
     """That is said."""
     (fault,) = run.spoiled(reversed_axes(**{f"sensor_{sensor}": "y" for sensor in sensors})).faults
     assert (fault.name, fault.sensor) == ("mirrored", None)
-    assert "which is left-handed can be told only with recorded attitude" in fault.sentence
+    assert "which is left-handed can be decided only with recorded attitude" in fault.sentence
 
 
 def test_attitude_tells_two_of_four(vehicle):

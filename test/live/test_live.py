@@ -342,7 +342,7 @@ def test_the_threshold_follows_from_the_alarms_that_are_allowed(true_errors, cro
 
 
 def test_constants():
-    """What a reader of docs/live.md relies on."""
+    """What a reader of docs/how_to/live.md relies on."""
     assert (BLOCK_S, WINDOW, DECIDE_S, FEWEST_AFTER, FALSE_ALARMS_A_DAY) == (2.0, 15, 20.0, 2, 0.1)
     assert SCREENED == (1, 2, 4, 8, 14)
     assert (PUBLISHED_FROM, WIDENED, MOST_CHANGES, LARGEST_WALK) == (0.5, 3.0, 100, 0.1)

@@ -102,5 +102,5 @@ def test_a_damaged_message_is_refused():
 def test_a_quaternion_of_zeros_is_refused():
     """tf2 holds any numbers."""
     message = serialised([("tam_array", "arm", [0, 0, 0], [0, 0, 0])])
-    with pytest.raises(InputError, match="the rotation of arm in tam_array is none"):
+    with pytest.raises(InputError, match="the rotation of arm in tam_array is not a valid one"):
         tree_of(message[:-8] + bytes(8)).pose("arm", "tam_array")

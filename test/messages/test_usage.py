@@ -81,7 +81,9 @@ def test_gaps_are_a_warning_below_nine_tenths(lost, warns):
 def test_a_silent_sensor_is_named():
     """Of three sensors the third never sends: it is the cause, not the second."""
     messages = [(f"tam_{sensor}", index * PERIOD) for index in range(100) for sensor in (1, 2)]
-    with pytest.raises(Refused, match="used: nothing arrived from tam_3: check sensor, cable, driver and topic; mend"):
+    with pytest.raises(
+        Refused, match="used: nothing arrived from tam_3: check sensor, cable, driver and topic; correct"
+    ):
         usage_of(messages, 3).require_enough()
 
 
@@ -124,7 +126,7 @@ def test_a_scalar_without_stamps_is_refused():
     """The scale would be another one without it; nothing else tells that it was lost."""
     usage = with_channel("scalar", SampleLayout(2, scalar=True), [0] * 100).usage
     with pytest.raises(
-        Refused, match="of 100 messages of scalar 99 repeat the stamp before: all its stamps are zero: mend that"
+        Refused, match="of 100 messages of scalar 99 repeat the stamp before: all its stamps are zero: correct that"
     ):
         usage.require_enough()
 

@@ -118,7 +118,7 @@ def test_broken_data_are_refused(changes, sentence):
 
 def test_an_empty_recording_is_refused():
     """Without a sample there is nothing to do."""
-    with pytest.raises(InputError, match="the recording holds no sample"):
+    with pytest.raises(InputError, match="the recording contains no sample"):
         Recording(np.zeros(0), np.zeros((0, 1, 3)))
 
 

@@ -164,7 +164,7 @@ ONES, ZEROS = np.ones((2, 3)), np.zeros((2, 3))
     [
         (lambda: SensorErrors(ONES, ZEROS[:1], ZEROS, ZEROS), r"non_orthogonality must have the shape .*not \(1, 3\)"),
         (lambda: SensorErrors(ONES[:, :2], ZEROS, ZEROS, ZEROS), r"scale_factor must have the shape .*not \(2, 2\)"),
-        (lambda: SensorErrors(ONES, ZEROS, ZEROS * np.nan, ZEROS), "bias_T holds a value that is not finite"),
+        (lambda: SensorErrors(ONES, ZEROS, ZEROS * np.nan, ZEROS), "bias_T contains a value that is not finite"),
         (lambda: SensorErrors(ZEROS, ZEROS, ZEROS, ZEROS), "scale factors must be positive"),
         (lambda: SensorErrors(-ONES, ZEROS, ZEROS, ZEROS), "scale factors must be positive"),
         (

@@ -57,7 +57,7 @@ def test_unusable_parameter_ends_the_node_with_a_sentence(bench, tmp_path):
         ("calibrator", "method:=magic"): "is not one of: maximum_likelihood",
         ("calibrator", "array_file:=/array.yaml"): "/array.yaml",
         ("corrector", "calibration_file:=/calibration.yaml"): "/calibration.yaml",
-        ("collector", "qos_overrides./samples.publisher.depth:=-1"): "must be a whole number from 1 to 1000000, not -1",
+        ("collector", "qos_overrides./samples.publisher.depth:=-1"): "must be an integer from 1 to 1000000, not -1",
         ("corrector", "qos_overrides./samples.subscription.reliability:=maybe"): "must be one of reliable, best_effort",
         ("localizer", "qos_overrides./source_pose.publisher.durability:=5"): "must be one of volatile, transient_local",
         ("localizer", "index:=0.0"): "Max: 10.0, value: 0.0: index",

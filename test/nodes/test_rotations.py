@@ -162,7 +162,7 @@ def test_tf_tells_what_the_array_file_leaves_to_it(bench, turned, recording, tmp
     assert live.is_of(array) and not live.is_of(replace(array, mounting=Mounting()))
     assert_allclose(live.array.mounting.imu_rotation, array.mounting.imu_rotation, atol=1e-12)
     assert_allclose(live.errors.matrix, calibrate(expected, array).errors.matrix, atol=1e-9)
-    assert "/tf_static tells where the sensors are: sensor 1 at 0.25 0 0 m" in children.log("collector")
+    assert "/tf_static states where the sensors are: sensor 1 at 0.25 0 0 m" in children.log("collector")
 
 
 def test_what_tf_does_not_tell_is_said(bench, tmp_path, monkeypatch):
@@ -174,7 +174,7 @@ def test_what_tf_does_not_tell_is_said(bench, tmp_path, monkeypatch):
     code, said = end_of_start(path)
     assert code == 2 and said.startswith(f"tam: {path}: it leaves positions to tf, and tf2_msgs is not installed")
     put_in_place_of_tf2_msgs(tmp_path, monkeypatch)
-    assert static_transforms._PATIENCE_S == 10.0  # as docs/on_a_robot.md says
+    assert static_transforms._PATIENCE_S == 10.0  # as docs/how_to/robot.md says
     monkeypatch.setattr(static_transforms, "_PATIENCE_S", 0.1)
     transforms = static_transforms.StaticTransforms(bench.node, "tam_array")
     with pytest.raises(InputError, match="/tf_static leads from tam_array to no tam_1_link: publish that transform"):

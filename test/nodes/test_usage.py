@@ -98,4 +98,4 @@ def test_without_collector_the_usage_is_not_known(bench, recording):
         publisher.publish(cloud)
     bench.health("calibrator", lambda _, figures: figures["samples"] == "600", "all samples are stored")
     answer = bench.call("calibrator/calibrate")
-    assert answer.success and answer.message.endswith("no collector tells how many samples of sensor 1 were used")
+    assert answer.success and answer.message.endswith("no collector says how many samples of sensor 1 were used")

@@ -118,7 +118,7 @@ def test_an_array_reads_back(tmp_path):
         ("vector_noise_nT: 1", "give either baseline_m"),
         ("positions_m: []", "positions_m must be K rows of x, y, z"),
         ("positions_m: [[0, 0]]", "positions_m.1.3"),
-        ("positions_m: [[0, 0, .nan]]", "positions_m holds a value that is not finite"),
+        ("positions_m: [[0, 0, .nan]]", "positions_m contains a value that is not finite"),
         ("baseline_m: 0.5\nvector_noise_nT: [1, 1]", "vector noise needs one value for each of 4 sensors"),
         ("baseline_m: 0.5\nvector_noise_nT: 0", "every vector noise must be a positive number"),
         ("baseline_m: 0.5\nscalar_noise_nT: -1", "the scalar noise must be zero or a positive number"),

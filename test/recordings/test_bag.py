@@ -215,7 +215,7 @@ def test_bags_without_content_are_refused(tmp_path, storage, compression, suffix
 
 def test_a_bag_without_messages_is_refused(tmp_path):
     """A recorder that was killed leaves topics without messages."""
-    refuse(write(tmp_path / "bag", [], types=[("/tam_1/magnetic_field", FIELD)]), "holds no message")
+    refuse(write(tmp_path / "bag", [], types=[("/tam_1/magnetic_field", FIELD)]), "contains no message")
 
 
 def test_damaged_messages_are_refused(tmp_path):
@@ -237,7 +237,7 @@ def test_missing_and_mistyped_topics_are_named(tmp_path):
     without_2 = [*two_sensors(), *((f"/tam_4{t[6:]}", s, m) for t, s, m in two_sensors() if "tam_1" in t)]
     refuse(
         write(tmp_path / "b", without_2),
-        "topic /tam_3/magnetic_field is missing; the recording holds .*/tam_4/magnetic_field",
+        "topic /tam_3/magnetic_field is missing; the recording has .*/tam_4/magnetic_field",
     )
     refuse(write(tmp_path / "c", two_sensors()), "topic /tam_3/magnetic_field is missing", sensor_count=4)
     refuse(tmp_path / "c", "the bag has 2 sensors, the array 1", sensor_count=1)

@@ -74,7 +74,7 @@ def write_mcap(path, records, is_finished):
 @pytest.mark.parametrize(
     ("claimed", "sentence"),
     [
-        (1 << 40, f"a chunk holds {1 << 40} bytes: more than {1 << 28} are not read"),
+        (1 << 40, f"a chunk has {1 << 40} bytes: more than {1 << 28} are not read"),
         (
             ZEROS,
             "a chunk of .* bytes unpacks to .* bytes or more: no recording is compressed by more than a factor of 1000",
@@ -95,7 +95,7 @@ def test_a_chunk_in_the_index_is_bounded_too(tmp_path):
     head = content.index(struct.pack("<I", 10) + struct.pack("<H", 1), len(content) // 2) - 32  # one topic's place
     end = head + int.from_bytes(content[head - 8 : head], "little")
     file.write_bytes(content[: end - 8] + struct.pack("<Q", 1 << 40) + content[end:])
-    refuse(tmp_path / "bag", f"a chunk holds {1 << 40} bytes")
+    refuse(tmp_path / "bag", f"a chunk has {1 << 40} bytes")
 
 
 def test_a_file_that_is_a_bomb_is_refused(tmp_path, bomb):
@@ -119,7 +119,7 @@ def test_a_message_that_is_a_bomb_is_refused(tmp_path, monkeypatch, bomb, tells_
 def test_the_bounds_are_those_that_are_stated():
     """256 MiB a piece, 1000 bytes of one, and always 1 MiB; of LZ4 as of zstd."""
     check_piece(1 << 28, 1 << 28, "a piece")
-    with pytest.raises(InputError, match="a piece holds 268435457 bytes: more than 268435456 are not read"):
+    with pytest.raises(InputError, match="a piece has 268435457 bytes: more than 268435456 are not read"):
         check_piece(1 << 28, (1 << 28) + 1, "a piece")
     check_expansion(10_000, 10_000_000, "a piece")
     with pytest.raises(InputError, match="a piece of 10000 bytes unpacks to 10000001 bytes"):
@@ -170,7 +170,7 @@ def test_hostile_metadata_are_left_out(tmp_path, caplog, text):
     (tmp_path / "bag" / "metadata.yaml").write_text(text)
     with open_bag(tmp_path / "bag") as reader:
         assert reader.message_count == 20
-    assert "20 whole messages are recovered" in caplog.text
+    assert "20 complete messages are recovered" in caplog.text
 
 
 @pytest.mark.parametrize("storage", written())

@@ -124,7 +124,7 @@ def test_the_damaged_message_is_named(tmp_path):
     spoil(path / "run.db3", 32, 1)
     assert refusal(path) == (
         f"{path} is damaged or truncated: message 98 is damaged, of /tam_2/magnetic_field at 1700000000.500 s; "
-        f"`tam recover {path} -o NEW` keeps what is whole"
+        f"`tam recover {path} -o NEW` keeps the complete messages"
     )
 
 
@@ -141,7 +141,7 @@ def test_a_damaged_chunk_is_named(tmp_path, monkeypatch, name):
     )
     found = bag_recovery.recover(path, tmp_path / "new")
     assert found.faults[0] in told and len(found.faults) == 1 and 60 < found.messages < 180
-    assert f"{found.messages} whole messages are recovered" in str(found) and found.faults[0] in str(found)
+    assert f"{found.messages} complete messages are recovered" in str(found) and found.faults[0] in str(found)
     again = read_recording(tmp_path / "new")
     assert_array_equal(again.readings_T, small_recording().readings_T[-again.sample_count :])
 
@@ -255,7 +255,7 @@ def test_metadata_that_are_none_are_as_if_they_were_not_there(tmp_path, caplog, 
     content["rosbag2_bagfile_information"][key] = 7
     (path / "metadata.yaml").write_text(yaml.safe_dump(content))
     assert_array_equal(read_recording(path).readings_T, small_recording().readings_T)
-    assert "the recording was left unfinished: 180 whole messages are recovered" in caplog.text
+    assert "the recording was left unfinished: 180 complete messages are recovered" in caplog.text
 
 
 def test_a_topic_whose_name_is_a_date_is_told(tmp_path):

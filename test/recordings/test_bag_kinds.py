@@ -249,7 +249,7 @@ def test_of_a_topic_that_changes_its_type_the_most_messages_are_read(tmp_path, c
         for index in range(2):
             writer.write(late, START_NS + COUNT * PERIOD_NS + index, ROS2.serialize_cdr(text, "std_msgs/msg/String"))
     assert_array_equal(read_recording(tmp_path / "bag").readings_T, readings())
-    told = f"2 of std_msgs/msg/String beside {COUNT} of {FIELD}"
+    told = f"2 of std_msgs/msg/String; used: {COUNT} of {FIELD}"
     assert f"{TOPICS[1]} has messages of several types; left out: {told}" in caplog.text
 
 
@@ -297,7 +297,7 @@ def test_a_bag_of_ros1_without_index_is_told_how_to_mend(tmp_path):
     place = content.index(b"index_pos=") + len(b"index_pos=")
     path.write_bytes(content[:place] + bytes(8) + content[place + 8 :])
     for attempt in (lambda: open_bag(path).__enter__(), lambda: recover(path, tmp_path / "new")):
-        with pytest.raises(InputError, match=r"run.bag cannot be read: .*`rosbag reindex run.bag` mends"):
+        with pytest.raises(InputError, match=r"run.bag cannot be read: .*`rosbag reindex run.bag` repairs"):
             attempt()
     assert not (tmp_path / "new").exists()
 
@@ -307,7 +307,7 @@ def test_a_bag_of_ros1_without_its_beginning_is_one_sentence(tmp_path, lost):
     """In which no library of Python speaks."""
     path = write_ros1(tmp_path / "run.bag")
     path.write_bytes(path.read_bytes()[lost:])
-    with pytest.raises(InputError, match=r"run.bag cannot be read: .*`rosbag reindex run.bag` mends") as problem:
+    with pytest.raises(InputError, match=r"run.bag cannot be read: .*`rosbag reindex run.bag` repairs") as problem:
         open_bag(path).__enter__()
     assert "codec" not in str(problem.value)
 

@@ -81,7 +81,7 @@ def test_what_no_transaction_ended_is_not_recovered(tmp_path):
     with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
         process.stdout.readline()
         process.kill()
-    with pytest.raises(InputError, match="no message in it is whole"):
+    with pytest.raises(InputError, match="no message in it is complete"):
         recover(tmp_path / "bag", tmp_path / "new")
 
 
@@ -122,11 +122,11 @@ def test_of_a_file_that_was_cut_the_beginning_is_read(tmp_path, kind, caplog):
             with open_bag(file.parent) as reader:
                 found = [(one.topic, *rest) for one, *rest in raw_messages(reader, reader.connections)]
         except InputError as problem:
-            assert "no message in it is whole" in str(problem)
+            assert "no message in it is complete" in str(problem)
             counts.append(0)
             continue
         counts.append(check_prefix(found))
-        assert f"left unfinished: {len(found)} whole messages are recovered, the recording ends at" in caplog.text
+        assert f"left unfinished: {len(found)} complete messages are recovered, the recording ends at" in caplog.text
     assert counts == sorted(counts)
 
 
@@ -148,7 +148,7 @@ def test_a_bag_without_metadata_is_read_all_the_same(tmp_path, kind, caplog):
     with open_bag(file.parent) as reader:
         found = [(one.topic, *rest) for one, *rest in raw_messages(reader, reader.connections)]
     assert check_prefix(found) == 1_000
-    assert "1000 whole messages are recovered" in caplog.text
+    assert "1000 complete messages are recovered" in caplog.text
 
 
 @pytest.mark.parametrize("storage", written())

@@ -35,7 +35,7 @@ HOSTILE = {
         ["DROP TABLE topics", f"CREATE VIEW topics AS {ENDLESS} i AS id, '/' || i AS name, 'a' AS type FROM n"],
     ),
     "300 000 topics": (
-        "holds 300005 topics: more than 4096 are not read",
+        "has 300005 topics: more than 4096 are not read",
         [
             "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < 300000) "
             "INSERT INTO topics SELECT i + 10, '/topic_' || i, 'std_msgs/msg/String', 'cdr', '', '' FROM n"

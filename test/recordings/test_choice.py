@@ -313,7 +313,7 @@ def test_what_a_map_names_is_found(sensor, fields_of):
 @pytest.mark.parametrize(
     ("keys", "sentence"),
     [
-        ({"topic": "/mat"}, r"topic /mat is missing; the recording holds /f, /mag, /two"),
+        ({"topic": "/mat"}, r"topic /mat is missing; the recording has /f, /mag, /two"),
         ({"topic": "/mag", "instance": 2}, r"topic /mag \[2\] is missing"),
         ({"topic": "/mag", "field": "field"}, "/mag has no field: it has magnetic_field.x"),
         (

@@ -151,7 +151,7 @@ def test_a_log_that_ends_in_a_cut_message_is_read_up_to_there(tmp_path, caplog, 
     log = write(tmp_path, described(34, "MAG", "QhhhhhhB", MAG), *data())
     log.write_bytes(log.read_bytes()[:-lost])
     stamps_ns, _, _, source = columns(log, "MAG", "MagX")
-    told = f"the log was left unfinished or is damaged: {24 - lost} bytes of it are no whole messages"
+    told = f"the log was left unfinished or is damaged: {24 - lost} bytes of it are no complete messages"
     assert len(stamps_ns) == COUNT - 1 and source.unfinished == told and caplog.messages == [f"{log}: {told}"]
 
 
@@ -162,7 +162,7 @@ def test_damage_costs_only_itself(tmp_path, spoil):
     log = write(tmp_path, described(34, "MAG", "QhhhhhhB", MAG), *data()[:30], spoil, *data()[30:], held, spoil)
     stamps_ns, _, _, source = columns(log, "MAG", "MagX")
     np.testing.assert_array_equal(stamps_ns, 1_000_000_000 + 100_000_000 * np.arange(COUNT + 1))
-    assert f"{2 * len(spoil)} bytes of it are no whole messages" in source.unfinished
+    assert f"{2 * len(spoil)} bytes of it are no complete messages" in source.unfinished
 
 
 def test_the_first_definition_holds(tmp_path):

@@ -86,7 +86,7 @@ def test_real_observatory_month():
     [
         ({"header": "time_s,b1x_nT\n"}, "not an IAGA-2002 file"),
         ({"columns": "nothing"}, "the line DATE TIME DOY"),
-        ({"rows": []}, "the file holds no values"),
+        ({"rows": []}, "the file has no values"),
         ({"rows": [ROWS[0], ROWS[1][:60]]}, "line 6 does not hold date, time, day of year and 4 values"),
         ({"rows": [ROWS[0], ROWS[1].replace("20737.00", "twenty")]}, "line 6 does not hold"),
         ({"rows": ROWS[::-1]}, "time repeats or goes backwards"),
@@ -103,5 +103,5 @@ def test_other_files_are_refused(tmp_path, changes, sentence):
 @pytest.mark.parametrize(("old", "new"), [("20736.00", "99999.00"), ("-99.00", "nan"), ("-99.00", "-1e308")])
 def test_rows_without_a_direction_are_refused(tmp_path, columns, old, new):
     """Each lacks one of the horizontal components, so that none tells the meridian."""
-    with pytest.raises(InputError, match="no row holds both horizontal components"):
+    with pytest.raises(InputError, match="no row has both horizontal components"):
         read_iaga2002(write(tmp_path, columns=columns, rows=[ROWS[0].replace(old, new)]))

@@ -454,7 +454,7 @@ def test_files_that_are_no_one_recording_are_refused(tmp_path):
 
 def test_the_reader_of_the_documentation_works(tmp_path, monkeypatch):
     """An installed package that offers it under the entry point group makes its files readable."""
-    (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "recordings.md").read_text(), re.DOTALL)
+    (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "how_to" / "add_reader.md").read_text(), re.DOTALL)
     (tmp_path / "lab.py").write_text(code)
     installed = tmp_path / "lab-1.0.dist-info"
     installed.mkdir()

@@ -32,6 +32,6 @@ def test_a_bag_is_told_by_its_data(tmp_path):
 def test_a_folder_without_bag_is_refused(tmp_path):
     """A folder without metadata is no recording."""
     with pytest.raises(
-        InputError, match=r"holds no metadata\.yaml, nor a file that ends in \.db3 or \.mcap or \.bag: is it a bag\?"
+        InputError, match=r"contains no metadata\.yaml, nor a file that ends in \.db3 or \.mcap or \.bag: is it a bag\?"
     ):
         provenance(tmp_path)

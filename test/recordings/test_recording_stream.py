@@ -96,7 +96,7 @@ def test_pieces_must_follow_each_other(recording):
 
 def test_no_piece_is_no_recording():
     """A stream needs a sample."""
-    with pytest.raises(InputError, match="holds no sample"):
+    with pytest.raises(InputError, match="contains no sample"):
         RecordingStream([])
 
 

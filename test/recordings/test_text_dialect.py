@@ -164,7 +164,7 @@ def test_a_header_may_be_denied(read):
 def test_a_stated_header_that_is_none_is_told(tmp_path, text, sentence):
     """Behind the first number, or of another width."""
     (tmp_path / "run.csv").write_text(text)
-    with pytest.raises(InputError, match=f"{sentence}|holds a header but no sample|holds no table"):
+    with pytest.raises(InputError, match=f"{sentence}|has a header but no sample|contains no table"):
         detect_dialect(tmp_path / "run.csv", TextFormat(header_line=20 if "20" in sentence else 1))
 
 

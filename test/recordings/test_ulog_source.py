@@ -141,7 +141,7 @@ def test_a_log_that_ends_in_a_cut_message_is_read_up_to_there(tmp_path, caplog, 
     log.write_bytes(whole[:-lost])
     stamps_ns, _, _, source = columns(log, "sensor_mag", "x")
     rest = len(data()[-1]) - lost
-    told = f"the log was left unfinished or is damaged: {rest} bytes of it are no whole messages"
+    told = f"the log was left unfinished or is damaged: {rest} bytes of it are no complete messages"
     assert len(stamps_ns) == COUNT - 1 and source.unfinished == told
     assert caplog.messages == [f"{log}: {told}"]
 
@@ -151,7 +151,7 @@ def test_after_damage_it_goes_on_at_the_next_mark(tmp_path, spoil):
     """What stands between is lost and counted."""
     log = write(tmp_path, FLAGS, formats(MAG), added(0, "sensor_mag"), *data(30), spoil, *data(30, first=30))
     stamps_ns, _, _, source = columns(log, "sensor_mag", "x")
-    assert 30 + 20 <= len(stamps_ns) < 60 and "no whole messages" in source.unfinished
+    assert 30 + 20 <= len(stamps_ns) < 60 and "no complete messages" in source.unfinished
     assert stamps_ns[-1] == 1_000_000_000 + 20_000_000 * 59
 
 

@@ -49,7 +49,7 @@ def test_what_departs_is_in_the_table(gap):
     table = section.blocks[2]
     assert [row[0] for row in table.rows] == ["noise alone", "sensor 2 x", "sensor 2 y", "sensor 2 z"]
     assert all(row[1].endswith("▲") and row[2].endswith("▲") for row in table.rows[1:])
-    assert any("alike from sample to sample" in point for point in section.blocks[1].points)
+    assert any("correlated from sample to sample" in point for point in section.blocks[1].points)
 
 
 class Page(HTMLParser):

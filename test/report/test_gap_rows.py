@@ -35,7 +35,7 @@ def test_an_unseen_gap_has_its_bound(gap):
     """0.1 noise floors over 10 000 values are 10 standard errors at most; only without a gap."""
     told = replace(gap, verdict="no_gap", smallest_gap=0.1, channel_count=10_000.0)
     (words,) = unseen_words(told)
-    assert words.startswith("A gap of less than 0.10 noise floors") and "at most 10 of its standard errors" in words
+    assert words.startswith("A gap of less than 0.10 noise floors") and "by 10 of its standard errors" in words
     assert told.most_unseen_errors == pytest.approx(10)
     assert (
         unseen_words(replace(told, verdict="explained")) == unseen_words(replace(told, smallest_gap=float("nan"))) == []

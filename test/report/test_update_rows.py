@@ -24,7 +24,7 @@ def test_what_moved_alone_has_its_size_and_its_rivals():
     assert sentence == (
         "The bias of sensor 2 moved by 100.0 ± 1.0, 100.0 ± 1.0, 100.0 ± 1.0 nT (x y z), at 12.5 s of the recording; "
         "the calibration is that of the sensors since then; with probability 0.10 it was "
-        "the several errors of sensor 2 and the biases of all sensors. It was learned anew."
+        "the several errors of sensor 2 and the biases of all sensors. It was estimated again."
     )
 
 
@@ -35,7 +35,7 @@ def test_what_moved_together_is_one_sentence():
     assert sentence.startswith("The biases of all sensors moved together: bias of sensor 1 by 100.0 ± 1.0")
     assert sentence.count("bias of sensor") == 8
     [sentence] = told(*biases, part("bias", 9, ("biases", 0)))
-    assert sentence == "The biases of all sensors moved. It was learned anew."
+    assert sentence == "The biases of all sensors moved. It was estimated again."
 
 
 def test_what_moved_before_and_within_are_two():

@@ -58,7 +58,7 @@ def test_what_is_damaged_or_of_another_array_is_told_in_one_sentence(state, tmp_
     elif damage == "flipped":
         content[len(content) // 2] ^= 1
         path.write_bytes(content)
-    with pytest.raises(InputError, match=f"^{path} holds nothing that was learned of this array, or is damaged: .+"):
+    with pytest.raises(InputError, match=f"^{path} contains nothing that was learned of this array, or is damaged: .+"):
         read_live_state(path, 3 if damage == "others" else 4)
 
 

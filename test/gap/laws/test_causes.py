@@ -54,4 +54,4 @@ def test_agreement_with_a_law():
 def test_the_page_is_that_of_the_table():
     """After a change of the table, run ``python docs/list_causes.py``."""
     written = runpy.run_path(str(ROOT / "docs" / "list_causes.py"))["page"]()
-    assert (ROOT / "docs" / "causes.md").read_text(encoding="utf-8") == written
+    assert (ROOT / "docs" / "reference" / "causes.md").read_text(encoding="utf-8") == written

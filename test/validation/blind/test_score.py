@@ -163,7 +163,7 @@ def test_pairs():
         (two, answer("flexure", verdict="partly_explained")),
     )
     assert value(result, "both of two effects found, none spurious") == 0.25
-    assert value(result, "a spurious cause beside two effects") == 0.25
+    assert value(result, "a spurious cause with two effects") == 0.25
 
 
 def test_clean_and_withheld():
@@ -219,7 +219,7 @@ def test_a_known_cause_beside_an_unknown_one():
         (mixture(), answer("bias_jump", "flexure", verdict="partly_explained")),
         (mixture(), answer(verdict="unexplained")),
     )
-    name = "known beside unknown: "
+    name = "known with unknown: "
     assert value(result, f"{name}partly_explained, the known named, nothing else") == 0.25
     assert value(result, f"{name}the known named") == 0.75
     assert value(result, f"{name}nothing else named") == 0.75
@@ -240,7 +240,7 @@ def test_an_outside_cause_with_a_name_since():
         (both, answer("bias_jump", verdict="partly_explained")),
     )
     assert value(result, "outside the library → unexplained, sensor right", LARGE) == pytest.approx(2 / 3)
-    assert value(result, "known beside unknown: partly_explained, the known named, nothing else") == 1
+    assert value(result, "known with unknown: partly_explained, the known named, nothing else") == 1
     assert result.false_attribution[0].hits == 1
 
 
@@ -269,8 +269,8 @@ def test_probabilities_are_compared_with_a_constant_of_the_verdict():
     name = "log score over that of a constant per verdict"
     assert value(knowing, name) < 0.1
     assert value(constant, name) == pytest.approx(1)
-    assert value(knowing, "right and wrong told apart (AUROC)") == 1
-    assert value(constant, "right and wrong told apart (AUROC)") == 0.5
+    assert value(knowing, "right and wrong separated (AUROC)") == 1
+    assert value(constant, "right and wrong separated (AUROC)") == 0.5
 
 
 def test_sets_hold_the_cause_unknown_or_no_gap():
@@ -282,7 +282,7 @@ def test_sets_hold_the_cause_unknown_or_no_gap():
         (key("clean", ()), answer(verdict="no_gap", set_95=["no_gap"])),
         (key(), answer("bias_jump")),
     )
-    assert value(result, "95 % sets hold the true cause") == 0.75
+    assert value(result, "95 % sets contain the true cause") == 0.75
     assert value(result, "95 % sets, median size") == 1.5
     old = score((key(), answer("bias_jump")))
     assert [row.cases for row in old.rows if row.name.startswith("95 % sets")] == [0, 0]

@@ -8,7 +8,7 @@ import pytest
 from tam_validation.papers import PAPERS
 from tam_validation.papers.printed import not_compared
 
-DOCS = Path(__file__).parents[3] / "docs"
+BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
 
 
 @pytest.mark.parametrize("paper", PAPERS)
@@ -20,8 +20,8 @@ def test_each_item_has_one_place_and_a_reason(paper):
 
 
 def test_the_page_is_that_of_code_and_results():
-    """After a change of the papers, run ``tam reproduce all`` and ``python docs/list_papers.py``."""
-    page = (DOCS / "papers.md").read_text(encoding="utf-8")
-    names = runpy.run_path(str(DOCS / "list_papers.py"))
+    """After a change of the papers, run ``tam reproduce all`` and ``python benchmarks/list_papers.py``."""
+    page = (BENCHMARKS / "papers.md").read_text(encoding="utf-8")
+    names = runpy.run_path(str(BENCHMARKS / "list_papers.py"))
     assert names["with_tables"](page) == page
     assert all(page.count(f"\n| `{paper}` |") == 1 for paper in PAPERS)
