@@ -263,6 +263,8 @@ class LinearEffect(Effect):
     nearly_within : tuple of str
         Names of further effects that explain nearly all that it does: beside one of either, in the same sensor, it
         says nothing new.
+    not_sought : tuple of str
+        Names of terms that a fit may have and the diagnosis does not choose: with them it would be any cause of a law.
     shape_units : dict
         SI unit of each parameter of the shape.
     largest_signal : Limit, optional
@@ -277,6 +279,7 @@ class LinearEffect(Effect):
     has_exact_shapes: ClassVar[bool] = False
     limit_of: ClassVar[tuple[str, ...]] = ()
     nearly_within: ClassVar[tuple[str, ...]] = ()
+    not_sought: ClassVar[tuple[str, ...]] = ()
     shape_units: ClassVar[Mapping[str, str]] = {}
     largest_signal: ClassVar[Limit | None] = None
 

@@ -31,6 +31,7 @@ class ScaleStep(StepEffect):
     """The response of a sensor changes at one time, for good or until another time: it reads (M + ΔM) b."""
 
     name = "scale_step"
+    not_sought = ("tilt", "turn")
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
         """Return the times at which a step, and a pair of steps, of one axis and of a sensor explain most.

@@ -153,7 +153,8 @@ def _offers(base: Base, effect: LinearEffect, shape: Shape, sensors: frozenset[i
     terms = [
         term
         for term in base.channels.terms(effect, shape)
-        if (not sensors or term.sensor in sensors)
+        if term.name not in effect.not_sought
+        and (not sensors or term.sensor in sensors)
         and (term.sensor != SCALAR or effect.is_of_site or base.channels.has_scalar)
     ]
     if not terms:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from math import log
 
 from tam_calibration.effects.effect import Effect, LinearEffect
-from tam_calibration.effects.grades import MINOR
+from tam_calibration.effects.grades import MINOR, MOST
 from tam_calibration.effects.library import effect_named, installed_effects
 from tam_calibration.gap.hypothesis import EVERYWHERE, Hypothesis, given_form, places_of, sensors_of
 from tam_calibration.gap.laws.causes import acts_at, makes, may_make
@@ -17,7 +17,7 @@ from tam_calibration.gap.model import Model, Part
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.result import Considered
 from tam_calibration.gap.size import Evidence, energy_explained, evidence_of, examine, sharpened, usable
-from tam_calibration.gap.support import LEAST_EVIDENCE, Step, absorbed, changes_of, is_new, is_step, special_case
+from tam_calibration.gap.support import LEAST_EVIDENCE, Step, absorbed, is_new, special_case
 from tam_calibration.model.array import Array
 from tam_calibration.model.fitted_effect import ALL
 from tam_calibration.model.fitted_effect import SCALAR as SCALAR_ROW
@@ -136,13 +136,12 @@ class _CauseSearch:
         self._weighed: dict[str, Evidence] = {}
         self._steps: list[Step] = []
         self._model = nominal
+        self._gap = residual_of(nominal).excess
 
     def run(self) -> Search:
         """Return the causes of the laws, and what they leave."""
-        residual = residual_of(self._nominal)
-        gap = residual.excess
         self._tell("laws", 0.0)
-        laws = remaining = laws_of(self._nominal, residual, gap)
+        laws = remaining = laws_of(self._nominal, residual_of(self._nominal), self._gap)
         explained, unexplained = set[_Key](), set[_Key]()
         while len(self._steps) < _MOST_CAUSES:
             law = next((one for one in remaining if _key(one) not in unexplained and not self._is_small(one)), None)
@@ -154,7 +153,7 @@ class _CauseSearch:
                 continue
             explained.add(_key(law))
             self._tell("laws", len(self._steps) / (_MOST_CAUSES + 1))
-            remaining = tuple(one for one in laws_of(self._model, left, gap) if _key(one) not in explained)
+            remaining = tuple(one for one in laws_of(self._model, left, self._gap) if _key(one) not in explained)
         return Search(
             self._nominal,
             self._model,
@@ -207,10 +206,20 @@ class _CauseSearch:
         """Accept an effect, or several forms of it, that leaves nothing of a law; return what it leaves."""
         model, steps = self._with(chain, law, offers)
         left = residual_of(model)
-        if isinstance(chain[-1].form, Hypothesis) and not law.is_gone_from(left, others):
+        if isinstance(chain[-1].form, Hypothesis) and not self._is_gone(law, others, model, left):
             return None
         self._model, self._steps = model, steps
         return left
+
+    def _is_gone(self, law: Law, others: Sequence[Law], model: Model, left: Residual) -> bool:
+        """Say whether a model leaves too little of a law; less than most of one that predicts nothing."""
+        if law.found:
+            return law.is_gone_from(left, others)
+        sensors = set(law.signature.sensors)
+        there = (
+            one.signature for one in laws_of(model, left, self._gap) if not sensors.isdisjoint(one.signature.sensors)
+        )
+        return sum(one.energy for one in there) < MOST * law.signature.energy
 
     def _repeated(self, chain: Sequence[Evidence], law: Law, offers: Sequence[Evidence]) -> Evidence | None:
         """Return the next form of an effect that may happen more than once; None without evidence for it."""
@@ -220,9 +229,6 @@ class _CauseSearch:
         model, steps = self._with(chain, law, offers)
         again = examine(model.base(), effect, _sensors_of(law.signature, effect, model.base()))
         if isinstance(again, str) or again.delta_bic < LEAST_EVIDENCE or not is_new(again, steps, model.base()):
-            return None
-        step_s = model.base().channels.covariates.step_s
-        if is_step(again) and changes_of([*chain, again], step_s) == changes_of(chain, step_s):
             return None
         return again if _is_plausible(model.base(), again, law.signature) else None
 
@@ -237,15 +243,15 @@ class _CauseSearch:
     def _offers(self, base: Base, law: Law) -> Iterator[list[Evidence]]:
         """Yield the effects that make a law, then others that explain as much as the law does; the likeliest first.
 
-        A law that predicts no sample from others explains whatever it is given: what predicts as much comes before it.
+        Noise explains whatever it is given: what predicts as much comes before it.
         """
         signature = law.signature
         own = [name for name in self._effects if may_make(name, signature)]
         others = [name for name in self._effects if not makes(name, signature)]
-        if not law.found:
+        if signature.law == "noise":
             yield self._others(base, others, law)
         yield sorted(self._examined(base, own, signature), key=lambda one: not one.is_certain)
-        if law.found:
+        if signature.law != "noise":
             yield self._others(base, others, law)
 
     def _others(self, base: Base, names: Sequence[str], law: Law) -> list[Evidence]:

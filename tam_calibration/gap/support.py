@@ -82,8 +82,7 @@ def _effect_of(one: Evidence) -> Effect:
     return one.form.effect if isinstance(one.form, Hypothesis) else effect_named(one.effect)
 
 
-def is_step(one: Evidence) -> bool:
-    """Say whether an effect changes at some times and is constant between them."""
+def _is_step(one: Evidence) -> bool:
     return isinstance(one.form, Hypothesis) and one.form.effect.is_step
 
 
@@ -113,7 +112,7 @@ def is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:
         return False
     if any(_is_nested(candidate, other) for other in there):
         return False
-    return not is_step(candidate) or changes_of([candidate, *there], base.channels.covariates.step_s) <= MOST_STEPS
+    return not _is_step(candidate) or _changes([candidate, *there], base.channels.covariates.step_s) <= MOST_STEPS
 
 
 def _is_same(one: Evidence, other: Evidence, base: Base) -> bool:
@@ -159,17 +158,9 @@ def _are_many(causes: Sequence[Evidence]) -> bool:
     return bool(flagged.sum() > max(SLIGHT * len(flagged), A_DOZEN))
 
 
-def changes_of(causes: Sequence[Evidence], step_s: float) -> int:
-    """Return the number of times at which biases or scale factors change.
-
-    Parameters
-    ----------
-    causes : sequence of Evidence
-        Those that are steps count.
-    step_s : float
-        Sampling interval.
-    """
-    forms = [one.form for one in causes if is_step(one)]
+def _changes(causes: Sequence[Evidence], step_s: float) -> int:
+    """Return the number of times at which biases or scale factors change."""
+    forms = [one.form for one in causes if _is_step(one)]
     times = sorted(time for form in forms if isinstance(form, Hypothesis) for time in form.shape.values())
     return sum(
         later - time > LONGEST_BURST * step_s for time, later in zip(times, [*times[1:], float("inf")], strict=True)

@@ -23,7 +23,7 @@ from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 
 def verdict(has_cause, *, left=0.0, variance=1.0, laws=(), **size):
     """Return the verdict on a search that leaves a part of the laws open."""
-    found = SimpleNamespace(steps=("a step",) * has_cause, laws=laws, open_part=left)
+    found = SimpleNamespace(steps=("a step",) * has_cause, laws=laws, is_whole=left < 0.1)
     sizes = SimpleNamespace(**{"before": 2.0, "after": 0.05, "closed": 0.9, **size})
     return verdict_on(found, sizes, variance)
 

@@ -9,6 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.effects.library import installed_effects
 from tam_calibration.gap import diagnose
+from tam_calibration.gap.laws.law import Signature
+from tam_calibration.gap.laws.signature import Law
 from tam_calibration.gap.search import Search, search
 
 
@@ -65,8 +67,8 @@ def test_what_strikes_often_is_no_outlier(run):
     assert (gap.verdict, gap.where.sensors) == ("unexplained", (2,))
 
 
-def searched(energy, left, causes, laws=("a law",)):
-    """Return a search whose causes leave so much energy in each of 500 channels, and a part of that as a law."""
+def searched(energy, left, *, causes=1, at=(2,)):
+    """Return a search whose cause of sensor 2 leaves so much energy in each of 500 channels, in part as a law."""
     nominal, model = (
         SimpleNamespace(
             base=lambda energy=energy: SimpleNamespace(
@@ -76,31 +78,33 @@ def searched(energy, left, causes, laws=("a law",)):
         )
         for energy in (4.0, energy)
     )
-    return Search(nominal, model, causes, laws, (SimpleNamespace(part=left),), (), ())
+    law = Signature("offset", "slow", at, ("x",), 0.5, (at,), None, (), 50.0)
+    steps = (SimpleNamespace(law=replace(law, sensors=(2,))),) * causes
+    return Search(nominal, model, steps, (), (Law(law, left),), (), ())
 
 
 @pytest.mark.parametrize(
-    ("energy", "left", "causes", "laws", "is_clean"),
+    ("energy", "left", "further", "is_clean"),
     [
-        (1.95, 0.05, ("a cause",), ("a law",), True),
-        (2.05, 0.05, ("a cause",), ("a law",), False),
-        (1.5, 0.17, ("a cause",), ("a law",), True),
-        (1.5, 0.20, ("a cause",), ("a law",), False),
-        (1.5, 0.0, (), ("a law",), False),
-        (1.5, 0.0, (), (), True),
+        (1.95, 0.05, {}, True),
+        (2.05, 0.05, {}, False),
+        (1.5, 0.17, {}, True),
+        (1.5, 0.20, {}, False),
+        (1.5, 0.0, {"causes": 0}, False),
+        (1.5, 0.05, {"at": (3,)}, False),
     ],
 )
-def test_a_search_is_clean_where_its_causes_leave_nothing(energy, left, causes, laws, is_clean):
-    """No more than a noise floor beside the noise, and a tenth of the laws; and where a cause explains them."""
-    found = searched(energy, left, causes, laws)
+def test_a_search_is_clean_where_its_causes_leave_nothing(energy, left, further, is_clean):
+    """No more than a noise floor beside the noise, a tenth of the laws in their sensors, and no law elsewhere."""
+    found = searched(energy, left, **further)
     assert found.is_clean == is_clean
     assert found.evidence == pytest.approx(-500 * np.log(energy) - 2 * np.log(500))
 
 
 def test_what_the_laws_have_left_is_their_open_part():
     """A third of an energy of 1.5 beside 2.5 that the causes explain, and nothing without a law."""
-    assert searched(1.5, 1 / 3, ("a cause",)).open_part == pytest.approx(0.5 / 3.0)
-    assert searched(1.5, 0.0, ("a cause",)).open_part == 0
+    assert searched(1.5, 1 / 3).open_part == pytest.approx(0.5 / 3.0)
+    assert searched(1.5, 0.0).open_part == 0
 
 
 SAMPLES = 600
