@@ -198,9 +198,10 @@ def source_error(recording: Recording, side: Side, source: Dipole) -> SourceErro
 
 
 def _error(distance_m: FloatArray) -> SourceError:
-    """Return the median of distances (N,), with the interval that the medians of blocks of time give."""
+    """Return the median of distances (N,) but NaN, with the interval that the medians of blocks of time give."""
     generator = np.random.default_rng(0)
-    blocks = np.array([np.nanmedian(block) for block in np.array_split(distance_m, _BLOCKS)])
-    drawn = np.median(generator.choice(blocks[np.isfinite(blocks)], (_DRAWS, _BLOCKS)), axis=1)
+    located_m = distance_m[np.isfinite(distance_m)]
+    blocks = [np.median(block) for block in np.array_split(located_m, min(_BLOCKS, len(located_m)))]
+    drawn = np.median(generator.choice(blocks, (_DRAWS, _BLOCKS)), axis=1)
     low, high = np.quantile(drawn, (0.025, 0.975))
-    return SourceError(float(np.nanmedian(distance_m)), (float(low), float(high)))
+    return SourceError(float(np.median(located_m)), (float(low), float(high)))

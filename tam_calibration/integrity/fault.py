@@ -22,7 +22,11 @@ CHANNEL_FAULTS = {
 }
 """The names by which faults of channels are told and accepted, and what each is."""
 
-ACCEPTABLE = {**CHANNEL_FAULTS, **LIMITS}
+ACCEPTABLE = {
+    **CHANNEL_FAULTS,
+    "accuracy": "noise that leaves parameters open, although the directions are enough",
+    **LIMITS,
+}
 """The names of all that may be accepted: of the channels, and of the calibration that was fitted."""
 
 MOST_TOLD = 3
