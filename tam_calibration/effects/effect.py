@@ -6,7 +6,7 @@ All that the author of an effect needs can be imported from here.
 
 import tomllib
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -358,6 +358,16 @@ class LinearEffect(Effect):
     def always(self, shape: Shape) -> Shape | None:
         """Return the shape in which what comes and goes at the times of a shape is always there; None where none is."""
         return None
+
+    def shapes_at(self, shape: Shape) -> Sequence[Shape]:
+        """Return the shapes in which it comes and goes when another effect does; by default none.
+
+        Parameters
+        ----------
+        shape : Shape
+            Of the other effect.
+        """
+        return ()
 
     def is_same(self, shape: Shape, other: Shape, covariates: Covariates) -> bool:
         """Whether a recording does not tell two shapes apart, so that they are one cause; by default it does.

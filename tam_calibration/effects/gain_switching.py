@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.effects.covariates import Memory
 from tam_calibration.effects.effect import Covariates, LinearEffect, Shape
-from tam_calibration.effects.switching import WINDOW_UNITS, Level, Switching, in_windows, settled_strongest
+from tam_calibration.effects.switching import WINDOW_UNITS, Level, Switching, in_windows, settled_strongest, windows_of
 from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
 from tam_calibration.model.units import FloatArray
 
@@ -52,6 +52,17 @@ class GainSwitching(LinearEffect):
     def always(self, shape: Shape) -> Shape | None:
         """Return a window without an end; None for what depends on the reading."""
         return {"on_1_s": -np.inf} if "on_1_s" in shape else None
+
+    def shapes_at(self, shape: Shape) -> list[Shape]:
+        """Return the windows of the other effect, where it comes and goes more than once.
+
+        Parameters
+        ----------
+        shape : Shape
+            Of the other effect.
+        """
+        windows = windows_of(shape)
+        return [windows] if "on_2_s" in windows else []
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
         """Return the change of each axis' gain, by which the bias is amplified too.

@@ -3,7 +3,7 @@
 It tells the share of each cause in the energy that all explain, and the calibrated probabilities of the answers.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 from math import exp, expm1, factorial, log, log1p
@@ -25,7 +25,7 @@ from tam_calibration.gap.discipline import (
     placed,
     without_causes,
 )
-from tam_calibration.gap.hypothesis import Hypothesis, Place, places_of, sensors_of
+from tam_calibration.gap.hypothesis import Hypothesis, Place, places_of, restricted, sensors_of
 from tam_calibration.gap.laws.law import SCALAR, Signature, in_words
 from tam_calibration.gap.laws.signature import shared_places, signature_of
 from tam_calibration.gap.model import Model
@@ -36,7 +36,7 @@ from tam_calibration.gap.remainder import describe, residue_of
 from tam_calibration.gap.repeats import pose_of, repeats
 from tam_calibration.gap.result import Cause, Considered, Gap, Size, Verdict, Where
 from tam_calibration.gap.search import LARGEST_REST, Search
-from tam_calibration.gap.size import measure, noise_variance
+from tam_calibration.gap.size import Evidence, evidence_of, measure, noise_variance
 from tam_calibration.gap.support import LEAST_EVIDENCE, Step, open_part
 from tam_calibration.gap.where import locate, sensors_and_axes
 from tam_calibration.model.fitted_effect import ALL, FittedEffect
@@ -431,12 +431,7 @@ def _causes(
 def _indistinguishable(step: Step, effect: FittedEffect, found: Search) -> tuple[str, ...]:
     """Return the effects that cannot be told from a cause: they explain as much, or their channel is not recorded."""
     cause = step.accepted
-    names = [
-        rival.effect
-        for rival in step.weighed
-        if rival.effect != effect.effect
-        and (rival.delta_bic > cause.delta_bic - LEAST_EVIDENCE or rival.gain > NEARLY_ALL * cause.gain)
-    ]
+    names = [*_explaining_as_much(cause, step.weighed), *_in_its_windows(cause, found)]
     if isinstance(cause.form, Hypothesis) and cause.form.effect.is_free_in_time:
         names += [
             one.effect
@@ -447,6 +442,41 @@ def _indistinguishable(step: Step, effect: FittedEffect, found: Search) -> tuple
     if is_few and effect_named(effect.effect).is_of_extremes:
         names += [one.name for one in installed_effects().values() if one.is_of_extremes and one.name != effect.effect]
     return tuple(dict.fromkeys(names))
+
+
+def _explaining_as_much(cause: Evidence, rivals: Iterable[Evidence]) -> list[str]:
+    """Return the effects, other than a cause, that explain as much at the same null model."""
+    return [
+        rival.effect
+        for rival in rivals
+        if rival.effect != cause.effect
+        and (rival.delta_bic > cause.delta_bic - LEAST_EVIDENCE or rival.gain > NEARLY_ALL * cause.gain)
+    ]
+
+
+def _in_its_windows(cause: Evidence, found: Search) -> list[str]:
+    """Return the effects that explain as much as a cause of one sensor when they come and go with it.
+
+    The windows of a weaker form of them may be others: where all sensors read one field, leakage from another sensor
+    is a gain, and the search finds the windows of one of the two.
+    """
+    form = cause.form
+    if not isinstance(form, Hypothesis) or len(sensors := sensors_of(places_of(form))) > 1:
+        return []
+    (sensor,) = sensors
+    effects = [one for one in installed_effects().values() if isinstance(one, LinearEffect)]
+    others = [(one, shape) for one in effects for shape in one.shapes_at(form.shape)]
+    if not others:
+        return []
+    base = without_causes(found, (cause.effect,)).model.base()
+    own, *rivals = (
+        None if one is None else evidence_of(base, one)
+        for one in (
+            restricted(base, replace(form, effect=effect, shape=shape), sensor)
+            for effect, shape in ((form.effect, form.shape), *others)
+        )
+    )
+    return [] if own is None else _explaining_as_much(own, [one for one in rivals if one is not None])
 
 
 def _fitted(model: Model) -> list[FittedEffect]:
