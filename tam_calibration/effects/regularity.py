@@ -120,7 +120,7 @@ def _follows(values: FloatArray, functions: FloatArray) -> bool:
 
     def explained(course: FloatArray) -> float:
         course = course - course.mean()
-        return float(np.sum((basis.T @ course) ** 2) / max(course @ course, np.finfo(float).tiny))
+        return float(np.sum((basis.T @ course) ** 2)) / max(float(course @ course), np.finfo(float).tiny)
 
     ranks = np.argsort(np.argsort(values)).astype(float)
     if len(values) * explained(ranks) < chdtri(basis.shape[1], 2 * ndtr(-CERTAIN)):

@@ -464,18 +464,13 @@ def _in_its_windows(cause: Evidence, found: Search) -> list[str]:
     if not isinstance(form, Hypothesis) or len(sensors := sensors_of(places_of(form))) > 1:
         return []
     (sensor,) = sensors
-    effects = [one for one in installed_effects().values() if isinstance(one, LinearEffect)]
-    others = [(one, shape) for one in effects for shape in one.shapes_at(form.shape)]
-    if not others:
+    effects = (one for one in installed_effects().values() if isinstance(one, LinearEffect))
+    tried = [(form.effect, form.shape), *((one, shape) for one in effects for shape in one.shapes_at(form.shape))]
+    if len(tried) == 1:
         return []
     base = without_causes(found, (cause.effect,)).model.base()
-    own, *rivals = (
-        None if one is None else evidence_of(base, one)
-        for one in (
-            restricted(base, replace(form, effect=effect, shape=shape), sensor)
-            for effect, shape in ((form.effect, form.shape), *others)
-        )
-    )
+    forms = [restricted(base, replace(form, effect=effect, shape=shape), sensor) for effect, shape in tried]
+    own, *rivals = (None if one is None else evidence_of(base, one) for one in forms)
     return [] if own is None else _explaining_as_much(own, [one for one in rivals if one is not None])
 
 
