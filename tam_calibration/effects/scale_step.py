@@ -10,7 +10,6 @@ from tam_calibration.effects.change_points import Change, Path, StepEffect, is_o
 from tam_calibration.effects.effect import Covariates, Shape
 from tam_calibration.effects.saturation import inside_range
 from tam_calibration.effects.spikes import without_spikes
-from tam_calibration.effects.switching import windows_of
 from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
 from tam_calibration.model.units import FloatArray
 
@@ -57,18 +56,6 @@ class ScaleStep(StepEffect):
         sharp = {kind: one for kind, one in found.items() if one.gain > max(found[kind[0], 1].gain * (kind[1] > 1), 0)}
         cuts = dict.fromkeys(change.cuts for change in sharp.values())
         return [shape_of(time, times) for times in cuts]
-
-    def shapes_at(self, shape: Shape) -> list[Shape]:
-        """Return the time of a step, or its two times, where the other effect has one window.
-
-        Parameters
-        ----------
-        shape : Shape
-            Of the other effect.
-        """
-        windows = windows_of(shape)
-        times = [windows[name] for name in ("on_1_s", "off_1_s") if name in windows]
-        return [dict(zip(self.shape_units, times, strict=False))] if len(times) == len(windows) > 0 else []
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
         """Return from the one time on a scale and a tilt of each axis and a turn of each sensor.

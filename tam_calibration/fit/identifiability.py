@@ -78,9 +78,7 @@ def require_determined(recording: SampleSource, array: Array, is_uniform: bool =
         raise problem
 
 
-def _inaccuracy(
-    errors: FloatArray, excess: float, intensity_T: float, field_T: FloatArray
-) -> InputError | Refused | None:
+def _inaccuracy(errors: FloatArray, excess: float, intensity_T: float, field_T: FloatArray) -> Exception | None:
     """Return why the noise makes standard errors (12 K,) too large; refuse directions (N, 3) that do so.
 
     Noise in a plane passes for directions outside it, but not for enough of them.

@@ -22,11 +22,7 @@ CHANNEL_FAULTS = {
 }
 """The names by which faults of channels are told and accepted, and what each is."""
 
-ACCEPTABLE = {
-    **CHANNEL_FAULTS,
-    "accuracy": "noise that leaves parameters open, although the directions are enough",
-    **LIMITS,
-}
+ACCEPTABLE = {**CHANNEL_FAULTS, "accuracy": "noise that leaves parameters open", **LIMITS}
 """The names of all that may be accepted: of the channels, and of the calibration that was fitted."""
 
 MOST_TOLD = 3

@@ -31,10 +31,10 @@ def test_the_windows_of_a_shape(shape, windows):
 
 @pytest.mark.parametrize(
     ("effect", "one", "two"),
-    [(Crosstalk, 3, 3), (GainSwitching, 0, 1), (ScaleStep, 1, 0)],
+    [(Crosstalk, 3, 3), (GainSwitching, 0, 1), (ScaleStep, 0, 0)],
 )
 def test_effects_in_the_windows_of_others(effect, one, two):
-    """A channel along each axis may bleed; a gain switches in more than one window, a scale steps in one."""
+    """A channel along each axis may bleed; a gain switches in more than one window. No other effect has one alone."""
     windows = {"on_1_s": 1.0, "off_1_s": 2.0}
     assert len(effect().shapes_at({"time_s": 1.0, "end_s": 2.0})) == len(effect().shapes_at(windows)) == one
     assert len(effect().shapes_at({**windows, "on_2_s": 4.0})) == two
