@@ -13,8 +13,8 @@ import click
 import numpy as np
 from asked import ANYTHING, Figure, show
 
-from tam_calibration.comparison.noise import differs, noise_of
-from tam_calibration.comparison.result import AxisNoise
+from tam_calibration.comparison.noise import differs
+from tam_calibration.gap.noise import AxisNoise, noise_of
 from tam_calibration.model.units import FloatArray
 
 MIXING = np.kron(np.eye(4) - 0.25, np.eye(3))

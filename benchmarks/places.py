@@ -7,7 +7,7 @@ Run ``python benchmarks/places.py``. Seeds from 1000 on judge; smaller ones are 
 ``repeats``: the same poses in order, twice over or there and back, and shuffled. Both have the same answer.
 ``spoiled``: poses read wrong on all axes of one sensor. The answer names that sensor.
 ``noises``: the noise of one channel that differs between two recordings. `compare` finds and closes it. That of the
-scalar is up to half a per cent of the field: calibrations beside a scalar of twice that are refused.
+scalar is up to half a per cent of the field.
 """
 
 from collections.abc import Callable, Iterator

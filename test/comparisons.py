@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from tam_calibration.comparison.result import (
-    AxisNoise,
     Closing,
     Comparison,
     EffectDifference,
@@ -20,6 +19,7 @@ from tam_calibration.comparison.result import (
     SourceError,
     Step,
 )
+from tam_calibration.gap.noise import AxisNoise
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 
 MISTAKE = Mistake(
@@ -39,7 +39,7 @@ def axis_noise(sensor, axis, level_T, colour="white"):
     band = (10.0, 14.0) if colour == "band" else None
     size = 0.5 * level_T if band else 0.0
     return AxisNoise(
-        sensor, axis, level_T, 0.02 * level_T, colour, level_T, np.nan, np.nan, band, size,
+        sensor, axis, level_T, 0.02 * level_T, colour, level_T, np.nan, np.nan, band, size, np.nan,
         frequency, density, 0.8 * density, 1.25 * density,
     )  # fmt: skip
 
@@ -58,7 +58,7 @@ def comparison(gap, recording, cross):
     calibration = calibrate(recording, cross)
     quiet = replace(gap, verdict="no_gap", causes=(), residue=replace(gap.residue, before=gap.residue.after))
     sides = [
-        Side(recording, cross, each, calibration, np.zeros((600, 13)), noise, None)
+        Side(recording, cross, replace(each, noise=noise), calibration, None)
         for each, noise in ((quiet, noise_of()), (gap, noise_of({(2, "y"): axis_noise(2, "y", 2e-9, "band")})))
     ]
     (cause,) = gap.causes
@@ -88,7 +88,7 @@ def comparison(gap, recording, cross):
         surplus=(EffectDifference("unknown", ("scalar",), (), 0.9, 0.5, is_shown_by_other_run=False),),
         other_parameters=(OtherParameters(drift, slower),),
         noise=tuple(
-            NoiseDifference(*each, each[1].colour == "band") for each in zip(*(s.noise for s in sides), strict=True)
+            NoiseDifference(*each, each[1].colour == "band") for each in zip(*(s.gap.noise for s in sides), strict=True)
         ),
         closing=closing,
         mend=Mend((jump,), (), terms, calibration, 100.0),

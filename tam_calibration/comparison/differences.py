@@ -420,14 +420,14 @@ def _noise(simulation: Side, recording: Side, unknown: Collection[tuple[int, str
     """
     causes = [*simulation.gap.causes, *recording.gap.causes]
     staying = {place for cause in causes if _stays(cause.fitted.effect) for place in _rows(cause)} | set(unknown)
-    theirs = {(one.sensor, one.axis): one for one in simulation.noise}
+    theirs = {(one.sensor, one.axis): one for one in simulation.gap.noise}
     return tuple(
         NoiseDifference(
             theirs[own.sensor, own.axis],
             own,
             (own.sensor, own.axis) not in staying and differs(theirs[own.sensor, own.axis], own),
         )
-        for own in recording.noise
+        for own in recording.gap.noise
         if (own.sensor, own.axis) in theirs
     )
 

@@ -10,9 +10,10 @@ from numpy.linalg import norm
 
 from tam_calibration.comparison.additions import mended
 from tam_calibration.comparison.differences import Differences, is_noise
-from tam_calibration.comparison.result import AxisNoise, Mend, NoiseDifference, NoiseTerm, Side, SourceError
-from tam_calibration.comparison.side import field_of, without_effects
+from tam_calibration.comparison.result import Mend, NoiseDifference, NoiseTerm, Side, SourceError
 from tam_calibration.effects.switching import WINDOW_UNITS
+from tam_calibration.gap.noise import AxisNoise
+from tam_calibration.gap.recorded_noise import field_of
 from tam_calibration.localization.turned_samples import Regional, locate_each, regional_of, turned
 from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.recording import Recording
@@ -117,8 +118,9 @@ def mended_twin(differences: Differences, simulation: Side, mend: Mend, seed: in
 def _quiet(side: Side) -> Recording:
     """Return the run of a side without effects, its sensors without noise; the scalar tells the intensity."""
     calibration = side.calibration
-    recording = without_effects(calibration, side.recording, side.found.model)
-    field = field_of(calibration, recording, side.found.model)
+    model = side.found.model
+    recording = calibration.without_effects(side.recording) if model.world is None else model.quiet()
+    field = field_of(calibration.errors, calibration.array, recording, model)
     if recording.scalar_T is not None:
         known = np.isfinite(recording.scalar_T)
         field[known] *= (recording.scalar_T[known] / norm(field[known], axis=1))[:, None]
@@ -198,9 +200,10 @@ def source_error(recording: Recording, side: Side, source: Dipole) -> SourceErro
 
 
 def _error(distance_m: FloatArray) -> SourceError:
-    """Return the median of distances (N,), with the interval that the medians of blocks of time give."""
+    """Return the median of distances (N,) but NaN, with the interval that the medians of blocks of time give."""
     generator = np.random.default_rng(0)
-    blocks = np.array([np.nanmedian(block) for block in np.array_split(distance_m, _BLOCKS)])
-    drawn = np.median(generator.choice(blocks[np.isfinite(blocks)], (_DRAWS, _BLOCKS)), axis=1)
+    located_m = distance_m[np.isfinite(distance_m)]
+    blocks = [np.median(block) for block in np.array_split(located_m, min(_BLOCKS, len(located_m)))]
+    drawn = np.median(generator.choice(blocks, (_DRAWS, _BLOCKS)), axis=1)
     low, high = np.quantile(drawn, (0.025, 0.975))
-    return SourceError(float(np.nanmedian(distance_m)), (float(low), float(high)))
+    return SourceError(float(np.median(located_m)), (float(low), float(high)))

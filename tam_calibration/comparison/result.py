@@ -8,16 +8,15 @@ import numpy as np
 
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.gap.laws.law import Signature
+from tam_calibration.gap.noise import AxisNoise
 from tam_calibration.gap.result import Gap
 from tam_calibration.gap.search import Search
 from tam_calibration.model.array import Array
 from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.units import FloatArray
 
 Verdict = Literal["same", "differs", "not_identifiable"]
 Standing = Literal["same", "differs", "cannot tell"]
-Colour = Literal["white", "1/f", "band"]
 
 UNKNOWN = "unknown"
 """In place of an effect's name: a part that no effect of the library explains."""
@@ -79,53 +78,6 @@ class Figure:
         """The recording's value less the simulation's, in standard errors of the difference; NaN where not known."""
         size = float(np.hypot(self.simulation_error, self.recording_error))
         return (self.recording - self.simulation) / size if size > 0 else float("nan")
-
-
-@dataclass(frozen=True, eq=False)
-class AxisNoise:
-    """The noise of one axis of a sensor, or of the scalar: level, colour and spectrum.
-
-    Its density is modelled as S(f) = 2 w²/r (1 + (k/f)^a) + band, with w the white level, r the sample rate, k the knee
-    and a the exponent; the band has the density of an AR(2) process about its centre.
-
-    Parameters
-    ----------
-    sensor : int
-        Number 1…K; 0 for the scalar.
-    axis : str
-        "x", "y", "z"; empty for the scalar.
-    level_T, level_error_T : float
-        Standard deviation of all noise of a sample, and its standard error.
-    colour : str
-        "white", or what stands out of white noise most: "1/f" at low frequencies, "band" in a band.
-    white_T : float
-        Standard deviation of the white part alone.
-    knee_hz, exponent : float
-        Of the slow part: where it equals the white one, and how steep it is; NaN without one.
-    band_hz : (float, float), optional
-        Where a band lies; None without one.
-    band_T : float
-        Standard deviation of the band alone; 0 without one.
-    frequency_hz : (F,) array
-        Frequencies of the spectrum.
-    density_T2_per_hz, density_low_T2_per_hz, density_high_T2_per_hz : (F,) array
-        One-sided power spectral density, and its 95 % interval.
-    """
-
-    sensor: int
-    axis: str
-    level_T: float
-    level_error_T: float
-    colour: Colour
-    white_T: float
-    knee_hz: float
-    exponent: float
-    band_hz: tuple[float, float] | None
-    band_T: float
-    frequency_hz: FloatArray = field(repr=False)
-    density_T2_per_hz: FloatArray = field(repr=False)
-    density_low_T2_per_hz: FloatArray = field(repr=False)
-    density_high_T2_per_hz: FloatArray = field(repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -332,10 +284,6 @@ class Side:
         Diagnosis.
     calibration : Calibration
         With the effects of the diagnosis.
-    residual_T : (N, 3K + 1) array
-        Readings less what calibration and effects explain, tesla; NaN where there is none. Last the scalar.
-    noise : tuple of AxisNoise
-        Of each axis, last that of the scalar where there is one.
     found : Search
         The search that the diagnosis rests on: models without and with the causes.
     """
@@ -344,8 +292,6 @@ class Side:
     array: Array
     gap: Gap
     calibration: Calibration
-    residual_T: FloatArray = field(repr=False)
-    noise: tuple[AxisNoise, ...] = field(repr=False)
     found: Search = field(repr=False)
 
 

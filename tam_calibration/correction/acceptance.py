@@ -90,7 +90,8 @@ def within_limits(calibration: Calibration, accept: Collection[str]) -> Calibrat
     for name, sentence in beyond.items():
         if name not in accept:
             raise Refused(f"{sentence}; where that is so, accept {name}")
-    return replace(calibration, accepted=tuple(beyond), warnings=(*beyond.values(), *calibration.warnings))
+    accepted = *calibration.accepted, *beyond
+    return replace(calibration, accepted=accepted, warnings=(*beyond.values(), *calibration.warnings))
 
 
 def _scale_factor(factor: FloatArray) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 
 from tam_calibration.effects.effect import Coefficient, Covariates, LinearEffect, Shape, Term, WhitenedResiduals
 from tam_calibration.effects.motion import jumps
-from tam_calibration.effects.switching import WINDOW_UNITS, Level, Switching, in_windows, settled_strongest
+from tam_calibration.effects.switching import WINDOW_UNITS, Level, Switching, in_windows, settled_strongest, windows_of
 from tam_calibration.model.units import FloatArray
 
 if TYPE_CHECKING:
@@ -54,6 +54,17 @@ class Crosstalk(LinearEffect):
         windows = _windows(covariates, residuals)
         on = {} if windows is None else windows.shape(covariates)
         return [*late, *({name: 0.0, **on} for name in _SHAPES if on)]
+
+    def shapes_at(self, shape: Shape) -> list[Shape]:
+        """Return what bleeds at once from each axis in the windows: a gain, where all sensors read the same field.
+
+        Parameters
+        ----------
+        shape : Shape
+            Of the other effect.
+        """
+        windows = windows_of(shape)
+        return [{name: 0.0, **windows} for name in _SHAPES if windows]
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
         """Return what each axis gets of the late channel: its change, or all of it in windows.

@@ -6,7 +6,7 @@ All that the author of an effect needs can be imported from here.
 
 import tomllib
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -327,6 +327,16 @@ class LinearEffect(Effect):
             In which the effect is searched.
         """
         return ({},)
+
+    def shapes_at(self, shape: Shape) -> Sequence[Shape]:
+        """Return the shapes in which it comes and goes when another effect does; by default none.
+
+        Parameters
+        ----------
+        shape : Shape
+            Of the other effect.
+        """
+        return ()
 
     def is_same(self, shape: Shape, other: Shape, covariates: Covariates) -> bool:
         """Whether a recording does not tell two shapes apart, so that they are one cause; by default it does.

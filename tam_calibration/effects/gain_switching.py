@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.effects.covariates import Memory
 from tam_calibration.effects.effect import Covariates, LinearEffect, Shape
-from tam_calibration.effects.switching import WINDOW_UNITS, Level, Switching, in_windows, settled_strongest
+from tam_calibration.effects.switching import WINDOW_UNITS, Level, Switching, in_windows, settled_strongest, windows_of
 from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
 from tam_calibration.model.units import FloatArray
 
@@ -48,6 +48,17 @@ class GainSwitching(LinearEffect):
         levels = [Level.of_row(residuals, row, covariates.sensed_T[:, row]) for row in range(covariates.scalar_row)]
         states, level, row = settled_strongest(levels)
         return [_shape(covariates, level, states, row)] if level.is_switching(states) else []
+
+    def shapes_at(self, shape: Shape) -> list[Shape]:
+        """Return the windows of the other effect, where it comes and goes more than once.
+
+        Parameters
+        ----------
+        shape : Shape
+            Of the other effect.
+        """
+        windows = windows_of(shape)
+        return [windows] if "on_2_s" in windows else []
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
         """Return the change of each axis' gain, by which the bias is amplified too.

@@ -3,16 +3,7 @@
 import numpy as np
 
 from tam_calibration.effects.excess_variance import Excess
-from tam_calibration.effects.grades import (
-    CERTAIN,
-    FEWEST,
-    LEAST_SAMPLES,
-    LONGEST_BURST,
-    MOST,
-    NEGLIGIBLE,
-    NOTABLE,
-    SLIGHT,
-)
+from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, LONGEST_BURST, MOST, NEGLIGIBLE, NOTABLE, SLIGHT
 from tam_calibration.effects.motion import MOST_NEIGHBOURS
 from tam_calibration.effects.term import WhitenedResiduals, row_deviations
 from tam_calibration.model.units import FloatArray
@@ -77,16 +68,13 @@ def _of_size(deviation: FloatArray, direction: FloatArray) -> str | None:
     size = deviation**2
     # The third square is what the other two leave of one.
     squares = np.column_stack([direction[:, :2] ** 2, direction * np.roll(direction, 1, axis=1)])
-    # Of few samples chance makes as much.
-    least = max(NEGLIGIBLE, FEWEST / len(size))
-    if _explained_beyond(size, squares) > least:
+    if _follows(size, squares):
         return "the size of the excess follows the direction of the field"
     changes = [
         np.gradient(direction, axis=0),
         np.diff(direction, 2, axis=0, prepend=direction[:1], append=direction[-1:]),
     ]
-    rates = np.column_stack([np.sum(change**2, axis=1) for change in changes])
-    if _explained_beyond(size, rates) > least:
+    if _follows(size, np.column_stack([np.sum(change**2, axis=1) for change in changes])):
         return "the size of the excess follows the rate of the field"
     return None
 
@@ -120,15 +108,26 @@ def _directed(deviation: FloatArray, direction: FloatArray) -> float:
     return float(np.mean(products)) if len(products) > LEAST_SAMPLES else 0.0
 
 
-def _explained_beyond(values: FloatArray, functions: FloatArray) -> float:
-    """Return the part of the variance of values (N,) that functions (N, P) explain beyond the best time shift."""
+def _follows(values: FloatArray, functions: FloatArray) -> bool:
+    """Return whether functions (N, P) explain values (N,) beyond chance, and better than values shifted in time.
+
+    The explained part of the variance of the ranks, times N, is χ² with P degrees of freedom whatever the distribution
+    of independent values (Conover and Iman, Am. Stat. 35, 1981, p. 124).
+    """
+    from scipy.special import chdtri, ndtr
+
     basis = np.linalg.qr(functions - functions.mean(axis=0))[0]
-    course = values - values.mean()
+
+    def explained(course: FloatArray) -> float:
+        course = course - course.mean()
+        return float(np.sum((basis.T @ course) ** 2)) / max(float(course @ course), np.finfo(float).tiny)
+
+    ranks = np.argsort(np.argsort(values)).astype(float)
+    if len(values) * explained(ranks) < chdtri(basis.shape[1], 2 * ndtr(-CERTAIN)):
+        return False
     shifts = np.linspace(0, len(values), _OTHER_TIMES, endpoint=False).astype(int).tolist()
-    explained = [
-        float(np.sum((basis.T @ np.roll(own, shift)) ** 2)) for own in (course, course[::-1]) for shift in shifts
-    ]
-    return (explained[0] - max(explained[1:])) / max(float(course @ course), np.finfo(float).tiny)
+    parts = [explained(np.roll(own, shift)) for own in (values, values[::-1]) for shift in shifts]
+    return parts[0] - max(parts[1:]) > NEGLIGIBLE
 
 
 def _sidedness(deviation: FloatArray) -> float:

@@ -88,6 +88,18 @@ def in_windows(covariates: Covariates, shape: Shape) -> NDArray[np.bool_]:
     return is_in
 
 
+def windows_of(shape: Shape) -> Shape:
+    """Return the limits of windows in the shape of any effect; a step begins one.
+
+    Parameters
+    ----------
+    shape : Shape
+        With ``on_1_s``, ``off_1_s``, ... or ``time_s`` and ``end_s``; without them there are no windows.
+    """
+    step = {"on_1_s": "time_s", "off_1_s": "end_s"} if "time_s" in shape else dict.fromkeys(WINDOW_UNITS)
+    return {name: shape[own or name] for name, own in step.items() if (own or name) in shape}
+
+
 @dataclass(frozen=True, eq=False)
 class Level:
     """Residuals of a row modelled as a given function times a level that may change.

@@ -130,7 +130,7 @@ def calibrate(
             calibration, recording, array, fit = calibrate_jointly(recording, array, prior, main_field_T)
         else:
             with _naming_attitude(recording, takes_priors):
-                calibration = accepted(recording, array, fit)
+                calibration = accepted(recording, array, fit, accept)
     uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient)
     if not is_joint:
         calibration = widened(calibration, uniform)

@@ -3,7 +3,7 @@
 Of a recording of more than ``SKETCH`` samples every n-th one is looked at.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -150,7 +150,7 @@ def _in_parts(residual: FloatArray, time: FloatArray) -> _Parts | None:
 Fit = Callable[[SampleSource, Array], Calibration]
 
 
-def accepted(recording: SampleSource, array: Array, fit: Fit) -> Calibration:
+def accepted(recording: SampleSource, array: Array, fit: Fit, accept: Collection[str] = ()) -> Calibration:
     """Return the calibration of a fit that is of one field, the same throughout, and accurate enough to be of use.
 
     Parameters
@@ -161,6 +161,8 @@ def accepted(recording: SampleSource, array: Array, fit: Fit) -> Calibration:
         Geometry and noise of its K sensors; a noise that is not stated is estimated.
     fit : callable
         The method: from recording and array to a ``Calibration``.
+    accept : collection of str
+        With "accuracy" the noise may leave parameters open.
 
     Raises
     ------
@@ -175,8 +177,7 @@ def accepted(recording: SampleSource, array: Array, fit: Fit) -> Calibration:
         require_one_sphere(recording)
         raise
     require_one_field(recording, calibration)
-    require_accurate(calibration, recording)
-    return calibration
+    return require_accurate(calibration, recording, accept)
 
 
 def require_one_field(recording: SampleSource, calibration: Calibration) -> None:

@@ -1,6 +1,7 @@
 """What a recording determines, well or badly, told by the parameters' names before and after a fit."""
 
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -73,32 +74,33 @@ def require_determined(recording: SampleSource, array: Array, is_uniform: bool =
     some = field[:: -(-len(field) // _SAMPLES)]
     covariance = bound(some, SensorErrors.none(recording.sensor_count), noisy, data.has_scalar)
     excess = _noise_excess(data, noisy) if is_uniform else 1.0
-    _require_small(np.sqrt(np.diag(covariance)), excess, data.radius_T, some)
+    if problem := _inaccuracy(np.sqrt(np.diag(covariance)), excess, data.radius_T, some):
+        raise problem
 
 
-def _require_small(errors: FloatArray, excess: float, intensity_T: float, field_T: FloatArray) -> None:
-    """Refuse standard errors (12 K,) that are too large for the directions of the field (N, 3), or for the noise.
+def _inaccuracy(errors: FloatArray, excess: float, intensity_T: float, field_T: FloatArray) -> Exception | None:
+    """Return why the noise makes standard errors (12 K,) too large; refuse directions (N, 3) that do so.
 
     Noise in a plane passes for directions outside it, but not for enough of them.
     """
     names = open_parameters(excess * errors, intensity_T)
     if not names:
-        return
+        return None
     if measure_coverage(field_T).relative_error > ENOUGH_RELATIVE_ERROR:
         refuse_open(excess * errors, intensity_T)
     if excess > _CONTRADICTED:
-        raise Refused(
+        return Refused(
             f"the residual is {excess:.3g} times the noise, which leaves {names} open, although the directions are "
             "enough: look for the cause with tam diagnose"
         )
-    raise InputError(
+    return InputError(
         f"the noise leaves {names} open, although the directions are enough: record longer, or check the noise that "
         "the array file states"
     )
 
 
-def require_accurate(calibration: Calibration, recording: SampleSource) -> None:
-    """Check, after a fit, that no parameter's standard error is too large to be of use.
+def require_accurate(calibration: Calibration, recording: SampleSource, accept: Collection[str] = ()) -> Calibration:
+    """Return a calibration none of whose standard errors is too large to be of use; accepted noise is a warning.
 
     The standard errors count for the residual that is left, where it exceeds the noise, but not for how long it lasts:
     what the directions determine is judged, and the accuracy is told.
@@ -109,6 +111,8 @@ def require_accurate(calibration: Calibration, recording: SampleSource) -> None:
         Of the recording.
     recording : SampleSource
         Raw readings of K sensors.
+    accept : collection of str
+        With "accuracy" the noise may leave parameters open.
 
     Raises
     ------
@@ -122,7 +126,12 @@ def require_accurate(calibration: Calibration, recording: SampleSource) -> None:
         left = (calibration.reduced_chi_square.get(channel, 1.0) for channel in ("differential", "common_mode"))
         excess = float(np.sqrt(max(1.0, *left) / calibration.variance_factors.largest))
     field_T = field_of(recording.thinned(SKETCH), calibration.errors)
-    _require_small(calibration.standard_errors.ravel(), excess, calibration.intensity_T, field_T)
+    problem = _inaccuracy(calibration.standard_errors.ravel(), excess, calibration.intensity_T, field_T)
+    if problem is None:
+        return calibration
+    if "accuracy" not in accept:
+        raise problem
+    return replace(calibration, accepted=("accuracy",), warnings=(str(problem), *calibration.warnings))
 
 
 def _noise_excess(data: Normalized, array: KnownNoiseArray) -> float:

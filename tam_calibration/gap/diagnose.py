@@ -16,6 +16,7 @@ from tam_calibration.effects.library import installed_effects, shown_by
 from tam_calibration.fit.attitude_convention import misread_attitude
 from tam_calibration.gap.conclude import conclude
 from tam_calibration.gap.floor import floor_of
+from tam_calibration.gap.recorded_noise import recorded_noise, remarks_on
 from tam_calibration.gap.refusal import (
     at_rest,
     is_at_rest,
@@ -165,10 +166,11 @@ def _judged(
         return without_nominal(recording, str(problem)), None
     except LinAlgError:
         return without_nominal(recording, "its equations have no solution"), None
-    channels = found.nominal.channels()
-    floor = floor_of(channels, array)
-    found_T = floor.with_excess((cause.fitted for cause in gap.causes), channels)
-    return replace(gap, floor=found_T, remarks=floor.remarks), found
+    model = found.nominal if gap.verdict == "no_gap" else found.model
+    noise = recorded_noise(model, array)
+    is_determined = floor_of(found.nominal.channels(), array).is_determined and bool(noise)
+    remarks = remarks_on(noise, array, is_determined, int(model.is_counted.sum()))
+    return replace(gap, noise=noise, remarks=remarks), found
 
 
 _LIBRARIES = ("scipy.interpolate", "scipy.fft")

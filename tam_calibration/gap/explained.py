@@ -4,8 +4,6 @@ from collections.abc import Collection
 from contextlib import suppress
 from dataclasses import replace
 
-import numpy as np
-
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.consistency import SOMETHING_MAGNETIC
 from tam_calibration.fit.doubts import LOOK_FOR_CAUSE
@@ -51,9 +49,8 @@ def explained(
 def _in_words(gap: Gap) -> str:
     """Return what explains a residual and what to do, as the end of the sentence on it."""
     if gap.verdict == "no_gap":
-        levels_nT = to_nanotesla(np.array([] if gap.floor is None else gap.floor.level_T[:-1]))
-        known = levels_nT[np.isfinite(levels_nT)]
-        size = f" of {known.min():.3g} to {known.max():.3g} nT" if known.size else ""
+        levels_nT = [to_nanotesla(one.white_T) for one in gap.noise if one.sensor]
+        size = f" of {min(levels_nT):.3g} to {max(levels_nT):.3g} nT" if levels_nT else ""
         return f"; white noise{size} explains it: state that noise in the array file"
     names = list(dict.fromkeys(cause.fitted.effect for cause in gap.causes))
     if not names:

@@ -7,22 +7,18 @@ outliers clipped. How it divides among the rows follows from how each residual d
 at the levels of the readings' own differences, which stay where the residuals do not determine a row.
 """
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.core.noise import noise_deviation
 from tam_calibration.effects.covariates import LEAST_TURN
-from tam_calibration.effects.excess_variance import stated_variance
 from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, NOTABLE
 from tam_calibration.effects.quantization import find_lattices
-from tam_calibration.effects.term import rows_of
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.model.array import Array
-from tam_calibration.model.fitted_effect import FittedEffect
-from tam_calibration.model.units import FloatArray, to_nanotesla
+from tam_calibration.model.units import FloatArray
 
 CONTRADICTED = 2.0
 """Factor between noise found and noise stated, either way, from which a data sheet is contradicted.
@@ -49,34 +45,11 @@ class Floor:
         Lag-1 correlation of the noise: 0 for white noise, towards 1 for slow noise.
     stated_T : (3K + 1,) array
         What the array file states; NaN where it does not.
-    remarks : tuple of str
-        What contradicts the stated noise, one sentence each.
-    is_diagnosed : (3K + 1,) array of bool, optional
-        Which levels are those of a cause.
     """
 
     level_T: FloatArray
     colour: FloatArray
     stated_T: FloatArray
-    remarks: tuple[str, ...] = ()
-    is_diagnosed: NDArray[np.bool_] | None = None
-
-    def with_excess(self, found: Iterable[FittedEffect], channels: WhitenedChannels) -> "Floor":
-        """Return the floor with the levels of the rows whose noise exceeds that of the channels, as a diagnosis found.
-
-        Parameters
-        ----------
-        found : iterable of FittedEffect
-            Causes.
-        channels : WhitenedChannels
-            Of the model without them.
-        """
-        square = np.zeros(len(self.level_T))
-        for one in found:
-            for part in one.contributions:
-                square[rows_of(part, channels.covariates)] = part.values.get("standard deviation", 0.0) ** 2
-        level_T = np.where(square > 0, np.sqrt(stated_variance(channels.covariates) + square), self.level_T)
-        return replace(self, level_T=level_T, is_diagnosed=square > 0)
 
     @property
     def is_determined(self) -> bool:
@@ -91,11 +64,6 @@ class Floor:
         part = (1 - colour**2) / (1 + colour**2 - 2 * colour * np.cos(0.75 * np.pi))
         return np.asarray(self.level_T / np.sqrt(part))
 
-    @property
-    def sensor_level_T(self) -> FloatArray:
-        """(K,) root mean square level of each sensor's axes."""
-        return _by_sensor(self.level_T)
-
     def factor_common_to_all(self, sample_count: int) -> float:
         """Return the factor of most rows' noise over that stated; 1 where they do not contradict each other."""
         if not (self.is_determined and np.isfinite(self.stated_T[:-1]).all()):
@@ -103,7 +71,7 @@ class Floor:
         rows = slice(0, -1)
         much = _middle(self.level_T[rows] / self.stated_T[rows])
         little = _middle(self.total_T[rows] / self.stated_T[rows])
-        least = _least_factor(sample_count)
+        least = least_factor(sample_count)
         return much if much > least else little if little < 1 / least else 1.0
 
 
@@ -125,9 +93,8 @@ def floor_of(channels: WhitenedChannels, stated: Array) -> Floor:
             level[-1], colour[-1] = np.sqrt(_white(known)), _colour_of(known)
     is_slow = _median_turn(channels) < LEAST_TURN
     if is_slow and channels.is_counted.sum() >= LEAST_SAMPLES:
-        level[:-1], colour[:-1] = _of_rows(channels, _stated_T(stated))
-    floor = Floor(level, colour, _stated_T(stated))
-    return Floor(level, colour, floor.stated_T, _remarks(floor, stated, int(channels.is_counted.sum())))
+        level[:-1], colour[:-1] = _of_rows(channels, stated_noise(stated))
+    return Floor(level, colour, stated_noise(stated))
 
 
 def white_variance(series: FloatArray) -> tuple[float, float]:
@@ -219,14 +186,17 @@ def _median_turn(channels: WhitenedChannels) -> float:
     return float(np.median(np.arccos(np.clip(cosine, -1, 1))))
 
 
-def _stated_T(array: Array) -> FloatArray:
+def stated_noise(array: Array) -> FloatArray:
+    """Return the noise (3K + 1,) that an array states of the rows, tesla; NaN where it states none.
+
+    Parameters
+    ----------
+    array : Array
+        With or without noise.
+    """
     vector = np.full(array.sensor_count, np.nan) if array.vector_noise_T is None else array.vector_noise_T
     scalar = np.nan if array.scalar_noise_T is None else array.scalar_noise_T
     return np.append(np.repeat(vector, 3), scalar)
-
-
-def _by_sensor(rows: FloatArray) -> FloatArray:
-    return np.asarray(np.sqrt(np.mean(rows[:-1].reshape(-1, 3) ** 2, axis=1)))
 
 
 def _middle(values: FloatArray) -> float:
@@ -234,37 +204,12 @@ def _middle(values: FloatArray) -> float:
     return float(np.sort(values)[(len(values) - 1) // 2])
 
 
-def _least_factor(sample_count: int) -> float:
-    """Return the least significant factor between two levels: the log of one is uncertain by less than 2/√N."""
+def least_factor(sample_count: int) -> float:
+    """Return the least significant factor between two levels: the log of one is uncertain by less than 2/√N.
+
+    Parameters
+    ----------
+    sample_count : int
+        Samples N that a level was found from.
+    """
     return float(np.exp(max(np.log(CONTRADICTED), 2 * CERTAIN / np.sqrt(max(sample_count, 1)))))
-
-
-def _remarks(floor: Floor, stated: Array, sample_count: int) -> tuple[str, ...]:
-    """Return what the floor says of the stated noise."""
-    if not floor.is_determined:
-        if stated.vector_noise_T is not None:
-            return ()
-        return (
-            "The noise is not stated, and the attitude changes so much from sample to sample that no differences tell "
-            "it: it is taken from the residual, so that nothing white can be called a gap.",
-        )
-    level = floor.sensor_level_T
-    if stated.vector_noise_T is None:
-        return (
-            f"The noise is not stated: {_named(level)} {'is' if len(level) == 1 else 'are'} taken from differences of "
-            "neighbouring samples, so that nothing white can be called a gap.",
-        )
-    least, total = _least_factor(sample_count), _by_sensor(floor.total_T)
-    return tuple(
-        f"The stated noise of sensor {sensor + 1} is contradicted: stated {_nT(sheet)}, found {_nT(found)}."
-        for sensor, (sheet, white, whole) in enumerate(zip(stated.vector_noise_T, level, total, strict=True))
-        for found in ([white] if white > least * sheet else [whole] if whole < sheet / least else [])
-    )
-
-
-def _named(level_T: FloatArray) -> str:
-    return ", ".join(f"{_nT(one)} of sensor {sensor + 1}" for sensor, one in enumerate(level_T))
-
-
-def _nT(value_T: float) -> str:
-    return f"{to_nanotesla(float(value_T)):.3g} nT"

@@ -102,6 +102,23 @@ def best_form(base: Base, effect: LinearEffect, sensors: frozenset[int] = EVERYW
     return replace(best, selection=replace(best.selection, delta_bic=best.selection.delta_bic - price))
 
 
+def form_at(base: Base, effect: LinearEffect, shape: Shape, sensors: frozenset[int]) -> Hypothesis | None:
+    """Return an effect with a given shape in some sensors, its terms selected by evidence; None where none is visible.
+
+    Parameters
+    ----------
+    base : Base
+        Null model, in the residual of which the terms are selected.
+    effect : LinearEffect
+    shape : Shape
+        Of the effect.
+    sensors : frozenset of int
+        As of ``best_form``.
+    """
+    offers = sorted(_offers(base, effect, shape, sensors), key=lambda offer: -offer.evidence)
+    return _selected(effect, offers[0]) if offers else None
+
+
 def _searched(base: Base, form: Hypothesis) -> int:
     """Return the number of parameters of a shape that were searched: those that are no convention, and that matter."""
     if form.effect.has_exact_shapes:

@@ -321,7 +321,7 @@ class Model:
         if stated.vector_noise_T is not None:
             noise_T = stated.vector_noise_T * floor.factor_common_to_all(int(self.is_counted.sum()))
         elif floor.is_determined:
-            noise_T = floor.sensor_level_T
+            noise_T = np.sqrt(np.mean(floor.level_T[:-1].reshape(-1, 3) ** 2, axis=1))
         else:
             base = self.base()
             noise_T = noise_T * np.sqrt(base.energy / max(base.channels.count - base.rank, 1.0))

@@ -8,8 +8,8 @@ import numpy as np
 
 from tam_calibration.effects.effect import Sized
 from tam_calibration.gap.checks import Checks
-from tam_calibration.gap.floor import Floor
 from tam_calibration.gap.laws.law import Signature
+from tam_calibration.gap.noise import AxisNoise
 from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.units import FloatArray
 
@@ -187,8 +187,8 @@ class Gap:
         The verdict in one sentence.
     residue : Residue
         For plots.
-    floor : Floor, optional
-        Noise of every row; None without a verdict.
+    noise : tuple of AxisNoise
+        Of each axis, last that of the scalar where there is one; empty without a verdict.
     set_95 : tuple of str
         The smallest set of answers that contains the true one in 95 of 100 recordings: names of effects, "unknown" and
         "no_gap".
@@ -227,7 +227,7 @@ class Gap:
     next_recording: str
     statement: str
     residue: Residue = field(repr=False)
-    floor: Floor | None = None
+    noise: tuple[AxisNoise, ...] = field(default=(), repr=False)
     set_95: tuple[str, ...] = ()
     smallest_gap: float = float("nan")
     remarks: tuple[str, ...] = ()

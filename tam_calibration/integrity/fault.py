@@ -22,7 +22,7 @@ CHANNEL_FAULTS = {
 }
 """Names of the faults of channels, for messages and `--accept`, and what each is."""
 
-ACCEPTABLE = {**CHANNEL_FAULTS, **LIMITS}
+ACCEPTABLE = {**CHANNEL_FAULTS, "accuracy": "noise that leaves parameters open", **LIMITS}
 """The names of all that may be accepted: of the channels, and of the calibration that was fitted."""
 
 MOST_TOLD = 3

@@ -9,10 +9,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
-from tam_calibration.comparison.result import AxisNoise, Comparison, NoiseDifference, Side
+from tam_calibration.comparison.result import Comparison, NoiseDifference, Side
 from tam_calibration.correction.calibration import Provenance
 from tam_calibration.files.yaml_document import dump_mapping
 from tam_calibration.fit.coverage import cell_directions
+from tam_calibration.gap.noise import AxisNoise
 from tam_calibration.model.units import FloatArray, to_nanotesla
 from tam_calibration.report import comparison_rows
 from tam_calibration.report.blocks import Block, Code, Points, Section, Table, Text

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from itertools import islice
 
 from tam_calibration.comparison import result
+from tam_calibration.gap.noise import AxisNoise
 from tam_calibration.model.units import for_people, to_nanotesla
 from tam_calibration.report.blocks import Block, Table, Text
 from tam_calibration.report.formatting import join, number, sentence, with_error
@@ -154,7 +155,7 @@ def effect_name(name: str) -> str:
     return "an unknown effect" if name == result.UNKNOWN else name.replace("_", " ")
 
 
-def axis_name(noise: result.AxisNoise) -> str:
+def axis_name(noise: AxisNoise) -> str:
     """Return "sensor 2 x" or "the scalar"."""
     return f"sensor {noise.sensor} {noise.axis}" if noise.sensor else "the scalar"
 
@@ -234,7 +235,7 @@ def noise_rows(comparison: result.Comparison) -> list[list[str]]:
     ]
 
 
-def _colour(noise: result.AxisNoise) -> str:
+def _colour(noise: AxisNoise) -> str:
     """Return the colour, with the knee or the band."""
     if noise.colour == "1/f" and math.isfinite(noise.knee_hz):
         return f"1/f below {number(noise.knee_hz, 2)} Hz"

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 from tam_calibration.effects.effect import Sized
 from tam_calibration.effects.library import effect_named
-from tam_calibration.gap.floor import Floor
+from tam_calibration.gap.noise import AxisNoise
 from tam_calibration.gap.result import Cause, Considered, Gap, Size, Where
 from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.units import for_people, to_nanotesla
 from tam_calibration.report.blocks import Block, Points, Table, Text
-from tam_calibration.report.formatting import count, fixed, join, number, sentence, with_error
+from tam_calibration.report.formatting import fixed, join, number, sentence, with_error
 from tam_calibration.results.results_json import numbers_of
 
 if TYPE_CHECKING:
@@ -56,8 +56,8 @@ def size_blocks(gap: Gap) -> list[Block]:
     blocks: list[Block] = [Text(remark, "doubt") for remark in gap.remarks]
     if gap.verdict != "not_identifiable":
         blocks.append(_size_table(gap.size))
-    if gap.floor is not None:
-        blocks.append(_noise_table(gap.floor))
+    if gap.noise:
+        blocks.append(_noise_table(gap.noise))
     if gap.causes:
         blocks.append(Text(sentence(closed_words(gap.size))))
     if gap.remainder:
@@ -150,25 +150,18 @@ def _size_table(size: Size) -> Table:
     return Table(("size of the gap, out of sample", "before", "after its causes are added", "noise floor"), rows)
 
 
-def _noise_table(floor: Floor) -> Table:
-    """Return the noise of each sensor's axes from differences, as stated, and its lag-1 correlation."""
-    level, stated = to_nanotesla(floor.level_T), to_nanotesla(floor.stated_T)
+def _noise_table(noise: Sequence[AxisNoise]) -> Table:
+    """Return the noise of each row with its standard error, its colour, and as the array file states it."""
     rows = [
         [
-            f"sensor {first // 3 + 1}",
-            *(_known(value) for value in level[first : first + 3]),
-            _known(stated[first]),
-            _known(floor.colour[first : first + 3].mean()),
+            f"sensor {one.sensor} {one.axis}" if one.sensor else "scalar",
+            with_error(to_nanotesla(one.level_T), to_nanotesla(one.level_error_T), 3),
+            one.colour,
+            number(to_nanotesla(one.stated_T)) if math.isfinite(one.stated_T) else "–",
         ]
-        for first in range(0, len(level) - 1, 3)
+        for one in noise
     ]
-    if math.isfinite(level[-1]):
-        rows.append(["scalar", _known(level[-1]), "", "", _known(stated[-1]), _known(floor.colour[-1])])
-    return Table(("noise of", "x (nT)", "y (nT)", "z (nT)", "stated (nT)", "lag-1 autocorrelation"), rows)
-
-
-def _known(value: float) -> str:
-    return number(value) if math.isfinite(value) else "–"
+    return Table(("noise of", "standard deviation (nT)", "colour", "stated (nT)"), rows, numeric=False)
 
 
 def closed_words(size: "Size | Closing") -> str:

@@ -19,6 +19,7 @@ from tam_calibration.files.quantities import Hertz, NanoteslaSize
 from tam_calibration.files.schema import Bounds, Document, check, require_schema
 from tam_calibration.files.text_files import in_file, nanotesla_to_write, read_text, to_json, write_text
 from tam_calibration.files.yaml_document import dump_mapping, parse_mapping
+from tam_calibration.gap.noise import AxisNoise
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import for_people, from_nanotesla, to_nanotesla
 from tam_calibration.results.calibration_schema import calibration_of
@@ -282,7 +283,7 @@ def _noise(difference: result.NoiseDifference) -> dict[str, Any]:
     }
 
 
-def _level(side: str, noise: result.AxisNoise) -> dict[str, float]:
+def _level(side: str, noise: AxisNoise) -> dict[str, float]:
     levels = {f"{side}_nT": noise.level_T, f"{side}_standard_error_nT": noise.level_error_T}
     return rounded({name: to_nanotesla(level) for name, level in levels.items()})
 

@@ -13,8 +13,8 @@ from tam_calibration.correction.calibration import Provenance
 from tam_calibration.effects.effect import Sized
 from tam_calibration.files.text_files import to_json, write_text
 from tam_calibration.gap.checks import Check, Checks
-from tam_calibration.gap.floor import Floor
 from tam_calibration.gap.laws.law import Signature
+from tam_calibration.gap.noise import AxisNoise
 from tam_calibration.gap.result import Cause, Considered, Gap, Size, Where
 from tam_calibration.localization.solutions import Status
 from tam_calibration.localization.survey import Overall, Survey, Track, standard_errors
@@ -63,7 +63,7 @@ def gap_to_mapping(gap: Gap, source: Provenance | None = None) -> dict[str, Any]
         "remarks": list(gap.remarks),
         "signature": [law_to_mapping(one) for one in gap.signature],
         "gap": _size(gap.size),
-        "noise": None if gap.floor is None else _noise(gap.floor),
+        "noise": [_noise(one) for one in gap.noise] or None,
         "where": _where(gap.where),
         "causes": [_cause(cause) for cause in gap.causes],
         "considered": [_considered(considered) for considered in gap.considered],
@@ -178,19 +178,12 @@ def sizes(gap: Size | Closing) -> dict[str, Any]:
     }
 
 
-def _noise(floor: Floor) -> list[dict[str, Any]]:
-    """Return the noise of each row: as it is, how alike neighbouring samples are, and as stated; null where unknown."""
-    last = len(floor.level_T) - 1
-    return [
-        {
-            "sensor": "scalar" if row == last else row // 3 + 1,
-            "axis": None if row == last else "xyz"[row % 3],
-            "level_nT": _round(to_nanotesla(level)),
-            "colour": _round(colour),
-            "stated_nT": _round(to_nanotesla(stated)),
-        }
-        for row, (level, colour, stated) in enumerate(zip(floor.level_T, floor.colour, floor.stated_T, strict=True))
-    ]
+def _noise(noise: AxisNoise) -> dict[str, Any]:
+    """Return the noise of a row: its level with standard error, its white part and colour, and as stated."""
+    names = ("level", "standard_error", "white", "stated")
+    levels = noise.level_T, noise.level_error_T, noise.white_T, noise.stated_T
+    sized = {f"{name}_nT": _round(to_nanotesla(level)) for name, level in zip(names, levels, strict=True)}
+    return {"sensor": noise.sensor or "scalar", "axis": noise.axis or None, **sized, "colour": noise.colour}
 
 
 def _checks(checks: Checks) -> dict[str, Any]:

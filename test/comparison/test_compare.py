@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from tam_calibration.comparison import compare
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.fit import calibrate
+from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
@@ -37,6 +38,20 @@ def test_a_mend_that_cannot_be_tried_is_told_all_the_same(run, cross):
     assert not found.missing[0].is_shown_by_other_run and found.mend.added
     assert found.closing.before > 1 and np.isnan(found.closing.after) and found.statement.endswith("cannot be tried.")
     assert "give temperature_C of the simulation" in found.closing.left
+
+
+def test_noise_that_leaves_the_calibration_open_is_found_and_closed(run, cross):
+    """A scalar of few samples, so noisy that no calibration is given: its noise is compared, and closed by the mend."""
+    few, other = (run(seed).take(slice(0, None, 8)) for seed in (1, 2))
+    noise_T = np.random.default_rng(1).normal(0, 700e-9, len(other.scalar_T))
+    noisy = replace(other, scalar_T=other.scalar_T + noise_T)
+    with pytest.raises((InputError, Refused), match="although the directions are enough"):
+        calibrate(noisy, cross)
+    found = compare(few, noisy, cross)
+    assert [one.recording.sensor for one in found.noise if one.differs] == [0]
+    assert found.noise[-1].recording.level_T == pytest.approx(noise_T.std(), rel=0.25)
+    assert found.verdict == "differs" and found.closing.before > 10 and found.closing.after < 1.2
+    assert found.recording.gap.noise[-1] is found.noise[-1].recording
 
 
 def test_a_mistake_is_told_before_anything_is_fitted(run, cross):

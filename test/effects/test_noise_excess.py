@@ -95,6 +95,17 @@ def test_coloured_noise_counts(bench, slope):
     assert (part.sensor, part.axis) == (1, 1)
 
 
+@pytest.mark.parametrize("samples", [72, 400])
+def test_white_noise_of_few_samples_follows_nothing(bench, samples):
+    """Of a hundred recordings with a noisy scalar none has noise whose size goes with the direction or its rate."""
+    made = bench(samples)
+    for seed in range(100):
+        rows = made.rows_T.copy()
+        rows[:, -1] += np.random.default_rng(seed).normal(0, 20e-9, samples)
+        found = EXCESS.find(made.with_rows(rows).residuals())
+        assert not isinstance(found, str) or "the size of the excess" not in found
+
+
 def test_noise_for_a_while_counts(bench):
     """An axis that is loud in a third of the record has excess noise."""
     made = bench()

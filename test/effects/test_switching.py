@@ -3,10 +3,42 @@
 import numpy as np
 import pytest
 
-from tam_calibration.effects.switching import Level
+from tam_calibration.effects.crosstalk import Crosstalk
+from tam_calibration.effects.gain_switching import GainSwitching
+from tam_calibration.effects.scale_step import ScaleStep
+from tam_calibration.effects.switching import Level, windows_of
 
 COUNT = 4000
 EDGES = (300, 340, 900, 1400, 1450, 1500, 2800, 2830, 3600, 3700)
+
+
+@pytest.mark.parametrize(
+    ("shape", "windows"),
+    [
+        ({"time_s": 3.0}, {"on_1_s": 3.0}),
+        ({"time_s": 3.0, "end_s": 5.0}, {"on_1_s": 3.0, "off_1_s": 5.0}),
+        (
+            {"late_x_s": 0.1, "on_1_s": 1.0, "off_1_s": 2.0, "on_2_s": 4.0},
+            {"on_1_s": 1.0, "off_1_s": 2.0, "on_2_s": 4.0},
+        ),
+        ({"upper_T": 2e-5, "lower_T": 1e-5}, {}),
+    ],
+)
+def test_the_windows_of_a_shape(shape, windows):
+    """A step begins a window; what depends on readings has none."""
+    assert windows_of(shape) == windows
+
+
+@pytest.mark.parametrize(
+    ("effect", "one", "two"),
+    [(Crosstalk, 3, 3), (GainSwitching, 0, 1), (ScaleStep, 0, 0)],
+)
+def test_effects_in_the_windows_of_others(effect, one, two):
+    """A channel along each axis may bleed; a gain switches in more than one window. No other effect has one alone."""
+    windows = {"on_1_s": 1.0, "off_1_s": 2.0}
+    assert len(effect().shapes_at({"time_s": 1.0, "end_s": 2.0})) == len(effect().shapes_at(windows)) == one
+    assert len(effect().shapes_at({**windows, "on_2_s": 4.0})) == two
+    assert list(effect().shapes_at({"late_x_s": 0.1})) == []
 
 
 def level(states, size=2.0, noise=1.0, seed=2):

@@ -98,6 +98,18 @@ def test_a_large_standard_error_names_its_parameter(wu_run, wu_scenario):
         require_accurate(replace(calibration, covariance=poor), one_turn)
 
 
+def test_noise_that_leaves_a_parameter_open_may_be_accepted(wu_run, wu_scenario):
+    """It is a warning then, and is told to be accepted; directions that are not enough are refused all the same."""
+    calibration = maximum_likelihood(wu_run.recording, wu_scenario.array)
+    assert require_accurate(calibration, wu_run.recording, ["accuracy"]).accepted == ()
+    poor = replace(calibration, covariance=calibration.covariance.copy())
+    poor.covariance[31, 31] = 1e-12
+    taken = require_accurate(poor, wu_run.recording, ["accuracy"])
+    assert taken.accepted == ("accuracy",) and "the noise leaves bias y of sensor 3 open" in taken.warnings[0]
+    with pytest.raises(InputError, match="do not determine bias y of sensor 3: turn the array"):
+        require_accurate(poor, turned(wu_run.errors, turn("z")), ["accuracy"])
+
+
 @pytest.mark.parametrize("channel", ["differential", "common_mode"])
 def test_how_long_a_residual_lasts_refuses_nothing(wu_run, wu_scenario, channel):
     """A standard error that is large only since residuals of one channel last is told, and not refused."""

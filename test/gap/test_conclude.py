@@ -74,11 +74,33 @@ def test_the_smallest_gap_has_the_least_evidence_with_one_coefficient(count, sma
 )
 def test_a_rival_that_explains_as_much_is_named_beside_a_cause(rival, is_named):
     """With evidence less by twelve at most, or 97 % of the energy."""
-    cause = SimpleNamespace(delta_bic=100.0, gain=100.0, form=None)
+    cause = SimpleNamespace(effect="hysteresis", delta_bic=100.0, gain=100.0, form=None)
     other = SimpleNamespace(effect="flexure", delta_bic=rival[0], gain=rival[1])
     step = SimpleNamespace(accepted=cause, weighed=(other,), law=None)
     found = _indistinguishable(step, SimpleNamespace(effect="hysteresis"), SimpleNamespace(considered=()))
     assert found == (("flexure",) if is_named else ())
+
+
+@pytest.mark.parametrize("other", [3, 6])
+def test_leakage_from_another_sensor_may_be_a_gain(run, other):
+    """All sensors read one field: leakage from the same axis of another is a gain, that from another axis is none."""
+    made = run()
+    windows = np.sin(0.7 * made.recording.time_s) > 0.4
+    leaking = made.with_row(0, 3e-4 * windows * made.recording.readings_T.reshape(-1, 12)[:, other + (other == 6)])
+    (cause,) = diagnose(leaking.recording, leaking.array).causes
+    names = {cause.fitted.effect, *cause.indistinguishable_from}
+    assert ({"gain_switching", "crosstalk"} <= names) == (other == 3) and "crosstalk" in names
+
+
+@pytest.mark.parametrize(("gain", "is_leakage"), [(3e-4, True), (0.03, False)])
+def test_a_large_gain_is_no_leakage(run, gain, is_leakage):
+    """Sensors that are turned against each other by a degree do not read the same: a hundredth of 130 floors shows."""
+    made = run(seed=2)
+    windows = np.sin(0.7 * made.recording.time_s) > 0.4
+    amplified = made.with_row(4, gain * windows * made.recording.readings_T[:, 1, 1])
+    (cause,) = diagnose(amplified.recording, amplified.array).causes
+    assert cause.fitted.effect == "gain_switching"
+    assert ("crosstalk" in cause.indistinguishable_from) == is_leakage
 
 
 @pytest.mark.parametrize(("count", "others"), [(3, ("saturation",)), (4, ())])

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tam_calibration.comparison.spectrum import Spectra
+from tam_calibration.gap.spectrum import Spectra
 from tam_calibration.model.units import FloatArray
 
 MARGIN = 6.0
