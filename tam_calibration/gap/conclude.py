@@ -13,12 +13,12 @@ import numpy as np
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Finding, LinearEffect
 from tam_calibration.effects.excess_variance import LARGEST_NOISE
-from tam_calibration.effects.grades import FEWEST, MINOR, MOST, NEARLY_ALL, NOTABLE, SLIGHT
+from tam_calibration.effects.grades import FEWEST, MINOR, MOST, NOTABLE, SLIGHT
 from tam_calibration.effects.library import effect_named, installed_effects, units_of
 from tam_calibration.gap.checks import checks_of
 from tam_calibration.gap.coloured import covariance_of
 from tam_calibration.gap.hypothesis import Hypothesis, Place, sensors_of
-from tam_calibration.gap.laws.causes import makes
+from tam_calibration.gap.laws.causes import makes, may_follow_any_course
 from tam_calibration.gap.laws.law import in_words
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.next_recording import is_drift, next_recording
@@ -366,15 +366,12 @@ def _causes(
 def _indistinguishable(step: Step, effect: FittedEffect, found: Search) -> tuple[str, ...]:
     """Return the effects that cannot be told from a cause: they explain as much, or their channel is not recorded."""
     cause = step.accepted
-    names = [
-        rival.effect
-        for rival in step.weighed
-        if rival.effect != effect.effect
-        and (rival.delta_bic > cause.delta_bic - LEAST_EVIDENCE or rival.gain > NEARLY_ALL * cause.gain)
-    ]
+    names = [*step.others]
     if isinstance(cause.form, Hypothesis) and cause.form.effect.is_free_in_time:
         names += [
-            one.effect for one in found.considered if one.status == "channel_missing" and makes(one.effect, step.law)
+            one.effect
+            for one in found.considered
+            if one.status == "channel_missing" and makes(one.effect, step.law) and may_follow_any_course(one.effect)
         ]
     is_few = isinstance(cause.form, Finding) and cause.form.flagged is not None and cause.form.flagged.sum() < FEWEST
     if is_few and effect_named(effect.effect).is_of_extremes:

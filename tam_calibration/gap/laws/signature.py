@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.grades import FEWEST, NEARLY_ALL, NOTABLE
+from tam_calibration.effects.grades import FEWEST, MOST, NOTABLE
 from tam_calibration.effects.quantization import find_lattices
 from tam_calibration.gap.laws.candidates import Candidate
 from tam_calibration.gap.laws.curve import curve_of
@@ -95,7 +95,8 @@ def _signatures(model: Model, residual: Residual, whole: float) -> tuple[list[Si
         return [lattice], []
     held = repeated(model.recording.readings_T)[residual.index]
     lost = [one for one in range(held.shape[1]) if FEWEST <= held[:, one].sum() < held.shape[0] / 2]
-    outlying = spikes(residual)
+    energy = (residual.z**2).sum(axis=1)
+    outlying = spikes(residual) | (energy > MOST * energy.sum())
     apart = outlying | held[:, lost].any(axis=1)
     quiet = residual.taking(~apart) if apart.any() else residual
     found, rest = predictive_laws(quiet, positions_m, whole)
@@ -115,7 +116,7 @@ def _signatures(model: Model, residual: Residual, whole: float) -> tuple[list[Si
         scattered = scatter_of(rest, whole, _tolerance(rest))
         least = max([LEAST_SHARE, *(one.energy for one in spiky)])
         # The largest values of noise in one channel look like spikes, which explain only a part of it.
-        if scattered and NEARLY_ALL * scattered[0].energy > least and not (spiky and scattered[0].law == "samples"):
+        if scattered and scattered[0].energy >= least and not (spiky and scattered[0].law == "samples"):
             laws = [*(one for one in laws if one.law != "samples"), _of_noise(scattered, rest)]
     return laws, found
 
