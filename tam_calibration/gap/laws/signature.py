@@ -116,7 +116,7 @@ def _signatures(model: Model, residual: Residual, whole: float) -> tuple[list[Si
         scattered = scatter_of(rest, whole, _tolerance(rest))
         least = max([LEAST_SHARE, *(one.energy for one in spiky)])
         # The largest values of noise in one channel look like spikes, which explain only a part of it.
-        if scattered and scattered[0].energy >= least and not (spiky and scattered[0].law == "samples"):
+        if scattered and scattered[0].energy > least and not (spiky and scattered[0].law == "samples"):
             laws = [*(one for one in laws if one.law != "samples"), _of_noise(scattered, rest)]
     return laws, found
 
