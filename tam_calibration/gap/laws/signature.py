@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.grades import FEWEST, MOST, NOTABLE
+from tam_calibration.effects.grades import FEWEST, NOTABLE
 from tam_calibration.effects.quantization import find_lattices
 from tam_calibration.gap.laws.candidates import Candidate
 from tam_calibration.gap.laws.curve import curve_of
@@ -18,6 +18,7 @@ from tam_calibration.gap.laws.places import places_of, within
 from tam_calibration.gap.laws.scatter import Scatter, place_of, repeated, scatter_of, spikes
 from tam_calibration.gap.laws.whitened import Residual
 from tam_calibration.gap.model import Model
+from tam_calibration.gap.nominal import outlying_samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,8 +96,7 @@ def _signatures(model: Model, residual: Residual, whole: float) -> tuple[list[Si
         return [lattice], []
     held = repeated(model.recording.readings_T)[residual.index]
     lost = [one for one in range(held.shape[1]) if FEWEST <= held[:, one].sum() < held.shape[0] / 2]
-    energy = (residual.z**2).sum(axis=1)
-    outlying = spikes(residual) | (energy > MOST * energy.sum())
+    outlying = spikes(residual) | outlying_samples(model.recording)[residual.index]
     apart = outlying | held[:, lost].any(axis=1)
     quiet = residual.taking(~apart) if apart.any() else residual
     found, rest = predictive_laws(quiet, positions_m, whole)
