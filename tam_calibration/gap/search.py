@@ -7,7 +7,7 @@ from math import log
 from tam_calibration.effects.effect import Effect, LinearEffect
 from tam_calibration.effects.grades import MINOR, MOST
 from tam_calibration.effects.library import effect_named, installed_effects
-from tam_calibration.gap.hypothesis import EVERYWHERE, Hypothesis, given_form, places_of, sensors_of
+from tam_calibration.gap.hypothesis import EVERYWHERE, Hypothesis, form_at, given_form, places_of, sensors_of
 from tam_calibration.gap.laws.causes import acts_at, makes, may_make
 from tam_calibration.gap.laws.decisions import LEAST_SHARE
 from tam_calibration.gap.laws.law import ATTITUDE, SCALAR, Place, Signature
@@ -175,20 +175,39 @@ class _CauseSearch:
 
     def _explain(self, law: Law, others: Sequence[Law]) -> Residual | None:
         """Accept the first effect that leaves nothing of a law; return what it leaves, or None without one."""
-        base = self._model.base()
-        candidates = list(self._candidates(base, law))
-        for one, offers in candidates:
-            left = self._accept([one], law, others, offers)
+        candidates = list(self._candidates(self._model.base(), law))
+        for number, (one, offers) in enumerate(candidates):
+            left = self._left_by([one], law, others)
             if left is not None:
+                rest = [other for other, _ in candidates[number + 1 :]]
+                rest += self._at_times_of(one, law.signature)
+                as_good = [other.effect for other in rest if self._left_by([other], law, others) is not None]
+                self._accept([one], law, offers, as_good)
                 return left
         for one, offers in candidates:
             chain = [one]
-            while (again := self._repeated(chain, law, offers)) is not None:
+            while (again := self._repeated(chain, law)) is not None:
                 chain.append(again)
-                left = self._accept(chain, law, others, offers)
+                left = self._left_by(chain, law, others)
                 if left is not None:
+                    self._accept(chain, law, offers, ())
                     return left
         return None
+
+    def _at_times_of(self, accepted: Evidence, law: Signature) -> list[Evidence]:
+        """Return the other effects that may come and go with an accepted one, as leakage does with a gain."""
+        if not isinstance(accepted.form, Hypothesis):
+            return []
+        base = self._model.base()
+        effects = [
+            one for one in self._effects.values() if isinstance(one, LinearEffect) and one.name != accepted.effect
+        ]
+        forms = (
+            form_at(base, effect, shape, _sensors_of(law, effect, base))
+            for effect in effects
+            for shape in effect.shapes_at(accepted.form.shape)
+        )
+        return [evidence_of(base, form) for form in forms if form is not None]
 
     def _candidates(self, base: Base, law: Law) -> Iterator[tuple[Evidence, list[Evidence]]]:
         """Yield the effects that may explain a law, the likeliest first, each with those that it was chosen from."""
@@ -200,16 +219,26 @@ class _CauseSearch:
                     yield chosen, offers
                 seen.add(chosen.effect)
 
-    def _accept(
-        self, chain: Sequence[Evidence], law: Law, others: Sequence[Law], offers: Sequence[Evidence]
-    ) -> Residual | None:
-        """Accept an effect, or several forms of it, that leaves nothing of a law; return what it leaves."""
-        model, steps = self._with(chain, law, offers)
+    def _left_by(self, chain: Sequence[Evidence], law: Law, others: Sequence[Law]) -> Residual | None:
+        """Return the residual beside an effect, or several forms of it; None where it leaves something of a law."""
+        model = self._with(chain)
         left = residual_of(model)
-        if isinstance(chain[-1].form, Hypothesis) and not self._is_gone(law, others, model, left):
-            return None
-        self._model, self._steps = model, steps
-        return left
+        is_judged = isinstance(chain[-1].form, Hypothesis)
+        return None if is_judged and not self._is_gone(law, others, model, left) else left
+
+    def _accept(self, chain: Sequence[Evidence], law: Law, offers: Sequence[Evidence], as_good: Sequence[str]) -> None:
+        self._model = self._with(chain)
+        for one in chain:
+            self._steps.append(
+                Step(absorbed(one, self._steps), tuple(offers), law.signature, tuple(dict.fromkeys(as_good)))
+            )
+
+    def _with(self, chain: Sequence[Evidence]) -> Model:
+        """Return the model with further causes."""
+        model = self._model
+        for one in chain:
+            model = model.accept(one.form)
+        return model
 
     def _is_gone(self, law: Law, others: Sequence[Law], model: Model, left: Residual) -> bool:
         """Say whether a model leaves too little of a law; less than most of one that predicts nothing."""
@@ -221,24 +250,17 @@ class _CauseSearch:
         )
         return sum(one.energy for one in there) < MOST * law.signature.energy
 
-    def _repeated(self, chain: Sequence[Evidence], law: Law, offers: Sequence[Evidence]) -> Evidence | None:
+    def _repeated(self, chain: Sequence[Evidence], law: Law) -> Evidence | None:
         """Return the next form of an effect that may happen more than once; None without evidence for it."""
         effect = effect_named(chain[0].effect)
         if not effect.may_repeat or len(self._steps) + len(chain) == _MOST_CAUSES:
             return None
-        model, steps = self._with(chain, law, offers)
-        again = examine(model.base(), effect, _sensors_of(law.signature, effect, model.base()))
-        if isinstance(again, str) or again.delta_bic < LEAST_EVIDENCE or not is_new(again, steps, model.base()):
+        base = self._with(chain).base()
+        steps = [*self._steps, *(Step(one, (), law.signature) for one in chain)]
+        again = examine(base, effect, _sensors_of(law.signature, effect, base))
+        if isinstance(again, str) or again.delta_bic < LEAST_EVIDENCE or not is_new(again, steps, base):
             return None
-        return again if _is_plausible(model.base(), again, law.signature) else None
-
-    def _with(self, chain: Sequence[Evidence], law: Law, offers: Sequence[Evidence]) -> tuple[Model, list[Step]]:
-        """Return the model and the causes with further ones."""
-        model, steps = self._model, list(self._steps)
-        for one in chain:
-            model = model.accept(one.form)
-            steps.append(Step(absorbed(one, steps), tuple(offers), law.signature))
-        return model, steps
+        return again if _is_plausible(base, again, law.signature) else None
 
     def _offers(self, base: Base, law: Law) -> Iterator[list[Evidence]]:
         """Yield the effects that make a law, then others that explain as much as the law does; the likeliest first.

@@ -24,11 +24,24 @@ LEAST_EVIDENCE = 12.0
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One step of the search: the effect accepted, the evidence for all that came into question, and the law."""
+    """One step of the search.
+
+    Parameters
+    ----------
+    accepted : Evidence
+        For the effect that was accepted.
+    weighed : tuple of Evidence
+        For all that came into question.
+    law : Signature
+        That it explains.
+    others : tuple of str
+        Effects that leave as little of the law.
+    """
 
     accepted: Evidence
     weighed: tuple[Evidence, ...]
     law: Signature
+    others: tuple[str, ...] = ()
 
 
 def special_case(best: Evidence, others: Sequence[Evidence]) -> Evidence:

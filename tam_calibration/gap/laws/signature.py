@@ -18,6 +18,7 @@ from tam_calibration.gap.laws.places import places_of, within
 from tam_calibration.gap.laws.scatter import Scatter, place_of, repeated, scatter_of, spikes
 from tam_calibration.gap.laws.whitened import Residual
 from tam_calibration.gap.model import Model
+from tam_calibration.gap.nominal import outlying_samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +96,7 @@ def _signatures(model: Model, residual: Residual, whole: float) -> tuple[list[Si
         return [lattice], []
     held = repeated(model.recording.readings_T)[residual.index]
     lost = [one for one in range(held.shape[1]) if FEWEST <= held[:, one].sum() < held.shape[0] / 2]
-    outlying = spikes(residual)
+    outlying = spikes(residual) | outlying_samples(model.recording)[residual.index]
     apart = outlying | held[:, lost].any(axis=1)
     quiet = residual.taking(~apart) if apart.any() else residual
     found, rest = predictive_laws(quiet, positions_m, whole)
@@ -115,7 +116,7 @@ def _signatures(model: Model, residual: Residual, whole: float) -> tuple[list[Si
         scattered = scatter_of(rest, whole, _tolerance(rest))
         least = max([LEAST_SHARE, *(one.energy for one in spiky)])
         # The largest values of noise in one channel look like spikes, which explain only a part of it.
-        if scattered and scattered[0].energy >= least and not (spiky and scattered[0].law == "samples"):
+        if scattered and scattered[0].energy > least and not (spiky and scattered[0].law == "samples"):
             laws = [*(one for one in laws if one.law != "samples"), _of_noise(scattered, rest)]
     return laws, found
 
