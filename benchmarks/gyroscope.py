@@ -1,11 +1,13 @@
 """Calibration beside a gyroscope: errors over the Cramér-Rao bound, coverage, time and memory, and a real recording.
 
-Run ``python benchmarks/gyroscope.py table|cases|speed [--runs 40] [--seed 1]``, or ``… real PATH.mat …``.
+Run ``python benchmarks/gyroscope.py table|cases|speed|mission [--runs 40] [--seed 1]``, or ``… real PATH.mat …``.
 
 ``table``: the bound of the biases of one sensor of 1 nT with a scalar of 0.1 nT, 6000 samples at 10 Hz, one full circle
 with swings of pitch and roll of ±5°, by the noise of the gyroscope. ``cases``: over random errors of the sensors, bias
 of the gyroscope and noise, the root mean square error of all biases over their bound, and how many of all errors are
-within their 95 % intervals. ``speed``: time and memory of one calibration. ``real``: trials of BROAD (Laidig et al.,
+within their 95 % intervals. ``speed``: time and memory of one calibration. ``mission``: the centre field over its floor
+in a mission at ±30°, after errors changed since a calibration ashore and a turn at ±5° (``mission.py``), with a
+gyroscope of 4 mdps/√Hz and without. ``real``: trials of BROAD (Laidig et al.,
 Data 6(7):72, 2021), one sensor: calibrated by its gyroscope alone, and by the optical attitude.
 
 The bound is another formula than that of the fit: the field in the array is three unknowns in each sample, which the
@@ -20,6 +22,7 @@ from pathlib import Path
 from time import process_time
 
 import click
+import mission
 import numpy as np
 from numpy.linalg import inv, norm
 from rich.progress import track
@@ -35,8 +38,11 @@ from tam_calibration.fit.joint_calibration import calibrate_jointly
 from tam_calibration.model.array import Array
 from tam_calibration.model.gyroscope import Gyroscope
 from tam_calibration.model.recording import Recording
+from tam_calibration.model.residuals import measure_residuals
 from tam_calibration.model.sensor_errors import SensorErrors
-from tam_calibration.model.units import FloatArray, from_degrees, to_nanotesla
+from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla, to_nanotesla
+from tam_calibration.simulation import simulate
+from tam_calibration.simulation.attitude import Manoeuvre
 
 FIELD_T, DIP = 50e-6, from_degrees(62.0)
 """Field of middle latitudes."""
@@ -264,6 +270,61 @@ def speed_rows(runs: int, seed: int) -> list[Row]:
     return rows
 
 
+MISSION = Gyroscope(from_degrees(4e-3), BIAS)
+"""A MEMS gyroscope."""
+
+CHANGED = {
+    "bias of one sensor by 5 nT, 90° in 30 s": ("bias", 5.0, 300),
+    "biases of all sensors by 20 nT, 90° in 30 s": ("biases", 20.0, 300),
+    "biases of all sensors by 20 nT, 5 circles": ("biases", 20.0, 6000),
+    "another single sensor, 90° in 30 s": ("sensor", 30.0, 300),
+    "another single sensor, 5 circles": ("sensor", 30.0, 6000),
+}
+"""What has changed since the pier, by how much, and the samples of the turn."""
+
+
+def mission_rows(runs: int, seed: int) -> list[Row]:
+    """Return the centre field over its floor after each change and turn; the mission's own is asked for."""
+    rows = []
+    for name, (what, size_nT, samples) in CHANGED.items():
+        ratios = {True: list[float](), False: list[float]()}
+        for number in track(range(runs), name):
+            for has_gyroscope, kept in ratios.items():
+                kept.append(_mission(what, size_nT, samples, seed + number, has_gyroscope))
+        for has_gyroscope, kept in ratios.items():
+            way = "with gyroscope" if has_gyroscope else "without"
+            most = 1.2 if what == "bias" else np.inf
+            rows.append(
+                Row(name, f"centre over its floor, {way}", [float(np.sqrt(np.mean(np.square(kept))))], most=most)
+            )
+    return rows
+
+
+def _mission(what: str, size_nT: float, samples: int, seed: int, has_gyroscope: bool) -> float:
+    """Return the residual of the centre field at ±30° over that of the true errors, after the update by a turn."""
+    scenario, rng = mission.scenario_of(1 if what == "sensor" else 4), np.random.default_rng([seed, 11])
+    pier, vector = mission.pier(scenario), scenario.errors.to_vector()
+    if what == "sensor":
+        vector += SPREAD * rng.normal(size=12) * (np.arange(12) < 9)
+    else:
+        direction = rng.normal(size=(4, 3))
+        if what == "bias":
+            direction[np.arange(4) != rng.integers(4)] = 0
+            direction /= norm(direction)
+        vector[:, 6:9] += from_nanotesla(size_nT) * direction
+    scenario = replace(scenario, errors=SensorErrors.from_vector(vector), rate_hz=10.0)
+    narrow, work = (Manoeuvre(limit, limit, 120.0) for limit in from_degrees(np.array([5.0, 30.0])))
+    made = simulate(replace(scenario, motion=narrow, sample_count=samples, gyroscope=MISSION, seed=seed)).recording
+    turn = replace(made, time_s=mission.PIER_S + mission.DIVE_S + made.time_s)
+    if not has_gyroscope:
+        turn = replace(turn, angular_velocity_rad_s=None)
+    array = replace(scenario.array, gyroscope=MISSION)
+    found = calibrate_jointly(turn, array, pier, None).calibration
+    seen = simulate(replace(scenario, motion=work, sample_count=2400, seed=seed + 500_000)).recording
+    after, floor = (measure_residuals(each, array, seen, pier.intensity_T) for each in (found.errors, scenario.errors))
+    return after.center_intensity_T / floor.center_intensity_T
+
+
 def real_rows(paths: Sequence[Path]) -> list[Row]:
     """Return how calibrations by gyroscope and by optical attitude differ in trials of BROAD."""
     rows = []
@@ -310,7 +371,7 @@ def broad(path: Path) -> Recording:
 
 
 @click.command(help=__doc__)
-@click.argument("part", type=click.Choice(["table", "cases", "speed", "real"]))
+@click.argument("part", type=click.Choice(["table", "cases", "speed", "mission", "real"]))
 @click.argument("paths", nargs=-1, type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option("--runs", default=40, show_default=True, help="Recordings of each case.")
 @click.option("--seed", default=1, show_default=True, help="Of the first of them.")
@@ -320,7 +381,8 @@ def main(part: str, paths: tuple[Path, ...], runs: int, seed: int, only: str) ->
     if part == "cases":
         rows = [row for case in CASES if only in case.name for row in judged(case, runs, seed)]
     else:
-        rows = real_rows(paths) if part == "real" else (table_rows if part == "table" else speed_rows)(runs, seed)
+        made = {"table": table_rows, "speed": speed_rows, "mission": mission_rows}
+        rows = real_rows(paths) if part == "real" else made[part](runs, seed)
     show("Calibration beside a gyroscope", f"gyroscope.py {part} --runs {runs}", f"gyroscope_{part}.csv", rows)
 
 

@@ -246,9 +246,9 @@ class GyroscopePath:
     @cached_property
     def _measured(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Angular velocity (N, 3) at the nearly right times, its integrals (N - 1, 3), and its change without noise."""
-        at_s = self.time_s + self.delay_s
-        velocity = np.asarray(self._spline[0](at_s))
-        steady, known = velocity, np.isfinite(self.rates).all(axis=1)
+        known = np.isfinite(self.rates).all(axis=1)
+        at_s = np.clip(self.time_s + self.delay_s, *self.time_s[known][[0, -1]])
+        velocity = steady = np.asarray(self._spline[0](at_s))
         noise = float(np.sum(fast_noise(self.rates[known]) ** 2))
         for count in _WINDOWS:
             half_s = count * self.interval_s / 2

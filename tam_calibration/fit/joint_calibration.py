@@ -178,7 +178,11 @@ def _beside_motion(recording: SampleSource, array: Array, known: Known) -> Joint
         )
         return _noting(beside_attitude(recording, array, known), (*notes, note))
     alone = replace(array, attitude_noise=None)
-    judged = judge_gyroscope(recording.whole(), alone, known)
+    beside, since_s = known, recording.time_span_s[0]
+    if known.prior is not None and not is_wide(known.prior):
+        resolved = resolve(recording, alone, known)  # a sensor that has moved is no fault of the gyroscope
+        beside, since_s = resolved.known, resolved.recording.time_span_s[0]
+    judged = judge_gyroscope(recording.whole(), alone, beside, since_s)
     if judged.use is None:
         try:
             joint = beside_attitude(recording, array, known)
@@ -292,7 +296,8 @@ def _resolved(
 
     Of samples after a change that make no calibration that is not known, and told as that of white noise.
     """
-    resolved = resolve(recording, array, known, most_times)
+    resolved = resolve(recording, array, replace(known, gyroscope=None, start=None), most_times)
+    resolved = replace(resolved, known=replace(resolved.known, gyroscope=known.gyroscope, start=known.start))
     last = [] if resolved.refusal is not None else [(resolved.recording, resolved.known)]
     with _telling(resolved.moved):
         measured = [

@@ -321,6 +321,19 @@ class Problem:
             information=extended.T @ found.information @ extended, gradient=extended.T @ found.gradient
         )
 
+    def told_by_gyroscope(self, place: Place) -> tuple[FloatArray, FloatArray]:
+        """Return information and gradient of the errors by the angular velocity, its own unknowns eliminated."""
+        assert place.gyroscope is not None and self.known.gyroscope is not None
+        found = self.gyroscope_at(place)
+        count, own = 12 * place.errors.sensor_count, slice(-place.gyroscope.size, None)
+        precisions, downhill = self.known.gyroscope.prior(place.gyroscope)
+        free = self.known.gyroscope.is_free(place.gyroscope)
+        inner = (found.information[own, own] + np.diag(precisions))[np.ix_(free, free)]
+        across = found.information[:count, own][:, free]
+        gain = across @ inverted(inner, np.eye(len(inner)))
+        gradient = found.gradient[:count] - gain @ (found.gradient[own] + downhill)[free]
+        return found.information[:count, :count] - gain @ across.T, gradient
+
     def _by_unknowns(self, place: Place, count: int) -> FloatArray:
         """Return the derivative of the rows, and of so many unknowns in all that follow them, by the unknowns."""
         rows = rows_by_unknowns(place.errors, self.unit_T, None if self.has_scalar else place.intensity_T)

@@ -12,12 +12,15 @@ from tam_calibration.fit.gyroscope_check import judge_gyroscope
 from tam_calibration.fit.gyroscope_likelihood import GyroscopeLikelihood
 from tam_calibration.fit.gyroscope_path import GyroscopePath, GyroscopeState
 from tam_calibration.fit.likelihood import UNIFORM
+from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.posterior import Known
 from tam_calibration.model.array import Array
 from tam_calibration.model.gyroscope import Gyroscope
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import from_degrees
+from tam_calibration.simulation import simulate
+from tam_calibration.simulation.attitude import Manoeuvre
 
 RATE_HZ, COUNT = 10.0, 3000
 GYROSCOPE = Gyroscope(from_degrees(4.5e-3), from_degrees(0.1))
@@ -191,6 +194,24 @@ def test_a_scale_error_that_is_stated_counts():
     stated = calibrate(recording, replace(array, gyroscope=replace(GYROSCOPE, scale_error=1e-3)))
     assert not any("scale_error_percent" in note for note in stated.notes)
     assert stated.standard_errors[0, 8] > 2 * exact.standard_errors[0, 8]
+
+
+@pytest.mark.parametrize("moved_T", [0.0, 5e-9, 5e-6])
+def test_a_prior_that_is_contradicted_is_no_fault_of_the_gyroscope(wu_run, wu_scenario, moved_T):
+    """A bias that moved is found as without it, and the gyroscope makes the errors no larger."""
+    pier = maximum_likelihood(wu_run.recording, wu_scenario.array)
+    vector = wu_scenario.errors.to_vector()
+    vector[2, 6:9] += moved_T / np.sqrt(3)
+    swing = Manoeuvre(from_degrees(5.0), from_degrees(5.0), 120.0)
+    scenario = replace(wu_scenario, errors=SensorErrors.from_vector(vector), motion=swing, sample_count=600)
+    made = simulate(replace(scenario, rate_hz=10.0, gyroscope=GYROSCOPE, seed=8)).recording
+    array = replace(wu_scenario.array, gyroscope=GYROSCOPE)
+    beside, alone = (calibrate(each, array, prior=pier) for each in (made, replace(made, angular_velocity_rad_s=None)))
+    moved = [[(each.kind, each.sensor) for each in found.update.moved] for found in (beside, alone)]
+    assert moved[0] == moved[1] == ([("bias", 3)] if moved_T else []) and beside.notes == alone.notes
+    assert (beside.standard_errors <= 1.001 * alone.standard_errors).all()
+    away = (beside.errors.to_vector() - vector)[:, :9] / beside.standard_errors[:, :9]
+    assert np.abs(away).max() < 4
 
 
 def test_a_gyroscope_counts_before_a_recorded_attitude():
