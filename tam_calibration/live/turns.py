@@ -14,7 +14,6 @@ from tam_calibration.fit.gyroscope_check import judge_gyroscope
 from tam_calibration.fit.posterior import Known, Problem
 from tam_calibration.fit.prior import Prior
 from tam_calibration.live.recursion import Belief, Quadratic
-from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
 
@@ -58,6 +57,8 @@ class Stretch:
         """
         if not np.isfinite(rates).any():
             return
+        if self._blocks and rows[0, 0] <= self._blocks[-1][0][-1, 0]:  # the clock was set
+            self.clear()
         self._before = self._before or before
         stamps_ns = np.round(1e9 * rows[:, 0]).astype(np.int64)
         self._averaged.add(stamps_ns, rates)
@@ -85,15 +86,12 @@ class Stretch:
             replace(self._prior, calibration=calibration, covariance=before.covariance), variance_factors=factors
         )
         self.clear()
-        try:
-            recording = Recording(
-                rows[:, 0],
-                rows[:, 1:-2].reshape(len(rows), -1, 3),
-                scalar_T if np.isfinite(scalar_T).any() else None,
-                angular_velocity_rad_s=rates,
-            )
-        except InputError:  # the clock was set
-            return None
+        recording = Recording(
+            rows[:, 0],
+            rows[:, 1:-2].reshape(len(rows), -1, 3),
+            scalar_T if np.isfinite(scalar_T).any() else None,
+            angular_velocity_rad_s=rates,
+        )
         judged = judge_gyroscope(recording, calibration.array, known)
         if judged.use is None or judged.place is None:
             return None
