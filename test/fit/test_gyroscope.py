@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from compasses import with_compass
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.fit import calibrate
@@ -27,17 +28,18 @@ GYROSCOPE = Gyroscope(from_degrees(4.5e-3), from_degrees(0.1))
 WORLD_T = 50e-6 * np.array([0.0, np.cos(1.08), -np.sin(1.08)])
 
 
+def attitude_at(time_s, period_s):
+    """Return one full circle with swings of 5°."""
+    yaw, swing = 2 * np.pi * time_s / period_s, from_degrees(5.0)
+    pitch, roll = swing * np.sin(2 * np.pi * time_s / 15), swing * np.sin(2 * np.pi * time_s / 20 + 0.4)
+    return Rotation.from_euler("ZYX", np.column_stack([yaw, pitch, roll]))
+
+
 def made(sensors=1, seed=1, count=COUNT, has_scalar=True, noise=1.0):
     """Return a recording of one full circle with swings of 5°, its array, and the true errors."""
     rng, time_s = np.random.default_rng(seed), np.arange(count) / RATE_HZ
-
-    def attitude(at_s):
-        yaw, swing = 2 * np.pi * at_s / time_s[-1], from_degrees(5.0)
-        pitch, roll = swing * np.sin(2 * np.pi * at_s / 15), swing * np.sin(2 * np.pi * at_s / 20 + 0.4)
-        return Rotation.from_euler("ZYX", np.column_stack([yaw, pitch, roll]))
-
-    field = attitude(time_s).inv().apply(WORLD_T)
-    rates = (attitude(time_s - 1e-4).inv() * attitude(time_s + 1e-4)).as_rotvec() / 2e-4
+    at, before, after = (attitude_at(time_s + moment_s, time_s[-1]) for moment_s in (0.0, -1e-4, 1e-4))
+    field, rates = at.inv().apply(WORLD_T), (before.inv() * after).as_rotvec() / 2e-4
     spread = np.repeat([0.02, 0.005, 30e-9, 0.005], 3)
     errors = SensorErrors.from_vector(
         np.repeat([1.0, 0.0], [3, 9]) + spread * rng.normal(size=(sensors, 12)) * (np.arange(12) < 9)
@@ -214,11 +216,13 @@ def test_a_prior_that_is_contradicted_is_no_fault_of_the_gyroscope(wu_run, wu_sc
     assert np.abs(away).max() < 4
 
 
-def test_a_gyroscope_counts_before_a_recorded_attitude():
-    """An attitude that leans on the raw readings does no harm beside a gyroscope, and the answer says so."""
+@pytest.mark.parametrize("filter_s", [0.0, 2.0])
+def test_a_gyroscope_counts_before_an_attitude_that_leans_on_the_magnetometer(filter_s):
+    """The AHRS of a compass that is not calibrated changes nothing beside a gyroscope, and the answer says so."""
     recording, array, errors = made(seed=6)
-    rng = np.random.default_rng(2)
-    attitude = rng.normal(size=(COUNT, 4))
-    found = calibrate(replace(recording, attitude=attitude), replace(array, attitude_noise=from_degrees(0.1)))
+    turns = attitude_at(recording.time_s, recording.time_s[-1])
+    ahrs = with_compass(recording, turns, 2, filter_s=filter_s)
+    found, without = (calibrate(each, replace(array, attitude_noise=from_degrees(0.1))) for each in (ahrs, recording))
     assert any("attitude is left out beside the gyroscope" in note for note in found.notes)
+    np.testing.assert_array_equal(found.errors.to_vector(), without.errors.to_vector())
     assert np.abs((found.errors.bias_T - errors.bias_T) / found.standard_errors[:, 6:9]).max() < 4

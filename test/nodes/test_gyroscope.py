@@ -90,5 +90,5 @@ def test_samples_hold_the_mean_angular_velocity(bench, run, tmp_path, is_mapped)
     def is_bought(status, figures):
         return float(figures.get("bias_error_with_gyroscope_T", "inf")) < float(figures["bias_error_T"])
 
-    status, figures = bench.health("collector", is_bought, "it says what the gyroscope brings")
+    status, _ = bench.health("collector", is_bought, "it says what the gyroscope brings")
     assert "biases are known to" in status.message and "without the gyroscope to" in status.message
