@@ -19,7 +19,7 @@ from tam_calibration.fit.contradiction import PLAUSIBLE, SIGNIFICANT
 from tam_calibration.fit.estimate import mean_temperature
 from tam_calibration.fit.gyroscope_check import MOST_LINKS, MOST_SAMPLES, judge_gyroscope
 from tam_calibration.fit.identifiability import require_determined
-from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, update_of
+from tam_calibration.fit.maximum_a_posteriori import FRAME_OF_GYROSCOPE, maximum_a_posteriori, update_of
 from tam_calibration.fit.posterior import Intensity, Known, Place
 from tam_calibration.fit.prior import Prior, has_date, prior_of
 from tam_calibration.fit.resolved_prior import MOST_TIMES, Resolved, resolve
@@ -285,6 +285,8 @@ def _beside_prior(recording: SampleSource, array: Array, beside: Known) -> Joint
         # Fits to most of the samples begin where that to all has ended.
         place = Place(calibration.errors, calibration.intensity_T)
         use = replace(use, stride=-(-resolved.recording.sample_count // MOST_LINKS))
+        if calibration.frame == FRAME_OF_GYROSCOPE:
+            use = replace(use, start=replace(use.start, mount=np.eye(3)))
         fit = partial(maximum_a_posteriori, known=replace(resolved.known, gyroscope=use, start=place))
     return JointCalibration(calibration, resolved.recording, array, fit)
 

@@ -216,6 +216,21 @@ def test_a_prior_that_is_contradicted_is_no_fault_of_the_gyroscope(wu_run, wu_sc
     assert np.abs(away).max() < 4
 
 
+@pytest.mark.parametrize("sensors", [1, 4])
+def test_a_mounting_that_is_stated_ties_the_frame_of_the_sensors(sensors):
+    """The misalignments of all sensors, sensor 1 too, are those against the gyroscope, and within their errors."""
+    recording, array, errors = made(sensors, seed=11)
+    turn = Rotation.from_rotvec([0.05, -0.03, 0.08])
+    turned = with_rates(recording, turn.apply)  # the sensors are turned by the inverse against the gyroscope
+    truth = SensorErrors.from_matrix(errors.matrix @ turn.inv().as_matrix(), errors.bias_T)
+    alone, tied = (calibrate(turned, each) for each in (array, replace(array, mounting_error=from_degrees(0.01))))
+    assert "gyroscope" in tied.frame and tied.frame != alone.frame
+    assert not alone.standard_errors[0, 9:].any() and (tied.standard_errors[0, 9:] > from_degrees(0.01)).all()
+    away = (tied.errors.to_vector() - truth.to_vector()) / tied.standard_errors
+    assert np.abs(away).max() < 4 and tied.standard_errors[:, 9:].max() < from_degrees(0.57)
+    assert tied.held_out is not None
+
+
 @pytest.mark.parametrize("filter_s", [0.0, 2.0])
 def test_a_gyroscope_counts_before_an_attitude_that_leans_on_the_magnetometer(filter_s):
     """The AHRS of a compass that is not calibrated changes nothing beside a gyroscope, and the answer says so."""
