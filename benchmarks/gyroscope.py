@@ -7,9 +7,9 @@ with swings of pitch and roll of ±5°, by the noise of the gyroscope. ``cases``
 of the gyroscope and noise, the root mean square error of all biases over their bound, and how many of all errors are
 within their 95 % intervals. ``speed``: time and memory of one calibration. ``mission``: the centre field over its floor
 in a mission at ±30°, after errors changed since a calibration ashore and a turn at ±5° (``mission.py``), with a
-gyroscope of 4 mdps/√Hz and without. ``ahrs``: an attitude whose heading is that of the raw readings, beside the gyroscope
-and without it. ``real``: trials of BROAD (Laidig et al.,
-Data 6(7):72, 2021), one sensor: calibrated by its gyroscope alone, and by the optical attitude.
+gyroscope of 4 mdps/√Hz and without. ``ahrs``: an attitude whose heading is that of the raw readings, beside the
+gyroscope and without it. ``real``: trials of BROAD (Laidig et al., Data 6(7):72, 2021), one sensor: calibrated by its
+gyroscope alone, and by the optical attitude.
 
 The bound is another formula than that of the fit: the field in the array is three unknowns in each sample, which the
 readings, its length and the turn from sample to sample tell; bias, mounting and delay of the gyroscope are unknown, its
@@ -336,7 +336,7 @@ def ahrs_rows(runs: int, seed: int) -> list[Row]:
     case, away, said = Case(), {True: list[FloatArray](), False: list[FloatArray]()}, {True: 0, False: 0}
     for number in track(range(runs), "AHRS"):
         recording, errors = case.made(seed + number)
-        yaw, pitch, roll = case.attitude(recording.time_s).as_euler("ZYX").T
+        _, pitch, roll = case.attitude(recording.time_s).as_euler("ZYX").T
         level = Rotation.from_euler("YX", np.column_stack([pitch, roll])).apply(recording.readings_T[:, 0])
         heading = np.pi / 2 - np.arctan2(level[:, 1], level[:, 0])
         turned = Rotation.from_euler("ZYX", np.column_stack([heading, pitch, roll]))

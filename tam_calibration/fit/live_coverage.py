@@ -53,20 +53,20 @@ class LiveCoverage:
     def bought(self, array: Array) -> tuple[float, float | None]:
         """Return the largest standard error of a bias of sensor 1 so far, tesla, without and with the gyroscope.
 
-        Infinite before the readings tell it; None where no gyroscope is stated, or most samples have none.
+        Infinite before the readings tell it; the second is None where no gyroscope is stated or most samples have none.
         """
         sparse = -(-len(self._kept) // _BOUGHT_BY)
         kept = np.array(self._kept[:: max(sparse, 1)])
         is_used = array.gyroscope is not None and 2 * self._turned > self._seen
-        if len(kept) < _FEWEST_BOUGHT or array.vector_noise_T is None or array.scalar_noise_T is None:
+        if not is_used or len(kept) < _FEWEST_BOUGHT or array.vector_noise_T is None or array.scalar_noise_T is None:
             return np.inf, None
         if (np.diff(kept[:, 3]) <= 0).any():  # the clock was set
             return np.inf, None
         without, beside = (
             float(_bias_errors(kept[:, :3], kept[:, 3], array, self._stride * sparse, has_rates).max())
-            for has_rates in (False, is_used)
+            for has_rates in (False, True)
         )
-        return without, beside if is_used else None
+        return without, beside
 
 
 def _bias_errors(points_T: FloatArray, time_s: FloatArray, array: Array, count: float, has_rates: bool) -> FloatArray:
@@ -92,7 +92,9 @@ def _bias_errors(points_T: FloatArray, time_s: FloatArray, array: Array, count: 
     centred = points_T - sphere_center(points_T)
     lengths = np.linalg.norm(centred, axis=1, keepdims=True)
     radius_T = float(lengths.mean())
-    along = centred / np.maximum(lengths, np.finfo(float).tiny)
+    if not (lengths > 0).all():  # sensors that are stuck
+        return np.full(3, np.inf)
+    along = centred / lengths
     turns = np.cross(along[1:], along[:-1]) / np.diff(time_s)[:, None]
     rates = np.vstack([turns[:1], (turns[:-1] + turns[1:]) / 2, turns[-1:]])
     scalar_T = np.full(len(along), radius_T)

@@ -322,10 +322,8 @@ class Problem:
         """Return the normal equations of the angular velocity at a place, over the unknowns."""
         assert self.gyroscope is not None and place.gyroscope is not None
         found = self.gyroscope.part(samples).linearize(*self.rows_at(place), place.gyroscope)
-        extended = self._by_unknowns(place, len(found.gradient))
-        return found._replace(
-            information=extended.T @ found.information @ extended, gradient=extended.T @ found.gradient
-        )
+        information, gradient = self._by_unknowns(place, found)
+        return found._replace(information=information, gradient=gradient)
 
     def told_by_gyroscope(self, place: Place) -> tuple[FloatArray, FloatArray]:
         """Return information and gradient of the errors by the angular velocity, its own unknowns eliminated."""
@@ -340,14 +338,16 @@ class Problem:
         gradient = found.gradient[:count] - gain @ (found.gradient[own] + downhill)[free]
         return found.information[:count, :count] - gain @ across.T, gradient
 
-    def _by_unknowns(self, place: Place, count: int) -> FloatArray:
-        """Return the derivative of the rows, and of so many unknowns in all that follow them, by the unknowns."""
+    def _by_unknowns(
+        self, place: Place, found: AttitudeEquations | GyroscopeEquations
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return information and gradient over the unknowns, of those over the rows and the unknowns that follow."""
         rows = rows_by_unknowns(place.errors, self.unit_T, None if self.has_scalar else place.intensity_T)
-        more = count - len(rows)
-        extended = np.zeros((count, rows.shape[1] + more))
+        more = len(found.gradient) - len(rows)
+        extended = np.zeros((len(found.gradient), rows.shape[1] + more))
         extended[: len(rows), : rows.shape[1]] = rows
         extended[len(rows) :, rows.shape[1] :] = np.eye(more)
-        return extended
+        return extended.T @ found.information @ extended, extended.T @ found.gradient
 
     def attitude_at(
         self, place: Place, samples: slice = slice(None), headings: FloatArray | None = None
@@ -355,10 +355,8 @@ class Problem:
         """Return the normal equations of attitude at a place, over the unknowns and ``headings`` of ``linearize``."""
         assert self.attitude is not None and place.view is not None
         found = self.attitude.part(samples).linearize(*self.rows_at(place), place.view, headings)
-        extended = self._by_unknowns(place, len(found.gradient))
-        return found._replace(
-            information=extended.T @ found.information @ extended, gradient=extended.T @ found.gradient
-        )
+        information, gradient = self._by_unknowns(place, found)
+        return found._replace(information=information, gradient=gradient)
 
     def information_beside(self, curvature: FloatArray, place: Place) -> FloatArray:
         """Return the information at a place of what is known, and of data whose score varies by curvature besides."""
