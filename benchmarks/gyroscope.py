@@ -295,9 +295,10 @@ def mission_rows(runs: int, seed: int) -> list[Row]:
                 kept.append(_mission(what, size_nT, samples, seed + number, has_gyroscope))
         for has_gyroscope, kept in ratios.items():
             way = "with gyroscope" if has_gyroscope else "without"
+            rows.append(Row(name, f"refused, {way}", [float(np.mean(np.isnan(kept)))]))
             most = 1.2 if what == "bias" else np.inf
             rows.append(
-                Row(name, f"centre over its floor, {way}", [float(np.sqrt(np.mean(np.square(kept))))], most=most)
+                Row(name, f"centre over its floor, {way}", [float(np.sqrt(np.nanmean(np.square(kept))))], most=most)
             )
     return rows
 
@@ -321,7 +322,10 @@ def _mission(what: str, size_nT: float, samples: int, seed: int, has_gyroscope: 
     if not has_gyroscope:
         turn = replace(turn, angular_velocity_rad_s=None)
     array = replace(scenario.array, gyroscope=MISSION)
-    found = calibrate_jointly(turn, array, pier, None).calibration
+    try:
+        found = calibrate_jointly(turn, array, pier, None).calibration
+    except (InputError, Refused):  # a quarter turn does not determine another sensor
+        return np.nan
     seen = simulate(replace(scenario, motion=work, sample_count=2400, seed=seed + 500_000)).recording
     after, floor = (measure_residuals(each, array, seen, pier.intensity_T) for each in (found.errors, scenario.errors))
     return after.center_intensity_T / floor.center_intensity_T
