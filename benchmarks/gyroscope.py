@@ -1,12 +1,15 @@
 """Calibration beside a gyroscope: errors over the Cramér-Rao bound, coverage, time and memory, and a real recording.
 
-Run ``python benchmarks/gyroscope.py table|cases|speed [--runs 40] [--seed 1]``, or ``… real PATH.mat …``.
+Run ``python benchmarks/gyroscope.py table|cases|speed|mission|ahrs [--runs 40] [--seed 1]``, or ``… real PATH.mat …``.
 
 ``table``: the bound of the biases of one sensor of 1 nT with a scalar of 0.1 nT, 6000 samples at 10 Hz, one full circle
 with swings of pitch and roll of ±5°, by the noise of the gyroscope. ``cases``: over random errors of the sensors, bias
 of the gyroscope and noise, the root mean square error of all biases over their bound, and how many of all errors are
-within their 95 % intervals. ``speed``: time and memory of one calibration. ``real``: trials of BROAD (Laidig et al.,
-Data 6(7):72, 2021), one sensor: calibrated by its gyroscope alone, and by the optical attitude.
+within their 95 % intervals. ``speed``: time and memory of one calibration. ``mission``: the centre field over its floor
+in a mission at ±30°, after errors changed since a calibration ashore and a turn at ±5° (``mission.py``), with a
+gyroscope of 4 mdps/√Hz and without. ``ahrs``: an attitude whose heading is that of the raw readings, beside the
+gyroscope and without it. ``real``: trials of BROAD (Laidig et al., Data 6(7):72, 2021), one sensor: calibrated by its
+gyroscope alone, and by the optical attitude.
 
 The bound is another formula than that of the fit: the field in the array is three unknowns in each sample, which the
 readings, its length and the turn from sample to sample tell; bias, mounting and delay of the gyroscope are unknown, its
@@ -20,6 +23,7 @@ from pathlib import Path
 from time import process_time
 
 import click
+import mission
 import numpy as np
 from numpy.linalg import inv, norm
 from rich.progress import track
@@ -33,10 +37,14 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.joint_calibration import calibrate_jointly
 from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.gyroscope import Gyroscope
 from tam_calibration.model.recording import Recording
+from tam_calibration.model.residuals import measure_residuals
 from tam_calibration.model.sensor_errors import SensorErrors
-from tam_calibration.model.units import FloatArray, from_degrees, to_nanotesla
+from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla, to_nanotesla
+from tam_calibration.simulation import simulate
+from tam_calibration.simulation.attitude import Manoeuvre
 
 FIELD_T, DIP = 50e-6, from_degrees(62.0)
 """Field of middle latitudes."""
@@ -264,6 +272,99 @@ def speed_rows(runs: int, seed: int) -> list[Row]:
     return rows
 
 
+MISSION = Gyroscope(from_degrees(4e-3), BIAS)
+"""A MEMS gyroscope."""
+
+CHANGED = {
+    "bias of one sensor by 5 nT, 90° in 30 s": ("bias", 5.0, 300),
+    "biases of all sensors by 20 nT, 90° in 30 s": ("biases", 20.0, 300),
+    "biases of all sensors by 20 nT, 5 circles": ("biases", 20.0, 6000),
+    "another single sensor, 90° in 30 s": ("sensor", 30.0, 300),
+    "another single sensor, 5 circles": ("sensor", 30.0, 6000),
+}
+"""What has changed since the pier, by how much, and the samples of the turn."""
+
+
+def mission_rows(runs: int, seed: int) -> list[Row]:
+    """Return the centre field over its floor after each change and turn; the mission's own is asked for."""
+    rows = []
+    for name, (what, size_nT, samples) in CHANGED.items():
+        ratios = {True: list[float](), False: list[float]()}
+        for number in track(range(runs), name):
+            for has_gyroscope, kept in ratios.items():
+                kept.append(_mission(what, size_nT, samples, seed + number, has_gyroscope))
+        for has_gyroscope, kept in ratios.items():
+            way = "with gyroscope" if has_gyroscope else "without"
+            rows.append(Row(name, f"refused, {way}", [float(np.mean(np.isnan(kept)))]))
+            most = 1.2 if what == "bias" else np.inf
+            rows.append(
+                Row(name, f"centre over its floor, {way}", [float(np.sqrt(np.nanmean(np.square(kept))))], most=most)
+            )
+    return rows
+
+
+def _mission(what: str, size_nT: float, samples: int, seed: int, has_gyroscope: bool) -> float:
+    """Return the residual of the centre field at ±30° over that of the true errors, after the update by a turn."""
+    scenario, rng = mission.scenario_of(1 if what == "sensor" else 4), np.random.default_rng([seed, 11])
+    pier, vector = mission.pier(scenario), scenario.errors.to_vector()
+    if what == "sensor":
+        vector += SPREAD * rng.normal(size=12) * (np.arange(12) < 9)
+    else:
+        direction = rng.normal(size=(4, 3))
+        if what == "bias":
+            direction[np.arange(4) != rng.integers(4)] = 0
+            direction /= norm(direction)
+        vector[:, 6:9] += from_nanotesla(size_nT) * direction
+    scenario = replace(scenario, errors=SensorErrors.from_vector(vector), rate_hz=10.0)
+    narrow, work = (Manoeuvre(limit, limit, 120.0) for limit in from_degrees(np.array([5.0, 30.0])))
+    made = simulate(replace(scenario, motion=narrow, sample_count=samples, gyroscope=MISSION, seed=seed)).recording
+    turn = replace(made, time_s=mission.PIER_S + mission.DIVE_S + made.time_s)
+    if not has_gyroscope:
+        turn = replace(turn, angular_velocity_rad_s=None)
+    array = replace(scenario.array, gyroscope=MISSION)
+    try:
+        found = calibrate_jointly(turn, array, pier, None).calibration
+    except (InputError, Refused):  # a quarter turn does not determine another sensor
+        return np.nan
+    seen = simulate(replace(scenario, motion=work, sample_count=2400, seed=seed + 500_000)).recording
+    after, floor = (measure_residuals(each, array, seen, pier.intensity_T) for each in (found.errors, scenario.errors))
+    return after.center_intensity_T / floor.center_intensity_T
+
+
+LEANING = from_degrees(0.1)
+"""Noise of an attitude as it is stated; its heading is wrong by the errors of the compass."""
+
+
+def ahrs_rows(runs: int, seed: int) -> list[Row]:
+    """Return the errors of the biases beside an attitude that leans on sensor 1, with the gyroscope and without."""
+    case, away, said = Case(), {True: list[FloatArray](), False: list[FloatArray]()}, {True: 0, False: 0}
+    for number in track(range(runs), "AHRS"):
+        recording, errors = case.made(seed + number)
+        _, pitch, roll = case.attitude(recording.time_s).as_euler("ZYX").T
+        level = Rotation.from_euler("YX", np.column_stack([pitch, roll])).apply(recording.readings_T[:, 0])
+        heading = np.pi / 2 - np.arctan2(level[:, 1], level[:, 0])
+        turned = Rotation.from_euler("ZYX", np.column_stack([heading, pitch, roll]))
+        noise = Rotation.from_rotvec(np.random.default_rng([seed + number, 3]).normal(0, LEANING, (case.samples, 3)))
+        ahrs = replace(recording, attitude=(turned * noise).as_quat())
+        array = replace(case.array, attitude_noise=LEANING)
+        for has_rates, kept in away.items():
+            try:
+                found = _jointly(ahrs if has_rates else replace(ahrs, angular_velocity_rad_s=None), array)
+            except (InputError, Refused):
+                said[has_rates] += 1
+                continue
+            kept.append((found.errors.bias_T - errors.bias_T) / found.standard_errors[:, 6:9])
+            said[has_rates] += any("is left out" in note for note in found.notes)
+    rows = []
+    for has_rates, name in ((True, "AHRS beside the gyroscope"), (False, "AHRS alone")):
+        size = float(np.sqrt(np.mean(np.square(away[has_rates])))) if away[has_rates] else np.nan
+        asked = {"most": 1.1} if has_rates else {}
+        rows.append(Row(name, "errors of the biases over their standard errors", [size], **asked))
+        least = {"least": 1.0} if has_rates else {}
+        rows.append(Row(name, "attitude left out or refused, and said so", [said[has_rates] / runs], **least))
+    return rows
+
+
 def real_rows(paths: Sequence[Path]) -> list[Row]:
     """Return how calibrations by gyroscope and by optical attitude differ in trials of BROAD."""
     rows = []
@@ -310,7 +411,7 @@ def broad(path: Path) -> Recording:
 
 
 @click.command(help=__doc__)
-@click.argument("part", type=click.Choice(["table", "cases", "speed", "real"]))
+@click.argument("part", type=click.Choice(["table", "cases", "speed", "mission", "ahrs", "real"]))
 @click.argument("paths", nargs=-1, type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option("--runs", default=40, show_default=True, help="Recordings of each case.")
 @click.option("--seed", default=1, show_default=True, help="Of the first of them.")
@@ -320,7 +421,8 @@ def main(part: str, paths: tuple[Path, ...], runs: int, seed: int, only: str) ->
     if part == "cases":
         rows = [row for case in CASES if only in case.name for row in judged(case, runs, seed)]
     else:
-        rows = real_rows(paths) if part == "real" else (table_rows if part == "table" else speed_rows)(runs, seed)
+        made = {"table": table_rows, "speed": speed_rows, "mission": mission_rows, "ahrs": ahrs_rows}
+        rows = real_rows(paths) if part == "real" else made[part](runs, seed)
     show("Calibration beside a gyroscope", f"gyroscope.py {part} --runs {runs}", f"gyroscope_{part}.csv", rows)
 
 

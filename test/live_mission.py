@@ -17,15 +17,27 @@ UNCHANGING = ChangeRates(*[0.0] * 8)
 def samples(errors, attitudes, array, generator, time_s):
     """Return rows (N, 3K + 3) as `Live.add` takes them."""
     field = attitudes.inv().apply(WORLD_T)
-    readings = errors.distort(field) + array.vector_noise_T[:, None] * generator.normal(size=(len(field), 4, 3))
+    readings = errors.distort(field) + array.vector_noise_T[:, None] * generator.normal(
+        size=(len(field), *array.positions_m.shape)
+    )
     scalar = np.linalg.norm(WORLD_T) + array.scalar_noise_T * generator.normal(size=len(field))
     return np.column_stack([time_s, readings.reshape(len(field), -1), scalar, np.full(len(field), np.nan)])
 
 
+def _dived(time_s, tilt):
+    angles = [2 * np.pi * time_s / 90, tilt * np.sin(0.86 * time_s), tilt * np.sin(1.23 * time_s)]
+    return Rotation.from_euler("ZYX", np.stack(angles, axis=1))
+
+
 def dive(errors, array, generator, time_s, tilt=np.pi / 18):
     """Return the rows of a vehicle that turns once in 90 s, with so much of pitch and roll, radians."""
-    angles = [2 * np.pi * time_s / 90, tilt * np.sin(0.86 * time_s), tilt * np.sin(1.23 * time_s)]
-    return samples(errors, Rotation.from_euler("ZYX", np.stack(angles, axis=1)), array, generator, time_s)
+    return samples(errors, _dived(time_s, tilt), array, generator, time_s)
+
+
+def rates_of_dive(gyroscope, generator, time_s, tilt=np.pi / 18):
+    """Return what a gyroscope reads meanwhile, (N, 3), rad/s."""
+    before, after = _dived(time_s - 1e-4, tilt), _dived(time_s + 1e-4, tilt)
+    return gyroscope.readings(time_s, (before.inv() * after).as_rotvec() / 2e-4, generator)
 
 
 def recording_of(rows):

@@ -18,7 +18,7 @@ from numpy.linalg import norm
 from tam_calibration.core.normal_equations import gram
 from tam_calibration.fit.channel_maps import ChannelMaps
 from tam_calibration.fit.likelihood import UNIFORM
-from tam_calibration.fit.recorded_attitude import likely_turn
+from tam_calibration.fit.recorded_attitude import across_of, likely_turn
 from tam_calibration.model.limits import ATTITUDE_NOISE
 from tam_calibration.model.units import FloatArray
 
@@ -197,7 +197,7 @@ class AttitudeLikelihood:
         by_direction = np.einsum("nji,jd->nid", turned, view.across)
         pairs = []
         up = to_world[:, 2] @ view.mount
-        for across in _across(along) if self.uses_heading else (_rising(along, up),):
+        for across in np.moveaxis(across_of(along), 1, 0) if self.uses_heading else (_rising(along, up),):
             columns = np.concatenate(
                 [
                     (across.T[:, None] * extended).reshape(12, -1),
@@ -209,14 +209,6 @@ class AttitudeLikelihood:
             )
             pairs.append(columns * root)
         return np.concatenate(pairs, axis=1), float(of_field.sum())
-
-
-def _across(along: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return two unit vectors (N, 3) across each of unit vectors (N, 3)."""
-    axis = np.eye(3)[np.abs(along).argmin(axis=1)]
-    first = np.cross(along, axis)
-    first /= norm(first, axis=1, keepdims=True)
-    return first, np.cross(along, first)
 
 
 def _rising(along: FloatArray, up: FloatArray) -> FloatArray:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.fit.scale import sphere_center
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, IntArray
@@ -78,7 +77,7 @@ def measure_coverage(field_T: FloatArray) -> Coverage:
     cell = cell_of(direction)
     counts: IntArray = np.bincount(cell, minlength=CELLS)
     sums: FloatArray = np.stack([np.bincount(cell, component, CELLS) for component in direction.T], axis=1)
-    return _judge(counts, sums)
+    return judge_coverage(counts, sums)
 
 
 def field_of(recording: Recording, errors: SensorErrors) -> FloatArray:
@@ -99,41 +98,6 @@ def field_of(recording: Recording, errors: SensorErrors) -> FloatArray:
     return np.concatenate([errors.restore(block.readings_T).mean(axis=1) for block in recording.blocks()])
 
 
-class LiveCoverage:
-    """Coverage while samples arrive, from the raw readings of sensor 1 about the centre of their sphere.
-
-    Parameters
-    ----------
-    capacity : int
-        Samples kept; when they are full every second one is given up and only every second new one is taken.
-    """
-
-    def __init__(self, capacity: int = 4096) -> None:
-        self._capacity = capacity
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget all samples."""
-        self._kept: list[FloatArray] = []
-        self._stride, self._seen = 1, 0
-
-    def add(self, readings_T: FloatArray) -> None:
-        """Add raw readings (n, K, 3)."""
-        for reading in readings_T[:, 0]:
-            if self._seen % self._stride == 0:
-                self._kept.append(reading)
-                if len(self._kept) == self._capacity:
-                    self._kept, self._stride = self._kept[::2], 2 * self._stride
-            self._seen += 1
-
-    def summary(self) -> Coverage:
-        """Return the coverage so far."""
-        if len(self._kept) < 4:
-            return _judge(np.zeros(CELLS, dtype=int), np.zeros((CELLS, 3)))
-        points = np.array(self._kept)
-        return measure_coverage(points - sphere_center(points))
-
-
 def describe(direction: FloatArray) -> str:
     """Return a direction of the array frame (x forward, y left, z up) in words."""
     names = (("forward", "backward"), ("left", "right"), ("up", "down"))
@@ -141,7 +105,8 @@ def describe(direction: FloatArray) -> str:
     return " and ".join(names[axis][int(direction[axis] < 0)] for axis in order if abs(direction[axis]) > 0.38)
 
 
-def _judge(counts: IntArray, sums: FloatArray) -> Coverage:
+def judge_coverage(counts: IntArray, sums: FloatArray) -> Coverage:
+    """Return the coverage of so many directions (200,) in each cell, and their sums (200, 3)."""
     directions = cell_directions()
     visited = counts > 0
     mean = sums[visited] / np.maximum(norm(sums[visited], axis=1, keepdims=True), np.finfo(float).tiny)

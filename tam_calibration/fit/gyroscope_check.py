@@ -78,7 +78,7 @@ class GyroscopeJudgement:
     place: Place | None = None
 
 
-def judge_gyroscope(recording: Recording, array: Array, known: Known) -> GyroscopeJudgement:
+def judge_gyroscope(recording: Recording, array: Array, known: Known, since_s: float = -np.inf) -> GyroscopeJudgement:
     """Return what the angular velocity of a recording may be used for.
 
     Parameters
@@ -89,34 +89,39 @@ def judge_gyroscope(recording: Recording, array: Array, known: Known) -> Gyrosco
         The noise of its gyroscope is estimated where it is not stated.
     known : Known
         What is known beside the recording.
+    since_s : float
+        Stamp from which on it is known: samples before are not judged.
     """
     assert recording.angular_velocity_rad_s is not None
-    rates, notes = _within_range(recording.angular_velocity_rad_s)
-    recording = replace(recording, angular_velocity_rad_s=rates)
-    interval_s = float(np.median(np.diff(recording.time_s))) if recording.sample_count > 1 else 0.0
-    path = GyroscopePath(recording.time_s, rates, interval_s, recording.time_span_s)
+    cleaned, notes = _within_range(recording.angular_velocity_rad_s)
+    recording = replace(recording, angular_velocity_rad_s=cleaned)
+    is_judged = recording.time_s >= since_s
+    some, rates = recording.take(is_judged), cleaned[is_judged]
+    interval_s = float(np.median(np.diff(some.time_s))) if some.sample_count > 1 else 0.0
+    path = GyroscopePath(some.time_s, rates, interval_s, some.time_span_s)
     if len(path.links) < _FEWEST:
         return GyroscopeJudgement(recording, None, "the angular velocity spans too few samples without gaps")
     try:
-        noisy, _ = complete_noise(array, recording)
-        field = Problem.of(recording, noisy, known).start.errors.restore(recording.readings_T).mean(axis=1)
+        noisy, _ = complete_noise(array, some)
+        field = Problem.of(some, noisy, known).start.errors.restore(some.readings_T).mean(axis=1)
         match = matched(field / norm(field, axis=1, keepdims=True), path)
         if match.reason:
             return GyroscopeJudgement(recording, None, match.reason)
-        recording = replace(recording, angular_velocity_rad_s=UNITS[match.unit] * rates)
+        recording = replace(recording, angular_velocity_rad_s=UNITS[match.unit] * cleaned)
+        some = recording.take(is_judged)
         if match.unit != "rad/s":
             notes += (f"the angular velocity is in {match.unit}, and taken as that: state it in rad/s",)
         stated = array.gyroscope or Gyroscope()
         noise = stated.noise_density or _fast_density(UNITS[match.unit] * rates, interval_s)
         start = GyroscopeState.at_rest(match.mount, match.delay_s)
-        stride = -(-recording.sample_count // MOST_LINKS)
+        stride = -(-some.sample_count // MOST_LINKS)
         use = GyroscopeUse(noise, stated.bias, interval_s, start, stated.scale_error, stride=stride)
-        fit = GyroscopeFit.settled(recording, array, known, use)
+        fit = GyroscopeFit.settled(some, array, known, use)
         if not use.shape_error and fit.is_bent:
-            fit = GyroscopeFit.settled(recording, array, known, replace(fit.use, start=fit.state, shape_error=_SHAPE))
+            fit = GyroscopeFit.settled(some, array, known, replace(fit.use, start=fit.state, shape_error=_SHAPE))
             notes += (fit.bent,)
         if (bias := float(norm(fit.state.bias[0]))) > _FAR * stated.bias:
-            fit = GyroscopeFit.settled(recording, array, known, replace(fit.use, start=fit.state, bias_error=bias))
+            fit = GyroscopeFit.settled(some, array, known, replace(fit.use, start=fit.state, bias_error=bias))
             notes += (_biased(bias, stated.bias),)
         density, doubt = _used_density(array.gyroscope, fit)
         fit = fit.with_density(density).lasting()

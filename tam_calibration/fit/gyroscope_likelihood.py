@@ -24,6 +24,7 @@ from tam_calibration.core.normal_equations import gram
 from tam_calibration.fit.channel_maps import ChannelMaps
 from tam_calibration.fit.gyroscope_path import SHAPE_COLUMNS, SHAPE_ROWS, GyroscopePath, GyroscopeState, Turns, rotated
 from tam_calibration.fit.likelihood import UNIFORM
+from tam_calibration.fit.recorded_attitude import across_of
 from tam_calibration.model.limits import RATE_NOISE
 from tam_calibration.model.units import FloatArray
 
@@ -178,7 +179,7 @@ class GyroscopeLikelihood:
         field = (channels.at_scalar[:, :-1] @ self.rows + channels.at_scalar[:, -1:]).T
         length = norm(field, axis=1)
         along = field / length[:, None]
-        across = _across(along)
+        across = across_of(along)
         turns, links = self.path.turns(state), self.path.links
         turned = turns.angle @ (state.mount @ state.shape).T
         moved = rotated(-turned, np.concatenate([along[links, None], across[links]], axis=1))
@@ -263,11 +264,3 @@ def _whitened(factor: FloatArray, columns: FloatArray) -> FloatArray:
 
     white, _ = dtbtrs(factor, columns.reshape(len(columns), -1).T, uplo="L", overwrite_b=1)
     return np.asarray(white.T)
-
-
-def _across(along: FloatArray) -> FloatArray:
-    """Return two unit vectors (N, 2, 3) across unit vectors (N, 3), right-handed with them as the third."""
-    axis = np.eye(3)[np.abs(along).argmin(axis=1)]
-    first = np.cross(along, axis)
-    first /= norm(first, axis=1, keepdims=True)
-    return np.stack([first, np.cross(along, first)], axis=1)

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tam_calibration.core.noise import fast_noise
 from tam_calibration.model.units import FloatArray
 
 _SLOWEST_S, _MOST_MODES = 100.0, 6
@@ -26,6 +27,10 @@ _AT = 0.02
 
 _GAP = 1.5
 """Interval over the usual one from which samples between are missing: what the array did there is not known."""
+
+_WINDOWS, _MORE_THAN_NOISE = (2, 4, 8, 16, 32), 1.5
+"""Intervals over whose mean an angular velocity may be taken for the derivative by the delay, and what that may take
+off it, over the variance of its noise. A reading's own noise looks like a delay where the array turns steadily."""
 
 SHAPE_ROWS, SHAPE_COLUMNS = np.array([[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
 """Row and column of the six elements of S."""
@@ -137,7 +142,7 @@ class Turns(NamedTuple):
     angle : (L, 3) array
         φ: rotation vectors, radians.
     by_delay : (L, 3) array
-        Their derivative by the delay, rad/s.
+        Their derivative by the delay, rad/s: without the noise of the readings, which would be taken for turns.
     """
 
     angle: FloatArray
@@ -238,6 +243,23 @@ class GyroscopePath:
         """Return the integral (n, 3) of the readings up to times (n,), radians."""
         return np.asarray(self._spline[1](time_s))
 
+    @cached_property
+    def _measured(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Angular velocity (N, 3) at the nearly right times, its integrals (N - 1, 3), and its change without noise."""
+        known = np.isfinite(self.rates).all(axis=1)
+        at_s = np.clip(self.time_s + self.delay_s, *self.time_s[known][[0, -1]])
+        velocity = steady = np.asarray(self._spline[0](at_s))
+        noise = float(np.sum(fast_noise(self.rates[known]) ** 2))
+        for count in _WINDOWS:
+            half_s = count * self.interval_s / 2
+            ends = (np.clip(at_s + side, at_s[0], at_s[-1]) for side in (half_s, -half_s))
+            last_s, first_s = ends
+            mean = (self.integral(last_s) - self.integral(first_s)) / (last_s - first_s)[:, None]
+            if float(np.mean(np.sum((velocity - mean)[known] ** 2, axis=1))) > _MORE_THAN_NOISE * noise:
+                break
+            steady = mean
+        return velocity, np.diff(self.integral(at_s), axis=0), np.diff(steady[:: self.stride], axis=0)
+
     def turns(self, state: GyroscopeState) -> Turns:
         """Return the turns of the intervals that a state of the gyroscope makes of its readings.
 
@@ -246,12 +268,13 @@ class GyroscopePath:
         state : GyroscopeState
             Its bias and delay count.
         """
-        velocity, duration_s = self._spline[0](self.time_s + state.delay_s), np.diff(self.time_s)[:, None]
+        velocity, integral, change = self._measured
+        duration_s = np.diff(self.time_s)[:, None]
         bias = self._courses(self.time_s[:-1] + duration_s[:, 0] / 2).T @ state.bias
-        angle = np.diff(self.integral(self.time_s + state.delay_s), axis=0) - bias * duration_s
+        angle = integral - bias * duration_s
         angle += np.cross(velocity[:-1] - bias, velocity[1:] - bias) * duration_s**2 / 12
-        change = np.diff(velocity[:: self.stride], axis=0)
-        return Turns(self._combined(angle)[self.links], change[self.links])
+        by_delay = change[self.links]
+        return Turns(self._combined(angle)[self.links] + (state.delay_s - self.delay_s) * by_delay, by_delay)
 
     def _combined(self, angle: FloatArray) -> FloatArray:
         """Return the turns over strides: turns that follow each other, to second order in them."""

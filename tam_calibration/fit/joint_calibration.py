@@ -19,7 +19,7 @@ from tam_calibration.fit.contradiction import PLAUSIBLE, SIGNIFICANT
 from tam_calibration.fit.estimate import mean_temperature
 from tam_calibration.fit.gyroscope_check import MOST_LINKS, MOST_SAMPLES, judge_gyroscope
 from tam_calibration.fit.identifiability import require_determined
-from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, update_of
+from tam_calibration.fit.maximum_a_posteriori import FRAME_OF_GYROSCOPE, maximum_a_posteriori, update_of
 from tam_calibration.fit.posterior import Intensity, Known, Place
 from tam_calibration.fit.prior import Prior, has_date, prior_of
 from tam_calibration.fit.resolved_prior import MOST_TIMES, Resolved, resolve
@@ -178,7 +178,11 @@ def _beside_motion(recording: SampleSource, array: Array, known: Known) -> Joint
         )
         return _noting(beside_attitude(recording, array, known), (*notes, note))
     alone = replace(array, attitude_noise=None)
-    judged = judge_gyroscope(recording.whole(), alone, known)
+    beside, since_s = known, recording.time_span_s[0]
+    if known.prior is not None and not is_wide(known.prior):
+        resolved = resolve(recording, alone, known)  # a sensor that has moved is no fault of the gyroscope
+        beside, since_s = resolved.known, resolved.recording.time_span_s[0]
+    judged = judge_gyroscope(recording.whole(), alone, beside, since_s)
     if judged.use is None:
         try:
             joint = beside_attitude(recording, array, known)
@@ -281,6 +285,8 @@ def _beside_prior(recording: SampleSource, array: Array, beside: Known) -> Joint
         # Fits to most of the samples begin where that to all has ended.
         place = Place(calibration.errors, calibration.intensity_T)
         use = replace(use, stride=-(-resolved.recording.sample_count // MOST_LINKS))
+        if calibration.frame == FRAME_OF_GYROSCOPE:
+            use = replace(use, start=replace(use.start, mount=np.eye(3)))
         fit = partial(maximum_a_posteriori, known=replace(resolved.known, gyroscope=use, start=place))
     return JointCalibration(calibration, resolved.recording, array, fit)
 
@@ -292,7 +298,8 @@ def _resolved(
 
     Of samples after a change that make no calibration that is not known, and told as that of white noise.
     """
-    resolved = resolve(recording, array, known, most_times)
+    resolved = resolve(recording, array, replace(known, gyroscope=None, start=None), most_times)
+    resolved = replace(resolved, known=replace(resolved.known, gyroscope=known.gyroscope, start=known.start))
     last = [] if resolved.refusal is not None else [(resolved.recording, resolved.known)]
     with _telling(resolved.moved):
         measured = [

@@ -23,6 +23,11 @@ from tam_calibration.model.units import FloatArray
 
 NAME = "maximum_a_posteriori"
 
+FRAME_OF_GYROSCOPE = (
+    "The array frame is that of the gyroscope. It was found from the uniform field, which turns in the frame of the "
+    "sensors as the angular velocity says."
+)
+
 _MOST_SCALINGS = 10
 """Of a noise that is not stated, down to what the errors leave."""
 
@@ -39,9 +44,9 @@ def maximum_a_posteriori(recording: SampleSource, array: Array, known: Known) ->
         Raw readings of K sensors in a uniform field; without any scalar reading the intensity is an unknown constant.
     array : Array
         Geometry and noise; a noise that is not stated is estimated, and scaled to the residual before the fit that
-        weighs data and prior. Where it states the standard deviation of the attitude, the recorded attitude is data,
-        and where it states that of its mounting too, the array frame is that of the attitude, if that is then known to
-        ``LARGEST_ANGLE_ERROR``.
+        weighs data and prior. Where it states the standard deviation of the attitude, the recorded attitude is data.
+        Where it states that of the mounting of attitude or gyroscope, the array frame is theirs, if that is then known
+        to ``LARGEST_ANGLE_ERROR``.
     known : Known
         What is known beside it; it is taken as it is.
 
@@ -63,11 +68,12 @@ def maximum_a_posteriori(recording: SampleSource, array: Array, known: Known) ->
         posterior = posterior_of(recording, noisy, known)
     frame = FIRST_SENSOR if known.prior is None else known.prior.calibration.frame
     errors, covariance = posterior.errors, posterior.covariance
-    if posterior.view is not None and noisy.mounting_error is not None and not known.knows_frame:
+    if posterior.mount is not None and noisy.mounting_error is not None and not known.knows_frame:
         turned, with_turn = _into_frame_of_attitude(posterior, noisy.mounting_error)
         # A frame that is less certain than misalignments may be is none: that of sensor 1 is certain.
         if np.sqrt(np.diag(with_turn)).reshape(-1, 12)[:, 9:].max() <= LARGEST_ANGLE_ERROR:
-            errors, covariance, frame = turned, with_turn, FRAME_STATEMENT
+            errors, covariance = turned, with_turn
+            frame = FRAME_STATEMENT if known.gyroscope is None else FRAME_OF_GYROSCOPE
     estimate = Estimate(errors, covariance, True, posterior.intensity_T, frame=frame)
     calibration = with_variance_factors(make_calibration(NAME, recording, noisy, estimate), known.variance_factors)
     has_scale = calibration.has_scalar_reference or known.knows_scale
@@ -75,12 +81,12 @@ def maximum_a_posteriori(recording: SampleSource, array: Array, known: Known) ->
 
 
 def _into_frame_of_attitude(posterior: Posterior, mounting_error: float) -> tuple[SensorErrors, FloatArray]:
-    """Return errors in the frame whose attitude was recorded, with their covariance.
+    """Return errors in the frame whose attitude or angular velocity was recorded, with their covariance.
 
     There matrices are M Xᵀ; a turn δ of X changes them by -M [δ]× Xᵀ.
     """
-    assert posterior.view is not None and posterior.with_mount is not None
-    mount, matrix = posterior.view.mount, posterior.errors.matrix
+    assert posterior.mount is not None and posterior.with_mount is not None
+    mount, matrix = posterior.mount, posterior.errors.matrix
     errors = SensorErrors.from_matrix(matrix @ mount.T, posterior.errors.bias_T)
     count = len(matrix)
     rows = np.zeros((count, 3, 4, count * 12 + 3))

@@ -5,10 +5,9 @@ from itertools import product
 
 import numpy as np
 
-from tam_calibration.fit.gyroscope_path import GyroscopeState, GyroscopeUse
-from tam_calibration.fit.information import inverted
+from tam_calibration.fit.expected import expected_covariance
 from tam_calibration.fit.plan import field_directions
-from tam_calibration.fit.posterior import Known, Problem
+from tam_calibration.fit.posterior import Known
 from tam_calibration.fit.prior import Prior
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.gyroscope import Gyroscope
@@ -142,17 +141,9 @@ def _covariance_after(
     scalar_T = np.full(len(angles), intensity_T) if calibration.array.scalar_noise_T else None
     time_s = np.arange(len(angles)) / vehicle.sample_rate_hz
     recording = Recording(time_s, prior.errors.distort(field_T), scalar_T)
-    known = Known(prior)
-    if gyroscope is not None and gyroscope.noise_density is not None:
-        interval_s, start = 1 / vehicle.sample_rate_hz, GyroscopeState.at_rest(np.eye(3), 0.0)
-        recording = replace(recording, angular_velocity_rad_s=_rates(angles, interval_s))
-        use = GyroscopeUse(gyroscope.noise_density, gyroscope.bias, interval_s, start, gyroscope.scale_error)
-        known = replace(known, gyroscope=use)
-    problem = Problem.of(recording, calibration.array, known)
-    information, gradient = problem.data_at(problem.start)
-    problem.add_known(problem.start, information, gradient)
-    size = len(prior.covariance)
-    return inverted(information, problem.basis_at(problem.start))[:size, :size]
+    if gyroscope is not None:
+        recording = replace(recording, angular_velocity_rad_s=_rates(angles, 1 / vehicle.sample_rate_hz))
+    return expected_covariance(recording, calibration.array, Known(prior), gyroscope)
 
 
 def _rates(angles: FloatArray, interval_s: float) -> FloatArray:

@@ -127,14 +127,17 @@ class Posterior:
         Of the field: fitted where no scalar reference tells it; else that of the start, tesla.
     view : WorldView, optional
         Mounting of the attitude and direction of the world's field, where attitude is data.
+    mount : (3, 3) array, optional
+        X: rotation from the frame of the sensors to the one whose attitude or angular velocity is data.
     with_mount : (12 K + 3, 12 K + 3) array, optional
-        Covariance of the errors and of the turn of the mounting, radians.
+        Covariance of the errors and of the turn of X, radians.
     """
 
     errors: SensorErrors
     covariance: FloatArray
     intensity_T: float
     view: WorldView | None = None
+    mount: FloatArray | None = None
     with_mount: FloatArray | None = None
 
 
@@ -163,12 +166,15 @@ def posterior_of(recording: SampleSource, array: KnownNoiseArray, known: Known |
     if problem.known.curvature is not None:
         kept = problem.information_beside(problem.known.curvature, end), problem.basis_at(end)
     covariance, size = inverted(*kept), 12 * array.sensor_count
-    if end.view is None:
-        return Posterior(end.errors, covariance[:size, :size], end.intensity_T)
-    chosen = np.r_[:size, len(covariance) - 5 : len(covariance) - 2]
-    return Posterior(
-        end.errors, covariance[:size, :size], end.intensity_T, end.view, covariance[np.ix_(chosen, chosen)]
-    )
+    told = Posterior(end.errors, covariance[:size, :size], end.intensity_T, end.view)
+    if end.view is not None:
+        mount, first, sign = end.view.mount, len(covariance) - 5, 1.0
+    elif end.gyroscope is not None:
+        mount, first, sign = end.gyroscope.mount.T, len(covariance) - 9, -1.0
+    else:
+        return told
+    chosen, signs = np.r_[:size, first : first + 3], np.append(np.ones(size), np.full(3, sign))
+    return replace(told, mount=mount, with_mount=covariance[np.ix_(chosen, chosen)] * np.outer(signs, signs))
 
 
 def can_be(vector: FloatArray) -> bool:
@@ -316,19 +322,32 @@ class Problem:
         """Return the normal equations of the angular velocity at a place, over the unknowns."""
         assert self.gyroscope is not None and place.gyroscope is not None
         found = self.gyroscope.part(samples).linearize(*self.rows_at(place), place.gyroscope)
-        extended = self._by_unknowns(place, len(found.gradient))
-        return found._replace(
-            information=extended.T @ found.information @ extended, gradient=extended.T @ found.gradient
-        )
+        information, gradient = self._by_unknowns(place, found)
+        return found._replace(information=information, gradient=gradient)
 
-    def _by_unknowns(self, place: Place, count: int) -> FloatArray:
-        """Return the derivative of the rows, and of so many unknowns in all that follow them, by the unknowns."""
+    def told_by_gyroscope(self, place: Place) -> tuple[FloatArray, FloatArray]:
+        """Return information and gradient of the errors by the angular velocity, its own unknowns eliminated."""
+        assert place.gyroscope is not None and self.known.gyroscope is not None
+        found = self.gyroscope_at(place)
+        count, own = 12 * place.errors.sensor_count, slice(-place.gyroscope.size, None)
+        precisions, downhill = self._known_of_gyroscope(place.gyroscope)
+        free = self.known.gyroscope.is_free(place.gyroscope)
+        inner = (found.information[own, own] + np.diag(precisions))[np.ix_(free, free)]
+        across = found.information[:count, own][:, free]
+        gain = across @ inverted(inner, np.eye(len(inner)))
+        gradient = found.gradient[:count] - gain @ (found.gradient[own] + downhill)[free]
+        return found.information[:count, :count] - gain @ across.T, gradient
+
+    def _by_unknowns(
+        self, place: Place, found: AttitudeEquations | GyroscopeEquations
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return information and gradient over the unknowns, of those over the rows and the unknowns that follow."""
         rows = rows_by_unknowns(place.errors, self.unit_T, None if self.has_scalar else place.intensity_T)
-        more = count - len(rows)
-        extended = np.zeros((count, rows.shape[1] + more))
+        more = len(found.gradient) - len(rows)
+        extended = np.zeros((len(found.gradient), rows.shape[1] + more))
         extended[: len(rows), : rows.shape[1]] = rows
         extended[len(rows) :, rows.shape[1] :] = np.eye(more)
-        return extended
+        return extended.T @ found.information @ extended, extended.T @ found.gradient
 
     def attitude_at(
         self, place: Place, samples: slice = slice(None), headings: FloatArray | None = None
@@ -336,10 +355,8 @@ class Problem:
         """Return the normal equations of attitude at a place, over the unknowns and ``headings`` of ``linearize``."""
         assert self.attitude is not None and place.view is not None
         found = self.attitude.part(samples).linearize(*self.rows_at(place), place.view, headings)
-        extended = self._by_unknowns(place, len(found.gradient))
-        return found._replace(
-            information=extended.T @ found.information @ extended, gradient=extended.T @ found.gradient
-        )
+        information, gradient = self._by_unknowns(place, found)
+        return found._replace(information=information, gradient=gradient)
 
     def information_beside(self, curvature: FloatArray, place: Place) -> FloatArray:
         """Return the information at a place of what is known, and of data whose score varies by curvature besides."""
@@ -364,11 +381,22 @@ class Problem:
             gradient[size] += precision * (intensity.value_T - place.intensity_T) / self.unit_T
         if place.view is not None:
             self._add_known_view(place.view, information[-5:, -5:], gradient[-5:])
-        if place.gyroscope is not None and (use := self.known.gyroscope):
-            precisions, downhill = use.prior(place.gyroscope)
+        if place.gyroscope is not None:
+            precisions, downhill = self._known_of_gyroscope(place.gyroscope)
             own = slice(-place.gyroscope.size, None)
             information[own, own] += np.diag(precisions)
             gradient[own] += downhill
+
+    def _known_of_gyroscope(self, state: GyroscopeState) -> tuple[FloatArray, FloatArray]:
+        """Return the precisions of the gyroscope's unknowns before the recording, and the downhill gradient."""
+        from scipy.spatial.transform import Rotation
+
+        assert self.known.gyroscope is not None
+        precisions, downhill = self.known.gyroscope.prior(state)
+        if self.mounting_error is not None:
+            precisions[-9:-6] += (own := 1 / max(self.mounting_error, _LEAST_ANGLE) ** 2)
+            downhill[-9:-6] -= own * Rotation.from_matrix(state.mount).as_rotvec()
+        return precisions, downhill
 
     def _add_known_view(self, view: WorldView, information: FloatArray, gradient: FloatArray) -> None:
         from scipy.spatial.transform import Rotation

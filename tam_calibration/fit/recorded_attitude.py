@@ -137,6 +137,14 @@ def turns_between(seen: FloatArray, direction: FloatArray) -> FloatArray:
     return np.asarray(axis * (np.arctan2(sine, seen @ direction) / np.maximum(sine, np.finfo(float).tiny))[:, None])
 
 
+def across_of(along: FloatArray) -> FloatArray:
+    """Return two unit vectors (N, 2, 3) across unit vectors (N, 3), right-handed with them as the third."""
+    axis = np.eye(3)[np.abs(along).argmin(axis=1)]
+    first = np.cross(along, axis)
+    first /= norm(first, axis=1, keepdims=True)
+    return np.stack([first, np.cross(along, first)], axis=1)
+
+
 def turning_of(recording: Recording, array: Array, field: FloatArray) -> Turning:
     """Return how a recording with attitude turned the array.
 

@@ -5,6 +5,7 @@ stated size gives them, all parameters together: each alone would have too few d
 """
 
 from dataclasses import dataclass
+from itertools import combinations_with_replacement
 
 import numpy as np
 
@@ -77,12 +78,15 @@ class _Ratio:
     def of(cls, information: FloatArray, score: FloatArray, cosines: FloatArray) -> "_Ratio":
         energy = float(np.sum((cosines.T @ score) ** 2))
         taken = np.einsum("bc,bpq->cpq", cosines, information)
-        covariance = np.einsum("bc,bd,bpq->cdpq", cosines, cosines, information, optimize=True)
-        covariance -= np.einsum("cpr,drq->cdpq", taken, taken)
-        expected = float(np.einsum("ccpp->", covariance))
+        expected = squares = 0.0
+        for first, second in combinations_with_replacement(range(len(taken)), 2):
+            weights = cosines[:, first] * cosines[:, second]
+            covariance = np.tensordot(weights, information, 1) - taken[first] @ taken[second]
+            squares += (1 if first == second else 2) * float(np.sum(covariance**2))
+            expected += float(np.trace(covariance)) if first == second else 0.0
         if expected <= 0:
             return cls(1.0, 1.0)
-        return cls(energy / expected, 2 / 9 * float(np.sum(covariance**2)) / expected**2)
+        return cls(energy / expected, 2 / 9 * squares / expected**2)
 
     @property
     def deviation(self) -> float:

@@ -21,6 +21,7 @@ from tam_calibration.live.change import GRADIENT
 from tam_calibration.live.change_window import BLOCK_S, ChangeWindow, Step, Suspicion
 from tam_calibration.live.recursion import Belief, MomentLikelihood, Recursion, SampleMoments, Walk, solve
 from tam_calibration.live.trial import Trial
+from tam_calibration.live.turns import Stretch
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.units import FloatArray
 
@@ -135,6 +136,7 @@ class Live:
         self._walk = Walk(prior)
         self._stored = Belief(prior.errors, prior.covariance, np.nan, np.nan)
         self._window = ChangeWindow(prior, self._walk)
+        self._stretch = Stretch(prior)
         self._suspicion: Suspicion | None = None
         self._rows: list[FloatArray] = []
         self._problem = ""
@@ -143,15 +145,18 @@ class Live:
         self._is_restored = False
         self.state = state or LiveState(Recursion.at(self._stored), self._stored)
 
-    def add(self, rows: FloatArray) -> None:
+    def add(self, rows: FloatArray, rates: FloatArray | None = None) -> None:
         """Take samples.
 
         Parameters
         ----------
         rows : (n, 3K + 3) array
             Stamp, seconds; readings, tesla; intensity, tesla, and temperature, °C, each NaN where there is none.
+        rates : (n, 3) array, optional
+            Angular velocity, rad/s; NaN where there is none.
         """
-        for row in rows:
+        rates = np.full((len(rows), 3), np.nan) if rates is None else rates
+        for row in np.column_stack([rows, rates]):
             if self._rows and not 0 <= row[0] - self._rows[0][0] < BLOCK_S:
                 block, self._rows = np.array(self._rows), []
                 self._take(block)
@@ -216,6 +221,7 @@ class Live:
         rows = self._in_a_field(rows)
         if not len(rows):
             return
+        rows, rates = rows[:, :-3], rows[:, -3:]
         begin_s, end_s = float(rows[0, 0]), float(rows[-1, 0])
         known = rows[np.isfinite(rows[:, -1]), -1]
         temperature_C = float(known.mean()) if known.size else np.nan
@@ -234,6 +240,7 @@ class Live:
         )
         if not self.state.paused_by:
             self._learn(moments, end_s, temperature_C)
+            self._learn_turns(rows, rates, recursion.now)
         if self._suspicion is not None and self._suspicion.is_decided:
             self._decide(self._suspicion, end_s, temperature_C)
         elif self._suspicion is None and self.state.paused_by and self._window.is_full:
@@ -264,8 +271,8 @@ class Live:
         A driver that sends zeros or another unit tells nothing, and would end the update.
         """
         bounds, rows = self._calibration.array.field, rows.copy()
-        fields_T = self.state.recursion.now.errors.restore(rows[:, 1:-2].reshape(len(rows), -1, 3))
-        rows[~bounds.hold_each(rows[:, -2]), -2] = np.nan
+        fields_T = self.state.recursion.now.errors.restore(rows[:, 1:-5].reshape(len(rows), -1, 3))
+        rows[~bounds.hold_each(rows[:, -5]), -5] = np.nan
         is_told = bounds.hold_each(np.median(norm(fields_T, axis=2), axis=1))
         self._left_out += int(np.count_nonzero(~is_told))
         return np.asarray(rows[is_told])
@@ -278,6 +285,21 @@ class Live:
             return
         self._problem = ""
         self.state = replace(self.state, recursion=recursion, learned=self.state.learned + moments.count)
+
+    def _learn_turns(self, rows: FloatArray, rates: FloatArray, before: Belief) -> None:
+        """Learn what the gyroscope tells of a stretch in which no change is looked into."""
+        if self.is_suspicious:
+            self._stretch.clear()
+            return
+        self._stretch.add(rows, rates, before)
+        if not self._stretch.is_full:
+            return
+        if (told := self._stretch.told(self._likelihood.factors)) is None:
+            return
+        try:
+            self.state = replace(self.state, recursion=self.state.recursion.beside(told, self._likelihood))
+        except Refused as problem:
+            self._problem = str(problem)
 
     def _decide(self, suspicion: Suspicion, end_s: float, temperature_C: float) -> None:
         """Do what is configured; a change that was told already, or has passed, is not told."""

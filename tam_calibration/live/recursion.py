@@ -188,6 +188,25 @@ _SETTLED = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
+class Quadratic:
+    """What something tells of the errors of the sensors, beside their samples.
+
+    Parameters
+    ----------
+    information : (12 K, 12 K) array
+        Of the flattened errors, SI.
+    gradient : (12 K,) array
+        Downhill, at the errors.
+    errors : SensorErrors
+        Where it is linearised.
+    """
+
+    information: FloatArray
+    gradient: FloatArray
+    errors: SensorErrors
+
+
+@dataclass(frozen=True, eq=False)
 class Belief:
     """Normal distribution of the errors of the sensors at a moment.
 
@@ -220,6 +239,15 @@ class Belief:
             time_s=self.time_s if np.isfinite(self.time_s) else time_s,
             temperature_C=self.temperature_C if np.isfinite(self.temperature_C) else temperature_C,
         )
+
+    def beside(self, told: Quadratic) -> "Belief":
+        """Return the belief with what something else tells of the errors."""
+        free, mean = self.free, self.errors.to_vector().ravel()
+        downhill = told.gradient + told.information @ (told.errors.to_vector().ravel() - mean)
+        covariance = np.zeros_like(self.covariance)
+        covariance[np.ix_(free, free)] = inverted(self.certainty + told.information[np.ix_(free, free)])
+        vector = (mean + covariance @ downhill).reshape(-1, 12)
+        return replace(self, errors=SensorErrors.from_vector(vector, self.errors.orientation), covariance=covariance)
 
     def distance(self, other: SensorErrors) -> float:
         """Return how far other errors are, in standard errors: root mean square over all directions."""
@@ -305,6 +333,18 @@ class Recursion:
     def dated(self, time_s: float, temperature_C: float) -> "Recursion":
         """Return the recursion with a time and a temperature where it has none."""
         return replace(self, begin=self.begin.dated(time_s, temperature_C), now=self.now.dated(time_s, temperature_C))
+
+    def beside(self, told: Quadratic, likelihood: MomentLikelihood) -> "Recursion":
+        """Return the recursion with what something else tells of the errors of its stretch.
+
+        Raises
+        ------
+        Refused
+            When the iteration does not settle.
+        """
+        begin, now = self.begin.beside(told), self.now
+        found = solve(begin, self.moments, now.time_s, now.temperature_C, likelihood, now.errors)
+        return replace(self, begin=begin, now=found)
 
     def after(
         self, moments: SampleMoments, time_s: float, temperature_C: float, likelihood: MomentLikelihood, walk: Walk

@@ -117,7 +117,8 @@ class SampleLayout:
     @classmethod
     def whole(cls, sensor_count: int, further: tuple[str, ...] = ()) -> "SampleLayout":
         """Return the layout with all channels of a node, and some further ones."""
-        return cls(sensor_count, scalar=True, temperature=True, current=True, attitude=True, further=further)
+        known = dict.fromkeys(("scalar", "temperature", "current", "attitude", "gyroscope"), True)
+        return cls(sensor_count, **known, further=further)
 
     @classmethod
     def of(cls, recording: Recording) -> "SampleLayout":

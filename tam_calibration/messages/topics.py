@@ -12,9 +12,16 @@ CHANNEL_TOPICS = {
     "temperature": "temperature",
     "current": "current",
     "attitude": "imu/data",
+    "gyroscope": "imu/data",
 }
 
-_CHANNEL_TYPES = {"scalar": MAGNETIC_FIELD, "temperature": TEMPERATURE, "current": FLOAT64, "attitude": IMU}
+_CHANNEL_TYPES = {
+    "scalar": MAGNETIC_FIELD,
+    "temperature": TEMPERATURE,
+    "current": FLOAT64,
+    "attitude": IMU,
+    "gyroscope": IMU,
+}
 
 FIELD_UNITS = {MAGNETIC_FIELD: {f"magnetic_field.{axis}": "T" for axis in "xyz"}}
 """Units that definitions of messages state, by type and field."""

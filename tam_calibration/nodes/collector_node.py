@@ -13,7 +13,9 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
-from tam_calibration.fit.coverage import Coverage, LiveCoverage
+from tam_calibration.core.averaged_rates import AveragedRates
+from tam_calibration.fit.coverage import Coverage
+from tam_calibration.fit.live_coverage import LiveCoverage
 from tam_calibration.messages.missing import LiveMissing, are
 from tam_calibration.messages.point_cloud import SampleLayout
 from tam_calibration.messages.run import Run
@@ -24,8 +26,10 @@ from tam_calibration.messages.synchroniser import Sample, Synchroniser
 from tam_calibration.messages.topics import CHANNEL_TOPICS
 from tam_calibration.messages.turning import turns_of
 from tam_calibration.messages.usage import Usage, why_doubled
+from tam_calibration.model.conversion import RATE_COLUMNS
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.limits import SHORTEST_ATTITUDE, largest_of
+from tam_calibration.model.units import to_nanotesla
 from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health, TamNode
 from tam_calibration.nodes.cloud import cloud_writer, make_cloud, to_stamp
 from tam_calibration.nodes.frames import FrameCheck
@@ -46,6 +50,9 @@ _STOOD_STILL_S = 2.0
 
 _TOLD_S = 30.0
 """Time for which a step of the stamps is a warning."""
+
+_BOUGHT_PERIOD_S = 10.0
+"""Time between two looks at what the turn has bought, each of which takes a tenth of a second."""
 
 _COVERAGE_PERIOD_S = 1.0
 """Time between markers of the coverage, as between the sentences on it in /diagnostics."""
@@ -79,6 +86,8 @@ class Collector(TamNode):
     _lost: int
     _steps: int
     _lost_before: dict[str, int]
+    _bought_s: float
+    _bought: dict[str, float | None]
 
     def __init__(self) -> None:
         super().__init__("collector", RULES)
@@ -87,6 +96,8 @@ class Collector(TamNode):
         self._turns = turns_of(self._array.mounting)
         self._frames = FrameCheck(self._array.mounting, self.get_logger().warning)
         self._layout = SampleLayout.whole(sensor_count, self._array.further_channels)
+        first = self._layout.columns.index(RATE_COLUMNS[0]) - 1
+        self._at_rates = slice(first, first + len(RATE_COLUMNS))
         self._sensors = [sensor_stream(sensor + 1) for sensor in range(sensor_count)]
         scalar_type, map_file = self.value("scalar_type"), self.value("map_file")
         self._map = map_of_topics(map_file, self._layout) if map_file else own_map(self._layout, scalar_type)
@@ -122,13 +133,25 @@ class Collector(TamNode):
         if len(silent) == len(self._sensors):
             self._deliver(self._synchroniser.flush())
         coverage = self._coverage.summary()
-        level, message = self._judge(self._synchroniser, silent) or (OK, coverage.advice)
+        level, message = self._judge(self._synchroniser, silent) or (OK, f"{coverage.advice}{self._look_at_bought()}")
         if time.monotonic() < self._stepped_s + _TOLD_S:
             level, message = max(level, WARN), f"{message}; {self._step}"
         missing = {"missing_readings": "; ".join(self._missing.sentences())}
         lost = {"lost": self._lost, "steps": self._steps, "last_step": self._step}
-        counted = _describe(coverage) | _count(self._synchroniser) | lost
+        counted = _describe(coverage) | self._bought | _count(self._synchroniser) | lost
         return Health(level, message, counted | missing | process | self._describe_stamps())
+
+    def _look_at_bought(self) -> str:
+        """Return how well the turn tells the biases so far, for people, and keep the figures."""
+        if time.monotonic() > self._bought_s + _BOUGHT_PERIOD_S:
+            self._bought_s = time.monotonic()
+            names = ("bias_error_T", "bias_error_with_gyroscope_T")
+            self._bought = dict(zip(names, self._coverage.bought(self._array), strict=False))
+        alone_T, beside_T = self._bought.values()
+        if beside_T is None:
+            return ""
+        told = f"biases are known to {to_nanotesla(beside_T):.2g} nT so far"
+        return f"; {told}, without the gyroscope to {to_nanotesla(alone_T or np.inf):.2g} nT"
 
     def _describe_stamps(self) -> dict[str, object]:
         """Return rate, jitter, delay and offset of the streams that have stamps."""
@@ -271,6 +294,8 @@ class Collector(TamNode):
             return  # the driver says that it has none
         if stream in self._turns:
             values = self._turns[stream](*values)
+        if stream == "gyroscope":
+            self._rates.add(None if stamp_ns is None else np.array([stamp_ns]), np.array([values]))
         self._deliver(self._synchroniser.push(stream, stamp_ns, values, arrived_ns))
         if self._synchroniser.steps:
             self._tell_steps(self._synchroniser)
@@ -305,15 +330,28 @@ class Collector(TamNode):
         )
 
     def _deliver(self, samples: Sequence[Sample]) -> None:
-        for sample in samples:
+        for sample in self._averaged(samples):
             if self._run.begins_again(sample.stamp_ns, sample.values[: 3 * len(self._sensors)]):
                 self._coverage.reset()
                 self.get_logger().warning("a recording is played once more: its first sample begins the run anew")
             if not math.isnan(sum(sample.values[: 3 * len(self._sensors)])):
-                self._coverage.add(np.array(sample.values[:3]).reshape(1, 1, 3))
+                has_rates = not math.isnan(sample.values[self._at_rates.start])
+                self._coverage.add(np.array(sample.values[:3]).reshape(1, 1, 3), sample.stamp_ns / 1e9, has_rates)
             if self._samples.get_subscription_count():
                 row = self._row.pack(sample.stamp_ns / 1_000_000_000, *sample.values)
                 self._samples.publish(self._writer.message(to_stamp(sample.stamp_ns), row))
+
+    def _averaged(self, samples: Sequence[Sample]) -> Sequence[Sample]:
+        """Return samples with the mean angular velocity since the one before; else the newest."""
+        if "gyroscope" not in self._stamps or not samples:
+            return samples
+        newest = np.array([sample.values[self._at_rates] for sample in samples])
+        means = self._rates.means(np.array([sample.stamp_ns for sample in samples]), newest)
+        first, last = self._at_rates.start, self._at_rates.stop
+        return [
+            sample._replace(values=(*sample.values[:first], *rates, *sample.values[last:]))
+            for sample, rates in zip(samples, means.tolist(), strict=True)
+        ]
 
     def _show_coverage(self) -> None:
         self._subscribe()
@@ -332,6 +370,7 @@ class Collector(TamNode):
     def _start_over(self) -> None:
         self._synchroniser = None
         self._coverage, self._run, self._missing = LiveCoverage(), Run(), LiveMissing()
+        self._rates, self._bought_s, self._bought = AveragedRates(), -math.inf, {}
         self._stamps = defaultdict(StampFigures)
         self._lost, self._steps, self._step, self._stepped_s = 0, 0, "none", -math.inf
         self._lost_before = {}

@@ -45,9 +45,16 @@ def _attitude(message: bytes) -> tuple[int, Sequence[float]]:
     return stamp_ns, (math.nan,) * 4 if doubles[4] == -1 else doubles[:4]
 
 
+def _angular_velocity(message: bytes) -> tuple[int, Sequence[float]]:
+    """Return the angular velocity, which the attitude and its covariance precede; NaN where the IMU has none."""
+    stamp_ns, doubles = read_stamp_and_doubles(message, 17)
+    return stamp_ns, (math.nan,) * 3 if doubles[16] == -1 else doubles[13:16]
+
+
 _FAST: dict[tuple[str, tuple[str, ...]], _Read] = {
     (MAGNETIC_FIELD, tuple(f"magnetic_field.{axis}" for axis in "xyz")): partial(read_stamp_and_doubles, count=3),
     (IMU, tuple(f"orientation.{axis}" for axis in "xyzw")): _attitude,
+    (IMU, tuple(f"angular_velocity.{axis}" for axis in "xyz")): _angular_velocity,
     (TEMPERATURE, ("temperature",)): partial(read_stamp_and_doubles, count=1),
     (FLOAT64, ("data",)): lambda message: (None, (read_float64(message),)),
 }
@@ -154,7 +161,7 @@ def map_of_topics(path: str, layout: SampleLayout) -> ChannelMap:
     InputError
         When it cannot be read, is the map of a file, or for another array.
     """
-    found = replace(read_map(path), gyroscope=None, position=None)  # neither is read on line
+    found = replace(read_map(path), position=None)  # which is not read on line
     if isinstance(found.time, TimeColumn) or not all(
         pick.topic and not pick.instance for pick in found.streams.values()
     ):

@@ -14,6 +14,7 @@ from tam_calibration.fit.prior import has_date, prior_of
 from tam_calibration.live.live import ON_CHANGE, Live, LiveState
 from tam_calibration.messages.point_cloud import SampleLayout
 from tam_calibration.model.array import Array
+from tam_calibration.model.conversion import RATE_COLUMNS
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray
 from tam_calibration.nodes.base import OK, WARN, TamNode
@@ -104,7 +105,7 @@ class LiveUpdate:
             if live is None:
                 return
             live.on_change = self._node.value("on_change")
-            live.add(self._unaffected_rows(rows))
+            live.add(*self._unaffected_rows(rows))
             news = live.news()
         for change in live.state.changes[self._told :]:
             self._node.get_logger().warning(f"{_when(change.since_s)}: {change.sentence}")
@@ -168,19 +169,21 @@ class LiveUpdate:
         except InputError as problem:
             self.problem = f"not updated: {problem}"
 
-    def _unaffected_rows(self, rows: FloatArray) -> FloatArray:
+    def _unaffected_rows(self, rows: FloatArray) -> tuple[FloatArray, FloatArray | None]:
         """Return samples as `Live.add` takes them, without the effects; none where stamps step back."""
         last = 1 + 3 * self._array.sensor_count
         if self._stored is None or not self._stored.effects or self._unaffected is None:
-            return rows[:, : last + 2]
+            first = self._layout.columns.index(RATE_COLUMNS[0])
+            return rows[:, : last + 2], rows[:, first : first + len(RATE_COLUMNS)]
         try:
             recording = self._unaffected.of(self._layout.recording(rows))
         except InputError:
-            return rows[:0, : last + 2]
+            return rows[:0, : last + 2], None
         count = recording.sample_count
         unknown = np.full(count, np.nan)
         channels = [unknown if each is None else each for each in (recording.scalar_T, recording.temperature_C)]
-        return np.column_stack([recording.time_s, recording.readings_T.reshape(count, -1), *channels])
+        whole = np.column_stack([recording.time_s, recording.readings_T.reshape(count, -1), *channels])
+        return whole, recording.angular_velocity_rad_s
 
     def _read(self, stored: str) -> LiveState | None:
         """Return the state on disk; one that is damaged or of another array or calibration is set aside."""

@@ -19,6 +19,7 @@ from tam_calibration.localization.euler import DIPOLE_INDEX
 from tam_calibration.localization.solutions import EulerSolutions, Status, pose_rows
 from tam_calibration.localization.turned_samples import Regional, locate_samples, regional_of, turned
 from tam_calibration.messages.point_cloud import FIELD_GRADIENT_COLUMNS, SOURCE_COLUMNS
+from tam_calibration.model.conversion import ATTITUDE_COLUMNS
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import LOCAL_VARIANCE_T2, field_at
 from tam_calibration.model.units import FloatArray
@@ -167,8 +168,9 @@ class Localizer(CalibratedNode):
     def _take_samples(self, messages: list[bytes]) -> None:
         joined: list[Joined] = []
         for rows in self._readers["samples"].read(messages):
-            has_attitude = self._layout_of(rows.columns).attitude
-            attitudes = rows.values[:, -4:] if has_attitude else np.full((len(rows.values), 4), np.nan)
+            attitudes = np.full((len(rows.values), 4), np.nan)
+            if self._layout_of(rows.columns).attitude:
+                attitudes = rows.values[:, [rows.columns.index(name) for name in ATTITUDE_COLUMNS]]
             for stamp_ns, attitude in zip(map(from_stamp, rows.stamps), attitudes, strict=True):
                 joined += self._join.push_attitude(stamp_ns, attitude)
         self._answer(joined)

@@ -531,6 +531,8 @@ def _suggested(stream: str, table: Table, widths: Sequence[int]) -> tuple[str, .
     """Return the fields of a stream that a type or names suggest."""
     if stream == "position" and table.type in POSITION_FIELDS:
         return POSITION_FIELDS[table.type]
+    if stream == "gyroscope" and table.type == IMU:
+        return _below("angular_velocity", table, widths)
     if stream == "attitude":
         for pick in attitudes_in(table):
             return tuple(map(str, pick.fields or pick.columns)) or _below(pick.field, table, widths)

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from tam_calibration.core.averaged_rates import AveragedRates
 from tam_calibration.correction.partial import missing_codes
 from tam_calibration.messages.batch_stream import StreamMessages
 from tam_calibration.messages.batch_synchroniser import BatchSynchroniser
@@ -25,7 +26,6 @@ from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.limits import largest_of
 from tam_calibration.model.mounting import Mounting
 from tam_calibration.model.units import FloatArray, IntArray
-from tam_calibration.recordings.averaged_rates import AveragedRates
 from tam_calibration.recordings.channel_map import CHANNEL_WIDTHS, Clock, FieldUnit, Pick
 from tam_calibration.recordings.intake import Intake
 from tam_calibration.recordings.navigation import axes_of

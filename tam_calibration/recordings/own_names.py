@@ -96,9 +96,6 @@ def own_map(tables: Sequence[Table], sensor_count: int | None) -> ChannelMap | N
         raise InputError(f"the bag has {highest} sensors, the array {sensor_count}: use the array file of this bag")
     sensors = [Pick(topic=space + sensor_topic(sensor)) for sensor in range(1, (sensor_count or highest) + 1)]
     channels = {name: Pick(topic=space + topic) for name, topic in CHANNEL_TOPICS.items() if space + topic in topics}
-    imu = next((table for table in tables if table.name == space + CHANNEL_TOPICS["attitude"]), None)
-    if imu is not None and "angular_velocity.x" in imu.fields:
-        channels["gyroscope"] = Pick(topic=imu.name, field="angular_velocity")
     relative = {topic: named_by(topic.removeprefix(space)) for topic in sorted(topics) if topic.startswith(space)}
     further = {name: Pick(topic=topic) for topic, name in relative.items() if name}
     return ChannelMap.of(sensors, channels, further)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from compasses import with_compass
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.fit import calibrate
@@ -12,29 +13,33 @@ from tam_calibration.fit.gyroscope_check import judge_gyroscope
 from tam_calibration.fit.gyroscope_likelihood import GyroscopeLikelihood
 from tam_calibration.fit.gyroscope_path import GyroscopePath, GyroscopeState
 from tam_calibration.fit.likelihood import UNIFORM
+from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.posterior import Known
 from tam_calibration.model.array import Array
 from tam_calibration.model.gyroscope import Gyroscope
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import from_degrees
+from tam_calibration.simulation import simulate
+from tam_calibration.simulation.attitude import Manoeuvre
 
 RATE_HZ, COUNT = 10.0, 3000
 GYROSCOPE = Gyroscope(from_degrees(4.5e-3), from_degrees(0.1))
 WORLD_T = 50e-6 * np.array([0.0, np.cos(1.08), -np.sin(1.08)])
 
 
+def attitude_at(time_s, period_s):
+    """Return one full circle with swings of 5°."""
+    yaw, swing = 2 * np.pi * time_s / period_s, from_degrees(5.0)
+    pitch, roll = swing * np.sin(2 * np.pi * time_s / 15), swing * np.sin(2 * np.pi * time_s / 20 + 0.4)
+    return Rotation.from_euler("ZYX", np.column_stack([yaw, pitch, roll]))
+
+
 def made(sensors=1, seed=1, count=COUNT, has_scalar=True, noise=1.0):
     """Return a recording of one full circle with swings of 5°, its array, and the true errors."""
     rng, time_s = np.random.default_rng(seed), np.arange(count) / RATE_HZ
-
-    def attitude(at_s):
-        yaw, swing = 2 * np.pi * at_s / time_s[-1], from_degrees(5.0)
-        pitch, roll = swing * np.sin(2 * np.pi * at_s / 15), swing * np.sin(2 * np.pi * at_s / 20 + 0.4)
-        return Rotation.from_euler("ZYX", np.column_stack([yaw, pitch, roll]))
-
-    field = attitude(time_s).inv().apply(WORLD_T)
-    rates = (attitude(time_s - 1e-4).inv() * attitude(time_s + 1e-4)).as_rotvec() / 2e-4
+    at, before, after = (attitude_at(time_s + moment_s, time_s[-1]) for moment_s in (0.0, -1e-4, 1e-4))
+    field, rates = at.inv().apply(WORLD_T), (before.inv() * after).as_rotvec() / 2e-4
     spread = np.repeat([0.02, 0.005, 30e-9, 0.005], 3)
     errors = SensorErrors.from_vector(
         np.repeat([1.0, 0.0], [3, 9]) + spread * rng.normal(size=(sensors, 12)) * (np.arange(12) < 9)
@@ -193,11 +198,46 @@ def test_a_scale_error_that_is_stated_counts():
     assert stated.standard_errors[0, 8] > 2 * exact.standard_errors[0, 8]
 
 
-def test_a_gyroscope_counts_before_a_recorded_attitude():
-    """An attitude that leans on the raw readings does no harm beside a gyroscope, and the answer says so."""
+@pytest.mark.parametrize("moved_T", [0.0, 5e-9, 5e-6])
+def test_a_prior_that_is_contradicted_is_no_fault_of_the_gyroscope(wu_run, wu_scenario, moved_T):
+    """A bias that moved is found as without it, and the gyroscope makes the errors no larger."""
+    pier = maximum_likelihood(wu_run.recording, wu_scenario.array)
+    vector = wu_scenario.errors.to_vector()
+    vector[2, 6:9] += moved_T / np.sqrt(3)
+    swing = Manoeuvre(from_degrees(5.0), from_degrees(5.0), 120.0)
+    scenario = replace(wu_scenario, errors=SensorErrors.from_vector(vector), motion=swing, sample_count=600)
+    made = simulate(replace(scenario, rate_hz=10.0, gyroscope=GYROSCOPE, seed=8)).recording
+    array = replace(wu_scenario.array, gyroscope=GYROSCOPE)
+    beside, alone = (calibrate(each, array, prior=pier) for each in (made, replace(made, angular_velocity_rad_s=None)))
+    moved = [[(each.kind, each.sensor) for each in found.update.moved] for found in (beside, alone)]
+    assert moved[0] == moved[1] == ([("bias", 3)] if moved_T else []) and beside.notes == alone.notes
+    assert (beside.standard_errors <= 1.001 * alone.standard_errors).all()
+    away = (beside.errors.to_vector() - vector)[:, :9] / beside.standard_errors[:, :9]
+    assert np.abs(away).max() < 4
+
+
+@pytest.mark.parametrize("sensors", [1, 4])
+def test_a_mounting_that_is_stated_ties_the_frame_of_the_sensors(sensors):
+    """The misalignments of all sensors, sensor 1 too, are those against the gyroscope, and within their errors."""
+    recording, array, errors = made(sensors, seed=11)
+    turn = Rotation.from_rotvec([0.05, -0.03, 0.08])
+    turned = with_rates(recording, turn.apply)  # the sensors are turned by the inverse against the gyroscope
+    truth = SensorErrors.from_matrix(errors.matrix @ turn.inv().as_matrix(), errors.bias_T)
+    alone, tied = (calibrate(turned, each) for each in (array, replace(array, mounting_error=from_degrees(0.01))))
+    assert "gyroscope" in tied.frame and tied.frame != alone.frame
+    assert not alone.standard_errors[0, 9:].any() and (tied.standard_errors[0, 9:] > from_degrees(0.01)).all()
+    away = (tied.errors.to_vector() - truth.to_vector()) / tied.standard_errors
+    assert np.abs(away).max() < 4 and tied.standard_errors[:, 9:].max() < from_degrees(0.57)
+    assert tied.held_out is not None
+
+
+@pytest.mark.parametrize("filter_s", [0.0, 2.0])
+def test_a_gyroscope_counts_before_an_attitude_that_leans_on_the_magnetometer(filter_s):
+    """The AHRS of a compass that is not calibrated changes nothing beside a gyroscope, and the answer says so."""
     recording, array, errors = made(seed=6)
-    rng = np.random.default_rng(2)
-    attitude = rng.normal(size=(COUNT, 4))
-    found = calibrate(replace(recording, attitude=attitude), replace(array, attitude_noise=from_degrees(0.1)))
+    turns = attitude_at(recording.time_s, recording.time_s[-1])
+    ahrs = with_compass(recording, turns, 2, filter_s=filter_s)
+    found, without = (calibrate(each, replace(array, attitude_noise=from_degrees(0.1))) for each in (ahrs, recording))
     assert any("attitude is left out beside the gyroscope" in note for note in found.notes)
+    np.testing.assert_array_equal(found.errors.to_vector(), without.errors.to_vector())
     assert np.abs((found.errors.bias_T - errors.bias_T) / found.standard_errors[:, 6:9]).max() < 4

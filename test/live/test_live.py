@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from live_mission import UNCHANGING, ashore, dive, moved
+from live_mission import UNCHANGING, ashore, dive, moved, rates_of_dive
 from numpy.linalg import inv, norm
 from numpy.testing import assert_array_equal
 from scipy.signal import lfilter
@@ -24,9 +24,12 @@ from tam_calibration.live.change_window import (
 )
 from tam_calibration.live.live import MOST_CHANGES, PUBLISHED_FROM, WIDENED, Live
 from tam_calibration.live.recursion import LARGEST_WALK, Belief, Recursion
+from tam_calibration.model.array import Array
 from tam_calibration.model.change_rates import DAY_S, ChangeRates
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.gyroscope import Gyroscope
 from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import from_degrees
 
 CHANGE_S = 31.0
 
@@ -388,3 +391,25 @@ def test_a_scalar_that_reads_no_field_is_none(prior, true_errors, cross):
     none.add(rows)
     assert_array_equal(zeros.state.recursion.now.errors.to_vector(), none.state.recursion.now.errors.to_vector())
     assert not zeros.state.changes and zeros.state.learned > 300
+
+
+def test_a_gyroscope_tells_the_vertical_bias_that_a_narrow_turn_does_not(true_errors, cross):
+    """Of one sensor whose scale is not known to a per mille, at ±5°; one in the mirror tells nothing."""
+    generator, gyroscope = np.random.default_rng(31), Gyroscope(from_degrees(4e-3), from_degrees(0.1))
+    array = replace(Array(cross.positions_m[:1], 1e-9, 1e-10), gyroscope=gyroscope)
+    spread = np.repeat([1e-3, 3e-4, 50e-9, 0], 3)
+    prior = ashore(SensorErrors.from_vector(true_errors.to_vector()[:1]), array, generator)
+    prior = prior.with_more(np.diag(spread**2))
+    truth = SensorErrors.from_vector(prior.errors.to_vector() + spread * generator.normal(size=(1, 12)))
+    time_s, tilt = np.arange(0, 250, 0.05), from_degrees(5.0)
+    rows, rates = dive(truth, array, generator, time_s, tilt), rates_of_dive(gyroscope, generator, time_s, tilt)
+    found = []
+    for each in (None, rates, rates * [1, -1, 1]):
+        live = Live(prior, "tell")
+        live.add(rows, each)
+        assert not live.state.changes
+        found.append(live.state.recursion.now)
+    alone, beside, mirrored = (np.sqrt(each.covariance[8, 8]) for each in found)
+    assert beside < alone / 4 and mirrored == alone
+    away = (found[1].errors.to_vector() - truth.to_vector()).ravel()[:9]
+    assert np.abs(away / np.sqrt(np.diag(found[1].covariance)[:9])).max() < 3.5

@@ -92,7 +92,7 @@ def test_messages_of_any_type_become_samples(bench, recording, tmp_path):
     assert len(scalar_T) > 20
     assert np.isin(np.round(scalar_T * 2e9), np.round((recording.scalar_T[:30] * 2e9).astype(np.float32))).all()
     assert_allclose(rows[:, 14], 20.0 + np.arange(30))
-    assert_allclose(np.abs(rows[:, -4:]), np.sqrt(0.5) * np.array([[1, 1, 0, 0]] * 30), atol=1e-15)  # north-east-down
+    assert_allclose(np.abs(rows[:, -7:-3]), np.sqrt(0.5) * np.array([[1, 1, 0, 0]] * 30), atol=1e-15)  # north-east-down
 
 
 SCALES = np.array([1e6, 1e6, 1e4, 1.0])[:, None]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tam_calibration import read_array, read_recording
+from tam_calibration.core.averaged_rates import AveragedRates
 from tam_calibration.messages.topics import IMU, MAGNETIC_FIELD
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
@@ -112,7 +113,21 @@ def test_a_quick_gyroscope_counts_by_its_mean(tmp_path):
             if index % 10 == 0:
                 reading = 3e-5 * rng.normal(size=(1, 3))
                 writer.write(field, int(stamps[0]), serialise(MAGNETIC_FIELD, reading, stamps).tobytes())
-    means = rates[1:391].reshape(39, 10, 3).mean(axis=1)
+    means = np.vstack([rates[:1], rates[1:391].reshape(39, 10, 3).mean(axis=1)])
+    expected = means.copy()
+    expected[2:] -= 0.99 / 24 * np.diff(means, 2, axis=0)
     for read in (read_recording(tmp_path / "run"), read_stream(tmp_path / "run").whole()):
-        np.testing.assert_allclose(read.angular_velocity_rad_s[1:], means, atol=1e-12)
-        np.testing.assert_allclose(read.angular_velocity_rad_s[0], rates[0])
+        np.testing.assert_allclose(read.angular_velocity_rad_s, expected, atol=1e-12)
+
+
+def test_a_mean_of_a_swing_is_as_large_as_the_swing():
+    """To a hundred thousandth, where the plain mean of ten is 0.06 % too small, in whatever pieces."""
+    time_ns, omega = np.arange(100_000) * 10_000_000, 2 * np.pi / 5
+    rates = np.sin(omega * time_ns / 1e9)[:, None] * [1.0, 0.5, 0.0]
+    averaged, found = AveragedRates(), []
+    for piece in np.array_split(np.arange(100_000), 2500):
+        averaged.add(time_ns[piece], rates[piece])
+        sampled = piece[piece % 10 == 0]
+        found.append(averaged.means(time_ns[sampled], rates[sampled]))
+    size = np.sqrt(2 * np.mean(np.concatenate(found)[50:] ** 2, axis=0))  # whole periods
+    np.testing.assert_allclose(size, [1.0, 0.5, 0.0], atol=1e-5)
