@@ -31,7 +31,6 @@ LARGEST_REST = 1.0
 _MOST_CAUSES = 4
 """Causes of one gap, at most: more cannot be told apart."""
 
-
 _MOST_TRIED = 4
 """Effects that are fitted to explain one law, at most: those with the most evidence."""
 
@@ -175,16 +174,18 @@ class _CauseSearch:
 
     def _explain(self, law: Law, others: Sequence[Law]) -> Residual | None:
         """Accept the first effect that leaves nothing of a law; return what it leaves, or None without one."""
-        candidates = list(self._candidates(self._model.base(), law))
-        for number, (one, offers) in enumerate(candidates):
-            left = self._left_by([one], law, others)
-            if left is not None:
-                rest = [other for other, _ in candidates[number + 1 :]]
-                rest += self._at_times_of(one, law.signature)
-                as_good = [other.effect for other in rest if self._left_by([other], law, others) is not None]
-                self._accept([one], law, offers, as_good)
-                return left
-        for one, offers in candidates:
+        base, tried = self._model.base(), list[tuple[Evidence, list[Evidence]]]()
+        for offers in self._offers(base, law):
+            candidates = _candidates(base, offers, law.signature)
+            for number, one in enumerate(candidates):
+                left = self._left_by([one], law, others)
+                if left is not None:
+                    rest = [*candidates[number + 1 :], *self._at_times_of(one, law.signature)]
+                    as_good = [other.effect for other in rest if self._left_by([other], law, others) is not None]
+                    self._accept([one], law, offers, as_good)
+                    return left
+            tried += [(one, offers) for one in candidates]
+        for one, offers in tried:
             chain = [one]
             while (again := self._repeated(chain, law)) is not None:
                 chain.append(again)
@@ -208,16 +209,6 @@ class _CauseSearch:
             for shape in effect.shapes_at(accepted.form.shape)
         )
         return [evidence_of(base, form) for form in forms if form is not None]
-
-    def _candidates(self, base: Base, law: Law) -> Iterator[tuple[Evidence, list[Evidence]]]:
-        """Yield the effects that may explain a law, the likeliest first, each with those that it was chosen from."""
-        seen = set[str]()
-        for offers in self._offers(base, law):
-            for offer in offers[:_MOST_TRIED]:
-                chosen = special_case(offer, offers)
-                if chosen.effect not in seen and _is_plausible(base, chosen, law.signature):
-                    yield chosen, offers
-                seen.add(chosen.effect)
 
     def _left_by(self, chain: Sequence[Evidence], law: Law, others: Sequence[Law]) -> Residual | None:
         """Return the residual beside an effect, or several forms of it; None where it leaves something of a law."""
@@ -323,6 +314,12 @@ def _sensors_of(law: Signature, effect: Effect, base: Base) -> frozenset[int]:
     if ATTITUDE[0] in sensors or sensors >= every or not acts_there:
         return EVERYWHERE
     return frozenset(SCALAR_ROW if one == SCALAR[0] else int(one) - 1 for one in sensors)
+
+
+def _candidates(base: Base, offers: Sequence[Evidence], law: Signature) -> list[Evidence]:
+    """Return the first of some offers, or special cases of them, that may explain a law; each effect once."""
+    chosen = {one.effect: one for one in (special_case(offer, offers) for offer in offers[:_MOST_TRIED])}
+    return [one for one in chosen.values() if _is_plausible(base, one, law)]
 
 
 def _is_plausible(base: Base, offer: Evidence, law: Signature) -> bool:
