@@ -77,8 +77,7 @@ class Search:
     @property
     def is_whole(self) -> bool:
         """Whether the causes explain the laws: they leave a small part in their sensors, and nothing elsewhere."""
-        own = {sensor for step in self.steps for sensor in step.law.sensors}
-        elsewhere = any(own.isdisjoint(law.signature.sensors) for law in self.remaining)
+        elsewhere = any(_is_elsewhere(law.signature, self.steps) for law in self.remaining)
         return self.open_part < MINOR and not elsewhere
 
     @property
@@ -168,8 +167,7 @@ class _CauseSearch:
 
         The models of causes are right to some per cent.
         """
-        places = {sensor for step in self._steps for sensor in step.law.sensors}
-        least = LEAST_SHARE if places.isdisjoint(law.signature.sensors) else MINOR
+        least = LEAST_SHARE if _is_elsewhere(law.signature, self._steps) else MINOR
         return law.signature.energy < least and bool(self._steps)
 
     def _explain(self, law: Law, others: Sequence[Law]) -> Residual | None:
@@ -304,6 +302,13 @@ _Key = tuple[str, Place]
 
 def _key(law: Law) -> _Key:
     return law.signature.law, law.signature.sensors
+
+
+def _is_elsewhere(law: Signature, steps: Sequence[Step]) -> bool:
+    """Say whether a law sits in no sensor in which the law of a cause may sit."""
+    return {one for place in law.places for one in place}.isdisjoint(
+        one for step in steps for place in step.law.places for one in place
+    )
 
 
 def _sensors_of(law: Signature, effect: Effect, base: Base) -> frozenset[int]:
