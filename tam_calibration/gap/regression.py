@@ -218,25 +218,6 @@ class Base:
             np.diag(own).copy(),
         )
 
-    def gains_apart(self, designs: Sequence[Regressors], joined: Regressors) -> FloatArray:
-        """Return the energy (D,) that each of some designs explains alone.
-
-        Parameters
-        ----------
-        designs : sequence of D Regressors
-            Alike but for their features.
-        joined : Regressors
-            The same side by side.
-        """
-        count = len(designs)
-        crossed, eliminated = self.eliminated(joined)
-        own = np.stack([self.channels.cross(design, design) for design in designs])
-        size = np.sqrt(np.maximum(np.einsum("dpp->dp", own), np.finfo(float).tiny))
-        score = (self.channels.score(joined) - eliminated @ self._score).reshape(count, -1)
-        by_design = crossed.reshape(len(crossed), count, -1).transpose(1, 0, 2)
-        left = own - eliminated.reshape(count, -1, len(crossed)) @ by_design
-        return _explained(left / (size[:, :, None] * size[:, None, :]), score / size)[0]
-
     def eliminated(self, design: Regressors) -> tuple[FloatArray, FloatArray]:
         """Return the cross information C (B, P) of base and design, and Cᵀ times the inverse of the base (P, B)."""
         crossed = np.concatenate([self.channels.cross(left, design) for left in self.designs])

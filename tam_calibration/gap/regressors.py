@@ -67,13 +67,6 @@ class Regressors:
             int(columns[-1]),
         )
 
-    def split(self, count: int) -> "list[Regressors]":
-        """Return so many designs that stand side by side in this one, alike but for their features."""
-        atoms = slice(len(self.rows) // count)
-        index, rows, columns = self.index[atoms], self.rows[atoms], self.columns[atoms]
-        parts = np.split(self.features, count, axis=1)
-        return [Regressors(features, index, rows, columns, self.width // count) for features in parts]
-
     @property
     def is_shared(self) -> bool:
         """Whether so many rows share features that sums by feature and direction are cheaper than by column."""

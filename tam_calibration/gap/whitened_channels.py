@@ -367,21 +367,6 @@ class WhitenedChannels:
         """(3K + 1, n) derivative of the whitened common mode by a shift of each row, in the samples that are taken."""
         return self._taken[2]
 
-    @cached_property
-    def taken_residual(self) -> tuple[FloatArray, FloatArray]:
-        """Whitened residuals of the samples that are taken: between the sensors (n, 3K - 3), of the common mode (n,).
-
-        Zero in samples that do not count; without a reference the last common mode is repeated.
-        """
-        every = slice(None, None, self.stride)
-        counted, root = self.is_counted[every], np.sqrt(self.precision[every])
-        known = np.flatnonzero((root > 0) & counted)
-        common = np.zeros(len(root))
-        if len(known):
-            last = known[np.maximum(np.searchsorted(known, np.arange(len(root)), side="right") - 1, 0)]
-            common = counted * (root * self.intensity_residual_T[every])[last]
-        return np.where(counted[:, None], self.differential[every], 0.0), common
-
     def score(self, design: Regressors, part: slice | None = None) -> FloatArray:
         """Return the score (P,) of the columns of a design: their products with the residuals.
 
@@ -397,11 +382,6 @@ class WhitenedChannels:
             total += design.features[piece].T @ self._taken_score[piece]
         of_atoms = design.of_atoms(total)
         return of_atoms if design.scatter is None else of_atoms @ design.scatter
-
-    @property
-    def row_score(self) -> FloatArray:
-        """(N, 3K + 1) score of a shift of each row in each sample."""
-        return self._row_score(slice(None))
 
     def _row_score(self, samples: slice) -> FloatArray:
         by_row = self.direction[samples] @ self.turn * (self.precision * self.intensity_residual_T)[samples, None]
