@@ -18,7 +18,7 @@ from tam_calibration.effects.library import effect_named, installed_effects, uni
 from tam_calibration.gap.checks import checks_of
 from tam_calibration.gap.coloured import covariance_of
 from tam_calibration.gap.hypothesis import Hypothesis, Place, sensors_of
-from tam_calibration.gap.laws.causes import makes, may_follow_any_course
+from tam_calibration.gap.laws.causes import agrees
 from tam_calibration.gap.laws.law import in_words
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.next_recording import is_drift, next_recording
@@ -369,9 +369,7 @@ def _indistinguishable(step: Step, effect: FittedEffect, found: Search) -> tuple
     names = [*step.others]
     if isinstance(cause.form, Hypothesis) and cause.form.effect.is_free_in_time:
         names += [
-            one.effect
-            for one in found.considered
-            if one.status == "channel_missing" and makes(one.effect, step.law) and may_follow_any_course(one.effect)
+            one.effect for one in found.considered if one.status == "channel_missing" and agrees(one.effect, step.law)
         ]
     is_few = isinstance(cause.form, Finding) and cause.form.flagged is not None and cause.form.flagged.sum() < FEWEST
     if is_few and effect_named(effect.effect).is_of_extremes:

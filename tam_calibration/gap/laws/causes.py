@@ -93,11 +93,6 @@ def makes(effect: str, law: Signature) -> bool:
     return all(law.law in one.law for one in CAUSES if one.name == effect)
 
 
-def may_follow_any_course(effect: str) -> bool:
-    """Say whether an effect follows a channel, so that it may have any course where that was not recorded."""
-    return any(one.channel for one in CAUSES if one.name == effect)
-
-
 def may_make(effect: str, law: Signature) -> bool:
     """Say whether an effect can make a law whose course may be another that looks alike.
 
