@@ -182,9 +182,11 @@ def set_of(chances: Mapping[str, float], verdict: Verdict, causes: Collection[Ca
 
 
 def _spread(chances: dict[str, float], found: Search, named: Collection[str], rest: float) -> None:
-    """Distribute the remaining probability over the effects not named, in proportion to their gains."""
+    """Distribute the remaining probability over the effects not named by their gains; without any to none of these."""
     gains = {one.effect: max(one.gain, 0.0) for one in found.weighed if one.effect not in named}
     total = sum(gains.values())
+    if total == 0:
+        chances["none_of_these"] += rest
     for name, gain in gains.items():
         chances[name] += rest * gain / total if total > 0 else 0.0
 
@@ -405,10 +407,7 @@ def _places(fitted: FittedEffect, covariates: Covariates) -> list[Place]:
 
 
 def _considered(found: Search, causes: tuple[Cause, ...]) -> tuple[Considered, ...]:
-    law = found.laws[0].signature.law.replace("_", " ") if found.laws else ""
-    other = f"the gap is a law of {law}, which it does not make" if law else "no law of a gap was found"
-    result = {name: Considered(name, "not_supported", other) for name in installed_effects()}
-    result |= {one.effect: one for one in found.considered}
+    result = {one.effect: one for one in found.considered}
     for one in found.weighed:
         if one.delta_bic < LEAST_EVIDENCE:
             why = "noise alone explains the data as well"

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.effects.covariates import Covariates, to_world
 from tam_calibration.effects.grades import FEWEST, MOST, NEGLIGIBLE, SLIGHT
 from tam_calibration.model.units import FloatArray
 
@@ -55,6 +56,13 @@ def repeats(pose: FloatArray) -> Repeats | None:
     distance, partner = (found[:, 1] for found in cKDTree(poses).query(poses, 2))
     again = np.flatnonzero(distance < NEGLIGIBLE)
     return Repeats(visit, again, partner[again]) if len(again) > MOST * len(poses) else None
+
+
+def pose_of(covariates: Covariates) -> FloatArray:
+    """Return the axes of the array in the world (N, 9), or without attitude the field's direction in the array."""
+    if covariates.attitude is None:
+        return covariates.field_T / covariates.intensity_T[:, None]
+    return to_world(covariates).reshape(covariates.sample_count, 9)
 
 
 def _means(visit: NDArray[np.intp], values: FloatArray) -> FloatArray:

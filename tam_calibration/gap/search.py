@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from math import log
 
 from tam_calibration.effects.effect import Effect, LinearEffect
-from tam_calibration.effects.grades import MINOR, MOST
+from tam_calibration.effects.grades import MINOR, MOST, NEARLY_ALL, NOTABLE
 from tam_calibration.effects.library import effect_named, installed_effects
 from tam_calibration.gap.hypothesis import EVERYWHERE, Hypothesis, form_at, given_form, places_of, sensors_of
 from tam_calibration.gap.laws.causes import acts_at, makes, may_make
@@ -15,6 +15,7 @@ from tam_calibration.gap.laws.signature import Law, laws_of
 from tam_calibration.gap.laws.whitened import Residual, residual_of
 from tam_calibration.gap.model import Model, Part
 from tam_calibration.gap.regression import Base
+from tam_calibration.gap.repeats import pose_of, repeats
 from tam_calibration.gap.result import Considered
 from tam_calibration.gap.size import Evidence, energy_explained, evidence_of, examine, sharpened, usable
 from tam_calibration.gap.support import LEAST_EVIDENCE, Step, absorbed, is_new, special_case
@@ -30,6 +31,9 @@ LARGEST_REST = 1.0
 
 _MOST_CAUSES = 4
 """Causes of one gap, at most: more cannot be told apart."""
+
+_FREE = ("step", "episodes", "slow", "random")
+"""Courses of any function of time."""
 
 _MOST_TRIED = 4
 """Effects that are fitted to explain one law, at most: those with the most evidence."""
@@ -152,6 +156,10 @@ class _CauseSearch:
             explained.add(_key(law))
             self._tell("laws", len(self._steps) / (_MOST_CAUSES + 1))
             remaining = tuple(one for one in laws_of(self._model, left, self._gap) if _key(one) not in explained)
+        strongest = laws[0].signature.law.replace("_", " ") if laws else ""
+        why = f"the gap is a law of {strongest}, which it does not make" if laws else "no law of a gap was found"
+        for name in self._effects.keys() - self._weighed.keys():
+            self._considered.setdefault(name, Considered(name, "not_supported", why))
         return Search(
             self._nominal,
             self._model,
@@ -179,7 +187,11 @@ class _CauseSearch:
                 left = self._left_by([one], law, others)
                 if left is not None:
                     rest = [*candidates[number + 1 :], *self._at_times_of(one, law.signature)]
-                    as_good = [other.effect for other in rest if self._left_by([other], law, others) is not None]
+                    as_good = [
+                        other.effect
+                        for other in rest
+                        if _is_near(other, one) and self._left_by([other], law, others) is not None
+                    ]
                     self._accept([one], law, offers, as_good)
                     return left
             tried += [(one, offers) for one in candidates]
@@ -212,8 +224,13 @@ class _CauseSearch:
         """Return the residual beside an effect, or several forms of it; None where it leaves something of a law."""
         model = self._with(chain)
         left = residual_of(model)
-        is_judged = isinstance(chain[-1].form, Hypothesis)
-        return None if is_judged and not self._is_gone(law, others, model, left) else left
+        if not isinstance(chain[-1].form, Hypothesis):
+            return left
+        return (
+            left
+            if self._is_gone(law, others, model, left) and not _is_open_at_poses(chain[-1], self._model, model)
+            else None
+        )
 
     def _accept(self, chain: Sequence[Evidence], law: Law, offers: Sequence[Evidence], as_good: Sequence[str]) -> None:
         self._model = self._with(chain)
@@ -254,15 +271,13 @@ class _CauseSearch:
     def _offers(self, base: Base, law: Law) -> Iterator[list[Evidence]]:
         """Yield the effects that make a law, then others that explain as much as the law does; the likeliest first.
 
-        Noise explains whatever it is given: what predicts as much comes before it.
+        A free course imitates what follows a slow motion.
         """
         signature = law.signature
         own = [name for name in self._effects if may_make(name, signature)]
         others = [name for name in self._effects if not makes(name, signature)]
-        if signature.law == "noise":
-            yield self._others(base, others, law)
         yield sorted(self._examined(base, own, signature), key=lambda one: not one.is_certain)
-        if signature.law != "noise":
+        if law.found and signature.course in _FREE:
             yield self._others(base, others, law)
 
     def _others(self, base: Base, names: Sequence[str], law: Law) -> list[Evidence]:
@@ -311,6 +326,19 @@ def _is_elsewhere(law: Signature, steps: Sequence[Step]) -> bool:
     )
 
 
+def _is_open_at_poses(offer: Evidence, before: Model, after: Model) -> bool:
+    """Say whether an effect of the motion leaves much of what is the same whenever a pose is taken up again."""
+    effect = effect_named(offer.effect)
+    if effect.channels or getattr(effect, "is_free_in_time", False):
+        return False
+    first, last = (model.channels(model.signal() if model.parts else None) for model in (before, after))
+    again = repeats(pose_of(first.covariates))
+    if again is None:
+        return False
+    energy, left = (again.energy(one.differential) for one in (first, last))
+    return left > NOTABLE * energy > 0
+
+
 def _sensors_of(law: Signature, effect: Effect, base: Base) -> frozenset[int]:
     """Return the sensors in which an effect may make a law, as effects count them; empty where that is everywhere."""
     sensors = {one for place in law.places for one in place}
@@ -319,6 +347,11 @@ def _sensors_of(law: Signature, effect: Effect, base: Base) -> frozenset[int]:
     if ATTITUDE[0] in sensors or sensors >= every or not acts_there:
         return EVERYWHERE
     return frozenset(SCALAR_ROW if one == SCALAR[0] else int(one) - 1 for one in sensors)
+
+
+def _is_near(other: Evidence, accepted: Evidence) -> bool:
+    """Say whether an effect has about the evidence of an accepted one."""
+    return other.delta_bic > accepted.delta_bic - LEAST_EVIDENCE or other.gain > NEARLY_ALL * accepted.gain
 
 
 def _candidates(base: Base, offers: Sequence[Evidence], law: Signature) -> list[Evidence]:
