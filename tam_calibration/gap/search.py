@@ -32,6 +32,9 @@ LARGEST_REST = 1.0
 _MOST_CAUSES = 4
 """Causes of one gap, at most: more cannot be told apart."""
 
+_FACTORS = ("scale", "gain")
+"""Names of changes of a reading in proportion to it: one of -1 leaves no sensor."""
+
 _FREE = ("step", "episodes", "slow", "random")
 """Courses of any function of time."""
 
@@ -368,4 +371,6 @@ def _is_plausible(base: Base, offer: Evidence, law: Signature) -> bool:
     if not isinstance(offer.form, Hypothesis):
         return True
     fitted = Part.at(base, offer.form).fitted(offer.form.terms)
-    return offer.form.effect.oversize(base.channels.covariates, fitted) is None
+    values = [item for one in fitted.contributions for item in one.values.items()]
+    reads_nothing = any(name in _FACTORS and value < -NEARLY_ALL for name, value in values)
+    return not reads_nothing and offer.form.effect.oversize(base.channels.covariates, fitted) is None

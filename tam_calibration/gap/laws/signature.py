@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.effects.excess_variance import LARGEST_NOISE
 from tam_calibration.effects.grades import FEWEST, NOTABLE
 from tam_calibration.effects.quantization import find_lattices
 from tam_calibration.gap.laws.candidates import Candidate
@@ -118,7 +119,19 @@ def _signatures(model: Model, residual: Residual, whole: float) -> tuple[list[Si
         # The largest values of noise in one channel look like spikes, which explain only a part of it.
         if scattered and scattered[0].energy > least and not (spiky and scattered[0].law == "samples"):
             laws = [*(one for one in laws if one.law != "samples"), _of_noise(scattered, rest)]
-    return laws, found
+    return laws or _common_noise(model, residual), found
+
+
+def _common_noise(model: Model, residual: Residual) -> list[Signature]:
+    """Return the law of noise that all sensors have more than stated, beyond what data sheets are off."""
+    base = model.base()
+    count = max(base.channels.count - base.rank, 1.0)
+    beyond = base.energy / count / LARGEST_NOISE**2
+    if beyond <= 1:
+        return []
+    sensors: Place = tuple(range(1, residual.sensor_count + 1))
+    evidence = count * (beyond - 1 - np.log(beyond)) / 2
+    return [Signature("noise", "random", sensors, tuple(AXES), 1.0, (sensors,), None, (), float(evidence))]
 
 
 def _left(rest: Residual) -> float:
