@@ -32,9 +32,6 @@ LARGEST_REST = 1.0
 _MOST_CAUSES = 4
 """Causes of one gap, at most: more cannot be told apart."""
 
-_FACTORS = ("scale", "gain")
-"""Names of changes of a reading in proportion to it: one of -1 leaves no sensor."""
-
 _FREE = ("step", "episodes", "slow", "random")
 """Courses of any function of time."""
 
@@ -229,6 +226,9 @@ class _CauseSearch:
         left = residual_of(model)
         if not isinstance(chain[-1].form, Hypothesis):
             return left
+        channels, part = model.channels(model.signal()), model.parts[-1]
+        if part.effect.oversize(channels.covariates, part.fitted(part.terms(channels))) is not None:
+            return None
         return (
             left
             if self._is_gone(law, others, model, left) and not _is_open_at_poses(chain[-1], self._model, model)
@@ -371,6 +371,4 @@ def _is_plausible(base: Base, offer: Evidence, law: Signature) -> bool:
     if not isinstance(offer.form, Hypothesis):
         return True
     fitted = Part.at(base, offer.form).fitted(offer.form.terms)
-    values = [item for one in fitted.contributions for item in one.values.items()]
-    reads_nothing = any(name in _FACTORS and value < -NEARLY_ALL for name, value in values)
-    return not reads_nothing and offer.form.effect.oversize(base.channels.covariates, fitted) is None
+    return offer.form.effect.oversize(base.channels.covariates, fitted) is None
