@@ -78,7 +78,7 @@ ABSURD = [
     ("saturation", {}, (0, 0, "limit", {"upper limit": 0.1}), "its upper limit of 100000000 nT", "Melexis"),
     ("scale_step", {"time_s": 20.0}, (0, None, "turn", {"turn about x": 1.0}), "its turn about x of 1 rad", "Isermann"),
     ("scale_step", {"time_s": 20.0}, (0, 0, "scale", {"scale": 2.0}),
-     "its scale of 2 is more than the 1 known", "Isermann"),
+     "its scale of 2 is more than the 1.05 known", "Isermann"),
     ("gain_switching", {"on_1_s": 20.0, "off_1_s": 21.0}, (0, 0, "gain", {"gain": 2.0}), "its gain of 2", "Horowitz"),
     ("crosstalk", {}, (0, 0, "previous 2 y", {"bleed": -2.0}), "its bleed of -2", "Kester"),
     ("ringing", {"frequency_hz": 2.0, "damping": 0.2}, (0, None, "response", {"amplitude": 2.0}),
