@@ -185,7 +185,7 @@ def _made(function: ast.FunctionDef) -> dict[str, set[str]]:
 
 
 def _is_numeric(value: Any) -> bool:
-    if isinstance(value, Mapping):
+    if isinstance(value, dict):
         return bool(value) and all(_is_numeric(one) for one in value.values())
     if isinstance(value, tuple | list):
         return bool(value) and all(_is_numeric(one) for one in value)

@@ -40,6 +40,8 @@ ARM_M = 0.25
 """Half the baseline of Wu's cross."""
 
 POSITIONS_M = ARM_M * np.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]])
+"""Sensors 1 to 4 at the ends of the arms, forward first."""
+
 ARRAY = Array(positions_m=POSITIONS_M, vector_noise_T=np.full(4, NOISE_T), scalar_noise_T=SCALAR_T)
 ALL, SCALAR = (1, 2, 3, 4), ("scalar",)
 

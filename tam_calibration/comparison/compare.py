@@ -9,10 +9,11 @@ from tam_calibration.comparison.mending import mend_of, mended_twin, source_erro
 from tam_calibration.comparison.mistakes.find import mistakes_of
 from tam_calibration.comparison.readings import side_by_side
 from tam_calibration.comparison.result import Closing, Comparison, Mend, Side, Step
-from tam_calibration.comparison.side import side_of
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.gap.diagnose import in_stretches
+from tam_calibration.gap.calibration_with_effects import calibration_of
+from tam_calibration.gap.diagnose import in_stretches, judge
 from tam_calibration.gap.search import Progress
+from tam_calibration.integrity import ACCEPTABLE
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording, SampleSource
@@ -103,6 +104,33 @@ def compare(
         *sides,
         _remarks(sides, differences),
     )
+
+
+def side_of(source: SampleSource, array: Array, progress: Progress | None = None) -> Side:
+    """Return what the judge says of a recording.
+
+    Parameters
+    ----------
+    source : SampleSource
+        Raw readings (N, K, 3), tesla.
+    array : Array
+        Geometry and noise.
+    progress : callable, optional
+        Called with the name of the stage and the part that is done, 0 to 1.
+
+    Raises
+    ------
+    InputError
+        When the recording cannot be used.
+    Refused
+        When it determines no calibration.
+    """
+    judgement = judge(source, array, progress=progress)
+    gap, found, recording = judgement.gap, judgement.found, judgement.seen
+    if found is None or gap.verdict == "not_identifiable":
+        raise Refused(gap.statement)
+    calibration = calibration_of(recording, found, gap, array, accept=ACCEPTABLE)
+    return Side(recording, array, gap, calibration, found)
 
 
 def _require_same_count(simulation: SampleSource, recording: SampleSource, array: Array, of_simulation: Array) -> None:

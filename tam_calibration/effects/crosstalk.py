@@ -56,13 +56,7 @@ class Crosstalk(LinearEffect):
         return [*late, *({name: 0.0, **on} for name in _SHAPES if on)]
 
     def shapes_at(self, shape: Shape) -> list[Shape]:
-        """Return what bleeds at once from each axis in the windows: a gain, where all sensors read the same field.
-
-        Parameters
-        ----------
-        shape : Shape
-            Of the other effect.
-        """
+        """Return what bleeds at once from each axis in the windows: a gain, where all sensors read the same field."""
         windows = windows_of(shape)
         return [{name: 0.0, **windows} for name in _SHAPES if windows]
 

@@ -50,13 +50,7 @@ class GainSwitching(LinearEffect):
         return [_shape(covariates, level, states, row)] if level.is_switching(states) else []
 
     def shapes_at(self, shape: Shape) -> list[Shape]:
-        """Return the windows of the other effect, where it comes and goes more than once.
-
-        Parameters
-        ----------
-        shape : Shape
-            Of the other effect.
-        """
+        """Return the windows of the other effect, where it comes and goes more than once."""
         windows = windows_of(shape)
         return [windows] if "on_2_s" in windows else []
 

@@ -22,14 +22,16 @@ from tam_calibration.fit.scale import free_scale
 from tam_calibration.gap.coloured import covariance_of
 from tam_calibration.gap.conclude import conclude
 from tam_calibration.gap.hypothesis import Hypothesis, refined
-from tam_calibration.gap.model import Model, Part
+from tam_calibration.gap.model import Model
 from tam_calibration.gap.nominal import stepped
+from tam_calibration.gap.part import Part
 from tam_calibration.gap.regression import Base, columns_of, pseudo_inverse
 from tam_calibration.gap.regressors import Regressors
 from tam_calibration.gap.result import Gap
-from tam_calibration.gap.search import Search, search
+from tam_calibration.gap.search import search
+from tam_calibration.gap.search_result import Search
 from tam_calibration.gap.size import Evidence, examine, unusable
-from tam_calibration.gap.support import LEAST_EVIDENCE
+from tam_calibration.gap.steps import LEAST_EVIDENCE
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.integrity import CHANNEL_FAULTS, require_sound
 from tam_calibration.model.array import Array

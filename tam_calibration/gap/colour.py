@@ -5,7 +5,7 @@ J. R. Stat. Soc. B 15, 1953, p. 125). A model is a sum of shapes, w + s f^-a + b
 process. The variances w, s, b of greatest likelihood are found by multiplicative updates (Févotte, Bertin and Durrieu,
 Neural Comput. 21, 2009, p. 793), the exponent among some, centre and width of the band by the score of all of them. A
 shape is added where the Bayesian information criterion is for it by a margin. Slow noise may be an AR(1) process too,
-so that it is not taken for a band; it is told as the power of the frequency that is nearest to it.
+so that it is not taken for a band; it is stated as the nearest power of the frequency.
 """
 
 from collections.abc import Sequence
@@ -35,12 +35,12 @@ _ROUNDS = 60
 """Multiplicative updates of the variances."""
 
 _LEAST_PART = 1e-6
-"""Of the whole power: a smaller white part cannot be told."""
+"""Part of the total power below which a white part is not determined."""
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A part of a noise beside the white one.
+    """A part of a noise other than the white one.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ def colour_of(power_T2: FloatArray, freedom: FloatArray, shapes: Shapes) -> Colo
 
 
 def _best(power: FloatArray, weight: FloatArray, models: Sequence[tuple[Part, ...]]) -> Colour:
-    """Return the most likely of models with equally many parts, beside the white one."""
+    """Return the most likely of models with equally many parts, the white one not counted."""
     white = np.ones_like(power)
     shapes = np.array([[white, *(part.shape for part in parts)] for parts in models])
     variance = np.full((len(models), 1, shapes.shape[1]), power.mean() / shapes.shape[1])
@@ -198,7 +198,7 @@ def _best(power: FloatArray, weight: FloatArray, models: Sequence[tuple[Part, ..
 
 
 def _promising(power: FloatArray, weight: FloatArray, shapes: Shapes, model: Colour) -> list[Part]:
-    """Return the band of each width that has the largest score beside the parts of a model."""
+    """Return the band of each width that has the largest score with the parts of a model eliminated."""
     expected = model.power_T2
     known = np.vstack([np.ones_like(power), *(part.shape for part in model.parts)])
     precision = weight / expected**2

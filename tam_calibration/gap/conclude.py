@@ -1,19 +1,13 @@
-"""From a search to the verdict on a gap, and the sentence that says it.
+"""From a search to the verdict on a gap, its causes with their numbers, and the sentence that says it."""
 
-It tells the share of each cause in the energy that all explain, and the calibrated probabilities of the answers.
-"""
-
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
-from itertools import combinations
-from math import exp, expm1, factorial, log, log1p
 
 import numpy as np
 
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Finding, LinearEffect
-from tam_calibration.effects.excess_variance import LARGEST_NOISE
-from tam_calibration.effects.grades import FEWEST, MINOR, MOST, NOTABLE, SLIGHT
+from tam_calibration.effects.grades import FEWEST, MINOR, MOST, NEARLY_ALL, NOTABLE
 from tam_calibration.effects.library import effect_named, installed_effects, units_of
 from tam_calibration.gap.checks import checks_of
 from tam_calibration.gap.coloured import covariance_of
@@ -21,177 +15,22 @@ from tam_calibration.gap.hypothesis import Hypothesis, Place, sensors_of
 from tam_calibration.gap.laws.causes import agrees
 from tam_calibration.gap.laws.law import in_words
 from tam_calibration.gap.model import Model
-from tam_calibration.gap.next_recording import is_drift, next_recording
-from tam_calibration.gap.placed import placed
+from tam_calibration.gap.next_recording import next_recording
+from tam_calibration.gap.probabilities import energies_of, probabilities, set_of, shares_of
 from tam_calibration.gap.regression import Base
-from tam_calibration.gap.regressors import Regressors
 from tam_calibration.gap.residue import residue_of
 from tam_calibration.gap.result import Cause, Considered, Gap, Size, Verdict, Where
-from tam_calibration.gap.search import LARGEST_REST, Search
+from tam_calibration.gap.search_result import LARGEST_REST, Search
 from tam_calibration.gap.size import measure, noise_variance
-from tam_calibration.gap.support import LEAST_EVIDENCE, Step
-from tam_calibration.gap.where import locate, sensors_and_axes
+from tam_calibration.gap.steps import LEAST_EVIDENCE, Step
+from tam_calibration.gap.where import locate, placed, sensors_and_axes
 from tam_calibration.model.fitted_effect import ALL, FittedEffect
+from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensors_in_words import numbered
-from tam_calibration.model.units import FloatArray, to_nanotesla
+from tam_calibration.model.units import to_nanotesla
 
 
-def energies_of(steps: Sequence[Step], count: float) -> dict[Step, float]:
-    """Return the part of the energy that each cause explains of the residual of those accepted before it.
-
-    Parameters
-    ----------
-    steps : sequence of Step
-        Causes in the order in which they were accepted.
-    count : float
-        Number of whitened channels.
-
-    Returns
-    -------
-    dict of Step to float
-        As a part of the residual energy before the first cause, 0 to 1.
-    """
-    left, energies = 1.0, {}
-    for step in steps:
-        energies[step] = left * -expm1(-step.accepted.gain / count)
-        left -= energies[step]
-    return energies
-
-
-def shares_of(model: Model) -> FloatArray:
-    """Return the Shapley values (M,) of the energy that the parts of a model explain; they add up to one."""
-    count = len(model.parts)
-    if count < 2:
-        return np.ones(count)
-    channels = model.channels()
-    designs = [channels.design(part.terms(channels)) for part in model.parts]
-    projected = Base(channels, [channels.calibration]).project(Regressors.joined(designs))
-    ends = np.cumsum([design.width for design in designs])
-    columns = [np.arange(end - design.width, end) for end, design in zip(ends, designs, strict=True)]
-    explained: dict[tuple[int, ...], float] = {(): 0.0}
-    for size in range(1, count + 1):
-        for group in combinations(range(count), size):
-            explained[group] = projected.take(np.concatenate([columns[member] for member in group])).gain()[0]
-    values = np.zeros(count)
-    for group, energy in explained.items():
-        for member in group:
-            others = tuple(other for other in group if other != member)
-            weight = factorial(len(others)) * factorial(count - len(group)) / factorial(count)
-            values[member] += weight * (energy - explained[others])
-    return np.maximum(values, 0) / max(float(np.maximum(values, 0).sum()), np.finfo(float).tiny)
-
-
-_COEFFICIENTS = (1.24, -1.18, 2.0, 0.83)
-"""Logistic regression: intercept, log(1 + failing checks), share, and log ratio of the evidences."""
-
-_RIGHT: Mapping[Verdict, float] = {"no_gap": 167 / 171, "unexplained": 228 / 242}
-"""Part of these verdicts that was right: 166 of 169 and 227 of 240, by Laplace's rule."""
-
-_NAMES = {"none_of_these": "unknown"}
-
-
-def probabilities(found: Search, verdict: Verdict, size: Size, departures: int) -> Mapping[str, float]:
-    """Return the probabilities of no gap, of each effect that was weighed, and of none of these.
-
-    They add up to one; of several causes each has a probability of its own.
-
-    Parameters
-    ----------
-    found : Search
-        Causes, and the evidence for every effect at the nominal model.
-    verdict : str
-        Of the diagnosis.
-    size : Size
-        Of the gap.
-    departures : int
-        Number of predictive checks that the residual fails.
-    """
-    chances = dict.fromkeys(("no_gap", *(one.effect for one in found.weighed), "none_of_these"), 0.0)
-    if verdict in ("no_gap", "unexplained"):
-        answer, other = ("no_gap", "none_of_these") if verdict == "no_gap" else ("none_of_these", "no_gap")
-        # More than noise that exceeds its sheet is a gap.
-        rest = 1 - _RIGHT[verdict]
-        part = rest if not found.weighed else rest / 2 if size.before**2 < LARGEST_NOISE**2 - 1 else 0.0
-        chances[answer] = _RIGHT[verdict]
-        chances[other] += part
-        _spread(chances, found, (), rest - part)
-        return chances
-    energy = energies_of(found.steps, found.nominal.base().channels.count)
-    named = tuple({step.accepted.effect: None for step in found.steps})
-    rival = max((one.delta_bic for one in found.weighed if one.effect not in named), default=0.0)
-    for step in found.steps:
-        share = energy[step] / sum(energy.values())
-        own = right(features_of(departures, share, step.accepted.delta_bic, rival))
-        chances[step.accepted.effect] = max(own, chances.get(step.accepted.effect, 0.0))
-    rest = 1 - min(chances[name] for name in named)
-    chances["none_of_these"] = rest / 2
-    _spread(chances, found, named, rest / 2)
-    return chances
-
-
-def right(features: Sequence[float]) -> float:
-    """Return the probability that a cause is right, by the logistic regression."""
-    return 1 / (1 + exp(-sum(w * value for w, value in zip(_COEFFICIENTS, features, strict=True))))
-
-
-def features_of(departures: int, share: float, own: float, rival: float) -> tuple[float, float, float, float]:
-    """Return the features of the logistic regression of a cause, in the order of the coefficients.
-
-    Parameters
-    ----------
-    departures : int
-        Number of predictive checks that the residual fails.
-    share : float
-        Of the cause in the energy that all causes explain.
-    own, rival : float
-        ΔBIC of the cause, and the largest of the effects that were not named.
-    """
-    return 1.0, log1p(departures), share, log(max(own, LEAST_EVIDENCE) / max(rival, LEAST_EVIDENCE))
-
-
-def set_of(chances: Mapping[str, float], verdict: Verdict, causes: Collection[Cause]) -> tuple[str, ...]:
-    """Return the smallest set of answers that holds the true one with 95 %, the most probable first.
-
-    Of several causes the set holds all, then alternatives to the least probable of them.
-
-    Parameters
-    ----------
-    chances : mapping of str to float
-        As of ``probabilities``.
-    verdict : str
-        Of the diagnosis.
-    causes : collection of Cause
-        Those that the verdict names.
-    """
-    if verdict == "not_identifiable":
-        return ()
-    named = [cause.fitted.effect for cause in causes]
-    ranked = sorted(chances, key=lambda name: (name not in named, -chances[name]))
-    doubt, members = 1.0, []
-    for name in ranked:
-        members.append(_NAMES.get(name, name))
-        if name in named:
-            doubt = 1 - min(chances[one] for one in named)
-            if len(members) < len(set(named)):
-                continue
-        else:
-            doubt -= chances[name]
-        if 1 - doubt >= 1 - SLIGHT:
-            break
-    return tuple(members)
-
-
-def _spread(chances: dict[str, float], found: Search, named: Collection[str], rest: float) -> None:
-    """Distribute the remaining probability over the effects not named by their gains; without any to none of these."""
-    gains = {one.effect: max(one.gain, 0.0) for one in found.weighed if one.effect not in named}
-    total = sum(gains.values())
-    if total == 0:
-        chances["none_of_these"] += rest
-    for name, gain in gains.items():
-        chances[name] += rest * gain / total if total > 0 else 0.0
-
-
-def verdict_on(found: Search, size: Size, variance: float) -> Verdict:
+def verdict_on(found: Search, size: Size) -> Verdict:
     """Return the verdict on a search.
 
     Parameters
@@ -200,17 +39,15 @@ def verdict_on(found: Search, size: Size, variance: float) -> Verdict:
         Causes, the models without and with them, and the laws of what each leaves.
     size : Size
         Of the gap, before and after the causes.
-    variance : float
-        Of the channels' white noise, over that of the array.
     """
     if size.before < MINOR:
         return "no_gap"
     if not found.steps:
-        return "no_gap" if not found.laws and variance < LARGEST_NOISE**2 else "unexplained"
+        return "unexplained" if found.laws else "no_gap"
     if size.closed < NOTABLE:  # Such a part may only be the correlation of the causes with an unknown one.
         return "unexplained"
-    is_whole = found.is_whole and size.closed > MOST and size.after < LARGEST_REST
-    return "explained" if is_whole else "partly_explained"
+    is_explained = found.explains_all and size.closed > MOST and size.after < LARGEST_REST
+    return "explained" if is_explained else "partly_explained"
 
 
 def smallest_gap(count: float) -> float:
@@ -261,7 +98,7 @@ def conclude(found: Search) -> Gap:
     nominal, model = found.nominal.of_all_samples(), found.model.of_all_samples()
     size = measure(nominal, model, variance)
     base = found.nominal.base()
-    verdict = verdict_on(found, size, variance)
+    verdict = verdict_on(found, size)
     is_named = verdict not in ("no_gap", "unexplained")
     if not is_named:
         model = nominal
@@ -363,6 +200,24 @@ def _causes(
             )
         )
     return tuple(sorted(causes, key=lambda cause: -cause.share))
+
+
+def is_drift(effect: str, recording: Recording) -> bool:
+    """Say whether the channel of an effect rises or falls throughout, so that any other slow course explains as much.
+
+    Parameters
+    ----------
+    effect : str
+        Name of an effect.
+    recording : Recording
+        Of N samples, with the channels of the effect.
+    """
+    from scipy.stats import spearmanr
+
+    courses = [
+        getattr(recording, name) for name in ("temperature_C", "current_A") if name in effect_named(effect).channels
+    ]
+    return any(abs(spearmanr(recording.time_s, course).statistic) > NEARLY_ALL for course in courses)
 
 
 def _indistinguishable(step: Step, effect: FittedEffect, found: Search) -> tuple[str, ...]:

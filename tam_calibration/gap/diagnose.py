@@ -27,7 +27,8 @@ from tam_calibration.gap.refusal import (
     without_nominal,
 )
 from tam_calibration.gap.result import Gap
-from tam_calibration.gap.search import Progress, Search, search
+from tam_calibration.gap.search import Progress, search
+from tam_calibration.gap.search_result import Search
 from tam_calibration.integrity import require_sound
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import Refused

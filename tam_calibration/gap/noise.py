@@ -79,12 +79,12 @@ def noise_of(
     time_s : (N,) array
         Increasing time stamps, seconds.
     residual_T : (N, R) array
-        What readings have beside what explains them, tesla; a sample with a NaN is left out. R is 3K for the axes x, y,
+        Readings minus what explains them, tesla; a sample with a NaN is left out. R is 3K for the axes x, y,
         z of K sensors, or 1 for the scalar.
     mixing : (R, R) array
         Derivative of each residual by each row's noise: the identity where nothing was fitted to the other rows.
     interpolated : InterpolatedNoise, optional
-        What interpolation made of the noise of the K sensors: colour and spectrum are told as they were before it.
+        What interpolation made of the noise of the K sensors: colour and spectrum are those before it.
 
     Raises
     ------

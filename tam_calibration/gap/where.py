@@ -1,13 +1,17 @@
 """Where a gap lies: where its causes act or, without a cause, its strongest law."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from tam_calibration.effects.grades import MINOR, MOST
 from tam_calibration.gap.hypothesis import Place
+from tam_calibration.gap.laws.causes import acts_at, agrees
+from tam_calibration.gap.laws.law import Place as LawPlace
+from tam_calibration.gap.laws.law import Signature
 from tam_calibration.gap.laws.signature import Law
-from tam_calibration.gap.result import Cause, Where
+from tam_calibration.gap.result import Cause, Gap, Where
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.model.fitted_effect import ALL, SCALAR
 from tam_calibration.model.recording import Recording
@@ -102,3 +106,33 @@ def _line(laws: Sequence[Law], channels: WhitenedChannels) -> tuple[float, float
 def _mean(values: FloatArray) -> float:
     """Return the mean, NaN of nothing."""
     return float(np.mean(values)) if values.size else float("nan")
+
+
+def placed(gap: Gap, laws: Sequence[Signature], places: Sequence[LawPlace]) -> Gap:
+    """Return a gap that only the residual of the intensity shows at the likeliest of its places, and so its causes.
+
+    Parameters
+    ----------
+    gap : Gap
+        With its causes.
+    laws : sequence of Signature
+        The strongest first.
+    places : sequence of Place
+        Of the strongest law.
+    """
+    causes = tuple(_moved(one, _place_of(one.fitted.effect, laws, places[0])) for one in gap.causes)
+    sensors = {sensor for one in causes for sensor in one.sensors} or set(places[0])
+    axes = () if sensors == set(places[0]) else gap.where.axes
+    where = replace(gap.where, sensors=tuple(sorted(sensors, key=str)), axes=axes)
+    return replace(gap, causes=causes, where=where)
+
+
+def _place_of(effect: str, laws: Sequence[Signature], default: LawPlace) -> LawPlace:
+    """Return the likeliest place of the strongest law of the intensity that an effect can make."""
+    return next((law.places[0] for law in laws if law.is_common and agrees(effect, law)), default)
+
+
+def _moved(cause: Cause, place: LawPlace) -> Cause:
+    """Return a cause that acts on the scalar at another place in which it may act."""
+    is_there = "scalar" in cause.sensors and acts_at(cause.fitted.effect, place)
+    return replace(cause, sensors=place, axes=()) if is_there else cause

@@ -49,7 +49,7 @@ def _drift(size, sensor):
 @pytest.fixture(scope="session")
 def side(run, cross):
     """Return a function of the same arguments that judges such a run."""
-    from tam_calibration.comparison.side import side_of
+    from tam_calibration.comparison.compare import side_of
 
     return cache(lambda *arguments: side_of(run(*arguments), cross))
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tam_calibration.comparison.compare import side_of
 from tam_calibration.comparison.differences import are_alike, differences_between, likely_causes, size_of, unknown_part
 from tam_calibration.comparison.result import UNKNOWN, EffectDifference
-from tam_calibration.comparison.side import side_of
 
 
 def opened(side, after=2.0, **cause):

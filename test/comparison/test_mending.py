@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tam_calibration.comparison.compare import side_of
 from tam_calibration.comparison.differences import differences_between
 from tam_calibration.comparison.mending import mend_of, mended_twin
-from tam_calibration.comparison.side import side_of
 
 
 @pytest.fixture(scope="module")

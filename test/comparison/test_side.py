@@ -1,6 +1,6 @@
 import pytest
 
-from tam_calibration.comparison.side import side_of
+from tam_calibration.comparison.compare import side_of
 from tam_calibration.model.exceptions import Refused
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from tam_calibration.effects.temperature_drift import TemperatureDrift
 from tam_calibration.gap.calibration_with_effects import Joint
-from tam_calibration.gap.model import Part
+from tam_calibration.gap.part import Part
 
 SLOPE_T_PER_K = 30e-9
 KEYS = ((1, 0, "offset"),)

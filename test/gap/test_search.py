@@ -11,7 +11,8 @@ from tam_calibration.effects.library import installed_effects
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.laws.law import Signature
 from tam_calibration.gap.laws.signature import Law
-from tam_calibration.gap.search import Search, search
+from tam_calibration.gap.search import search
+from tam_calibration.gap.search_result import Search
 
 
 def switched(made, times, row=4, size=15e-9):

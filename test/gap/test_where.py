@@ -9,9 +9,10 @@ from numpy.testing import assert_allclose
 
 from tam_calibration.gap.laws.law import Signature
 from tam_calibration.gap.laws.signature import Law
-from tam_calibration.gap.where import locate, sensors_and_axes, span_of
+from tam_calibration.gap.where import _place_of, locate, sensors_and_axes, span_of
 from tam_calibration.model.fitted_effect import ALL, SCALAR
 
+EVERY = (1, 2, 3, 4)
 TONE = Law(Signature("offset", "tone", (2,), ("y",), 0.9, ((2,),), "3.5 Hz", (), 50.0), 0.5)
 SLOW = Law(Signature("offset", "slow", (3,), ("z",), 0.1, ((3,),), None, (), 20.0), 0.1)
 
@@ -104,3 +105,10 @@ def test_a_span_holds_nine_tenths_of_the_excess_in_less_than_half_of_the_run(par
     assert (span is not None) == is_told
     if is_told:
         assert span == pytest.approx((5 * part, 95 * part), abs=0.02)
+
+
+def test_a_cause_of_the_scalar_moves_to_the_field_where_it_may_act_there():
+    """A field that drifts does, an error of the scalar's heading does not."""
+    common = Signature("offset", "slow", EVERY, (), 0.9, (EVERY, ("scalar",)), None, (), 50.0)
+    assert _place_of("geomagnetic_drift", [common], ("scalar",)) == EVERY
+    assert _place_of("scalar_heading_error", [common], ("scalar",)) == ("scalar",)

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tam_calibration.effects.library import installed_effects
-from tam_calibration.gap.laws.causes import CAUSES, agrees, causes_of
+from tam_calibration.gap.laws.causes import CAUSES, agrees, causes_of, makes, may_make
 from tam_calibration.gap.laws.law import Signature
 
 ROOT = Path(__file__).parents[3]
@@ -44,11 +44,20 @@ def test_the_places_of_a_law_count():
     assert "geomagnetic_drift" not in {one.name for one in causes_of(law("offset", "slow"))}
 
 
-def test_agreement_with_a_law():
-    """An effect agrees with the laws that it can make; one of a plugin, which has no entry, with any."""
-    assert agrees("scale_step", law("gain", "step"))
-    assert not agrees("scale_step", law("offset", "step"))
-    assert agrees("effect_of_a_plugin", law("offset", "step"))
+@pytest.mark.parametrize(
+    ("effect", "found", "expected"),
+    [
+        ("temperature_drift", law("offset", "channel", follows="temperature"), (True, True, True)),
+        ("current_interference", law("offset", "channel", follows="temperature"), (True, False, False)),
+        ("platform_field", law("offset", "channel", (1, 2, 3, 4), follows="actuator_rudder"), (True, True, True)),
+        ("bias_jump", law("offset", "slow"), (True, True, False)),
+        ("scale_step", law("offset", "step"), (False, False, False)),
+        ("somebody_elses", law("gain", "motion"), (True, True, True)),
+    ],
+)
+def test_an_effect_makes_a_law_by_what_it_does_to_a_reading(effect, found, expected):
+    """A course may look like another one, but what follows a recorded channel is made by an effect of that channel."""
+    assert (makes(effect, found), may_make(effect, found), agrees(effect, found)) == expected
 
 
 def test_the_page_is_that_of_the_table():

@@ -1,4 +1,4 @@
-"""Which effects count as causes of their own beside others: no special cases, repetitions or parts of one."""
+"""The steps of the search: which effects count as causes of their own, and not as a repetition or part of another."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,6 +15,9 @@ from tam_calibration.gap.regression import Base
 from tam_calibration.gap.size import Evidence
 from tam_calibration.model.fitted_effect import ALL, SCALAR
 
+MOST_CAUSES = 4
+"""Causes of one gap, at most: more cannot be told apart."""
+
 MOST_STEPS = 3
 """Steps of one sensor's bias or scale, at most; what changes more often is a loose part or contact."""
 
@@ -30,8 +33,6 @@ class Step:
     ----------
     accepted : Evidence
         For the effect that was accepted.
-    weighed : tuple of Evidence
-        For all that came into question.
     law : Signature
         That it explains.
     others : tuple of str
@@ -39,7 +40,6 @@ class Step:
     """
 
     accepted: Evidence
-    weighed: tuple[Evidence, ...]
     law: Signature
     others: tuple[str, ...] = ()
 

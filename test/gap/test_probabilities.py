@@ -11,10 +11,10 @@ from numpy.testing import assert_allclose
 
 from tam_calibration.effects.nonlinearity import Nonlinearity
 from tam_calibration.effects.temperature_drift import TemperatureDrift
-from tam_calibration.gap.conclude import energies_of, features_of, probabilities, right, set_of, shares_of
 from tam_calibration.gap.hypothesis import given_form
+from tam_calibration.gap.probabilities import energies_of, features_of, probabilities, right, set_of, shares_of
 from tam_calibration.gap.size import Evidence
-from tam_calibration.gap.support import Step
+from tam_calibration.gap.steps import Step
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 
 
@@ -181,7 +181,7 @@ def test_a_gap_beyond_any_noise_is_a_gap():
 
 def test_a_cause_is_as_likely_as_its_features_say():
     """Its share is of what all causes explain; half of the rest is of none of these, half of what was not named."""
-    steps = tuple(Step(Evidence(name, None, gain - 7, gain), (), None) for name, gain in (("a", 300.0), ("b", 100.0)))
+    steps = tuple(Step(Evidence(name, None, gain - 7, gain), None) for name, gain in (("a", 300.0), ("b", 100.0)))
     energy = energies_of(steps, 1000.0)
     assert list(energy.values()) == pytest.approx([1 - exp(-0.3), exp(-0.3) * (1 - exp(-0.1))])
     found = probabilities(searched(steps, (("a", 300.0), ("b", 100.0), ("c", 60.0))), "explained", None, 1)

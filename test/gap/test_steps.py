@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from tam_calibration.effects.library import effect_named
-from tam_calibration.gap import support
+from tam_calibration.gap import steps
 from tam_calibration.gap.hypothesis import Hypothesis
 from tam_calibration.gap.regression import Selection
 from tam_calibration.gap.size import Evidence, examine
-from tam_calibration.gap.support import Step, is_new
+from tam_calibration.gap.steps import Step, is_new
 from tam_calibration.model.fitted_effect import ALL, SCALAR
 
 
@@ -26,9 +26,9 @@ def base(run):
 def test_an_effect_comes_once_unless_it_may_repeat(base):
     """A second heading error beside the first says nothing new, a second jump in time does."""
     heading = examine(base, effect_named("scalar_heading_error"))
-    assert not is_new(heading, [Step(heading, (), None)], base)
+    assert not is_new(heading, [Step(heading, None)], base)
     jump = examine(base, effect_named("bias_jump"))
-    assert is_new(jump, [Step(jump, (), None)], base)
+    assert is_new(jump, [Step(jump, None)], base)
 
 
 @pytest.mark.parametrize(
@@ -41,7 +41,7 @@ def test_a_special_case_is_nested_whichever_is_named_first(one, other, is_nested
         effect = SimpleNamespace(name=name, is_within=lambda whole: set(name) <= set(whole))
         return Evidence(name, Hypothesis(effect, {}, (), Selection((), 0.0, 0, 0.0)), 0.0, 0.0)
 
-    assert support._is_nested(evidence(one), evidence(other)) == is_nested
+    assert steps._is_nested(evidence(one), evidence(other)) == is_nested
 
 
 def evidence_in(sensors, rank, delta_bic, gain, name="whole", **facts):
@@ -56,7 +56,7 @@ def evidence_in(sensors, rank, delta_bic, gain, name="whole", **facts):
 def test_a_special_case_takes_no_more_coefficients_than_the_whole(rank, named):
     """Else it explains as much because it can imitate anything."""
     whole, special = evidence_in([0], 36, 900.0, 1000.0), evidence_in([0], rank, 890.0, 1000.0, "special")
-    assert support.special_case(whole, [whole, special]).effect == named
+    assert steps.special_case(whole, [whole, special]).effect == named
 
 
 @pytest.mark.parametrize(
@@ -72,14 +72,14 @@ def test_a_special_case_takes_no_more_coefficients_than_the_whole(rank, named):
 def test_one_law_of_all_sensors_is_simpler_than_one_of_each(places, others, named):
     """Whatever they count: selection leaves terms away, and adds what follows channels. Beside one sensor it is not."""
     whole, special = evidence_in(others, 63, 900.0, 1000.0), evidence_in(places, 69, 890.0, 1000.0, "special")
-    assert support.special_case(whole, [whole, special]).effect == named
+    assert steps.special_case(whole, [whole, special]).effect == named
 
 
 @pytest.mark.parametrize(("delta_bic", "named"), [(810.0, "special"), (720.0, "whole")])
 def test_a_whole_must_be_worth_its_coefficients(delta_bic, named):
     """A special case that leaves much, with more evidence for its few coefficients, comes first."""
     whole, special = evidence_in([0, 1], 36, 730.0, 1070.0), evidence_in([SCALAR], 9, delta_bic, 910.0, "special")
-    assert support.special_case(whole, [whole, special]).effect == named
+    assert steps.special_case(whole, [whole, special]).effect == named
 
 
 @pytest.mark.parametrize(
@@ -105,4 +105,4 @@ def test_a_special_case_leaves_little_evidence_or_as_little_energy_as_models_lea
         return Evidence(name, Hypothesis(effect, {}, (), Selection((), energy, 9, 0.0)), gain, gain)
 
     whole, special = evidence("whole", 1e6, 1000.0), evidence("special", 1e6 * energy, 1000 * gain)
-    assert support.special_case(whole, [whole, special]).effect == named
+    assert steps.special_case(whole, [whole, special]).effect == named
