@@ -1,4 +1,4 @@
-"""Calibration beside a gyroscope: errors over the Cramér-Rao bound, coverage, time and memory, and a real recording.
+"""Calibration with a gyroscope: errors over the Cramér-Rao bound, coverage, time and memory, and a real recording.
 
 Run ``python benchmarks/gyroscope.py table|cases|speed|mission|ahrs [--runs 40] [--seed 1]``, or ``… real PATH.mat …``.
 
@@ -7,7 +7,7 @@ with swings of pitch and roll of ±5°, by the noise of the gyroscope. ``cases``
 of the gyroscope and noise, the root mean square error of all biases over their bound, and how many of all errors are
 within their 95 % intervals. ``speed``: time and memory of one calibration. ``mission``: the centre field over its floor
 in a mission at ±30°, after errors changed since a calibration ashore and a turn at ±5° (``mission.py``), with a
-gyroscope of 4 mdps/√Hz and without. ``ahrs``: an attitude whose heading is that of the raw readings, beside the
+gyroscope of 4 mdps/√Hz and without. ``ahrs``: an attitude whose heading is that of the raw readings, next to the
 gyroscope and without it. ``real``: trials of BROAD (Laidig et al., Data 6(7):72, 2021), one sensor: calibrated by its
 gyroscope alone, and by the optical attitude.
 
@@ -336,7 +336,7 @@ LEANING = from_degrees(0.1)
 
 
 def ahrs_rows(runs: int, seed: int) -> list[Row]:
-    """Return the errors of the biases beside an attitude that leans on sensor 1, with the gyroscope and without."""
+    """Return the errors of the biases with an attitude that depends on sensor 1, with the gyroscope and without."""
     case, away, said = Case(), {True: list[FloatArray](), False: list[FloatArray]()}, {True: 0, False: 0}
     for number in track(range(runs), "AHRS"):
         recording, errors = case.made(seed + number)
@@ -356,7 +356,7 @@ def ahrs_rows(runs: int, seed: int) -> list[Row]:
             kept.append((found.errors.bias_T - errors.bias_T) / found.standard_errors[:, 6:9])
             said[has_rates] += any("is left out" in note for note in found.notes)
     rows = []
-    for has_rates, name in ((True, "AHRS beside the gyroscope"), (False, "AHRS alone")):
+    for has_rates, name in ((True, "AHRS and gyroscope"), (False, "AHRS alone")):
         size = float(np.sqrt(np.mean(np.square(away[has_rates])))) if away[has_rates] else np.nan
         asked = {"most": 1.1} if has_rates else {}
         rows.append(Row(name, "errors of the biases over their standard errors", [size], **asked))
@@ -423,7 +423,7 @@ def main(part: str, paths: tuple[Path, ...], runs: int, seed: int, only: str) ->
     else:
         made = {"table": table_rows, "speed": speed_rows, "mission": mission_rows, "ahrs": ahrs_rows}
         rows = real_rows(paths) if part == "real" else made[part](runs, seed)
-    show("Calibration beside a gyroscope", f"gyroscope.py {part} --runs {runs}", f"gyroscope_{part}.csv", rows)
+    show("Calibration with a gyroscope", f"gyroscope.py {part} --runs {runs}", f"gyroscope_{part}.csv", rows)
 
 
 if __name__ == "__main__":

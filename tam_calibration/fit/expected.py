@@ -25,7 +25,7 @@ def expected_covariance(
     array : KnownNoiseArray
         With every noise.
     known : Known
-        What is known beside it.
+        Everything else that is known.
     gyroscope : Gyroscope, optional
         What measured the angular velocity; it counts where its noise is stated.
     """

@@ -12,7 +12,7 @@ from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
 _BOUGHT_BY, _FEWEST_BOUGHT = 512, 20
-"""Samples of which it is told what they buy, at most and at least: more tell the same to a hundredth."""
+"""Samples from which the standard error is computed, at most and at least: more change it by a hundredth."""
 
 
 class LiveCoverage:
@@ -62,11 +62,11 @@ class LiveCoverage:
             return np.inf, None
         if (np.diff(kept[:, 3]) <= 0).any():  # the clock was set
             return np.inf, None
-        without, beside = (
+        without, with_gyroscope = (
             float(_bias_errors(kept[:, :3], kept[:, 3], array, self._stride * sparse, has_rates).max())
             for has_rates in (False, True)
         )
-        return without, beside
+        return without, with_gyroscope
 
 
 def _bias_errors(points_T: FloatArray, time_s: FloatArray, array: Array, count: float, has_rates: bool) -> FloatArray:

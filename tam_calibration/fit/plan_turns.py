@@ -24,6 +24,7 @@ _SWINGS = 2
 """Of pitch and roll at least, in a turn that has them."""
 
 _MINUTE_S = 60.0
+"""Seconds in a minute."""
 
 
 @dataclass(frozen=True)

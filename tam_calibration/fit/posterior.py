@@ -325,7 +325,7 @@ class Problem:
         information, gradient = self._by_unknowns(place, found)
         return found._replace(information=information, gradient=gradient)
 
-    def told_by_gyroscope(self, place: Place) -> tuple[FloatArray, FloatArray]:
+    def gyroscope_information(self, place: Place) -> tuple[FloatArray, FloatArray]:
         """Return information and gradient of the errors by the angular velocity, its own unknowns eliminated."""
         assert place.gyroscope is not None and self.known.gyroscope is not None
         found = self.gyroscope_at(place)

@@ -75,8 +75,14 @@ class SourceReadings:
 
 
 _STEPS = 30
+"""Gauss-Newton steps at most: a fit that converges takes fewer than ten."""
+
 _SMALLEST_STEP = 1e-12
+"""Relative step at which the fit has converged: above the rounding of its numbers."""
+
 _LARGEST_CONDITION = 1e6
+"""Condition of the scaled normal equations from which a parameter is open: its error is a thousand times the usual."""
+
 _OTHER_SOURCE = (
     "the readings cannot be those of the stated source: check its position, axis, strength and radius, and the poses"
 )

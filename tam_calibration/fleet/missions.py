@@ -11,6 +11,7 @@ from tam_calibration.fleet.task import Result
 from tam_calibration.model.units import FloatArray
 
 SECONDS_PER_DAY = 86_400.0
+"""Of a day without a leap second."""
 
 _FIRST_ABSOLUTE_S = 631_152_000.0
 """Least time that counts from 1970, seconds: 1990. Earlier times count from the start of a recorder."""

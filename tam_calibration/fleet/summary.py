@@ -42,6 +42,7 @@ from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR, FLOOR_COLOR,
 
 _COLORS = (BEFORE_COLOR, AFTER_COLOR, FLOOR_COLOR)
 _HEIGHT_INCH = 1.5
+"""Of the panel of one sensor: three of them fit on a screen."""
 
 
 @matplotlib.rc_context(STYLE | {"date.converter": "concise"})

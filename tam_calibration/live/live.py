@@ -294,10 +294,10 @@ class Live:
         self._stretch.add(rows, rates, before)
         if not self._stretch.is_full:
             return
-        if (told := self._stretch.told(self._likelihood.factors)) is None:
+        if (learned := self._stretch.information(self._likelihood.factors)) is None:
             return
         try:
-            self.state = replace(self.state, recursion=self.state.recursion.beside(told, self._likelihood))
+            self.state = replace(self.state, recursion=self.state.recursion.joined_with(learned, self._likelihood))
         except Refused as problem:
             self._problem = str(problem)
 

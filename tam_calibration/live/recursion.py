@@ -189,7 +189,7 @@ _SETTLED = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class Quadratic:
-    """What something tells of the errors of the sensors, beside their samples.
+    """Information on the errors of the sensors from something other than their samples.
 
     Parameters
     ----------
@@ -240,12 +240,12 @@ class Belief:
             temperature_C=self.temperature_C if np.isfinite(self.temperature_C) else temperature_C,
         )
 
-    def beside(self, told: Quadratic) -> "Belief":
-        """Return the belief with what something else tells of the errors."""
+    def joined_with(self, further: Quadratic) -> "Belief":
+        """Return the belief with further information on the errors."""
         free, mean = self.free, self.errors.to_vector().ravel()
-        downhill = told.gradient + told.information @ (told.errors.to_vector().ravel() - mean)
+        downhill = further.gradient + further.information @ (further.errors.to_vector().ravel() - mean)
         covariance = np.zeros_like(self.covariance)
-        covariance[np.ix_(free, free)] = inverted(self.certainty + told.information[np.ix_(free, free)])
+        covariance[np.ix_(free, free)] = inverted(self.certainty + further.information[np.ix_(free, free)])
         vector = (mean + covariance @ downhill).reshape(-1, 12)
         return replace(self, errors=SensorErrors.from_vector(vector, self.errors.orientation), covariance=covariance)
 
@@ -334,15 +334,15 @@ class Recursion:
         """Return the recursion with a time and a temperature where it has none."""
         return replace(self, begin=self.begin.dated(time_s, temperature_C), now=self.now.dated(time_s, temperature_C))
 
-    def beside(self, told: Quadratic, likelihood: MomentLikelihood) -> "Recursion":
-        """Return the recursion with what something else tells of the errors of its stretch.
+    def joined_with(self, further: Quadratic, likelihood: MomentLikelihood) -> "Recursion":
+        """Return the recursion with further information on the errors of its stretch.
 
         Raises
         ------
         Refused
             When the iteration does not settle.
         """
-        begin, now = self.begin.beside(told), self.now
+        begin, now = self.begin.joined_with(further), self.now
         found = solve(begin, self.moments, now.time_s, now.temperature_C, likelihood, now.errors)
         return replace(self, begin=begin, now=found)
 

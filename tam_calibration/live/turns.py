@@ -1,7 +1,7 @@
-"""What a gyroscope tells of the sensors while samples arrive: the turns of two minutes at a time.
+"""Information on the sensors from a gyroscope while samples arrive: the turns of two minutes at a time.
 
-A stretch is judged as a recording is (``fit/gyroscope_check``), beside what was known before it. Bias, mounting and
-delay of the gyroscope are unknown in each stretch and eliminated, so that they may change from one to the next.
+A stretch is judged as a recording is (``fit/gyroscope_check``), with what was known before it as prior. Bias, mounting
+and delay of the gyroscope are unknown in each stretch and eliminated, so that they may change from one to the next.
 """
 
 from dataclasses import replace
@@ -70,8 +70,8 @@ class Stretch:
         """Whether it is long enough to be learned."""
         return bool(self._blocks) and self._blocks[-1][0][-1, 0] - self._blocks[0][0][0, 0] >= STRETCH_S
 
-    def told(self, factors: VarianceFactors) -> Quadratic | None:
-        """Return what its turns tell of the errors, or nothing where the gyroscope may not be believed.
+    def information(self, factors: VarianceFactors) -> Quadratic | None:
+        """Return the information of its turns on the errors, or None if the gyroscope is not used.
 
         Parameters
         ----------
@@ -97,4 +97,4 @@ class Stretch:
             return None
         known = replace(known, gyroscope=judged.use, start=judged.place)
         problem = Problem.of(judged.recording, calibration.array, known)
-        return Quadratic(*problem.told_by_gyroscope(problem.start), problem.start.errors)
+        return Quadratic(*problem.gyroscope_information(problem.start), problem.start.errors)

@@ -22,7 +22,10 @@ _SAME_ROTATION = 1e-6
 """Difference of quaternions up to which two rotations are one: some 2 µrad, far below what a sensor shows."""
 
 _NO_ROTATION = np.array([0.0, 0.0, 0.0, 1.0])
+"""The quaternion x, y, z, w of no rotation."""
+
 _CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
+"""Signs that make a unit quaternion x, y, z, w that of the opposite rotation."""
 
 Turn = Callable[..., tuple[Any, ...]]
 """From the components of a vector or quaternion, numbers or arrays (N,), to those that it has in the array's axes."""

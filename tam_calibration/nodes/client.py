@@ -11,6 +11,7 @@ from tam_calibration.nodes.cloud import read_cloud
 from tam_calibration.nodes.listening import RELIABLE_STREAM
 
 _CALL_TURN_S = 1.0
+"""Time for which the executor waits before Ctrl-C is looked at again."""
 
 
 def call(service: str, find_s: float) -> str:
