@@ -4,7 +4,8 @@ Run ``python benchmarks/places.py``. Seeds from 1000 on judge; smaller ones are 
 
 ``fields``: a field at all sensors alike that the scalar does not feel. The answer lists both places, or the right one.
 ``scalars``: a scalar at fault, with attitude. The field at the array is never named.
-``repeats``: the same poses in order, twice over or there and back, and shuffled. Both have the same answer.
+``repeats``: the same poses in order, twice over or there and back, and shuffled. Both have the same answer. The causes
+that no library has are others where the seed judges.
 ``spoiled``: poses read wrong on all axes of one sensor. The answer names that sensor.
 ``noises``: the noise of one channel that differs between two recordings. `compare` finds and closes it. That of the
 scalar is up to half a per cent of the field.
@@ -207,10 +208,15 @@ def scalars(seed: int, count: int) -> Iterator[tuple[bool, str]]:
         yield not named and "alike" not in gap.statement, f"{name}: {summary(gap)}"
 
 
+TUNED = ("flexure", "temperature", "quartic", "cross product", "loose part")
+OTHERS = ("flexure", "temperature", "eight resting places", "rectified", "fifth harmonic of the heading")
+"""Causes that go with the pose: a rule was made by the first ones."""
+
+
 def draw_repeats(seed: int, number: int) -> tuple[str, Recording, Recording]:
     """Draw a cause that goes with the pose, in order and shuffled."""
     source = np.random.default_rng([seed, number, 2])
-    kind = ("flexure", "temperature", "quartic", "cross product", "loose part")[number % 5]
+    kind = (OTHERS if seed >= JUDGED else TUNED)[number % 5]
     once = poses(source, 72)
     forwards, held = np.arange(72), np.repeat(np.arange(36), 2)
     order = (np.tile(forwards, 2), np.append(forwards, forwards[::-1]), np.tile(held, 2))[number // 5 % 3]
@@ -229,8 +235,15 @@ def draw_repeats(seed: int, number: int) -> tuple[str, Recording, Recording]:
         shift = np.outer((unit @ _unit(source)) ** 4, _unit(source))
     elif kind == "cross product":
         shift = np.outer((unit @ _unit(source)) * (unit @ _unit(source)) * (up @ _unit(source)), _unit(source))
-    else:
+    elif kind == "loose part":
         shift = np.outer(np.sign(up @ _unit(source)), _unit(source))
+    elif kind == "eight resting places":
+        shift = source.normal(size=(8, 3))[(up > 0) @ [1, 2, 4]]
+    elif kind == "rectified":
+        shift = np.outer(np.abs(unit @ _unit(source)), _unit(source))
+    else:
+        heading = np.unwrap(made.turns.as_euler("ZYX")[:, 0])
+        shift = np.outer(np.cos(5 * heading + source.uniform(0, 6)), _unit(source))
     shift = shift - shift.mean(axis=0)
     shift *= floors * np.sqrt(10) * NOISE_T / np.sqrt(np.mean(np.sum(shift**2, axis=1)))
     added = np.zeros((144, 4, 3))

@@ -203,6 +203,8 @@ class LinearEffect(Effect):
     ----------
     is_free_in_time : bool
         Whether it is a free function of time, so that whole blocks of time cannot be predicted from the others.
+    has_memory : bool
+        Whether what it adds to a sample depends on the way to it, so that it differs between visits to a pose.
     is_causal : bool
         Whether what it adds to a sample depends on no later one, so that it can be taken off while samples arrive; its
         recursions then use the memory of the covariates.
@@ -229,6 +231,7 @@ class LinearEffect(Effect):
     """
 
     is_free_in_time: ClassVar[bool] = False
+    has_memory: ClassVar[bool] = False
     is_causal: ClassVar[bool] = True
     is_of_site: ClassVar[bool] = False
     is_of_one_sensor: ClassVar[bool] = False

@@ -2,7 +2,8 @@
 
 from collections.abc import Callable, Collection, Sequence
 
-from tam_calibration.effects.grades import MINOR, MOST, NEARLY_ALL, NOTABLE
+from tam_calibration.effects.effect import LinearEffect
+from tam_calibration.effects.grades import MINOR, MOST, NEARLY_ALL, SLIGHT
 from tam_calibration.effects.library import effect_named
 from tam_calibration.gap.hypothesis import Hypothesis
 from tam_calibration.gap.laws.decisions import LEAST_SHARE
@@ -130,7 +131,7 @@ class _CauseSearch:
         channels, part = model.channels(model.signal()), model.parts[-1]
         if part.effect.oversize(channels.covariates, part.fitted(part.terms(channels))) is not None:
             return None
-        is_gone = self._is_gone(law, others, model, left) and not _is_open_at_poses(chain[-1], self._model, model)
+        is_gone = self._is_gone(law, others, model, left) and not _is_open_at_poses(part.effect, self._model, model)
         return left if is_gone else None
 
     def _accept(self, chain: Sequence[Evidence], law: Law, as_good: Sequence[str]) -> None:
@@ -175,17 +176,19 @@ def _key(law: Law) -> _Key:
     return law.signature.law, law.signature.sensors
 
 
-def _is_open_at_poses(offer: Evidence, before: Model, after: Model) -> bool:
-    """Say whether an effect of the motion leaves much of what is the same whenever a pose is taken up again."""
-    effect = effect_named(offer.effect)
-    if effect.channels or getattr(effect, "is_free_in_time", False):
-        return False
-    first, last = (model.channels(model.signal() if model.parts else None) for model in (before, after))
-    again = repeats(pose_of(first.covariates))
+def _is_open_at_poses(effect: LinearEffect, before: Model, after: Model) -> bool:
+    """Say whether poses that are taken up again speak against an effect without a recorded channel.
+
+    What the motion makes is the same at both visits to a pose, and leaves nothing that is. What depends on the time
+    or on the way to a pose is not: else it imitates some function of the pose.
+    """
+    first, last = (model.channels(model.signal() if model.parts else None).differential for model in (before, after))
+    again = None if effect.channels else repeats(pose_of(before.base().channels.covariates))
     if again is None:
         return False
-    energy, left = (again.energy(one.differential) for one in (first, last))
-    return left > NOTABLE * energy > 0
+    if (effect.is_free_in_time or effect.has_memory) and again.are_same(first - last):
+        return True
+    return not effect.is_free_in_time and again.energy(last) > SLIGHT * again.energy(first) > 0
 
 
 def _is_near(other: Evidence, accepted: Evidence) -> bool:

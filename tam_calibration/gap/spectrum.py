@@ -176,15 +176,19 @@ def _cross_spectra(series: FloatArray, bounds: IntArray) -> FloatArray:
     return np.asarray(cross / (_TAPERS * np.diff(bounds)[:, None, None]))
 
 
+_LEAST_POWER_T2 = 1e-60
+"""Far below the noise of any magnetometer: of a channel that is constant, whose power would be zero."""
+
+
 def _unmixed(cross: FloatArray, reduced: FloatArray) -> FloatArray:
     """Return the powers (B, R) of greatest likelihood of the rows' noises, from cross-spectra (B, r, r)."""
     power = np.repeat(np.trace(cross, axis1=1, axis2=2)[:, None] / np.sum(reduced**2), reduced.shape[1], axis=1)
-    power = np.maximum(power, np.finfo(float).tiny)
+    power = np.maximum(power, _LEAST_POWER_T2)
     for _ in range(_ROUNDS):
         weighted = _weighted(power, reduced)
         found = np.sum(weighted * (cross @ weighted), axis=1)
         power = power * found / np.sum(weighted * reduced, axis=1)
-        power = np.maximum(power, np.maximum(_LEAST_PART * power.max(axis=1, keepdims=True), np.finfo(float).tiny))
+        power = np.maximum(power, np.maximum(_LEAST_PART * power.max(axis=1, keepdims=True), _LEAST_POWER_T2))
     return np.asarray(power)
 
 

@@ -13,6 +13,7 @@ from tam_calibration.gap.laws.law import Signature
 from tam_calibration.gap.laws.signature import Law
 from tam_calibration.gap.search import search
 from tam_calibration.gap.search_result import Search
+from tam_calibration.model.recording import Recording
 
 
 def switched(made, times, row=4, size=15e-9):
@@ -47,6 +48,28 @@ def test_a_product_of_two_axes_is_no_loop(run):
     gap = diagnose(made.recording, made.array)
     assert gap.verdict == "unexplained"
     assert (gap.where.sensors, gap.where.axes) == ((3,), ("z",))
+
+
+def taken_up_again(made, order):
+    """Return the run with its poses in an order, each with noise of its own."""
+    attitude = made.recording.attitude[order]
+    exact = made.errors.distort(Rotation.from_quat(attitude).inv().apply([12e-6, 18e-6, -45e-6]))
+    generator = np.random.default_rng(3)
+    readings = exact + made.array.vector_noise_T[:, None] * generator.normal(size=exact.shape)
+    scalar = made.intensity_T + made.array.scalar_noise_T * generator.normal(size=len(order))
+    recording = Recording(np.arange(len(order)) * 10.0, readings, scalar, attitude=attitude)
+    return replace(made, recording=recording)
+
+
+def test_what_goes_with_the_pose_is_no_loop(run):
+    """A function of the field that is the same whenever a pose is taken up on the same way is no hysteresis."""
+    made = taken_up_again(run(72), np.tile(np.repeat(np.arange(36), 2), 2))
+    direction = np.random.default_rng(3).normal(size=3)
+    field = made.errors.restore(made.recording.readings_T).mean(axis=1)
+    along = field @ direction / (np.linalg.norm(field, axis=1) * np.linalg.norm(direction))
+    bent = np.tanh(4 * along)
+    gap = diagnose(made.with_row(4, 20e-9 * bent / np.std(bent)).recording, made.array)
+    assert (gap.verdict, gap.where.sensors) == ("unexplained", (2,))
 
 
 def test_what_weight_moves_is_told_as_unexplained(run):
