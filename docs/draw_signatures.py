@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tam_calibration.gap.laws.causes import CAUSES
+from tam_calibration.model.units import FloatArray
 from tam_calibration.report.style import STYLE
 
 TARGET = Path(__file__).parent / "images" / "signatures.png"
@@ -47,11 +48,11 @@ SIZES = {
 }
 
 
-def residual(law: str, course: str) -> np.ndarray:
+def residual(law: str, course: str) -> FloatArray:
     """Return the residual (N,) in units of the disturbance."""
     own = course == "motion" and law in ("own_field", "attitude")
     size = np.ones_like(TIME_S) if own else SIZES[course]
-    return PATTERNS[law] * size + 0.12 * GENERATOR.normal(size=600)
+    return np.asarray(PATTERNS[law] * size + 0.12 * GENERATOR.normal(size=600))
 
 
 @matplotlib.rc_context(STYLE)

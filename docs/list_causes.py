@@ -27,7 +27,7 @@ simulate. The physics and source of each cause are in `causes.toml` and on the p
 | `noise` | adds variance |
 | `samples` | makes single or held readings |
 
-This is how each law with each course looks. It is the residual of one axis while the array tumbles (`docs/draw_signatures.py`):
+The residual of one axis while the array tumbles, for each law with each course (`docs/draw_signatures.py`):
 
 ![Residuals by law and course; a grey field has no cause in the table](../images/signatures.png)
 
