@@ -125,7 +125,7 @@ def conclude(found: Search) -> Gap:
         smallest_gap=smallest_gap(nominal.channels().count),
         checks=checks,
         remainder=_remainder(verdict, size),
-        signature=found.signature if has_gap else (),
+        signature=found.signature if is_named else tuple(law.signature for law in found.laws) if has_gap else (),
         remaining=tuple(law.signature for law in found.remaining) if is_named else (),
     )
     return _stated(gap, found)

@@ -7,7 +7,7 @@ from tam_calibration.effects.grades import MINOR
 from tam_calibration.effects.library import effect_named, installed_effects
 from tam_calibration.gap.hypothesis import EVERYWHERE, Hypothesis, form_at, given_form, places_of, sensors_of
 from tam_calibration.gap.laws.causes import acts_at, makes, may_make
-from tam_calibration.gap.laws.law import ATTITUDE, SCALAR, Signature
+from tam_calibration.gap.laws.law import ATTITUDE, FREE, SCALAR, Signature
 from tam_calibration.gap.laws.signature import Law
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.part import Part
@@ -17,9 +17,6 @@ from tam_calibration.gap.size import Evidence, energy_explained, evidence_of, ex
 from tam_calibration.gap.steps import LEAST_EVIDENCE, MOST_CAUSES, Step, is_new, special_case
 from tam_calibration.model.fitted_effect import ALL
 from tam_calibration.model.fitted_effect import SCALAR as SCALAR_ROW
-
-_FREE = ("step", "episodes", "slow", "random")
-"""Courses of any function of time."""
 
 _MOST_TRIED = 4
 """Effects that are fitted to explain one law, at most: those with the most evidence."""
@@ -72,7 +69,7 @@ class Offers:
         signature = law.signature
         own = [name for name in self._effects if may_make(name, signature)]
         yield sorted(self._examined(base, own, signature, steps), key=lambda one: not one.is_certain)
-        if law.found and signature.course in _FREE:
+        if law.found and signature.course in FREE:
             others = [name for name in self._effects if not makes(name, signature)]
             least = (1 - MINOR) * law.part * base.energy
             yield [

@@ -3,9 +3,10 @@
 from collections.abc import Callable, Collection, Sequence
 
 from tam_calibration.effects.effect import LinearEffect
-from tam_calibration.effects.grades import MINOR, MOST, NEARLY_ALL, SLIGHT
+from tam_calibration.effects.grades import MINOR, MOST, NEARLY_ALL, NOTABLE, SLIGHT
 from tam_calibration.effects.library import effect_named
 from tam_calibration.gap.hypothesis import Hypothesis
+from tam_calibration.gap.laws.causes import as_made_by, goes_with_the_rate
 from tam_calibration.gap.laws.decisions import LEAST_SHARE
 from tam_calibration.gap.laws.law import Place
 from tam_calibration.gap.laws.signature import Law, laws_of
@@ -137,7 +138,8 @@ class _CauseSearch:
     def _accept(self, chain: Sequence[Evidence], law: Law, as_good: Sequence[str]) -> None:
         self._model = self._with(chain)
         for one in chain:
-            self._steps.append(Step(absorbed(one, self._steps), law.signature, tuple(dict.fromkeys(as_good))))
+            made = as_made_by(one.effect, law.signature)
+            self._steps.append(Step(absorbed(one, self._steps), made, tuple(dict.fromkeys(as_good))))
 
     def _with(self, chain: Sequence[Evidence]) -> Model:
         """Return the model with further causes."""
@@ -179,8 +181,8 @@ def _key(law: Law) -> _Key:
 def _is_open_at_poses(effect: LinearEffect, before: Model, after: Model) -> bool:
     """Say whether poses that are taken up again speak against an effect without a recorded channel.
 
-    What the motion makes is the same at both visits to a pose, and leaves nothing that is. What depends on the time
-    or on the way to a pose is not: else it imitates some function of the pose.
+    What the motion makes is the same at both visits to a pose, and leaves little that is; what goes with its rate may
+    leave more. What depends on the time or on the way to a pose is not: else it imitates some function of the pose.
     """
     first, last = (model.channels(model.signal() if model.parts else None).differential for model in (before, after))
     again = None if effect.channels else repeats(pose_of(before.base().channels.covariates))
@@ -188,7 +190,8 @@ def _is_open_at_poses(effect: LinearEffect, before: Model, after: Model) -> bool
         return False
     if (effect.is_free_in_time or effect.has_memory) and again.are_same(first - last):
         return True
-    return not effect.is_free_in_time and again.energy(last) > SLIGHT * again.energy(first) > 0
+    part = NOTABLE if goes_with_the_rate(effect.name) else SLIGHT
+    return not effect.is_free_in_time and again.energy(last) > part * again.energy(first) > 0
 
 
 def _is_near(other: Evidence, accepted: Evidence) -> bool:

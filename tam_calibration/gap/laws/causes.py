@@ -1,12 +1,12 @@
 """Causes by their signatures: what can make a law, in order."""
 
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from tam_calibration.effects.library import effect_named
-from tam_calibration.gap.laws.law import Place, Signature
+from tam_calibration.gap.laws.law import CHANCE, Place, Signature
 
 
 @dataclass(frozen=True)
@@ -99,6 +99,37 @@ def may_make(effect: str, law: Signature) -> bool:
     What follows a recorded channel is no other course: only an effect of that channel can make it.
     """
     return agrees(effect, law) if law.course == "channel" else makes(effect, law)
+
+
+def as_made_by(effect: str, law: Signature) -> Signature:
+    """Return a law as that of the effect that leaves nothing of it.
+
+    A free course of time imitates what goes with a slow motion, and noise whatever is not predicted. Then the law and
+    the course are the usual ones of the effect; those of an effect of a channel follow the channel.
+
+    Parameters
+    ----------
+    effect : str
+        Name of the effect; the table need not hold it.
+    law : Signature
+        As it was found.
+    """
+    cause = next((one for one in CAUSES if one.name == effect), None)
+    if cause is None:
+        return law
+    is_chance = law.law in CHANCE and cause.law[0] not in CHANCE
+    name = law.law if law.law in cause.law and not is_chance else cause.law[0]
+    if "channel" in cause.course and cause.channel not in ("", "any"):
+        return replace(law, law=name, course="channel", follows=cause.channel)
+    if name == law.law and law.course in cause.course:
+        return law
+    course, curve = cause.course[0], law.curve if name == law.law else None
+    return replace(law, law=name, course=course, follows="motion" if course == "motion" else None, curve=curve)
+
+
+def goes_with_the_rate(effect: str) -> bool:
+    """Say whether the usual law of an effect is one of the field's rate of change."""
+    return any(one.law[0] == "rate" for one in CAUSES if one.name == effect)
 
 
 def agrees(effect: str, law: Signature) -> bool:

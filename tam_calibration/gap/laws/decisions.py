@@ -109,9 +109,6 @@ RARE = 0.1
 CLUSTERED = 0.25
 """Correlation of neighbouring samples' sizes from which spikes are spans of noise."""
 
-MOST_OF = 0.97
-"""Part of what all axes of a sensor explain that one axis of it explains, where it alone is disturbed."""
-
 ROUNDING = 1e-6
 """Difference of readings, as a part of their usual change, below which they are the same number."""
 
@@ -135,3 +132,6 @@ DEPENDENT = 1e-9
 
 SAME_LAW = 0.03
 """The same for a simpler course of the same law: a switch takes its time, a channel is recorded with errors."""
+
+SAME_COURSE = 0.85
+"""Correlation of the courses of two sensors from which they are one: those of independent causes hardly reach it."""

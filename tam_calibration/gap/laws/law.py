@@ -12,6 +12,12 @@ Place = tuple[int | str, ...]
 SCALAR: Place = ("scalar",)
 ATTITUDE: Place = ("attitude",)
 
+FREE: frozenset[str] = frozenset({"step", "episodes", "slow", "random"})
+"""Courses of any function of time."""
+
+CHANCE: frozenset[str] = frozenset({"noise", "samples"})
+"""Laws of which no sample tells another."""
+
 
 @dataclass(frozen=True, eq=False)
 class Course:

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.effects.grades import NEARLY_ALL
 from tam_calibration.effects.spikes import A_DOZEN
 from tam_calibration.gap.laws.decisions import (
     CLUSTERED,
     LEAST_EVIDENCE,
-    MOST_OF,
     MOST_SPIKES,
     NEIGHBOURS,
     RARE,
@@ -163,5 +163,5 @@ def place_of(rest: Residual, chosen: NDArray[np.bool_]) -> tuple[Place, tuple[st
             explained = (along**2 / np.where(seen, values, np.inf)).sum()
             energies.append((explained, -columns.shape[2], sensors, axes))
     best = max(energies, key=lambda one: one[0])[0]
-    _, _, sensors, axes = max((one for one in energies if one[0] > MOST_OF * best), key=lambda one: one[1])
+    _, _, sensors, axes = max((one for one in energies if one[0] > NEARLY_ALL * best), key=lambda one: one[1])
     return sensors, axes

@@ -11,9 +11,17 @@ from tam_calibration.effects.grades import FEWEST, NOTABLE
 from tam_calibration.effects.quantization import find_lattices
 from tam_calibration.gap.laws.candidates import Candidate
 from tam_calibration.gap.laws.curve import curve_of
-from tam_calibration.gap.laws.decisions import LATTICE, LEAST_EVIDENCE, LEAST_SHARE, MANY, TIE, TOLERANCE
+from tam_calibration.gap.laws.decisions import (
+    LATTICE,
+    LEAST_EVIDENCE,
+    LEAST_SHARE,
+    MANY,
+    SAME_COURSE,
+    TIE,
+    TOLERANCE,
+)
 from tam_calibration.gap.laws.find import Found, predictive_laws
-from tam_calibration.gap.laws.law import SCALAR, Place, Signature
+from tam_calibration.gap.laws.law import FREE, SCALAR, Place, Signature
 from tam_calibration.gap.laws.patterns import AXES
 from tam_calibration.gap.laws.places import places_of, within
 from tam_calibration.gap.laws.scatter import Scatter, place_of, repeated, scatter_of, spikes
@@ -246,9 +254,23 @@ def _merged(laws: list[Law]) -> list[Law]:
 
 
 def _are_alike(first: Signature, second: Signature) -> bool:
-    if (first.law, first.follows, first.course) != (second.law, second.follows, second.course):
+    """Say whether two laws are one: in the same sensors, or with one course that both follow."""
+    if first.law != second.law:
         return False
-    return first.sensors == second.sensors or first.course in ("channel", "motion", "constant")
+    is_alike = (first.follows, first.course) == (second.follows, second.course)
+    is_one = first.sensors == second.sensors or first.course in ("channel", "motion", "constant")
+    return (is_alike and is_one) or _have_one_course(first, second)
+
+
+def _have_one_course(first: Signature, second: Signature) -> bool:
+    """Say whether free courses of two sensors of about one size go up and down together: a supply, or a cable."""
+    if not {first.course, second.course} <= FREE or SCALAR in (first.sensors, second.sensors):
+        return False
+    smaller, larger = sorted((first.energy, second.energy))
+    if first.curve is None or second.curve is None or smaller < LEAST_SHARE * larger:
+        return False
+    other = np.interp(first.curve.time_s, second.curve.time_s, second.curve.size)
+    return bool(abs(np.corrcoef(first.curve.size, other)[0, 1]) > SAME_COURSE)
 
 
 def _joined(first: Signature, second: Signature) -> Signature:

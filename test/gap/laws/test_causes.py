@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tam_calibration.effects.library import installed_effects
-from tam_calibration.gap.laws.causes import CAUSES, agrees, causes_of, makes, may_make
+from tam_calibration.gap.laws.causes import CAUSES, agrees, as_made_by, causes_of, makes, may_make
 from tam_calibration.gap.laws.law import Signature
 
 ROOT = Path(__file__).parents[3]
@@ -58,6 +58,24 @@ def test_the_places_of_a_law_count():
 def test_an_effect_makes_a_law_by_what_it_does_to_a_reading(effect, found, expected):
     """A course may look like another one, but what follows a recorded channel is made by an effect of that channel."""
     assert (makes(effect, found), may_make(effect, found), agrees(effect, found)) == expected
+
+
+@pytest.mark.parametrize(
+    ("effect", "found", "expected"),
+    [
+        ("hysteresis", law("offset", "slow"), ("own_field", "motion", "motion")),
+        ("ringing", law("noise", "episodes"), ("rate", "constant", None)),
+        ("ringing", law("offset", "tone", follows="1 Hz"), ("offset", "tone", "1 Hz")),
+        ("temperature_drift", law("gain", "slow"), ("gain", "channel", "temperature")),
+        ("bias_jump", law("offset", "episodes"), ("offset", "episodes", None)),
+        ("noise_excess", law("noise", "random"), ("noise", "random", None)),
+        ("somebody_elses", law("gain", "slow"), ("gain", "slow", None)),
+    ],
+)
+def test_the_law_of_a_cause_is_its_own(effect, found, expected):
+    """A free course that imitates it, or noise, is not stated beside the cause; what the cause may be stays."""
+    made = as_made_by(effect, found)
+    assert (made.law, made.course, made.follows) == expected
 
 
 def test_the_page_is_that_of_the_table():

@@ -139,6 +139,16 @@ def test_two_laws_beside_each_other(run):
     assert found == {("offset", "step", (1,)), ("offset", "channel", (4,))}
 
 
+def test_sensors_that_share_a_course_have_one_law(run):
+    """A cable of two sensors that is loose is one law of both; a step in another sensor stays its own."""
+    clean = run(samples=1200)
+    time_s = clean.recording.time_s
+    loose = episodes(time_s)
+    shared = clean.with_row(2, 4e-9 * loose).with_row(9, -3e-9 * loose).with_row(4, 3e-9 * (time_s > 30))
+    found = {(one.law, one.course, one.sensors) for one in signature(shared)}
+    assert found == {("offset", "episodes", (1, 4)), ("offset", "step", (2,))}
+
+
 def test_shares_are_those_of_samples_that_were_not_fitted(run):
     """Of an offset in one sensor beside white noise of its size in another, each has about half of the gap."""
     clean = run(samples=1500)
