@@ -9,10 +9,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tam_calibration.comparison.mistakes.placement import FITS, Motion, Placement, beside, placements
 from tam_calibration.comparison.result import Mistake
-from tam_calibration.integrity.handedness import NEAR, left_handed
+from tam_calibration.integrity.handedness import left_handed
 from tam_calibration.integrity.overview import SHARED, Overview
+from tam_calibration.integrity.placement import (
+    FITS,
+    Motion,
+    Placement,
+    beside,
+    letters_of,
+    nearest_turn,
+    placements,
+    turn_in_words,
+)
 from tam_calibration.model.sensor_errors import ORIENTATIONS
 from tam_calibration.model.sensors_in_words import numbered, sensors_in_words
 from tam_calibration.model.units import FloatArray
@@ -195,14 +204,18 @@ def turned_against_others(simulation: Overview, recording: Overview) -> Iterator
     simulation, recording : Overview
         Of the two, the first in tesla.
     """
-    right, kept, turned = 0, list[int](), dict[int, FloatArray]()
-    for first in range(recording.sensor_count):
-        alike = [other for other in range(recording.sensor_count) if _against(recording, first, other) == 0]
-        own = {other: _against(simulation, first, other) for other in alike}
-        same = [other for other, axes in own.items() if axes == 0]
-        if len(same) > right:
-            right, kept = len(same), same
-            turned = {other: ORIENTATIONS[axes] for other, axes in own.items() if axes}
+    kept, turned = list[int](), dict[int, FloatArray]()
+    sensors = range(recording.sensor_count)
+    for first in sensors:
+        own = {
+            other: turn
+            for other in sensors
+            if _is_unturned(_against(recording, first, other))
+            and (turn := _against(simulation, first, other)) is not None
+        }
+        same = [other for other, turn in own.items() if _is_unturned(turn)]
+        if len(same) > len(kept):
+            kept, turned = same, {other: turn for other, turn in own.items() if other not in same}
     for sensor, turn in turned.items():
         name = _name(turn)
         assert name is not None
@@ -216,14 +229,16 @@ def turned_against_others(simulation: Overview, recording: Overview) -> Iterator
         )
 
 
-def _against(overview: Overview, one: int, other: int) -> int | None:
-    """Return which of ``ORIENTATIONS`` makes what the other of two sensors reads of what the one reads, if any does."""
+def _is_unturned(turn: FloatArray | None) -> bool:
+    return turn is not None and bool((turn == np.eye(3)).all())
+
+
+def _against(overview: Overview, one: int, other: int) -> FloatArray | None:
+    """Return what the other of two sensors reads of what the one reads, a right-handed permutation, if they tell."""
     if overview.shared_motion(one, other) < SHARED:
         return None
-    rows = overview.covariance[other, one] @ np.linalg.inv(overview.covariance[one, one])
-    rows = rows / np.linalg.norm(rows, axis=1, keepdims=True)
-    along = np.sum(ORIENTATIONS * rows, axis=2).min(axis=1)
-    return int(along.argmax()) if along.max() > NEAR else None
+    turn = nearest_turn(overview.covariance[other, one] @ np.linalg.inv(overview.covariance[one, one]))
+    return turn if turn is not None and np.linalg.det(turn) > 0 else None
 
 
 def _axes(own: Placement, right: Placement) -> tuple[int, int]:
@@ -253,29 +268,17 @@ def _signs(fields_T: FloatArray, right_T: FloatArray, is_unturned: np.ndarray) -
 
 def _name(turn: FloatArray) -> tuple[str, str, str] | None:
     """Return kind, words and mend of axes that read ``turn`` times what they should; None of right ones."""
-    reads = [f"{'-' if row.min() < 0 else ''}{'xyz'[int(np.argmax(np.abs(row)))]}" for row in turn]
-    reversed_ = [letter for letter, row in zip("xyz", turn, strict=True) if row.min() < 0]
-    moved = [letter for letter, value in zip("xyz", np.diagonal(turn), strict=True) if value == 0]
-    back = ", ".join(
-        f"{letter} = {'-' if column.min() < 0 else ''}{'xyz'[int(np.argmax(np.abs(column)))]}"
-        for letter, column in zip("xyz", turn.T, strict=True)
-    )
-    turned = ", or turn its site (MuJoCo) or pose (Gazebo)" if np.linalg.det(turn) > 0 else ""
-    mend = f"publish {back} of what the simulated sensor gives{turned}"
-    if not moved and not reversed_:
+    if (turn == np.eye(3)).all():
         return None
-    if not moved and reversed_ == ["y", "z"]:
+    is_mirrored = np.linalg.det(turn) < 0
+    back = ", ".join(f"{axis} = {letter}" for axis, letter in zip("xyz", letters_of(turn.T), strict=True))
+    mend = f"publish {back} of what the simulated sensor gives"
+    mend += "" if is_mirrored else ", or turn its site (MuJoCo) or pose (Gazebo)"
+    if (turn == np.diag([1, -1, -1])).all():
         return "frd_for_flu", "y and z are reversed, FRD (forward, right, down) for FLU (forward, left, up)", mend
-    if not moved:
-        way = (
-            f"axis {reversed_[0]} is reversed"
-            if len(reversed_) == 1
-            else f"axes {' and '.join(reversed_)} are reversed"
-        )
-        way = "all axes are reversed" if len(reversed_) == 3 else way
-        return ("turned_axes" if len(reversed_) == 2 else "mirrored_axis"), way, mend
-    if np.linalg.det(turn) < 0:
-        if len(moved) == 2 and not reversed_:
-            return "exchanged_axes", f"axes {' and '.join(moved)} are exchanged", mend
-        return "mirrored_axis", f"they are mirrored: x, y, z read {', '.join(reads)}", mend
-    return "turned_axes", f"they are turned: x, y, z read {', '.join(reads)}", mend
+    way = turn_in_words(turn)
+    if way.endswith("exchanged"):
+        return "exchanged_axes", way, mend
+    if way.startswith("x, y, z"):
+        way = f"they are {'mirrored' if is_mirrored else 'turned'}: {way}"
+    return "mirrored_axis" if is_mirrored else "turned_axes", way, mend

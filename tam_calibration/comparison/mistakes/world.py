@@ -9,10 +9,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from tam_calibration.comparison.mistakes.frames import MIRRORED_FIELDS, Frames, vector_in_microtesla
-from tam_calibration.comparison.mistakes.placement import TILT, Motion, Placement
 from tam_calibration.comparison.result import Mistake
 from tam_calibration.core.noise import fast_noise
 from tam_calibration.integrity.overview import Overview
+from tam_calibration.integrity.placement import TILT, Motion, Placement
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensors_in_words import sensors_in_words
 from tam_calibration.model.units import FloatArray, to_degrees

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.comparison.mistakes import noise, units, world
 from tam_calibration.comparison.mistakes.frames import MIRRORED_FIELDS, Frames
-from tam_calibration.comparison.mistakes.placement import Motion, Placement, beside
+from tam_calibration.integrity.placement import Motion, Placement, beside
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import from_degrees
