@@ -49,30 +49,30 @@ class Holds:
     """
 
     def __init__(self, sensor_count: int) -> None:
-        self._sensors, columns = sensor_count, 3 * sensor_count
+        columns = 3 * sensor_count
         self._count, self._equal = 0, np.zeros(columns, dtype=int)
-        self._last: FloatArray | None = None
-        self._open, self._open_since = np.ones(columns, dtype=int), np.zeros(columns)
-        self._longest, self._value = np.ones(columns, dtype=int), np.zeros(columns)
-        self._since, self._until = np.zeros(columns), np.zeros(columns)
+        self._last = np.full(columns, np.nan)
+        self._start, self._start_s = np.zeros(columns, dtype=int), np.zeros(columns)
+        self._longest = np.repeat([[1.0], [0.0], [0.0], [0.0]], columns, axis=1)  # samples, value, first and last time
         self._zeros, self._zero_s = np.zeros(sensor_count, dtype=int), np.zeros((sensor_count, 2))
 
     def add(self, block: Block) -> None:
         """Add the samples of a block."""
-        values = block.readings_T.reshape(len(block.readings_T), -1)
-        self._count += len(values)
         self._add_zeros(block)
-        goes_on = np.zeros(values.shape[1], dtype=bool) if self._last is None else values[0] == self._last
-        same = values[1:] == values[:-1]
-        repeats = same.sum(axis=0) if same.any() else np.zeros(values.shape[1], dtype=int)
-        self._equal += repeats + goes_on
-        self._open_since = np.where(goes_on, self._open_since, block.time_s[0])
-        self._open = np.where(goes_on, self._open + 1, 1)
-        for column in np.flatnonzero(repeats | goes_on):
-            self._add_column(int(column), values[:, column], same[:, column], block.time_s)
-        moves_on = (repeats | goes_on) == 0
-        self._open[moves_on], self._open_since[moves_on] = 1, block.time_s[-1]
-        self._last = values[-1].copy()
+        values, index = block.readings_T.reshape(len(block.readings_T), -1), np.arange(len(block.time_s))[:, None]
+        columns = np.arange(values.shape[1])
+        changes = values != np.vstack([self._last, values[:-1]])
+        self._equal += len(values) - changes.sum(axis=0)
+        # The hold of a sample began at the latest change, which may lie before the block.
+        start = np.maximum.accumulate(np.where(changes, index, self._start - self._count), axis=0)
+        end = (index - start).argmax(axis=0)
+        first, last = start[end, columns], start[-1]
+        since, self._start_s = (
+            np.where(one < 0, self._start_s, block.time_s[np.maximum(one, 0)]) for one in (first, last)
+        )
+        held = np.stack([end - first + 1, values[end, columns], since, block.time_s[end]])
+        self._longest = np.where(held[0] > self._longest[0], held, self._longest)
+        self._start, self._last, self._count = last + self._count, values[-1].copy(), self._count + len(values)
 
     def _add_zeros(self, block: Block) -> None:
         for sensor in np.flatnonzero((block.readings_T[:, :, 0] == 0).any(axis=0)):
@@ -81,19 +81,6 @@ class Holds:
                 first = self._zero_s[sensor, 0] if self._zeros[sensor] else block.time_s[zero[0]]
                 self._zero_s[sensor] = first, block.time_s[zero[-1]]
                 self._zeros[sensor] += len(zero)
-
-    def _add_column(self, column: int, values: FloatArray, same: np.ndarray, time_s: FloatArray) -> None:
-        starts = np.append(0, np.flatnonzero(~same) + 1)
-        lengths = np.diff(np.append(starts, len(values)))
-        since_s = time_s[starts]
-        lengths[0] += self._open[column] - 1
-        since_s[0] = self._open_since[column]
-        best = int(lengths.argmax())
-        if lengths[best] > self._longest[column]:
-            end = starts[best + 1] - 1 if best + 1 < len(starts) else len(values) - 1
-            self._longest[column], self._value[column] = lengths[best], values[starts[best]]
-            self._since[column], self._until[column] = since_s[best], time_s[end]
-        self._open[column], self._open_since[column] = lengths[-1], since_s[-1]
 
     def faults(self, source: SampleSource) -> list[Fault]:
         """Return what is wrong; the recording is read once more where something may be.
@@ -120,14 +107,13 @@ class Holds:
 
     def _holds(self) -> list[_Hold]:
         """Return holds that are longer than chance makes them."""
-        others = self._equal - (self._longest - 1)
-        share = (others + 1) / (self._count - self._longest + 2)
         found = []
-        for column in np.flatnonzero(self._longest >= SHORTEST):
-            if not is_chance(int(self._longest[column]) - 1, float(share[column]), self._count):
-                time_s = float(self._since[column]), float(self._until[column])
-                is_fine = bool(share[column] < FINE or self._longest[column] == self._count)
-                found.append(_Hold((int(column),), time_s, float(self._value[column]), is_fine))
+        for column, (equal, hold) in enumerate(zip(self._equal.tolist(), self._longest.T.tolist(), strict=True)):
+            length, value_T, *time_s = hold
+            share = (equal - length + 2) / (self._count - length + 2)
+            if length >= SHORTEST and not is_chance(int(length) - 1, share, self._count):
+                is_fine = share < FINE or length == self._count
+                found.append(_Hold((column,), (time_s[0], time_s[1]), value_T, is_fine))
         return found
 
 
