@@ -19,7 +19,7 @@ _FREEDOM = 60.0
 def differs(simulation: AxisNoise, recording: AxisNoise) -> bool:
     """Return whether two noises of an axis differ by more than chance, and by more than matters in practice.
 
-    Of two white noises the standard deviations of a sample are compared as they stand, also where their rates differ.
+    Of two white noises the standard deviations of a sample are compared directly, also where their rates differ.
     Else the spectra are compared at the frequencies that both have, in all and in bands of equal information: the level
     of slow noise grows with the duration, its density does not. They too are those of a sample: densities times rates.
 

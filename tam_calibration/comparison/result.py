@@ -1,7 +1,7 @@
 """The result of a comparison: what a simulator's recording has otherwise than a real one, and the mend."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Literal
 
 import numpy as np
@@ -9,7 +9,7 @@ import numpy as np
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.gap.laws.law import Signature
 from tam_calibration.gap.noise import AxisNoise
-from tam_calibration.gap.result import Gap
+from tam_calibration.gap.result import Gap, Size
 from tam_calibration.gap.search_result import Search
 from tam_calibration.model.array import Array
 from tam_calibration.model.fitted_effect import FittedEffect
@@ -45,44 +45,70 @@ class Mistake:
 
 
 @dataclass(frozen=True)
-class Figure:
-    """One figure of the simulation beside that of the recording.
+class ReadingFigure:
+    """A plain figure of one recording.
 
     Parameters
     ----------
-    group : str
-        What it belongs to, such as "stamps".
-    name : str
-        Such as "sensor 2 x scale factor".
+    group, name : str
+        Such as "stamps", "rate".
     unit : str
         SI unit; "1" for none.
-    simulation, recording : float
-        The two values; NaN where a side does not tell.
-    simulation_error, recording_error : float
-        Their standard errors; NaN where they are not known.
-    standing : str
-        One of ``Standing``.
+    value : float
+        NaN where the recording has none.
+    standard_error : float
+        NaN where it is not known.
+    tolerance : float
+        Difference that is none in practice, in the unit of the value.
+    is_of_simulation : bool
+        Whether a difference is one of the simulation; else it is of the path that was flown.
     """
 
     group: str
     name: str
     unit: str
-    simulation: float
-    recording: float
-    simulation_error: float
-    recording_error: float
-    standing: Standing
+    value: float
+    standard_error: float = float("nan")
+    tolerance: float = 0.0
+    is_of_simulation: bool = True
+
+
+CERTAIN = 4.5
+"""Standard errors from which two figures differ: of some hundred by chance in one of a thousand comparisons."""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One figure of the simulation and the same of the recording."""
+
+    simulation: ReadingFigure
+    recording: ReadingFigure
+
+    @property
+    def difference(self) -> float:
+        """How far the two values are apart, in the unit of the figure."""
+        return abs(self.recording.value - self.simulation.value)
 
     @property
     def standard_errors(self) -> float:
         """The recording's value less the simulation's, in standard errors of the difference; NaN where not known."""
-        size = float(np.hypot(self.simulation_error, self.recording_error))
-        return (self.recording - self.simulation) / size if size > 0 else float("nan")
+        size = float(np.hypot(self.simulation.standard_error, self.recording.standard_error))
+        return (self.recording.value - self.simulation.value) / size if size > 0 else float("nan")
+
+    @property
+    def standing(self) -> Standing:
+        """Whether the two differ beyond tolerance and chance; what is of the path never does."""
+        if not np.isfinite(self.difference):
+            return "cannot tell"
+        errors = np.nan_to_num([self.simulation.standard_error, self.recording.standard_error])
+        chance = CERTAIN * float(np.hypot(errors[0], errors[1]))
+        is_same = self.difference <= max(self.simulation.tolerance, self.recording.tolerance, chance)
+        return "same" if is_same or not self.simulation.is_of_simulation else "differs"
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseDifference:
-    """The noise of an axis in the simulation beside that in the recording."""
+    """The noise of an axis in the simulation and in the recording."""
 
     simulation: AxisNoise
     recording: AxisNoise
@@ -162,20 +188,14 @@ class SourceError:
 
 
 @dataclass(frozen=True, eq=False)
-class Closing:
-    """How far the gap shrinks when the simulation is mended, out of sample.
+class Closing(Size):
+    """How far the gap shrinks when the simulation is mended, out of sample: ``Size``, and what makes it up.
+
+    The gap is that between simulation and recording, and between the mended twin of the simulation's run and the
+    recording: root of the summed energies of what either has and the other has not, in noise floors.
 
     Parameters
     ----------
-    before, after : float
-        Gap between simulation and recording, and between the mended twin of the simulation's run and the recording:
-        root of the summed energies of what either has and the other has not, in noise floors.
-    before_T, after_T : float
-        The same as a field at one axis, tesla: noise floors times the floor.
-    before_T_per_m, after_T_per_m : float
-        The gradient that noise of so many floors makes in the tensor, T/m; NaN without a gradient.
-    closed, closed_interval : float, (float, float)
-        1 - (after / before)², and its 95 % confidence interval.
     steps : tuple of Step
         The gap after each term, the largest first.
     simulation_source, recording_source, mended_source : SourceError, optional
@@ -184,14 +204,6 @@ class Closing:
         What stays open, and where; empty where nothing does.
     """
 
-    before: float
-    after: float
-    before_T: float
-    after_T: float
-    before_T_per_m: float
-    after_T_per_m: float
-    closed: float
-    closed_interval: tuple[float, float]
     steps: tuple[Step, ...] = ()
     simulation_source: SourceError | None = None
     recording_source: SourceError | None = None
@@ -200,7 +212,7 @@ class Closing:
 
     @property
     def source_error_before_m(self) -> float:
-        """How far the source error that the simulation foretells is from that in the recording, metres; else NaN."""
+        """How far the source error that the simulation predicts is from that in the recording, metres; else NaN."""
         return _apart(self.simulation_source, self.recording_source)
 
     @property
@@ -228,7 +240,7 @@ class NoiseTerm:
     added_white_T : float
         Standard deviation of the white noise that is missing; 0 where it has too much.
     knee_hz, exponent : float
-        Of the slow noise that it shall have and has not, beside the white noise ``white_T``; NaN without one.
+        Of the slow noise that it shall have and has not, in addition to the white noise ``white_T``; NaN without one.
     band_hz : (float, float), optional
         Of the band of noise that it shall have and has not.
     band_T : float
@@ -243,6 +255,11 @@ class NoiseTerm:
     exponent: float = float("nan")
     band_hz: tuple[float, float] | None = None
     band_T: float = 0.0
+
+    @classmethod
+    def of(cls, noise: AxisNoise) -> "NoiseTerm":
+        """Return all the noise of an axis as noise to add."""
+        return cls(**{each.name: getattr(noise, each.name.removeprefix("added_")) for each in fields(cls)})
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,7 +314,7 @@ class Side:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """A simulator's recording beside a real one.
+    """The comparison of a simulator's recording with a real one.
 
     Parameters
     ----------
@@ -313,7 +330,7 @@ class Comparison:
     missing, surplus : tuple of EffectDifference
         What the simulation lacks, and what it has beyond the recording; the largest first.
     other_parameters : tuple of OtherParameters
-        What both have, but not alike.
+        What both have, with other parameters.
     noise : tuple of NoiseDifference
         Of each axis, and the scalar.
     closing : Closing, optional

@@ -19,7 +19,7 @@ _STEP, _LIMITS = "step", ("lower limit", "upper limit")
 def gazebo_sdf(mend: Mend) -> str:
     """Return a ``<sensor type="magnetometer">`` for each sensor as it shall be, in tesla.
 
-    ``stddev`` is that of a sample's white noise. The bias stands in ``mean``, for Gazebo gives ``bias_mean`` a random
+    ``stddev`` is that of a sample's white noise. The bias is in ``mean``, for Gazebo gives ``bias_mean`` a random
     sign; ``bias_stddev`` is its standard error. Slow noise is the first-order process that comes nearest: the standard
     deviation of Gazebo's is ``dynamic_bias_stddev`` times the root of half the correlation time.
 

@@ -206,8 +206,8 @@ def checks_of(
             _kurtosis(values[known], chance),
         )
     if interpolated is not None:
-        alike = interpolated.correlation[:, 0]
-        checked[1, 1:] += np.array([min(alike.min(), 0.0), max(alike.max(), 0.0)])[:, None]
+        shared = interpolated.correlation[:, 0]
+        checked[1, 1:] += np.array([min(shared.min(), 0.0), max(shared.max(), 0.0)])[:, None]
         checked[2, 2] *= interpolated.spectrum(np.linspace(0, 0.5, LAGS)).max()
     chi_square, lag_1, line_of, direction_of, kurtosis = (Check(*each) for each in checked)
     return Checks(chi_square, lag_1, line_of, direction_of, kurtosis, line_hz, correlation)

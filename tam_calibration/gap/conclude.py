@@ -132,7 +132,7 @@ def conclude(found: Search) -> Gap:
 
 
 def _stated(gap: Gap, found: Search) -> Gap:
-    """Return a gap with its sentence; one of the intensity alone at each of its places, with what tells them apart."""
+    """Return a gap with its sentence; one of the intensity alone at each of its places, with what separates them."""
     if not gap.signature or not gap.signature[0].is_common:
         return replace(gap, statement=statement(gap.verdict, gap.size, _named(gap.where), gap.causes))
     places = gap.signature[0].places
@@ -221,7 +221,7 @@ def is_drift(effect: str, recording: Recording) -> bool:
 
 
 def _indistinguishable(step: Step, effect: FittedEffect, found: Search) -> tuple[str, ...]:
-    """Return the effects that cannot be told from a cause: they explain as much, or their channel is not recorded."""
+    """Return the effects that the data do not separate from a cause, or whose channel is not recorded."""
     cause = step.accepted
     names = [*step.others]
     if isinstance(cause.form, Hypothesis) and cause.form.effect.is_free_in_time:

@@ -1,6 +1,6 @@
 """Sensors with left-handed axes: reversed or exchanged ones, found with the other sensors and recorded attitude.
 
-The intensity of a field does not tell them: it is the same for the mirrored one. Nor does attitude alone, as all axes
+The intensity of a field does not show them: it is the same for the mirrored one. Nor does attitude alone, as all axes
 reversed are those of a field that is reversed in the world; only that fields point north does.
 """
 
@@ -93,7 +93,7 @@ def _of_either(overview: Overview, few: list[int], many: list[int]) -> Fault:
 
 
 def _left_handed_by_attitude(overview: Overview, groups: list[list[int]]) -> dict[int, FloatArray]:
-    """Return the sensors that attitude shows to be left-handed, and how their axes lie; none where it does not tell.
+    """Return the sensors that attitude shows to be left-handed, and how their axes lie; none where it does not show it.
 
     A sensor that reads as right-handed axes P in a field h reads as left-handed axes -P in -h, too. In a group of one
     handedness, one sensor along the array's axes shows that it is the right one; a field that points north shows it of

@@ -13,7 +13,7 @@ SHORTEST = 10
 """Samples of a hold: readings up to eight samples late are stale samples, an effect that is fitted with the errors."""
 
 FINE = 0.1
-"""Share of samples that repeat the one before below which an axis shows its noise, so that none can stand still."""
+"""Share of samples that repeat the one before: below it an axis shows its noise, so that a constant value is a fault."""
 
 MOVED = 0.1
 """Fraction of their range through which others move at least where an axis of coarse steps should move too."""
@@ -51,7 +51,7 @@ class Holds:
     def __init__(self, sensor_count: int) -> None:
         columns = 3 * sensor_count
         self._count, self._equal = 0, np.zeros(columns, dtype=int)
-        self._last = np.full(columns, np.nan)
+        self._last, self._step_T = np.full(columns, np.nan), np.full(columns, np.inf)
         self._start, self._start_s = np.zeros(columns, dtype=int), np.zeros(columns)
         self._longest = np.repeat([[1.0], [0.0], [0.0], [0.0]], columns, axis=1)  # samples, value, first and last time
         self._zeros, self._zero_s = np.zeros(sensor_count, dtype=int), np.zeros((sensor_count, 2))
@@ -61,7 +61,9 @@ class Holds:
         self._add_zeros(block)
         values, index = block.readings_T.reshape(len(block.readings_T), -1), np.arange(len(block.time_s))[:, None]
         columns = np.arange(values.shape[1])
-        changes = values != np.vstack([self._last, values[:-1]])
+        change = np.abs(values - np.vstack([self._last, values[:-1]]))
+        self._step_T = np.min(change, axis=0, where=change > 0, initial=np.inf).clip(max=self._step_T)
+        changes = change != 0
         self._equal += len(values) - changes.sum(axis=0)
         # The hold of a sample began at the latest change, which may lie before the block.
         start = np.maximum.accumulate(np.where(changes, index, self._start - self._count), axis=0)
@@ -92,7 +94,7 @@ class Holds:
         """
         zeros = self._zero_faults()
         held = [hold for hold in self._holds() if hold.value_T != 0 or not self._zeros[hold.columns[0] // 3]]
-        return zeros + (_frozen(_by_sensor(held), source) if held else [])
+        return zeros + (_frozen(_by_sensor(held), self._step_T, source) if held else [])
 
     def _zero_faults(self) -> list[Fault]:
         faults = []
@@ -131,27 +133,37 @@ def _by_sensor(holds: list[_Hold]) -> list[_Hold]:
     return found
 
 
-def _frozen(holds: list[_Hold], source: SampleSource) -> list[Fault]:
+def _frozen(holds: list[_Hold], step_T: FloatArray, source: SampleSource) -> list[Fault]:
     """Return those holds during which other axes move, and that end or begin with more than a step of the axis."""
     faults = []
-    around = _Around.of([hold.time_s for hold in holds], source)
-    whole = around.high_T[-1] - around.low_T[-1]
-    for number, hold in enumerate(holds):
-        if not hold.is_of_sensor and (not hold.is_fine or _is_at_end(hold, around.low_T[-1], around.high_T[-1])):
+    spans = [_Span(time_s, len(step_T)) for time_s in (*(hold.time_s for hold in holds), source.time_span_s)]
+    for block in source.blocks():
+        for span in spans:
+            span.add(block)
+    *during, complete = spans
+    for hold, span in zip(holds, during, strict=True):
+        if not hold.is_of_sensor and (not hold.is_fine or _is_at_end(hold, complete)):
             continue  # it may have turned about an axis of coarse steps; and the end of a range is saturation
-        if around.is_one_step(number, hold):
+        if _is_one_step(hold, span, step_T):
             continue
-        ranges = around.high_T[number] - around.low_T[number]
-        moved = np.delete(np.divide(ranges, whole, out=np.zeros_like(whole), where=whole > 0), hold.columns)
+        part = np.divide(span.range_T, complete.range_T, out=np.zeros_like(step_T), where=complete.range_T > 0)
+        moved = np.delete(part, hold.columns)
         if hold.is_fine if not len(moved) else moved.max() > (0 if hold.is_fine else MOVED):
             faults.append(_fault(hold, "the others move" if len(moved) else "its noise would show", source))
     return faults
 
 
-def _is_at_end(hold: _Hold, low: FloatArray, high: FloatArray) -> bool:
-    """Whether an axis holds an end of its range (3K,), and has one."""
-    (column,) = hold.columns
-    return bool(low[column] < high[column] and hold.value_T in (low[column], high[column]))
+def _is_at_end(hold: _Hold, complete: "_Span") -> bool:
+    """Whether an axis holds an end of its range, and has one."""
+    low_T, high_T = complete.low_T[hold.columns[0]], complete.high_T[hold.columns[0]]
+    return bool(low_T < high_T and hold.value_T in (low_T, high_T))
+
+
+def _is_one_step(hold: _Hold, span: "_Span", step_T: FloatArray) -> bool:
+    """Whether an axis comes and goes by a step or two of its own: it may be at rest, or turn back."""
+    columns = list(hold.columns)
+    changes = np.abs(span.around_T[:, columns] - span.low_T[columns])
+    return bool(np.isfinite(changes).any() and not (changes > STEPS * step_T[columns]).any())
 
 
 def _fault(hold: _Hold, whose: str, source: SampleSource) -> Fault:
@@ -166,60 +178,28 @@ def _fault(hold: _Hold, whose: str, source: SampleSource) -> Fault:
     return Fault("frozen", sensor + 1, name, hold.time_s, sentence, may_be_effect=not is_dead)
 
 
-@dataclass(frozen=True, eq=False)
-class _Around:
-    """What is read during some spans of time and last during all of it, beside them, and from sample to sample.
+class _Span:
+    """Lowest and highest readings (3K,) during a span of time; (2, 3K) last before and first after it, or NaN."""
 
-    Parameters
-    ----------
-    low_T, high_T : (spans + 1, 3K) arrays
-        Lowest and highest readings.
-    before_T, after_T : (spans + 1, 3K) arrays
-        Last reading before and first one after; NaN where there is none.
-    step_T : (3K,) array
-        Smallest change from one sample to the next.
-    """
+    def __init__(self, time_s: tuple[float, float], columns: int) -> None:
+        self._time_s = time_s
+        self.low_T, self.high_T = np.full(columns, np.inf), np.full(columns, -np.inf)
+        self.around_T = np.full((2, columns), np.nan)
 
-    low_T: FloatArray
-    high_T: FloatArray
-    before_T: FloatArray
-    after_T: FloatArray
-    step_T: FloatArray
+    @property
+    def range_T(self) -> FloatArray:
+        """(3K,) range of the readings."""
+        return np.asarray(self.high_T - self.low_T)
 
-    @classmethod
-    def of(cls, spans: list[tuple[float, float]], source: SampleSource) -> "_Around":
-        """Return it of a recording, which is read once."""
-        spans = [*spans, source.time_span_s]
-        shape = len(spans), 3 * source.sensor_count
-        low_T, before_T, after_T = np.full(shape, np.inf), np.full(shape, np.nan), np.full(shape, np.nan)
-        found = cls(low_T, -low_T, before_T, after_T, np.full(shape[1], np.inf))
-        last: FloatArray | None = None
-        for block in source.blocks():
-            values = block.readings_T.reshape(len(block.readings_T), -1)
-            for number, span in enumerate(spans):
-                found._add(number, span, block.time_s, values)
-            last = found._add_steps(values if last is None else np.concatenate([last, values]))
-        return found
-
-    def _add(self, number: int, span: tuple[float, float], time_s: FloatArray, values: FloatArray) -> None:
-        start, stop = np.searchsorted(time_s, span[0]), np.searchsorted(time_s, span[1], side="right")
+    def add(self, block: Block) -> None:
+        """Add the samples of a block."""
+        values = block.readings_T.reshape(len(block.readings_T), -1)
+        start = np.searchsorted(block.time_s, self._time_s[0])
+        stop = np.searchsorted(block.time_s, self._time_s[1], side="right")
         if start < stop:
-            self.low_T[number] = np.minimum(self.low_T[number], values[start:stop].min(axis=0))
-            self.high_T[number] = np.maximum(self.high_T[number], values[start:stop].max(axis=0))
+            self.low_T = np.minimum(self.low_T, values[start:stop].min(axis=0))
+            self.high_T = np.maximum(self.high_T, values[start:stop].max(axis=0))
         if start > 0:
-            self.before_T[number] = values[start - 1]
-        if stop < len(values) and np.isnan(self.after_T[number]).all():
-            self.after_T[number] = values[stop]
-
-    def _add_steps(self, values: FloatArray) -> FloatArray:
-        change = np.abs(np.diff(values, axis=0))
-        least = np.min(change, axis=0, where=change > 0, initial=np.inf)
-        np.minimum(self.step_T, least, out=self.step_T)
-        return values[-1:]
-
-    def is_one_step(self, number: int, hold: _Hold) -> bool:
-        """Whether an axis comes and goes by a step or two of its own: it may be at rest, or turn back."""
-        columns = list(hold.columns)
-        beside = np.stack([self.before_T[number, columns], self.after_T[number, columns]])
-        changes = np.abs(beside - self.low_T[number, columns])
-        return bool(np.isfinite(changes).any() and not (changes > STEPS * self.step_T[columns]).any())
+            self.around_T[0] = values[start - 1]
+        if stop < len(values) and np.isnan(self.around_T[1]).all():
+            self.around_T[1] = values[stop]

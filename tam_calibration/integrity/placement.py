@@ -1,4 +1,4 @@
-"""How sensors lie in the array, but for small angles, and what field there is in the world, as attitude tells it.
+"""How sensors lie in the array, but for small angles, and what field there is in the world, as attitude shows it.
 
 A sensor whose axes lie along those of the array but for a signed permutation P reads b = Pᵀ Rᵀ h + o, with R the
 attitude, h the field of the world and o a bias. About their means P b = C h, with C = Rᵀ less its mean: for each P a
@@ -19,13 +19,13 @@ FITS = 0.1
 leave some 0.02, axes that are turned wrongly more than half of what turns."""
 
 BETTER = 5.0
-"""Times the unexplained variance of the best axes that other axes may leave beside them."""
+"""Times the unexplained variance of the best axes that other axes may leave."""
 
 ROUNDING = 0.005
-"""Share of variance that tells no axes apart: sensors that are otherwise exact have errors of 4°."""
+"""Share of variance that separates no axes: sensors that are otherwise exact have errors of 4°."""
 
 TILT = 0.1
-"""Root mean square by which the world must turn about the array in every direction before the whole field is told: 6°
+"""Root mean square by which the world must turn about the array in every direction before all of the field is known: 6°
 of roll or pitch."""
 
 FEWEST = 30
@@ -63,7 +63,7 @@ def turn_in_words(turn: FloatArray) -> str:
     return f"x, y, z read {', '.join(letters)}"
 
 
-def beside(least: float) -> float:
+def allowed(least: float) -> float:
     """Return the share of the variance that other axes may leave where the best ones leave the least."""
     return min(BETTER * least + ROUNDING, FITS)
 
@@ -144,7 +144,7 @@ class Placement:
     @property
     def possible(self) -> np.ndarray:
         """(24,) which axes may be those of the sensor."""
-        return self.unexplained <= beside(float(self.unexplained.min()))
+        return self.unexplained <= allowed(float(self.unexplained.min()))
 
 
 def _turns(attitude: FloatArray) -> FloatArray:

@@ -310,16 +310,17 @@ def _source_error(error: result.SourceError | None) -> dict[str, Any] | None:
 
 
 def _figure(figure: result.Figure) -> dict[str, Any]:
-    factor, unit = for_people(figure.unit)
+    simulation, recording = figure.simulation, figure.recording
+    factor, unit = for_people(recording.unit)
     values = {
-        "simulation": figure.simulation,
-        "recording": figure.recording,
-        "simulation_standard_error": figure.simulation_error,
-        "recording_standard_error": figure.recording_error,
+        "simulation": simulation.value,
+        "recording": recording.value,
+        "simulation_standard_error": simulation.standard_error,
+        "recording_standard_error": recording.standard_error,
     }
     return {
-        "group": figure.group,
-        "name": figure.name,
+        "group": recording.group,
+        "name": recording.name,
         "unit": unit,
         **rounded({name: factor * value for name, value in values.items()}),
         **rounded({"standard_errors": figure.standard_errors}),

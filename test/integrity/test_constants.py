@@ -10,7 +10,7 @@ STATED = {
         **{"SHORTEST": 10, "PROBES": 16, "FOUND": 4, "LATEST": 4096, "COPIED": 1 - 1e-13, "FLAT": 1e-12},
         **{"SURE": 1e-6},
     },
-    fault: {"MOST_TOLD": 3},
+    fault: {"MOST_STATED": 3},
     handedness: {"NORTH": 0.7, "LEVEL": 0.05, "UNEXPLAINED": 0.02},
     holds: {"SHORTEST": 10, "FINE": 0.1, "MOVED": 0.1, "STEPS": 2, "SAME": 0.8},
     overview: {"ENOUGH": 2000, "SHARED": 0.9, "LARGEST_T": 1e9, "LONE": 0.01},

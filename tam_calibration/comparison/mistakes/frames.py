@@ -4,19 +4,18 @@ The recording is right: where its sensors lie along the array in some way, those
 MuJoCo gives quaternions as w, x, y, z, and ROS takes x, y, z, w.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from tam_calibration.comparison.result import Mistake
-from tam_calibration.integrity.handedness import left_handed
 from tam_calibration.integrity.overview import SHARED, Overview
 from tam_calibration.integrity.placement import (
     FITS,
     Motion,
     Placement,
-    beside,
+    allowed,
     letters_of,
     nearest_turn,
     placements,
@@ -37,12 +36,6 @@ def vector_in_microtesla(tesla: FloatArray) -> str:
     return f"({', '.join(f'{component * 1e6:.3g}' for component in tesla)}) µT"
 
 
-_CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
-"""Signs of the inverse of a unit quaternion x, y, z, w."""
-
-_SCALAR_LAST = [1, 2, 3, 0]
-"""Order that makes x, y, z, w of MuJoCo's w, x, y, z."""
-
 MIRRORED_FIELDS = {
     "ned_for_enu": np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]),
     "wrong_hemisphere": np.diag([1.0, 1.0, -1.0]),
@@ -54,7 +47,7 @@ MIRRORED_FIELDS = {
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """The axes of the simulation's sensors beside those of the recording's, and the two fields of the world.
+    """The axes of the simulation's sensors relative to those of the recording's, and the two fields of the world.
 
     Parameters
     ----------
@@ -69,32 +62,27 @@ class Frames:
     recording_T: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class _Convention:
-    """How an attitude may have been written, and what to do about it."""
-
-    kind: str
-    what: str
-    mend: str
-
-    def right(self, attitude: FloatArray) -> FloatArray:
-        """Return the quaternions x, y, z, w from array to world of those that were written so."""
-        return attitude[:, _SCALAR_LAST] if self.kind == "attitude_wxyz" else attitude * _CONJUGATE
-
-
-_CONVENTIONS = (
-    _Convention(
-        "attitude_wxyz",
-        "the simulation's quaternions are in the order w, x, y, z, and x, y, z, w is expected",
-        "write MuJoCo's xquat or framequat q as x=q[1], y=q[2], z=q[3], w=q[0]",
+_CONVENTIONS: tuple[tuple[Mistake, Callable[[FloatArray], FloatArray]], ...] = (
+    (
+        Mistake(
+            "attitude_wxyz",
+            "the simulation's quaternions are in the order w, x, y, z, and x, y, z, w is expected",
+            "the attitude",
+            "write MuJoCo's xquat or framequat q as x=q[1], y=q[2], z=q[3], w=q[0]",
+        ),
+        lambda attitude: attitude[:, [1, 2, 3, 0]],
     ),
-    _Convention(
-        "attitude_inverse",
-        "the simulation's attitude turns the world into the array, and the array into the world is expected",
-        "write the inverse: reverse the signs of x, y and z of the quaternion",
+    (
+        Mistake(
+            "attitude_inverse",
+            "the simulation's attitude turns the world into the array, and the array into the world is expected",
+            "the attitude",
+            "write the inverse: reverse the signs of x, y and z of the quaternion",
+        ),
+        lambda attitude: attitude * [-1.0, -1.0, -1.0, 1.0],
     ),
 )
-"""Attitudes of one are those of the other but for constant turns of array and world: the axes of the sensors tell."""
+"""How an attitude may have been written, and what makes x, y, z, w from array to world of it."""
 
 
 def mistaken_attitude(
@@ -114,14 +102,12 @@ def mistaken_attitude(
     if attitude is None or stated is None:
         return [], None, []
     as_stated = placements(overview, stated)
-    tried = []
-    for convention in _CONVENTIONS:
-        motion = stated.written(convention.right(attitude))
-        tried.append((convention, motion, placements(overview, motion)))
-    convention, motion, placed = max(tried, key=lambda each: _agreeing(each[2], right))
-    if _unexplained(placed) > FITS or _unexplained(as_stated) <= beside(_unexplained(placed)):
+    written = [(mistake, stated.written(correct(attitude))) for mistake, correct in _CONVENTIONS]
+    tried = [(mistake, motion, placements(overview, motion)) for mistake, motion in written]
+    mistake, motion, placed = max(tried, key=lambda each: _agreeing(each[2], right))
+    if _unexplained(placed) > FITS or _unexplained(as_stated) <= allowed(_unexplained(placed)):
         return [], stated, as_stated
-    return [Mistake(convention.kind, convention.what, "the attitude", convention.mend)], motion, placed
+    return [mistake], motion, placed
 
 
 def _unexplained(placed: list[Placement]) -> float:
@@ -136,7 +122,7 @@ def _agreeing(placed: list[Placement], right: list[Placement]) -> int:
 
 
 def frames_of(one: list[Placement], other: list[Placement]) -> Frames | None:
-    """Return the frames of the simulation beside those of the recording; None where attitude does not tell them.
+    """Return the frames of the simulation relative to those of the recording; None where attitude does not show them.
 
     Parameters
     ----------
@@ -160,7 +146,7 @@ def frames_of(one: list[Placement], other: list[Placement]) -> Frames | None:
 
 
 def mistaken_axes(frames: Frames) -> Iterator[Mistake]:
-    """Yield the sensors whose axes are turned or mirrored against those of the recording, alike ones together.
+    """Yield the sensors whose axes are turned or mirrored against those of the recording, equal ones together.
 
     Parameters
     ----------
@@ -175,70 +161,42 @@ def mistaken_axes(frames: Frames) -> Iterator[Mistake]:
         yield Mistake(kind, f"the simulation's axes of {where} are not the recording's: {way}", where, mend)
 
 
-def mistaken_hands(simulation: Overview, recording: Overview) -> Iterator[Mistake]:
-    """Yield the sensors that are left-handed against the others in the simulation alone: what is told without attitude.
-
-    Parameters
-    ----------
-    simulation, recording : Overview
-        Of the two, the first in tesla.
-    """
-    known = {fault.sensor for fault in left_handed(recording)}
-    for fault in left_handed(simulation):
-        if fault.sensor is not None and fault.sensor not in known:
-            yield Mistake(
-                "mirrored_axis",
-                f"in the simulation {fault.sentence}",
-                f"sensor {fault.sensor}{f', axis {fault.axis}' if fault.axis else ''}",
-                "give that axis the other sign, or exchange the two axes back, where the sensor's output is published",
-            )
-
-
 def turned_against_others(simulation: Overview, recording: Overview) -> Iterator[Mistake]:
-    """Yield the sensors that lie as others in the recording, and turned against them in the simulation.
+    """Yield the sensors that lie as others in the recording, and turned or mirrored against them in the simulation.
 
-    It is told without attitude. Of those that lie alike in the recording most are taken to be right.
+    Readings show it without attitude. Of sensors that lie the same way in the recording, most are taken to be right.
 
     Parameters
     ----------
     simulation, recording : Overview
         Of the two, the first in tesla.
     """
-    kept, turned = list[int](), dict[int, FloatArray]()
     sensors = range(recording.sensor_count)
-    for first in sensors:
-        own = {
+    by_first = [
+        {
             other: turn
             for other in sensors
-            if _is_unturned(_against(recording, first, other))
+            if (right := _against(recording, first, other)) is not None
+            and _name(right) is None
             and (turn := _against(simulation, first, other)) is not None
         }
-        same = [other for other, turn in own.items() if _is_unturned(turn)]
-        if len(same) > len(kept):
-            kept, turned = same, {other: turn for other, turn in own.items() if other not in same}
-    for sensor, turn in turned.items():
-        name = _name(turn)
-        assert name is not None
-        kind, way, mend = name
-        where, others = numbered([sensor + 1]), numbered([one + 1 for one in kept])
-        yield Mistake(
-            kind,
-            f"the simulation's axes of {where} are not those of {others}, as the recording's are: {way}",
-            where,
-            mend,
-        )
-
-
-def _is_unturned(turn: FloatArray | None) -> bool:
-    return turn is not None and bool((turn == np.eye(3)).all())
+        for first in sensors
+    ]
+    turns = max(by_first, key=lambda each: sum(_name(turn) is None for turn in each.values()))
+    kept = [sensor + 1 for sensor, turn in turns.items() if _name(turn) is None]
+    for sensor, turn in turns.items():
+        if (name := _name(turn)) is not None:
+            kind, way, mend = name
+            where, others = numbered([sensor + 1]), numbered(kept)
+            what = f"the simulation's axes of {where} are not those of {others}, as the recording's are: {way}"
+            yield Mistake(kind, what, where, mend)
 
 
 def _against(overview: Overview, one: int, other: int) -> FloatArray | None:
-    """Return what the other of two sensors reads of what the one reads, a right-handed permutation, if they tell."""
+    """Return what the other of two sensors reads of what the one reads, a signed permutation, if they show it."""
     if overview.shared_motion(one, other) < SHARED:
         return None
-    turn = nearest_turn(overview.covariance[other, one] @ np.linalg.inv(overview.covariance[one, one]))
-    return turn if turn is not None and np.linalg.det(turn) > 0 else None
+    return nearest_turn(overview.covariance[other, one] @ np.linalg.inv(overview.covariance[one, one]))
 
 
 def _axes(own: Placement, right: Placement) -> tuple[int, int]:
