@@ -108,11 +108,6 @@ class Additions:
         turns = None if attitude is None else np.reshape(attitude, (-1, 4))
         readings = np.reshape(readings_T, (-1, *shape[-2:]))
         batch = Recording(np.atleast_1d(time_s), readings, scalar, temperature, current, turns)
-        made = self._made(batch)
-        return made.readings_T.reshape(shape), made.scalar_T
-
-    def _made(self, batch: Recording) -> Recording:
-        """Return the next samples with what they lacked."""
         _check(self._mend, batch)
         if batch.time_s[0] <= self._newest_s:
             self._begin()
@@ -127,7 +122,8 @@ class Additions:
             rows = rows + self._noise.drawn(batch.time_s)
             for effect in self._of_reading:
                 rows = effect.added(rows, covariates)
-        return _recording(batch, rows)
+        made = _recording(batch, rows)
+        return made.readings_T.reshape(shape), made.scalar_T
 
 
 def mended(recording: Recording, mend: Mend, seed: int, errors: SensorErrors | None = None) -> Recording:

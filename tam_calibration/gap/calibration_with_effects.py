@@ -208,7 +208,7 @@ def _in_data(kept: Sequence[FittedEffect], stays: Sequence[FittedEffect]) -> Ite
 def _in_world(model: Model, array: Array, accept: Collection[str]) -> Calibration:
     """Return the calibration of one sensor as its attitude determines it, which its intensity alone may not."""
     errors = replace(model.errors, misalignment=np.zeros((1, 3)))  # the frame is the sensor's own, but for rounding
-    covariance = Joint(model, ((),) * len(model.parts)).covariance_in_world
+    covariance = Joint.of(model).covariance_in_world
     estimate = Estimate(errors, covariance, covariance_from_noise=False, intensity_T=model.intensity_T)
     calibration = make_calibration(IN_WORLD, _without(model), array, estimate)
     refuse_open(calibration.standard_errors.ravel(), calibration.intensity_T)

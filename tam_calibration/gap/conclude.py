@@ -10,14 +10,13 @@ from tam_calibration.effects.effect import Finding, LinearEffect
 from tam_calibration.effects.grades import FEWEST, MINOR, MOST, NEARLY_ALL, NOTABLE
 from tam_calibration.effects.library import effect_named, installed_effects, units_of
 from tam_calibration.gap.checks import checks_of
-from tam_calibration.gap.coloured import covariance_of
 from tam_calibration.gap.hypothesis import Hypothesis, Place, sensors_of
+from tam_calibration.gap.joint import Joint
 from tam_calibration.gap.laws.causes import agrees
 from tam_calibration.gap.laws.law import in_words
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.next_recording import next_recording
 from tam_calibration.gap.probabilities import energies_of, probabilities, set_of, shares_of
-from tam_calibration.gap.regression import Base
 from tam_calibration.gap.residue import residue_of
 from tam_calibration.gap.result import Cause, Considered, Gap, Size, Verdict, Where
 from tam_calibration.gap.search_result import LARGEST_REST, Search
@@ -168,7 +167,7 @@ def _causes(
             by_finding.setdefault(id(step.accepted.form.fitted), []).append(step)
     others = [steps[0] for steps in by_finding.values()]
     shares = shares_of(model) if model.parts else np.empty(0)
-    fitted = _fitted(model)
+    fitted = Joint.of(model).effects
     findings = {id(finding.fitted): finding.fitted for finding in model.findings}.values()
     energy = energies_of(found.steps, found.nominal.base().channels.count)
     total = sum(energy.values())
@@ -232,22 +231,6 @@ def _indistinguishable(step: Step, effect: FittedEffect, found: Search) -> tuple
     if is_few and effect_named(effect.effect).is_of_extremes:
         names += [one.name for one in installed_effects().values() if one.is_of_extremes and one.name != effect.effect]
     return tuple(dict.fromkeys(names))
-
-
-def _fitted(model: Model) -> list[FittedEffect]:
-    """Return the effects that add to the rows with values and standard errors."""
-    if not model.parts:
-        return []
-    channels = model.channels(model.signal())
-    terms = [part.terms(channels) for part in model.parts]
-    designs = [channels.design(own) for own in terms]
-    left_out = [term for part in model.parts for term in part.left_out(channels)]
-    covariance = covariance_of(Base(channels, [channels.calibration]), designs, left_out)
-    ends = np.cumsum([design.width for design in designs])
-    return [
-        part.fitted(own, covariance[end - design.width : end, end - design.width : end])
-        for part, own, design, end in zip(model.parts, terms, designs, ends, strict=True)
-    ]
 
 
 def _places(fitted: FittedEffect, covariates: Covariates) -> list[Place]:

@@ -54,6 +54,11 @@ class Joint:
     model: Model
     free: tuple[tuple[str, ...], ...]
 
+    @classmethod
+    def of(cls, model: Model) -> "Joint":
+        """Return the parameters of a model whose effects have no free parameters of their shapes."""
+        return cls(model, ((),) * len(model.parts))
+
     @cached_property
     def effects(self) -> tuple[FittedEffect, ...]:
         """The effects with values and standard errors."""

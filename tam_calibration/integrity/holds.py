@@ -13,7 +13,7 @@ SHORTEST = 10
 """Samples of a hold: readings up to eight samples late are stale samples, an effect that is fitted with the errors."""
 
 FINE = 0.1
-"""Share of samples that repeat the one before: below it an axis shows its noise, so that a constant value is a fault."""
+"""Share of samples that repeat the one before. Below it an axis shows its noise, and a constant value is a fault."""
 
 MOVED = 0.1
 """Fraction of their range through which others move at least where an axis of coarse steps should move too."""
