@@ -5,17 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tam_calibration.comparison.figure import Figure, ReadingFigure
+from tam_calibration.comparison.mend import Mend, NoiseTerm
 from tam_calibration.comparison.result import (
     Closing,
     Comparison,
     EffectDifference,
-    Figure,
-    Mend,
     Mistake,
     NoiseDifference,
-    NoiseTerm,
     OtherParameters,
-    ReadingFigure,
     Side,
     SourceError,
     Step,

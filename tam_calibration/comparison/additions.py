@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from tam_calibration.comparison.mend import Mend
 from tam_calibration.comparison.noise_stream import NoiseStream
-from tam_calibration.comparison.result import Mend
 from tam_calibration.comparison.streamed_effects import streamed
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import LinearEffect

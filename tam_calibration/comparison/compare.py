@@ -6,10 +6,12 @@ from typing import Any
 import numpy as np
 
 from tam_calibration.comparison.differences import Differences, differences_between
+from tam_calibration.comparison.figure import Figure
+from tam_calibration.comparison.mend import Mend
 from tam_calibration.comparison.mending import mend_of, mended_twin, source_error, source_of
 from tam_calibration.comparison.mistakes.find import mistakes_of
 from tam_calibration.comparison.readings import side_by_side
-from tam_calibration.comparison.result import Closing, Comparison, Figure, Mend, Side, Step
+from tam_calibration.comparison.result import Closing, Comparison, Side, Step
 from tam_calibration.gap.calibration_with_effects import calibration_of
 from tam_calibration.gap.diagnose import in_stretches, judge
 from tam_calibration.gap.search import Progress

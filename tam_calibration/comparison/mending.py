@@ -10,7 +10,8 @@ from numpy.linalg import norm
 
 from tam_calibration.comparison.additions import mended
 from tam_calibration.comparison.differences import Differences, is_noise
-from tam_calibration.comparison.result import Mend, NoiseDifference, NoiseTerm, Side, SourceError
+from tam_calibration.comparison.mend import Mend, NoiseTerm
+from tam_calibration.comparison.result import NoiseDifference, Side, SourceError
 from tam_calibration.effects.switching import WINDOW_UNITS
 from tam_calibration.gap.recorded_noise import field_of
 from tam_calibration.localization.turned_samples import Regional, locate_each, regional_of, turned

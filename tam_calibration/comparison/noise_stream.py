@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.comparison.result import NoiseTerm
+from tam_calibration.comparison.mend import NoiseTerm
 from tam_calibration.effects.covariates import follow
 from tam_calibration.model.recording import BLOCK
 from tam_calibration.model.units import FloatArray

@@ -4,7 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from tam_calibration.comparison.result import Figure, ReadingFigure, Side
+from tam_calibration.comparison.figure import Figure, ReadingFigure
+from tam_calibration.comparison.result import Side
 from tam_calibration.core.noise import noise_deviation
 from tam_calibration.fit.coverage import field_of, measure_coverage
 from tam_calibration.gap.delays import estimate_delays

@@ -1,11 +1,11 @@
 """The result of a comparison: what a simulator's recording has otherwise than a real one, and the mend."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Literal
 
-import numpy as np
-
+from tam_calibration.comparison.figure import Figure
+from tam_calibration.comparison.mend import Mend
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.gap.laws.law import Signature
 from tam_calibration.gap.noise import AxisNoise
@@ -16,7 +16,6 @@ from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.recording import Recording
 
 Verdict = Literal["same", "differs", "not_identifiable"]
-Standing = Literal["same", "differs", "cannot tell"]
 
 UNKNOWN = "unknown"
 """In place of an effect's name: a part that no effect of the library explains."""
@@ -42,68 +41,6 @@ class Mistake:
     what: str
     where: str
     mend: str
-
-
-@dataclass(frozen=True)
-class ReadingFigure:
-    """A plain figure of one recording.
-
-    Parameters
-    ----------
-    group, name : str
-        Such as "stamps", "rate".
-    unit : str
-        SI unit; "1" for none.
-    value : float
-        NaN where the recording has none.
-    standard_error : float
-        NaN where it is not known.
-    tolerance : float
-        Difference that is none in practice, in the unit of the value.
-    is_of_simulation : bool
-        Whether a difference is one of the simulation; else it is of the path that was flown.
-    """
-
-    group: str
-    name: str
-    unit: str
-    value: float
-    standard_error: float = float("nan")
-    tolerance: float = 0.0
-    is_of_simulation: bool = True
-
-
-CERTAIN = 4.5
-"""Standard errors from which two figures differ: of some hundred by chance in one of a thousand comparisons."""
-
-
-@dataclass(frozen=True)
-class Figure:
-    """One figure of the simulation and the same of the recording."""
-
-    simulation: ReadingFigure
-    recording: ReadingFigure
-
-    @property
-    def difference(self) -> float:
-        """How far the two values are apart, in the unit of the figure."""
-        return abs(self.recording.value - self.simulation.value)
-
-    @property
-    def standard_errors(self) -> float:
-        """The recording's value less the simulation's, in standard errors of the difference; NaN where not known."""
-        size = float(np.hypot(self.simulation.standard_error, self.recording.standard_error))
-        return (self.recording.value - self.simulation.value) / size if size > 0 else float("nan")
-
-    @property
-    def standing(self) -> Standing:
-        """Whether the two differ beyond tolerance and chance; what is of the path never does."""
-        if not np.isfinite(self.difference):
-            return "cannot tell"
-        errors = np.nan_to_num([self.simulation.standard_error, self.recording.standard_error])
-        chance = CERTAIN * float(np.hypot(errors[0], errors[1]))
-        is_same = self.difference <= max(self.simulation.tolerance, self.recording.tolerance, chance)
-        return "same" if is_same or not self.simulation.is_of_simulation else "differs"
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,68 +160,6 @@ class Closing(Size):
 
 def _apart(one: SourceError | None, other: SourceError | None) -> float:
     return float("nan") if one is None or other is None else abs(one.median_m - other.median_m)
-
-
-@dataclass(frozen=True)
-class NoiseTerm:
-    """Noise of one axis that a simulation shall have, and what has to be added to what it has now.
-
-    Parameters
-    ----------
-    sensor : int
-        Number 1…K; 0 for the scalar.
-    axis : str
-        "x", "y", "z"; empty for the scalar.
-    white_T : float
-        Standard deviation of the white noise that it shall have.
-    added_white_T : float
-        Standard deviation of the white noise that is missing; 0 where it has too much.
-    knee_hz, exponent : float
-        Of the slow noise that it shall have and has not, in addition to the white noise ``white_T``; NaN without one.
-    band_hz : (float, float), optional
-        Of the band of noise that it shall have and has not.
-    band_T : float
-        Standard deviation in the band.
-    """
-
-    sensor: int
-    axis: str
-    white_T: float
-    added_white_T: float
-    knee_hz: float = float("nan")
-    exponent: float = float("nan")
-    band_hz: tuple[float, float] | None = None
-    band_T: float = 0.0
-
-    @classmethod
-    def of(cls, noise: AxisNoise) -> "NoiseTerm":
-        """Return all the noise of an axis as noise to add."""
-        return cls(**{each.name: getattr(noise, each.name.removeprefix("added_")) for each in fields(cls)})
-
-
-@dataclass(frozen=True, eq=False)
-class Mend:
-    """What to write into the simulator.
-
-    Parameters
-    ----------
-    added : tuple of FittedEffect
-        Effects that the simulation lacks, in the order of their sizes; their times are since the first sample of a run.
-    removed : tuple of str
-        Effects that it should not have, or have with the parameters of ``added``.
-    noise : tuple of NoiseTerm
-        Of every axis and the scalar.
-    calibration : Calibration
-        Of the recording: array, errors of the sensors, noise and all its effects.
-    rate_hz : float
-        Of the recording's samples.
-    """
-
-    added: tuple[FittedEffect, ...]
-    removed: tuple[str, ...]
-    noise: tuple[NoiseTerm, ...]
-    calibration: Calibration
-    rate_hz: float
 
 
 @dataclass(frozen=True, eq=False)

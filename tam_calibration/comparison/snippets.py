@@ -7,8 +7,8 @@ from collections.abc import Collection, Iterator
 
 import numpy as np
 
+from tam_calibration.comparison.mend import Mend, NoiseTerm
 from tam_calibration.comparison.noise_stream import slow_modes
-from tam_calibration.comparison.result import Mend, NoiseTerm
 from tam_calibration.effects.library import effect_named
 from tam_calibration.model.fitted_effect import ALL
 

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from itertools import islice
 
 from tam_calibration.comparison import result
+from tam_calibration.comparison.figure import Figure
 from tam_calibration.gap.noise import AxisNoise
 from tam_calibration.model.units import for_people, to_nanotesla
 from tam_calibration.report.blocks import Block, Table, Text
@@ -288,7 +289,7 @@ def figure_tables(comparison: result.Comparison) -> list[Table]:
     return [Table(header, rows, sentence(group)[:-1]) for group, rows in groups.items()]
 
 
-def _figure_row(figure: result.Figure) -> list[str]:
+def _figure_row(figure: Figure) -> list[str]:
     factor, unit = for_people(figure.recording.unit)
     return [
         figure.recording.name,

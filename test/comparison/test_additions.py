@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.comparison import streamed_effects
 from tam_calibration.comparison.additions import Additions, mended
-from tam_calibration.comparison.result import NoiseTerm
+from tam_calibration.comparison.mend import NoiseTerm
 from tam_calibration.effects.library import installed_effects
 from tam_calibration.gap import diagnose
 from tam_calibration.model.array import Array

@@ -7,7 +7,8 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from tam_calibration import read_scenario
-from tam_calibration.comparison import readings, result
+from tam_calibration.comparison import figure as comparison_figure
+from tam_calibration.comparison import readings
 from tam_calibration.comparison.readings import figures_of, side_by_side
 from tam_calibration.model.sensor_errors import PARAMETER_NAMES
 
@@ -109,7 +110,7 @@ def test_figures_differ_beyond_tolerance_and_chance(side, with_stamps):
 
 def test_the_limits_of_the_same():
     """As they are stated."""
-    limits = readings.LEAST_HOLE, result.CERTAIN, readings.SAME_RATE, readings.SAME_TIME
+    limits = readings.LEAST_HOLE, comparison_figure.CERTAIN, readings.SAME_RATE, readings.SAME_TIME
     assert limits == (1.5, 4.5, 0.01, 0.01)
     assert readings.SAME_PART == 0.01
 
