@@ -6,12 +6,9 @@ The energy of an effect is the part of the gap of its side that it explains, in 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
-from tam_calibration.comparison.noise import differs
+from tam_calibration.comparison.noise import is_noise, noise_differences, rows_with
 from tam_calibration.comparison.result import UNKNOWN, EffectDifference, NoiseDifference, OtherParameters, Side
 from tam_calibration.comparison.shared_effects import energy_of, follows_the_run, is_shown, parameters_differ
-from tam_calibration.effects.effect import LinearEffect
-from tam_calibration.effects.library import effect_named
-from tam_calibration.effects.noise_excess import NoiseExcess
 from tam_calibration.gap.result import Cause
 from tam_calibration.model.sensors_in_words import numbered
 
@@ -137,7 +134,7 @@ def differences_between(simulation: Side, recording: Side) -> Differences:
     missing = _of_one_side(of_recording_alone, recording, simulation)
     surplus = _of_one_side(of_simulation_alone, simulation, recording)
     theirs, own = unknown_part(simulation), unknown_part(recording)
-    in_both = set(_rows(theirs)) & set(_rows(own)) if theirs and own else set()
+    in_both = set(rows_with(theirs)) & set(rows_with(own)) if theirs and own else set()
     undecided = (theirs, own) if theirs and own and may_be_same(theirs, own) else ()
     if not undecided:
         missing += [own] if own else []
@@ -157,8 +154,10 @@ def differences_between(simulation: Side, recording: Side) -> Differences:
         energies.append((f"other parameters of {_named(recorded[0])}", part * energy_of(of_recording, recording)))
     if recording.gap.verdict == "explained":
         energies.append(("what the causes leave of the recording", recording.gap.size.after**2))
-    noise = _noise(simulation, recording, in_both)
-    counted = {row for one in (*missing, *surplus) if one.fitted is None or is_noise(one.effect) for row in _rows(one)}
+    noise = noise_differences(simulation, recording, in_both)
+    counted = {
+        row for one in (*missing, *surplus) if one.fitted is None or is_noise(one.effect) for row in rows_with(one)
+    }
     energies += _noise_energies(noise, counted)
     return Differences(
         tuple(sorted(missing, key=lambda one: -one.size)),
@@ -168,17 +167,6 @@ def differences_between(simulation: Side, recording: Side) -> Differences:
         tuple(sorted(energies, key=lambda one: -one[1])),
         undecided,
     )
-
-
-def is_noise(effect: str) -> bool:
-    """Whether an effect is more noise of some axes, which is part of the noise of each axis too.
-
-    Parameters
-    ----------
-    effect : str
-        Its name, or ``UNKNOWN``.
-    """
-    return effect == NoiseExcess.name
 
 
 def _of_one_side(causes: Sequence[Cause], side: Side, other: Side) -> list[EffectDifference]:
@@ -268,35 +256,6 @@ def _is_same_cause(one: Cause, other: Cause) -> bool:
     first, second = one.fitted.effect, other.fitted.effect
     is_one_name = first == second or first in other.indistinguishable_from or second in one.indistinguishable_from
     return is_one_name and _share_sensors(one, other)
-
-
-def _rows(one: Cause | EffectDifference) -> list[tuple[int, str]]:
-    """Return sensor and axis of each row in which something is: 0 and no axis for the scalar."""
-    return [
-        (0, "") if sensor == "scalar" else (int(sensor), axis)
-        for sensor in one.sensors
-        for axis in (("",) if sensor == "scalar" else one.axes or "xyz")
-    ]
-
-
-def _noise(simulation: Side, recording: Side, unknown: Collection[tuple[int, str]]) -> tuple[NoiseDifference, ...]:
-    """Return the noise of every axis of both sides.
-
-    No difference is stated where the residual of which it is taken contains an effect, or an unknown part of both.
-    """
-    causes = [*simulation.gap.causes, *recording.gap.causes]
-    in_residual = {row for cause in causes if _stays_in_residual(cause.fitted.effect) for row in _rows(cause)}
-    theirs = {(one.sensor, one.axis): one for one in simulation.gap.noise}
-    return tuple(
-        NoiseDifference(other, own, row not in in_residual | set(unknown) and differs(other, own))
-        for own in recording.gap.noise
-        if (other := theirs.get(row := (own.sensor, own.axis))) is not None
-    )
-
-
-def _stays_in_residual(effect: str) -> bool:
-    """Whether an effect cannot be removed from the residual of which the noise is taken."""
-    return not is_noise(effect) and not isinstance(effect_named(effect), LinearEffect)
 
 
 def _noise_energies(noise: Sequence[NoiseDifference], counted: Collection[tuple[int, str]]) -> list[tuple[str, float]]:

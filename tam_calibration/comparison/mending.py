@@ -9,8 +9,9 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.comparison.additions import mended
-from tam_calibration.comparison.differences import Differences, is_noise
+from tam_calibration.comparison.differences import Differences
 from tam_calibration.comparison.mend import Mend, NoiseTerm
+from tam_calibration.comparison.noise import is_noise
 from tam_calibration.comparison.result import NoiseDifference, Side, SourceError
 from tam_calibration.effects.switching import WINDOW_UNITS
 from tam_calibration.gap.recorded_noise import field_of
