@@ -7,8 +7,8 @@ import numpy as np
 from tam_calibration.core.alternation import alternations
 from tam_calibration.integrity.copies import Copies
 from tam_calibration.integrity.fault import Fault, refuse, require_names
+from tam_calibration.integrity.frozen import FrozenAxes
 from tam_calibration.integrity.handedness import left_handed
-from tam_calibration.integrity.holds import Holds
 from tam_calibration.integrity.overview import Overview
 from tam_calibration.integrity.units import in_other_units
 from tam_calibration.integrity.values import at_ends, in_steps, with_stuck_bits
@@ -46,11 +46,11 @@ def faults_of(source: SampleSource, array: Array) -> list[Fault]:
 
 def _each_kind(source: SampleSource, overview: Overview, array: Array) -> Iterator[Iterable[Fault]]:
     """Yield the faults of each kind; those that cause others first."""
-    holds, copies = Holds(source.sensor_count), Copies(source.sensor_count)
+    frozen, copies = FrozenAxes(source.sensor_count), Copies(source.sensor_count)
     for block in source.blocks():
-        holds.add(block)
+        frozen.add(block)
         copies.add(block)
-    yield holds.faults(source)
+    yield frozen.faults(source)
     yield copies.faults(overview)
     yield in_other_units(overview, array)
     yield at_ends(overview)
@@ -92,7 +92,7 @@ def require_sound(
     sought : collection of str
         Names of faults that effects explain which will be fitted too: those refuse nothing.
     screened : SampleSource, optional
-        The samples without single bad readings: short holds and zeros are sought in these.
+        The samples without single bad readings: short constant stretches and zeros are sought in these.
 
     Returns
     -------

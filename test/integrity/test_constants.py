@@ -2,7 +2,7 @@
 
 import pytest
 
-from tam_calibration.integrity import check, copies, fault, handedness, holds, overview, placement, units, values
+from tam_calibration.integrity import check, copies, fault, frozen, handedness, overview, placement, units, values
 
 STATED = {
     check: {"ENOUGH_TO_CHECK": 18, "_SCREENED": ("frozen", "unit", "zero")},
@@ -12,7 +12,7 @@ STATED = {
     },
     fault: {"MOST_STATED": 3},
     handedness: {"NORTH": 0.7, "LEVEL": 0.05, "UNEXPLAINED": 0.02},
-    holds: {"SHORTEST": 10, "FINE": 0.1, "MOVED": 0.1, "STEPS": 2, "SAME": 0.8},
+    frozen: {"SHORTEST": 10, "FINE": 0.1, "MOVED": 0.1, "STEPS": 2, "SAME": 0.8},
     overview: {"ENOUGH": 2000, "SHARED": 0.9, "LARGEST_T": 1e9, "LONE": 0.01},
     units: {"APART": 30, "TURNED": 0.02, "ALONE_APART": 300, "ALL_ROUND": 0.25},
     placement: {"NEAR": 0.8, "FITS": 0.1, "BETTER": 5, "ROUNDING": 0.005, "TILT": 0.1, "FEWEST": 30},

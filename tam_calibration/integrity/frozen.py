@@ -1,4 +1,4 @@
-"""Axes that hold one value for a while, and readings that are exactly zero, in one pass through all samples."""
+"""Axes that keep one value for a while, and readings that are exactly zero, in one pass through all samples."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from tam_calibration.model.recording import Block, SampleSource
 from tam_calibration.model.units import FloatArray
 
 SHORTEST = 10
-"""Samples of a hold: readings up to eight samples late are stale samples, an effect that is fitted with the errors."""
+"""Samples of one value: readings up to eight samples late are stale samples, an effect that is fitted as well."""
 
 FINE = 0.1
 """Share of samples that repeat the one before. Below it an axis shows its noise, and a constant value is a fault."""
@@ -22,12 +22,12 @@ STEPS = 2.0
 """Of the smallest change of an axis, by which it comes to rest or turns back: noise may add one."""
 
 SAME = 0.8
-"""Part of the longest hold in which all axes of a sensor hold at once where the sensor holds, not an axis alone."""
+"""Part of the longest run in which all axes of a sensor are constant: the sensor is frozen, not an axis alone."""
 
 
 @dataclass(frozen=True)
-class _Hold:
-    """Columns of one sensor, one or all three, that hold a value; whether they show their noise elsewhere."""
+class _Run:
+    """Columns of one sensor, one or all three, that keep a value; whether they show their noise elsewhere."""
 
     columns: tuple[int, ...]
     time_s: tuple[float, float]
@@ -39,8 +39,8 @@ class _Hold:
         return len(self.columns) == 3
 
 
-class Holds:
-    """The longest hold of each axis, and what is zero.
+class FrozenAxes:
+    """The longest run of each axis, and what is zero.
 
     Parameters
     ----------
@@ -65,15 +65,15 @@ class Holds:
         self._step_T = np.min(change, axis=0, where=change > 0, initial=np.inf).clip(max=self._step_T)
         changes = change != 0
         self._equal += len(values) - changes.sum(axis=0)
-        # The hold of a sample began at the latest change, which may lie before the block.
+        # The run of a sample began at the latest change, which may lie before the block.
         start = np.maximum.accumulate(np.where(changes, index, self._start - self._count), axis=0)
         end = (index - start).argmax(axis=0)
         first, last = start[end, columns], start[-1]
         since, self._start_s = (
             np.where(one < 0, self._start_s, block.time_s[np.maximum(one, 0)]) for one in (first, last)
         )
-        held = np.stack([end - first + 1, values[end, columns], since, block.time_s[end]])
-        self._longest = np.where(held[0] > self._longest[0], held, self._longest)
+        latest = np.stack([end - first + 1, values[end, columns], since, block.time_s[end]])
+        self._longest = np.where(latest[0] > self._longest[0], latest, self._longest)
         self._start, self._last, self._count = last + self._count, values[-1].copy(), self._count + len(values)
 
     def _add_zeros(self, block: Block) -> None:
@@ -93,8 +93,8 @@ class Holds:
             What was added.
         """
         zeros = self._zero_faults()
-        held = [hold for hold in self._holds() if hold.value_T != 0 or not self._zeros[hold.columns[0] // 3]]
-        return zeros + (_frozen(_by_sensor(held), self._step_T, source) if held else [])
+        constant = [run for run in self._runs() if run.value_T != 0 or not self._zeros[run.columns[0] // 3]]
+        return zeros + (_frozen(_by_sensor(constant), self._step_T, source) if constant else [])
 
     def _zero_faults(self) -> list[Fault]:
         faults = []
@@ -107,75 +107,75 @@ class Holds:
             faults.append(Fault("zero", int(sensor) + 1, "", time_s, sentence, may_be_effect=count < self._count))
         return faults
 
-    def _holds(self) -> list[_Hold]:
-        """Return holds that are longer than chance makes them."""
+    def _runs(self) -> list[_Run]:
+        """Return runs that are longer than chance makes them."""
         found = []
-        for column, (equal, hold) in enumerate(zip(self._equal.tolist(), self._longest.T.tolist(), strict=True)):
-            length, value_T, *time_s = hold
+        for column, (equal, run) in enumerate(zip(self._equal.tolist(), self._longest.T.tolist(), strict=True)):
+            length, value_T, *time_s = run
             share = (equal - length + 2) / (self._count - length + 2)
             if length >= SHORTEST and not is_chance(int(length) - 1, share, self._count):
                 is_fine = share < FINE or length == self._count
-                found.append(_Hold((column,), (time_s[0], time_s[1]), value_T, is_fine))
+                found.append(_Run((column,), (time_s[0], time_s[1]), value_T, is_fine))
         return found
 
 
-def _by_sensor(holds: list[_Hold]) -> list[_Hold]:
-    """Return holds with those of all three axes of a sensor at one time as one."""
+def _by_sensor(runs: list[_Run]) -> list[_Run]:
+    """Return runs with those of all three axes of a sensor at one time as one."""
     found = []
-    for sensor in sorted({hold.columns[0] // 3 for hold in holds}):
-        own = [hold for hold in holds if hold.columns[0] // 3 == sensor]
-        first, last = max(hold.time_s[0] for hold in own), min(hold.time_s[1] for hold in own)
-        longest = max(hold.time_s[1] - hold.time_s[0] for hold in own)
+    for sensor in sorted({run.columns[0] // 3 for run in runs}):
+        own = [run for run in runs if run.columns[0] // 3 == sensor]
+        first, last = max(run.time_s[0] for run in own), min(run.time_s[1] for run in own)
+        longest = max(run.time_s[1] - run.time_s[0] for run in own)
         if len(own) == 3 and last - first >= SAME * longest:
-            columns = tuple(hold.columns[0] for hold in own)
-            own = [_Hold(columns, (first, last), own[0].value_T, any(hold.is_fine for hold in own))]
+            columns = tuple(run.columns[0] for run in own)
+            own = [_Run(columns, (first, last), own[0].value_T, any(run.is_fine for run in own))]
         found += own
     return found
 
 
-def _frozen(holds: list[_Hold], step_T: FloatArray, source: SampleSource) -> list[Fault]:
-    """Return those holds during which other axes move, and that end or begin with more than a step of the axis."""
+def _frozen(runs: list[_Run], step_T: FloatArray, source: SampleSource) -> list[Fault]:
+    """Return those runs during which other axes move, and that end or begin with more than a step of the axis."""
     faults = []
-    spans = [_Span(time_s, len(step_T)) for time_s in (*(hold.time_s for hold in holds), source.time_span_s)]
+    spans = [_Span(time_s, len(step_T)) for time_s in (*(run.time_s for run in runs), source.time_span_s)]
     for block in source.blocks():
         for span in spans:
             span.add(block)
     *during, complete = spans
-    for hold, span in zip(holds, during, strict=True):
-        if not hold.is_of_sensor and (not hold.is_fine or _is_at_end(hold, complete)):
+    for run, span in zip(runs, during, strict=True):
+        if not run.is_of_sensor and (not run.is_fine or _is_at_end(run, complete)):
             continue  # it may have turned about an axis of coarse steps; and the end of a range is saturation
-        if _is_one_step(hold, span, step_T):
+        if _is_one_step(run, span, step_T):
             continue
         part = np.divide(span.range_T, complete.range_T, out=np.zeros_like(step_T), where=complete.range_T > 0)
-        moved = np.delete(part, hold.columns)
-        if hold.is_fine if not len(moved) else moved.max() > (0 if hold.is_fine else MOVED):
-            faults.append(_fault(hold, "the others move" if len(moved) else "its noise would show", source))
+        moved = np.delete(part, run.columns)
+        if run.is_fine if not len(moved) else moved.max() > (0 if run.is_fine else MOVED):
+            faults.append(_fault(run, "the others move" if len(moved) else "its noise would show", source))
     return faults
 
 
-def _is_at_end(hold: _Hold, complete: "_Span") -> bool:
-    """Whether an axis holds an end of its range, and has one."""
-    low_T, high_T = complete.low_T[hold.columns[0]], complete.high_T[hold.columns[0]]
-    return bool(low_T < high_T and hold.value_T in (low_T, high_T))
+def _is_at_end(run: _Run, complete: "_Span") -> bool:
+    """Whether an axis keeps an end of its range, and has one."""
+    low_T, high_T = complete.low_T[run.columns[0]], complete.high_T[run.columns[0]]
+    return bool(low_T < high_T and run.value_T in (low_T, high_T))
 
 
-def _is_one_step(hold: _Hold, span: "_Span", step_T: FloatArray) -> bool:
+def _is_one_step(run: _Run, span: "_Span", step_T: FloatArray) -> bool:
     """Whether an axis comes and goes by a step or two of its own: it may be at rest, or turn back."""
-    columns = list(hold.columns)
+    columns = list(run.columns)
     changes = np.abs(span.around_T[:, columns] - span.low_T[columns])
     return bool(np.isfinite(changes).any() and not (changes > STEPS * step_T[columns]).any())
 
 
-def _fault(hold: _Hold, whose: str, source: SampleSource) -> Fault:
-    sensor, axis = divmod(hold.columns[0], 3)
-    name = "" if hold.is_of_sensor else "xyz"[axis]
-    is_dead = hold.time_s == source.time_span_s
-    value = "values" if hold.is_of_sensor else f"value, {in_nanotesla(hold.value_T)},"
+def _fault(run: _Run, whose: str, source: SampleSource) -> Fault:
+    sensor, axis = divmod(run.columns[0], 3)
+    name = "" if run.is_of_sensor else "xyz"[axis]
+    is_dead = run.time_s == source.time_span_s
+    value = "values" if run.is_of_sensor else f"value, {in_nanotesla(run.value_T)},"
     sentence = (
-        f"{channel(sensor + 1, name)} reads the same {value} {'throughout, ' * is_dead}{between(hold.time_s)}, where "
+        f"{channel(sensor + 1, name)} reads the same {value} {'throughout, ' * is_dead}{between(run.time_s)}, where "
         f"{whose}: it is frozen"
     )
-    return Fault("frozen", sensor + 1, name, hold.time_s, sentence, may_be_effect=not is_dead)
+    return Fault("frozen", sensor + 1, name, run.time_s, sentence, may_be_effect=not is_dead)
 
 
 class _Span:
