@@ -96,32 +96,32 @@ def conclude(found: Search) -> Gap:
     variance = noise_variance(found.model, found.remaining)
     nominal, model = found.nominal.of_all_samples(), found.model.of_all_samples()
     size = measure(nominal, model, variance)
-    base = found.nominal.base()
     verdict = verdict_on(found, size)
     is_named = verdict not in ("no_gap", "unexplained")
     if not is_named:
         model = nominal
         variance = noise_variance(found.nominal, found.laws)
         size = measure(nominal, model, variance)
-    residue = residue_of(nominal, model, nominal.channels(), variance)
+    channels = nominal.channels()
+    residue = residue_of(nominal, model, channels, variance)
     noise = model.recording.interpolated_noise
     checks = checks_of(residue.time_s, residue.direction, residue.after, residue.floor_T, noise)
     chances = probabilities(found, verdict, size, checks.departures)
-    causes = _causes(found, model, size, chances, variance) if is_named else ()
+    causes = _causes(found, model, size, chances) if is_named else ()
     has_gap = verdict != "no_gap"
     gap = Gap(
         verdict,
         size,
-        locate(base.channels, causes, found.laws, variance) if has_gap else Where(),
+        locate(found.nominal.base().channels, causes, found.laws, variance) if has_gap else Where(),
         causes,
         _considered(found, causes),
         chances,
         next_recording(found, verdict, causes),
         "",
         residue,
-        channel_count=nominal.channels().count,
+        channel_count=channels.count,
         set_95=set_of(chances, verdict, causes),
-        smallest_gap=smallest_gap(nominal.channels().count),
+        smallest_gap=smallest_gap(channels.count),
         checks=checks,
         remainder=_remainder(verdict, size),
         signature=found.signature if has_gap else (),
@@ -157,28 +157,29 @@ def _remainder(verdict: Verdict, size: Size) -> str:
     )
 
 
-def _causes(
-    found: Search, model: Model, size: Size, chances: Mapping[str, float], variance: float
-) -> tuple[Cause, ...]:
+def _causes(found: Search, model: Model, size: Size, chances: Mapping[str, float]) -> tuple[Cause, ...]:
+    """Return the causes with their numbers, the largest share first.
+
+    Linear effects share the energy that all of them explain; a finding has that of all steps that accepted it.
+    """
     linear = [step for step in found.steps if isinstance(step.accepted.form, Hypothesis)]
     by_finding: dict[int, list[Step]] = {}
     for step in found.steps:
         if isinstance(step.accepted.form, Finding):
             by_finding.setdefault(id(step.accepted.form.fitted), []).append(step)
-    others = [steps[0] for steps in by_finding.values()]
-    shares = shares_of(model) if model.parts else np.empty(0)
-    fitted = Joint.of(model).effects
+    steps = [*linear, *(own[0] for own in by_finding.values())]
     findings = {id(finding.fitted): finding.fitted for finding in model.findings}.values()
+    shares = shares_of(model) if model.parts else np.empty(0)
     energy = energies_of(found.steps, found.nominal.base().channels.count)
     total = sum(energy.values())
     linear_energy = sum(energy[step] for step in linear)
     weights = [
         *(share * linear_energy / total for share in shares),
-        *(sum(energy[step] for step in steps) / total for steps in by_finding.values()),
+        *(sum(energy[step] for step in own) / total for own in by_finding.values()),
     ]
     covariates = model.channels().covariates
     causes = []
-    for step, effect, weight in zip((*linear, *others), (*fitted, *findings), weights, strict=True):
+    for step, effect, weight in zip(steps, (*Joint.of(model).effects, *findings), weights, strict=True):
         places = _places(effect, covariates)
         sensors, axes = sensors_and_axes(places, model.recording)
         if isinstance(step.accepted.form, Finding) and ALL in sensors_of(places):
