@@ -162,9 +162,9 @@ def mistaken_axes(frames: Frames) -> Iterator[Mistake]:
 
 
 def turned_against_others(simulation: Overview, recording: Overview) -> Iterator[Mistake]:
-    """Yield the sensors that lie as others in the recording, and turned or mirrored against them in the simulation.
+    """Yield the sensors that are mirrored against others in the simulation alone, or turned against equal ones.
 
-    Readings show it without attitude. Of sensors that lie the same way in the recording, most are taken to be right.
+    Readings show it without attitude. Of sensors that lie as in the recording, most are taken to be right.
 
     Parameters
     ----------
@@ -172,17 +172,10 @@ def turned_against_others(simulation: Overview, recording: Overview) -> Iterator
         Of the two, the first in tesla.
     """
     sensors = range(recording.sensor_count)
-    by_first = [
-        {
-            other: turn
-            for other in sensors
-            if (right := _against(recording, first, other)) is not None
-            and _name(right) is None
-            and (turn := _against(simulation, first, other)) is not None
-        }
-        for first in sensors
-    ]
-    turns = max(by_first, key=lambda each: sum(_name(turn) is None for turn in each.values()))
+    turns = max(
+        (_turns_against(simulation, recording, first) for first in sensors),
+        key=lambda each: sum(_name(turn) is None for turn in each.values()),
+    )
     kept = [sensor + 1 for sensor, turn in turns.items() if _name(turn) is None]
     for sensor, turn in turns.items():
         if (name := _name(turn)) is not None:
@@ -190,6 +183,22 @@ def turned_against_others(simulation: Overview, recording: Overview) -> Iterator
             where, others = numbered([sensor + 1]), numbered(kept)
             what = f"the simulation's axes of {where} are not those of {others}, as the recording's are: {way}"
             yield Mistake(kind, what, where, mend)
+
+
+def _turns_against(simulation: Overview, recording: Overview, first: int) -> dict[int, FloatArray]:
+    """Return what each sensor reads of what it should, if the first is right and the readings show it.
+
+    Axes that were all changed the same way look turned where sensors do not lie as the first: only mirrored ones count.
+    """
+    turns: dict[int, FloatArray] = {}
+    for other in range(recording.sensor_count):
+        own, right = _against(simulation, first, other), _against(recording, first, other)
+        if own is None or right is None:
+            continue
+        turn = own @ right.T
+        if _name(right) is None or _name(turn) is None or np.linalg.det(turn) < 0:
+            turns[other] = turn
+    return turns
 
 
 def _against(overview: Overview, one: int, other: int) -> FloatArray | None:

@@ -286,6 +286,19 @@ def test_without_attitude_a_sensor_turned_against_others_is_told(turn):
         assert mistake.mend.startswith("publish x = x, y = -z, z = y of") and "turn its site" in mistake.mend
 
 
+@pytest.mark.parametrize("sensor", [1, 2])
+def test_without_attitude_a_mirrored_sensor_is_told_however_sensors_lie(sensor):
+    """Handedness does not depend on how the others are turned."""
+    four = (pair for pair in map(Pair, range(100)) if pair.sensors == 4)
+    pair = next(pair for pair in four if np.ptp(pair.orientation, axis=0).any())
+    run = replace(read_as(np.diag([1, 1, -1]), sensor - 1)(pair, pair.run()), attitude=None)
+    (mistake,) = pair.told(run)
+    assert (mistake.kind, mistake.where) == (
+        "mirrored_axis",
+        f"sensor {sensor}",
+    ) and "axis z is reversed" in mistake.what
+
+
 def test_sentences_name_place_and_mend():
     """In the words of simulators, for sensor 1 of two or four."""
     pair = next(pair for pair in map(Pair, range(20)) if pair.sensors == 4)
