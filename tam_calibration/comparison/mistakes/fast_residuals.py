@@ -61,7 +61,7 @@ def noise_sequence(recording: Recording, sensor: int) -> FloatArray | None:
         return None
     tried = [readings]
     is_slow = _size(differences(readings)) < SLOW * _size(readings - readings.mean(axis=0))
-    if is_slow and (residual := _left_by_attitude(recording, sensor)) is not None:
+    if is_slow and (residual := _residual_from_attitude(recording, sensor)) is not None:
         tried.append(residual)
     return next((_without_jerks(differences(each)) for each in tried if _is_noise(each, readings)), None)
 
@@ -100,7 +100,7 @@ def quietest(recording: Recording, sensor: int) -> float:
     readings = recording.readings_T[:, sensor]
     if len(readings) < FEWEST:
         return float("inf")
-    residuals = [_left_by_attitude(recording, sensor), _left_by_others(recording, sensor)]
+    residuals = [_residual_from_attitude(recording, sensor), _residual_from_others(recording, sensor)]
     left = [readings, *(residual for residual in residuals if residual is not None)]
     return min(float(np.sqrt(np.mean(differences(each) ** 2))) for each in left)
 
@@ -115,7 +115,7 @@ def is_shared(recording: Recording, sensor: int) -> bool:
     sensor : int
         From 0.
     """
-    left = _left_by_others(recording, sensor), _left_by_attitude(recording, sensor)
+    left = _residual_from_others(recording, sensor), _residual_from_attitude(recording, sensor)
     if len(recording.time_s) < FEWEST or left[0] is None or left[1] is None:
         return False
     own, noise = (_size(differences(residual)) for residual in left if residual is not None)
@@ -147,25 +147,25 @@ def _is_noise(residual_T: FloatArray, readings_T: FloatArray) -> bool:
     return _size(differences(along[:, None])) > ALONG * _size(differences(residual_T))
 
 
-def _left_by_attitude(recording: Recording, sensor: int) -> FloatArray | None:
+def _residual_from_attitude(recording: Recording, sensor: int) -> FloatArray | None:
     """Return what attitude does not explain of a sensor's readings, (N, 3)."""
     from scipy.spatial.transform import Rotation
 
     attitude = recording.attitude
     if attitude is None or not np.isfinite(attitude).all():
         return None
-    return _left_of(recording.readings_T[:, sensor], Rotation.from_quat(attitude).as_matrix().reshape(-1, 9))
+    return _residual_from(recording.readings_T[:, sensor], Rotation.from_quat(attitude).as_matrix().reshape(-1, 9))
 
 
-def _left_by_others(recording: Recording, sensor: int) -> FloatArray | None:
+def _residual_from_others(recording: Recording, sensor: int) -> FloatArray | None:
     """Return what the mean of the other sensors does not explain of a sensor's readings, (N, 3)."""
     if recording.sensor_count == 1:
         return None
     readings = recording.readings_T
-    return _left_of(readings[:, sensor], np.delete(readings, sensor, axis=1).mean(axis=1))
+    return _residual_from(readings[:, sensor], np.delete(readings, sensor, axis=1).mean(axis=1))
 
 
-def _left_of(readings_T: FloatArray, causes: FloatArray) -> FloatArray:
+def _residual_from(readings_T: FloatArray, causes: FloatArray) -> FloatArray:
     """Return what causes (N, p) and a constant leave of readings (N, 3)."""
     design = np.column_stack([causes, np.ones(len(causes))])
     solution, _, rank, _ = np.linalg.lstsq(design, readings_T, rcond=1e-9)
