@@ -5,15 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tam_calibration.comparison.figure import Figure, ReadingFigure
+from tam_calibration.comparison.mend import Mend, NoiseTerm
 from tam_calibration.comparison.result import (
     Closing,
     Comparison,
     EffectDifference,
-    Figure,
-    Mend,
     Mistake,
     NoiseDifference,
-    NoiseTerm,
     OtherParameters,
     Side,
     SourceError,
@@ -69,11 +68,17 @@ def comparison(gap, recording, cross):
     offsets = tuple(replace(part, values={"offset": 2 * part.values["offset"]}) for part in cause.fitted.contributions)
     slower = replace(drift, fitted=replace(cause.fitted, contributions=offsets))
     figures = (
-        Figure("stamps", "rate", "Hz", 100.0, 50.0, 0.01, 0.02, "differs"),
-        Figure("errors of the sensors", "sensor 2 x bias", "T", 3e-9, np.nan, 1e-10, np.nan, "cannot tell"),
+        Figure(
+            ReadingFigure("stamps", "rate", "Hz", 100.0, 0.01),
+            ReadingFigure("stamps", "rate", "Hz", 50.0, 0.02),
+        ),
+        Figure(
+            ReadingFigure("errors of the sensors", "sensor 2 x bias", "T", 3e-9, 1e-10),
+            ReadingFigure("errors of the sensors", "sensor 2 x bias", "T", np.nan),
+        ),
     )
     closing = Closing(
-        1.9, 0.2, 1.9e-9, 2e-10, 5.4e-9, np.nan, 0.989, (0.97, 1.0),
+        1.9, 0.2, 1.9e-9, 2e-10, 5.4e-9, np.nan, 1e-9, 0.989, (0.97, 1.0),
         (Step("temperature_drift of sensor 2", 0.6), Step("noise of sensor 2 y", 0.2)),
         SourceError(0.10, (0.08, 0.12)), SourceError(0.35, (0.30, 0.41)), SourceError(0.33, (0.28, 0.38)),
         "A tenth of the drift of sensor 2 stays",

@@ -1,6 +1,6 @@
 """A run of every channel, and a mend of it with any effects and noise: what tests of mends start from."""
 
-from tam_calibration.comparison.result import Mend
+from tam_calibration.comparison.mend import Mend
 from tam_calibration.fit import calibrate
 from tam_calibration.model.array import Array
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect

@@ -20,7 +20,7 @@ from tam_calibration.model.units import FloatArray, to_nanotesla
 from tam_calibration.recordings.bag_storages import DEFAULT, storage_alone, written
 
 if TYPE_CHECKING:
-    from tam_calibration.comparison.result import Mend
+    from tam_calibration.comparison.mend import Mend
     from tam_calibration.model.array import Array
     from tam_calibration.simulation import Simulation
 

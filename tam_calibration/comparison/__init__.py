@@ -1,4 +1,4 @@
-"""A simulator's recording beside a real one: what differs, and the mend."""
+"""Comparison of a simulator's recording with a real one: what differs, and what to change in the simulator."""
 
 from tam_calibration.comparison.compare import compare
 

@@ -1,196 +1,23 @@
-"""What a simulation lacks, added to its readings: by a plugin as they arrive, or to a whole recording.
+"""What a simulation lacks, added to its readings: by a plugin as they arrive, or to a complete recording."""
 
-Samples arrive in batches of any size; how they are split changes no number. Each class of an effect keeps what one
-effect has to know of the samples before. Its ``added`` takes rows (N, 3K + 1) in tesla and their covariates, and
-returns the rows with the effect in them.
-"""
-
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tam_calibration.comparison.mend import Mend
 from tam_calibration.comparison.noise_stream import NoiseStream
-from tam_calibration.comparison.result import Mend
-from tam_calibration.effects.covariates import Covariates, Memory
-from tam_calibration.effects.displaced import samples_in
-from tam_calibration.effects.effect import FoundEffect, LinearEffect
+from tam_calibration.comparison.streamed_effects import streamed
+from tam_calibration.effects.covariates import Covariates
+from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import check_numbers, effect_named
 from tam_calibration.effects.removal import agreed_field, filled
-from tam_calibration.effects.term import rows_of
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.fitted_effect import Contribution, FittedEffect
-from tam_calibration.model.recording import BLOCK, Recording
+from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 from tam_calibration.simulation.observe import add_effects
-
-
-class StreamedEffect(Protocol):
-    """An effect on samples that arrive."""
-
-    def added(self, rows_T: FloatArray, covariates: Covariates) -> FloatArray:
-        """Return the rows (N, 3K + 1) of the next samples with the effect in them, tesla."""
-
-
-def streamed(fitted: FittedEffect, generator: np.random.Generator) -> list[StreamedEffect]:
-    """Return an effect for samples that arrive: as a whole, or each contribution where it is random.
-
-    Parameters
-    ----------
-    fitted : FittedEffect
-        The effect with its numbers.
-    generator : numpy.random.Generator
-        Source of the random numbers.
-
-    Raises
-    ------
-    InputError
-        When the effect needs samples that are still to come.
-    """
-    effect, parts = effect_named(fitted.effect), fitted.contributions
-    if isinstance(effect, LinearEffect):
-        return [_Recursive(fitted, generator) if effect.is_causal else _FromThePast(fitted, generator)]
-    assert isinstance(effect, FoundEffect)
-    if effect.stream not in _STREAMS:
-        raise InputError(
-            f"{fitted.effect} cannot be added to samples as they arrive, for it needs those to come: "
-            "add it to the whole recording with tam simulate --from-comparison"
-        )
-    kind = _STREAMS[effect.stream]
-    return [
-        kind(replace(fitted, contributions=(part,)), own)
-        for part, own in zip(parts, generator.spawn(len(parts)), strict=True)
-    ]
-
-
-class _Recursive:
-    """What depends on the sample itself, and on the past through recursions."""
-
-    def __init__(self, fitted: FittedEffect, generator: np.random.Generator) -> None:
-        self._fitted, self._generator, self._memory = fitted, generator, Memory()
-
-    def added(self, rows_T: FloatArray, covariates: Covariates) -> FloatArray:
-        self._memory.rewind()
-        here = replace(covariates, memory=self._memory)
-        return effect_named(self._fitted.effect).add(rows_T, here, self._fitted, self._generator)
-
-
-_WINDOW = 256
-"""Samples of the past from which an effect of the field's course is worked out: lags of a fifth of it have settled."""
-
-_FITTED, _DEGREE = 12, 4
-"""Samples, and the degree of the polynomial through them that foretells the field.
-
-With them the rate of change has the noise of a central difference, and errs by 1 % where the field turns by 0.2 rad in
-a sample.
-"""
-
-_AHEAD = 3
-"""Samples that are foretold: as many as rates of change look at on either side."""
-
-
-class _FromThePast:
-    """What depends on the field's course about the sample, of which that to come is foretold by a polynomial."""
-
-    def __init__(self, fitted: FittedEffect, generator: np.random.Generator) -> None:
-        self._fitted, self._generator = fitted, generator
-        self._past: Covariates | None = None
-
-    def added(self, rows_T: FloatArray, covariates: Covariates) -> FloatArray:
-        samples = (slice(index, index + 1) for index in range(len(rows_T)))
-        return np.concatenate([self._with(rows_T[one], covariates.take(one)) for one in samples])
-
-    def _with(self, row_T: FloatArray, sample: Covariates) -> FloatArray:
-        past = sample if self._past is None else _joined(self._past, sample)
-        self._past = past.take(past.stretches[-1]).take(slice(-_WINDOW, None))
-        course = _continued(self._past)
-        nothing = np.zeros((course.sample_count, row_T.shape[1]))
-        signal = effect_named(self._fitted.effect).add(nothing, course, self._fitted, self._generator)
-        return np.asarray(row_T + signal[-1 - _AHEAD])
-
-
-def _joined(past: Covariates, sample: Covariates) -> Covariates:
-    """Return time and field of one sample behind those of others."""
-    time, field = (np.concatenate(both) for both in ((past.time_s, sample.time_s), (past.field_T, sample.field_T)))
-    return Covariates(time, field, past.errors, past.array)
-
-
-def _continued(past: Covariates) -> Covariates:
-    """Return time and field with some samples that a polynomial through the last foretells."""
-    count = min(_FITTED, past.sample_count)
-    step = float(np.median(np.diff(past.time_s[-count:]))) if count > 1 else 1.0
-    known, ahead = (past.time_s[-count:] - past.time_s[-1]) / step, np.arange(1.0, _AHEAD + 1)
-    powers = np.arange(1 + min(_DEGREE, count // 2))
-    foretold = (
-        ahead[:, None] ** powers @ np.linalg.lstsq(known[:, None] ** powers, past.field_T[-count:], rcond=None)[0]
-    )
-    time = np.concatenate([past.time_s, past.time_s[-1] + step * ahead])
-    return Covariates(time, np.concatenate([past.field_T, foretold]), past.errors, past.array)
-
-
-class _Bursts:
-    """Bursts of samples that something strikes at random."""
-
-    def __init__(self, fitted: FittedEffect, generator: np.random.Generator) -> None:
-        self._part: Contribution = fitted.contributions[0]
-        self._burst = samples_in(self._part, "burst", BLOCK)
-        self._late = samples_in(self._part, "samples late", BLOCK)
-        self._chance = self._part.values["rate"] / self._burst
-        self._when, self._what = generator.spawn(2)
-        self._since = self._burst
-
-    def _latest(self, count: int) -> NDArray[np.intp]:
-        """Return the first sample (count,) of each sample's latest burst, negative before the batch."""
-        index = np.arange(count)
-        starts = np.where(self._when.random(count) < self._chance, index, -self._since)
-        latest: NDArray[np.intp] = np.maximum.accumulate(starts)
-        self._since = int(count - latest[-1])
-        return latest
-
-    def _is_struck(self, latest: NDArray[np.intp]) -> NDArray[np.bool_]:
-        return np.arange(len(latest)) - latest < self._burst
-
-
-class _Spikes(_Bursts):
-    """Readings that are far off."""
-
-    def added(self, rows_T: FloatArray, covariates: Covariates) -> FloatArray:
-        is_struck, touched = self._is_struck(self._latest(len(rows_T))), rows_of(self._part, covariates)
-        rows, size = rows_T.copy(), self._part.values["size"]
-        rows[:, touched] += is_struck[:, None] * self._what.normal(0, size, (len(rows), len(touched)))
-        return rows
-
-
-class _Stale(_Bursts):
-    """Readings that repeat the one before the burst, or come some samples late."""
-
-    _past_T: FloatArray | None = None
-
-    def added(self, rows_T: FloatArray, covariates: Covariates) -> FloatArray:
-        latest = self._latest(len(rows_T))
-        past = rows_T[:0] if self._past_T is None else self._past_T
-        known = np.concatenate([past, rows_T])
-        self._past_T = known[-max(self._burst, self._late) :]
-        source = latest - 1 if self._part.term == "repeats" else np.arange(len(rows_T)) - self._late
-        rows, is_struck = rows_T.copy(), self._is_struck(latest)
-        taken = np.maximum(source[is_struck] + len(past), 0)
-        for row in rows_of(self._part, covariates):
-            rows[is_struck, row] = known[taken, row]
-        return rows
-
-
-_STREAMS: dict[str, Callable[[FittedEffect, np.random.Generator], StreamedEffect]] = {
-    "of_sample": _Recursive,
-    "of_course": _FromThePast,
-    "spikes": _Spikes,
-    "repeats": _Stale,
-}
-"""The class for each kind of an effect that is no linear one; one of whole recordings has none."""
-
 
 _STATED_AS = {"temperature_C": "temperature", "current_A": "current", "attitude": "attitude"}
 
@@ -200,8 +27,8 @@ class Additions:
 
     Samples may come one by one or in batches of any size: how they are split changes no number. Times of effects count
     from the first sample. Where time goes back, as when a simulation is reset, all begins anew. An effect that depends
-    on how the field goes on foretells that from the samples so far: it is missing in the first sample of a run, and not
-    quite as in `mended`. The others are.
+    on how the field goes on extrapolates that from the samples so far: it is missing in the first sample of a run, and
+    differs a little from `mended`. The others do not.
 
     Parameters
     ----------
@@ -230,12 +57,13 @@ class Additions:
         self._noise = _noise_stream(self._mend, noise)
         with _values_known():
             effects = [
-                (effect_named(fitted.effect), streamed(fitted, generator))
+                (effect_named(fitted.effect), one)
                 for fitted, generator in zip(self._mend.added, own, strict=True)
+                for one in streamed(fitted, generator)
             ]
-        self._of_field = [one for effect, parts in effects if isinstance(effect, LinearEffect) for one in parts]
+        self._of_field = [one for effect, one in effects if isinstance(effect, LinearEffect)]
         ordered = sorted(effects, key=lambda pair: pair[0].output_stage)
-        self._of_reading = [one for effect, parts in ordered if not isinstance(effect, LinearEffect) for one in parts]
+        self._of_reading = [one for effect, one in ordered if not isinstance(effect, LinearEffect)]
 
     def __call__(
         self,
@@ -280,11 +108,6 @@ class Additions:
         turns = None if attitude is None else np.reshape(attitude, (-1, 4))
         readings = np.reshape(readings_T, (-1, *shape[-2:]))
         batch = Recording(np.atleast_1d(time_s), readings, scalar, temperature, current, turns)
-        made = self._made(batch)
-        return made.readings_T.reshape(shape), made.scalar_T
-
-    def _made(self, batch: Recording) -> Recording:
-        """Return the next samples with what they lacked."""
         _check(self._mend, batch)
         if batch.time_s[0] <= self._newest_s:
             self._begin()
@@ -299,7 +122,8 @@ class Additions:
             rows = rows + self._noise.drawn(batch.time_s)
             for effect in self._of_reading:
                 rows = effect.added(rows, covariates)
-        return _recording(batch, rows)
+        made = _recording(batch, rows)
+        return made.readings_T.reshape(shape), made.scalar_T
 
 
 def mended(recording: Recording, mend: Mend, seed: int, errors: SensorErrors | None = None) -> Recording:
@@ -358,18 +182,14 @@ def _check(mend: Mend, recording: Recording) -> None:
     if recording.sensor_count != count:
         raise InputError(f"the simulation has {recording.sensor_count} sensors, and the mend is of {count}")
     for fitted in mend.added:
-        _check_channels(fitted, recording)
-
-
-def _check_channels(fitted: FittedEffect, recording: Recording) -> None:
-    effect = effect_named(fitted.effect)
-    if isinstance(effect, LinearEffect) and (missing := effect.needs(fitted)[len(effect.channels) :]):
-        raise InputError(
-            f"{fitted.effect} follows {missing[0]}, which samples of a simulator do not have: leave it out"
-        )
-    for channel in effect.channels:
-        if getattr(recording, channel) is None:
-            raise InputError(f"{fitted.effect} follows the {_STATED_AS[channel]}: give {channel} of the simulation")
+        effect = effect_named(fitted.effect)
+        if isinstance(effect, LinearEffect) and (further := effect.needs(fitted)[len(effect.channels) :]):
+            raise InputError(
+                f"{fitted.effect} follows {further[0]}, which samples of a simulator do not have: leave it out"
+            )
+        for channel in effect.channels:
+            if getattr(recording, channel) is None:
+                raise InputError(f"{fitted.effect} follows the {_STATED_AS[channel]}: give {channel} of the simulation")
 
 
 def _noise_stream(mend: Mend, generator: np.random.Generator) -> NoiseStream:

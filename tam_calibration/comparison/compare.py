@@ -1,15 +1,17 @@
 """The comparison of a simulator's recording with a real one: where, which, how far, and the mend."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from tam_calibration.comparison.differences import Differences, differences_between
+from tam_calibration.comparison.figure import Figure
+from tam_calibration.comparison.mend import Mend
 from tam_calibration.comparison.mending import mend_of, mended_twin, source_error, source_of
 from tam_calibration.comparison.mistakes.find import mistakes_of
 from tam_calibration.comparison.readings import side_by_side
-from tam_calibration.comparison.result import Closing, Comparison, Mend, Side, Step
-from tam_calibration.correction.calibration import Calibration
+from tam_calibration.comparison.result import Closing, Comparison, Side, Step
 from tam_calibration.gap.calibration_with_effects import calibration_of
 from tam_calibration.gap.diagnose import in_stretches, judge
 from tam_calibration.gap.search import Progress
@@ -17,6 +19,7 @@ from tam_calibration.integrity import ACCEPTABLE
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording, SampleSource
+from tam_calibration.model.sensor_errors import PARAMETER_NAMES
 from tam_calibration.model.units import to_nanotesla
 
 _NAMES = "The simulation", "The recording"
@@ -38,7 +41,7 @@ def compare(
     """Say what a simulator's recording has otherwise than a real one, and what to write into the simulator.
 
     The same judge looks at both: calibration, diagnosis and noise of each run by itself, as two runs never take the
-    same path. Errors of the sensors that a calibration removes are told, and are no difference.
+    same path. Errors of the sensors, which a calibration removes, are stated and count as no difference.
 
     Parameters
     ----------
@@ -74,27 +77,29 @@ def compare(
     """
     array_of_simulation = array_of_simulation or array
     _require_same_count(simulation, recording, array, array_of_simulation)
-    tell = progress or (lambda what, part: None)
-    tell("mistakes", 0.0)
+    report = progress or (lambda what, part: None)
+    report("mistakes", 0.0)
     seen = in_stretches(simulation)[0], in_stretches(recording)[0]
     _require_tesla(seen[1], array)
     if mistakes := mistakes_of(*seen, array_of_simulation, array):
         return Comparison("differs", f"The simulation cannot be right: {mistakes[0].what}.", mistakes)
     try:
         sides = (
-            _side("simulation", simulation, array_of_simulation, _part(tell, 0, 3)),
-            _side("recording", recording, array, _part(tell, 1, 3)),
+            _side("simulation", simulation, array_of_simulation, _part(report, 0)),
+            _side("recording", recording, array, _part(report, 1)),
         )
     except Refused as problem:
         return Comparison("not_identifiable", f"No comparison: {str(problem).rstrip('.')}.")
     differences = differences_between(*sides)
     mend = mend_of(differences, *sides)
-    closing = _closing(differences, mend, *sides, _part(tell, 2, 3), seed)
+    closing = _closing(differences, mend, *sides, _part(report, 2), seed)
+    figures = side_by_side(*sides)
+    remarks = [f"{name}: {remark}" for name, side in zip(_NAMES, sides, strict=True) for remark in side.gap.remarks]
     return Comparison(
         "same" if differences.are_none else "differs",
-        _statement(differences, closing, sides),
+        _statement(differences, closing, figures),
         (),
-        side_by_side(*sides),
+        figures,
         differences.missing,
         differences.surplus,
         differences.other_parameters,
@@ -102,7 +107,7 @@ def compare(
         closing,
         mend,
         *sides,
-        _remarks(sides, differences),
+        (*remarks, *differences.remarks),
     )
 
 
@@ -143,16 +148,16 @@ def _require_same_count(simulation: SampleSource, recording: SampleSource, array
 
 
 def _require_tesla(recording: Recording, array: Array) -> None:
-    """Refuse a recording in another unit, beside which every simulation would seem to have no field."""
+    """Refuse a recording in another unit: every simulation would seem to have no field compared with it."""
     try:
         recording.check_units(array.field)
     except InputError as problem:
         raise InputError(f"the recording: {problem}") from problem
 
 
-def _part(tell: Progress, number: int, count: int) -> Progress:
-    """Return a callback for one of several parts of the work."""
-    return lambda stage, done: tell(stage, (number + done) / count)
+def _part(report: Progress, number: int) -> Progress:
+    """Return a callback for one of the three parts of the work."""
+    return lambda stage, done: report(stage, (number + done) / 3)
 
 
 def _side(name: str, source: SampleSource, array: Array, progress: Progress) -> Side:
@@ -160,11 +165,6 @@ def _side(name: str, source: SampleSource, array: Array, progress: Progress) -> 
         return side_of(source, array, progress)
     except (InputError, Refused) as problem:
         raise type(problem)(f"the {name}: {problem}") from problem
-
-
-def _remarks(sides: tuple[Side, Side], differences: Differences) -> tuple[str, ...]:
-    of_sides = (f"{name}: {remark}" for name, side in zip(_NAMES, sides, strict=True) for remark in side.gap.remarks)
-    return (*of_sides, *differences.remarks)
 
 
 def _closing(
@@ -178,17 +178,15 @@ def _closing(
             mended = side_of(twin, simulation.array, progress)
         except (InputError, Refused) as problem:
             untried = f"the mend cannot be tried in the simulation's run: {problem}"
-            return _closed(before, float("nan"), recording, (0.0, 1.0), left=untried)
+            return Closing(**_size(before, float("nan"), (0.0, 1.0), recording), left=untried)
         left = differences_between(mended, recording).that_show
+    interval = _interval(before, left.energy, left.undecided_energy, recording.gap.channel_count)
     source = source_of(recording)
     of_simulation, of_recording, of_mended = (
         None if source is None else source_error(one.recording, one, source) for one in (simulation, recording, mended)
     )
-    return _closed(
-        before,
-        left.energy,
-        recording,
-        _interval(before, left.energy, left.undecided_energy, recording.gap.channel_count),
+    return Closing(
+        **_size(before, left.energy, interval, recording),
         steps=_steps(differences, left.energy),
         simulation_source=of_simulation,
         recording_source=of_recording,
@@ -197,21 +195,15 @@ def _closing(
     )
 
 
-def _closed(before: float, after: float, recording: Side, interval: tuple[float, float], **further: Any) -> Closing:
-    """Return energies before and after as sizes, and their part that closes: NaN for what is not known."""
-    units = {"": 1.0, "_T": recording.gap.size.floor_T, "_T_per_m": _gradient_of_floor(recording)}
-    sizes = {"before": float(np.sqrt(before)), "after": float(np.sqrt(after))}
-    further |= {when + unit: size * one for unit, one in units.items() for when, size in sizes.items()}
+def _size(before: float, after: float, interval: tuple[float, float], side: Side) -> dict[str, Any]:
+    """Return ``Size`` by name, for energies before and after in units of a side's noise floor."""
+    array, floor_T = side.calibration.array, side.gap.size.floor_T
+    gradient = float(np.linalg.norm(side.calibration.output_standard_errors[3:])) if array.has_gradient else np.nan
     closed = max(1 - after / before, 0.0) if before > 0 else 0.0 * after
-    return Closing(closed=closed, closed_interval=interval, **further)
-
-
-def _gradient_of_floor(side: Side) -> float:
-    """Return the gradient, T/m, that noise of one floor in every axis makes; NaN without a gradient."""
-    array = side.calibration.array
-    if not array.has_gradient:
-        return float("nan")
-    return float(np.linalg.norm(side.calibration.output_standard_errors[3:]))
+    sizes = {"before": float(np.sqrt(before)), "after": float(np.sqrt(after))}
+    units = {"": 1.0, "_T": floor_T, "_T_per_m": gradient}
+    scaled = {name + unit: size * factor for unit, factor in units.items() for name, size in sizes.items()}
+    return {**scaled, "floor_T": floor_T, "closed": closed, "closed_interval": interval}
 
 
 def _interval(before: float, after: float, undecided: float, count: float) -> tuple[float, float]:
@@ -236,28 +228,24 @@ def _steps(differences: Differences, after: float) -> tuple[Step, ...]:
     return tuple(steps)
 
 
-_SIGNIFICANT = 4.5
-"""Standard errors of a difference: of 96 errors that are the same, one differs by more once in a thousand cases."""
-
-
-def _other_errors(one: Calibration, other: Calibration) -> str:
-    """Return by how much the errors of the sensors of two calibrations differ at most; empty where by chance."""
-    difference = np.abs(one.errors.to_vector() - other.errors.to_vector())
-    spread = np.hypot(one.standard_errors, other.standard_errors)
-    ratio = np.divide(difference, spread, out=np.zeros_like(spread), where=spread > 0)
-    if not ratio.max(initial=0) > _SIGNIFICANT:
+def _other_errors(figures: Sequence[Figure]) -> str:
+    """Return by how much the errors of the sensors differ at most; empty where by chance."""
+    errors = [one for one in figures if one.recording.name in PARAMETER_NAMES]
+    if all(one.standing != "differs" for one in errors):
         return ""
-    bias = difference[:, 6:9]
-    sensor, axis = np.unravel_index(int(np.argmax(bias)), bias.shape)
+    bias, scale = (
+        max((one for one in errors if one.recording.name in PARAMETER_NAMES[own]), key=lambda one: one.difference)
+        for own in (slice(6, 9), slice(0, 3))
+    )
     return (
-        f"biases by up to {to_nanotesla(float(bias.max())):.3g} nT (sensor {sensor + 1} {'xyz'[axis]}), scale factors "
-        f"by up to {100 * float(difference[:, :3].max()):.2g} %"
+        f"biases by up to {to_nanotesla(bias.difference):.3g} nT ({bias.recording.group} {bias.recording.name[-1]}), "
+        f"scale factors by up to {100 * scale.difference:.2g} %"
     )
 
 
-def _statement(differences: Differences, closing: Closing, sides: tuple[Side, Side]) -> str:
+def _statement(differences: Differences, closing: Closing, figures: Sequence[Figure]) -> str:
     if differences.are_none:
-        other = _other_errors(*(side.calibration for side in sides))
+        other = _other_errors(figures)
         if not other:
             return "The same: calibration, effects and noise of the simulation are those of the recording."
         return (

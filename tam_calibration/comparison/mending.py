@@ -1,6 +1,6 @@
 """The mend of a simulation, and the twin of its run with the mend in it.
 
-How well it mends is told by what the mission needs: how far from a source that is put into a recording it is located.
+What the mission needs measures how much it helps: how far from an added source ``tam locate`` would find it.
 """
 
 from dataclasses import replace
@@ -9,10 +9,11 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.comparison.additions import mended
-from tam_calibration.comparison.differences import Differences, is_noise
-from tam_calibration.comparison.result import Mend, NoiseDifference, NoiseTerm, Side, SourceError
+from tam_calibration.comparison.differences import Differences
+from tam_calibration.comparison.mend import Mend, NoiseTerm
+from tam_calibration.comparison.noise import is_noise
+from tam_calibration.comparison.result import NoiseDifference, Side, SourceError
 from tam_calibration.effects.switching import WINDOW_UNITS
-from tam_calibration.gap.noise import AxisNoise
 from tam_calibration.gap.recorded_noise import field_of
 from tam_calibration.localization.turned_samples import Regional, locate_each, regional_of, turned
 from tam_calibration.model.fitted_effect import FittedEffect
@@ -51,13 +52,9 @@ def _at_run(fitted: FittedEffect, of: Side, at: Side) -> FittedEffect:
     """Return an effect whose times, now since the first sample, lie in the run of a side as they do in its own."""
     (first, last), (start, stop) = of.recording.time_span_s, at.recording.time_span_s
     stretch = (stop - start) / (last - first)
-    shape = dict(fitted.shape)
-    for name, value in fitted.shape.items():
-        if name in _TIMES:
-            shape[name] = stretch * (value - first)
-        elif name == "span_s":
-            shape[name] = stretch * value
-    return replace(fitted, shape=shape)
+    begins = {name: first for name in _TIMES} | {"span_s": 0.0}
+    moved = {name: stretch * (value - begins[name]) for name, value in fitted.shape.items() if name in begins}
+    return replace(fitted, shape={**fitted.shape, **moved})
 
 
 def _missing_noise(one: NoiseDifference) -> NoiseTerm:
@@ -65,22 +62,7 @@ def _missing_noise(one: NoiseDifference) -> NoiseTerm:
     own, theirs = one.recording, one.simulation
     if not one.differs:
         return NoiseTerm(own.sensor, own.axis, theirs.white_T, 0.0)
-    added_T = float(np.sqrt(max(own.white_T**2 - theirs.white_T**2, 0.0)))
-    return replace(_term(own), added_white_T=added_T)
-
-
-def _term(noise: AxisNoise) -> NoiseTerm:
-    """Return all the noise of an axis as noise to add."""
-    return NoiseTerm(
-        noise.sensor,
-        noise.axis,
-        noise.white_T,
-        noise.white_T,
-        noise.knee_hz,
-        noise.exponent,
-        noise.band_hz,
-        noise.band_T,
-    )
+    return replace(NoiseTerm.of(own), added_white_T=float(np.sqrt(max(own.white_T**2 - theirs.white_T**2, 0.0))))
 
 
 def mended_twin(differences: Differences, simulation: Side, mend: Mend, seed: int) -> Recording:
@@ -107,16 +89,15 @@ def mended_twin(differences: Differences, simulation: Side, mend: Mend, seed: in
         for cause in simulation.gap.causes
         if not (is_noise(cause.fitted.effect) or any(cause.fitted is fitted for fitted in left_out))
     )
-    noise = [
-        _term(one.recording if one.differs else one.simulation) for one in differences.noise if one.recording.sensor
-    ]
-    of_scalar = [term for term in mend.noise if not term.sensor]  # whose own noise stays in its readings
-    whole = replace(mend, added=(*kept, *mend.added), removed=(), noise=(*noise, *of_scalar))
-    return mended(_quiet(simulation), whole, seed, errors=simulation.calibration.errors)
+    noise = [NoiseTerm.of(one.recording if one.differs else one.simulation) for one in differences.noise]
+    # The readings of the scalar keep their own noise.
+    noise = [*(one for one in noise if one.sensor), *(one for one in mend.noise if not one.sensor)]
+    complete = replace(mend, added=(*kept, *mend.added), removed=(), noise=tuple(noise))
+    return mended(_quiet(simulation), complete, seed, errors=simulation.calibration.errors)
 
 
 def _quiet(side: Side) -> Recording:
-    """Return the run of a side without effects, its sensors without noise; the scalar tells the intensity."""
+    """Return the run of a side without effects, its sensors without noise; the scalar gives the intensity."""
     calibration = side.calibration
     model = side.found.model
     recording = calibration.without_effects(side.recording) if model.world is None else model.quiet()
@@ -140,7 +121,7 @@ _MOST = 400
 """Samples that are located: enough for a median within a tenth of its size."""
 
 _BLOCKS = 20
-"""Blocks of time whose medians tell how certain the median of all is."""
+"""Blocks of time whose medians show how certain the median of all is."""
 
 _DRAWS = 1000
 """Times that blocks are drawn anew (bootstrap)."""
@@ -165,7 +146,7 @@ def source_of(side: Side) -> Dipole | None:
 
 
 def source_error(recording: Recording, side: Side, source: Dipole) -> SourceError | None:
-    """Return how far from a source beside the array its samples place it in a recording; None where they cannot.
+    """Return how far from a source near the array its samples place it in a recording; None where they cannot.
 
     What ``tam locate`` would refuse, as the effects leave more than noise, counts too: how far off it is, is asked.
 

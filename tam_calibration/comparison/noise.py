@@ -1,9 +1,16 @@
-"""Whether the noises of an axis differ."""
+"""The noise of each axis in both recordings, and whether it differs."""
+
+from collections.abc import Collection
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.comparison.result import EffectDifference, NoiseDifference, Side
+from tam_calibration.effects.effect import LinearEffect
+from tam_calibration.effects.library import effect_named
+from tam_calibration.effects.noise_excess import NoiseExcess
 from tam_calibration.gap.noise import INTERVAL, AxisNoise
+from tam_calibration.gap.result import Cause
 from tam_calibration.model.units import FloatArray
 
 LEAST_DIFFERENCE = 0.05
@@ -19,7 +26,7 @@ _FREEDOM = 60.0
 def differs(simulation: AxisNoise, recording: AxisNoise) -> bool:
     """Return whether two noises of an axis differ by more than chance, and by more than matters in practice.
 
-    Of two white noises the standard deviations of a sample are compared as they stand, also where their rates differ.
+    Of two white noises the standard deviations of a sample are compared directly, also where their rates differ.
     Else the spectra are compared at the frequencies that both have, in all and in bands of equal information: the level
     of slow noise grows with the duration, its density does not. They too are those of a sample: densities times rates.
 
@@ -73,3 +80,58 @@ def _power_at(noise: AxisNoise, frequency_hz: FloatArray) -> tuple[FloatArray, F
     error = np.interp(frequency_hz, noise.frequency_hz, spread) / (2 * ndtri((1 + INTERVAL) / 2))
     density = np.interp(frequency_hz, noise.frequency_hz, noise.density_T2_per_hz)
     return density * frequency_hz * noise.frequency_hz[-1], error
+
+
+def is_noise(effect: str) -> bool:
+    """Whether an effect is more noise of some axes, which is part of the noise of each axis too.
+
+    Parameters
+    ----------
+    effect : str
+        Its name, or ``UNKNOWN``.
+    """
+    return effect == NoiseExcess.name
+
+
+def rows_with(one: Cause | EffectDifference) -> list[tuple[int, str]]:
+    """Return sensor and axis of each row in which something is: 0 and no axis for the scalar.
+
+    Parameters
+    ----------
+    one : Cause or EffectDifference
+        With sensors and axes.
+    """
+    return [
+        (0, "") if sensor == "scalar" else (int(sensor), axis)
+        for sensor in one.sensors
+        for axis in (("",) if sensor == "scalar" else one.axes or "xyz")
+    ]
+
+
+def noise_differences(
+    simulation: Side, recording: Side, unknown: Collection[tuple[int, str]]
+) -> tuple[NoiseDifference, ...]:
+    """Return the noise of every axis of both sides.
+
+    No difference is stated where the residual of which it is taken contains an effect, or an unknown part of both.
+
+    Parameters
+    ----------
+    simulation, recording : Side
+        The two.
+    unknown : collection of (int, str)
+        Rows in which both have an unknown part.
+    """
+    causes = [*simulation.gap.causes, *recording.gap.causes]
+    in_residual = {row for cause in causes if _stays_in_residual(cause.fitted.effect) for row in rows_with(cause)}
+    theirs = {(one.sensor, one.axis): one for one in simulation.gap.noise}
+    return tuple(
+        NoiseDifference(other, own, row not in in_residual | set(unknown) and differs(other, own))
+        for own in recording.gap.noise
+        if (other := theirs.get(row := (own.sensor, own.axis))) is not None
+    )
+
+
+def _stays_in_residual(effect: str) -> bool:
+    """Whether an effect cannot be removed from the residual of which the noise is taken."""
+    return not is_noise(effect) and not isinstance(effect_named(effect), LinearEffect)

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.comparison.result import NoiseTerm
+from tam_calibration.comparison.mend import NoiseTerm
 from tam_calibration.effects.covariates import follow
 from tam_calibration.model.recording import BLOCK
 from tam_calibration.model.units import FloatArray
@@ -160,10 +160,7 @@ class NoiseStream:
 def _modes(term: NoiseTerm, rate_hz: float, span_s: float) -> list[tuple[complex, float]]:
     """Return λ in 1/s and the variance in T² of each mode of a term."""
     slow = slow_modes(term, rate_hz, span_s)
-    modes = [
-        (complex(1 / constant), float(size))
-        for constant, size in zip(slow.time_constant_s, slow.variance_T2, strict=True)
-    ]
+    modes = list(zip(1 / slow.time_constant_s.astype(complex), slow.variance_T2, strict=True))
     if term.band_hz is not None:
         low, high = term.band_hz
         modes.append((np.pi * complex(high - low, -high - low), term.band_T**2))

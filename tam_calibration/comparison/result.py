@@ -4,19 +4,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-import numpy as np
-
+from tam_calibration.comparison.figure import Figure
+from tam_calibration.comparison.mend import Mend
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.gap.laws.law import Signature
 from tam_calibration.gap.noise import AxisNoise
-from tam_calibration.gap.result import Gap
+from tam_calibration.gap.result import Gap, Size
 from tam_calibration.gap.search_result import Search
 from tam_calibration.model.array import Array
 from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.recording import Recording
 
 Verdict = Literal["same", "differs", "not_identifiable"]
-Standing = Literal["same", "differs", "cannot tell"]
 
 UNKNOWN = "unknown"
 """In place of an effect's name: a part that no effect of the library explains."""
@@ -44,45 +43,9 @@ class Mistake:
     mend: str
 
 
-@dataclass(frozen=True)
-class Figure:
-    """One figure of the simulation beside that of the recording.
-
-    Parameters
-    ----------
-    group : str
-        What it belongs to, such as "stamps".
-    name : str
-        Such as "sensor 2 x scale factor".
-    unit : str
-        SI unit; "1" for none.
-    simulation, recording : float
-        The two values; NaN where a side does not tell.
-    simulation_error, recording_error : float
-        Their standard errors; NaN where they are not known.
-    standing : str
-        One of ``Standing``.
-    """
-
-    group: str
-    name: str
-    unit: str
-    simulation: float
-    recording: float
-    simulation_error: float
-    recording_error: float
-    standing: Standing
-
-    @property
-    def standard_errors(self) -> float:
-        """The recording's value less the simulation's, in standard errors of the difference; NaN where not known."""
-        size = float(np.hypot(self.simulation_error, self.recording_error))
-        return (self.recording - self.simulation) / size if size > 0 else float("nan")
-
-
 @dataclass(frozen=True, eq=False)
 class NoiseDifference:
-    """The noise of an axis in the simulation beside that in the recording."""
+    """The noise of an axis in the simulation and in the recording."""
 
     simulation: AxisNoise
     recording: AxisNoise
@@ -162,20 +125,14 @@ class SourceError:
 
 
 @dataclass(frozen=True, eq=False)
-class Closing:
-    """How far the gap shrinks when the simulation is mended, out of sample.
+class Closing(Size):
+    """How far the gap shrinks when the simulation is mended, out of sample: ``Size``, and what makes it up.
+
+    The gap is that between simulation and recording, and between the mended twin of the simulation's run and the
+    recording: root of the summed energies of what either has and the other has not, in noise floors.
 
     Parameters
     ----------
-    before, after : float
-        Gap between simulation and recording, and between the mended twin of the simulation's run and the recording:
-        root of the summed energies of what either has and the other has not, in noise floors.
-    before_T, after_T : float
-        The same as a field at one axis, tesla: noise floors times the floor.
-    before_T_per_m, after_T_per_m : float
-        The gradient that noise of so many floors makes in the tensor, T/m; NaN without a gradient.
-    closed, closed_interval : float, (float, float)
-        1 - (after / before)², and its 95 % confidence interval.
     steps : tuple of Step
         The gap after each term, the largest first.
     simulation_source, recording_source, mended_source : SourceError, optional
@@ -184,14 +141,6 @@ class Closing:
         What stays open, and where; empty where nothing does.
     """
 
-    before: float
-    after: float
-    before_T: float
-    after_T: float
-    before_T_per_m: float
-    after_T_per_m: float
-    closed: float
-    closed_interval: tuple[float, float]
     steps: tuple[Step, ...] = ()
     simulation_source: SourceError | None = None
     recording_source: SourceError | None = None
@@ -200,7 +149,7 @@ class Closing:
 
     @property
     def source_error_before_m(self) -> float:
-        """How far the source error that the simulation foretells is from that in the recording, metres; else NaN."""
+        """How far the source error that the simulation predicts is from that in the recording, metres; else NaN."""
         return _apart(self.simulation_source, self.recording_source)
 
     @property
@@ -211,63 +160,6 @@ class Closing:
 
 def _apart(one: SourceError | None, other: SourceError | None) -> float:
     return float("nan") if one is None or other is None else abs(one.median_m - other.median_m)
-
-
-@dataclass(frozen=True)
-class NoiseTerm:
-    """Noise of one axis that a simulation shall have, and what has to be added to what it has now.
-
-    Parameters
-    ----------
-    sensor : int
-        Number 1…K; 0 for the scalar.
-    axis : str
-        "x", "y", "z"; empty for the scalar.
-    white_T : float
-        Standard deviation of the white noise that it shall have.
-    added_white_T : float
-        Standard deviation of the white noise that is missing; 0 where it has too much.
-    knee_hz, exponent : float
-        Of the slow noise that it shall have and has not, beside the white noise ``white_T``; NaN without one.
-    band_hz : (float, float), optional
-        Of the band of noise that it shall have and has not.
-    band_T : float
-        Standard deviation in the band.
-    """
-
-    sensor: int
-    axis: str
-    white_T: float
-    added_white_T: float
-    knee_hz: float = float("nan")
-    exponent: float = float("nan")
-    band_hz: tuple[float, float] | None = None
-    band_T: float = 0.0
-
-
-@dataclass(frozen=True, eq=False)
-class Mend:
-    """What to write into the simulator.
-
-    Parameters
-    ----------
-    added : tuple of FittedEffect
-        Effects that the simulation lacks, in the order of their sizes; their times are since the first sample of a run.
-    removed : tuple of str
-        Effects that it should not have, or have with the parameters of ``added``.
-    noise : tuple of NoiseTerm
-        Of every axis and the scalar.
-    calibration : Calibration
-        Of the recording: array, errors of the sensors, noise and all its effects.
-    rate_hz : float
-        Of the recording's samples.
-    """
-
-    added: tuple[FittedEffect, ...]
-    removed: tuple[str, ...]
-    noise: tuple[NoiseTerm, ...]
-    calibration: Calibration
-    rate_hz: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,7 +189,7 @@ class Side:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """A simulator's recording beside a real one.
+    """The comparison of a simulator's recording with a real one.
 
     Parameters
     ----------
@@ -313,7 +205,7 @@ class Comparison:
     missing, surplus : tuple of EffectDifference
         What the simulation lacks, and what it has beyond the recording; the largest first.
     other_parameters : tuple of OtherParameters
-        What both have, but not alike.
+        What both have, with other parameters.
     noise : tuple of NoiseDifference
         Of each axis, and the scalar.
     closing : Closing, optional

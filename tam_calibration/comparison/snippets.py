@@ -7,8 +7,8 @@ from collections.abc import Collection, Iterator
 
 import numpy as np
 
+from tam_calibration.comparison.mend import Mend, NoiseTerm
 from tam_calibration.comparison.noise_stream import slow_modes
-from tam_calibration.comparison.result import Mend, NoiseTerm
 from tam_calibration.effects.library import effect_named
 from tam_calibration.model.fitted_effect import ALL
 
@@ -19,7 +19,7 @@ _STEP, _LIMITS = "step", ("lower limit", "upper limit")
 def gazebo_sdf(mend: Mend) -> str:
     """Return a ``<sensor type="magnetometer">`` for each sensor as it shall be, in tesla.
 
-    ``stddev`` is that of a sample's white noise. The bias stands in ``mean``, for Gazebo gives ``bias_mean`` a random
+    ``stddev`` is that of a sample's white noise. The bias is in ``mean``, for Gazebo gives ``bias_mean`` a random
     sign; ``bias_stddev`` is its standard error. Slow noise is the first-order process that comes nearest: the standard
     deviation of Gazebo's is ``dynamic_bias_stddev`` times the root of half the correlation time.
 
@@ -36,25 +36,23 @@ def gazebo_sdf(mend: Mend) -> str:
             f"  <always_on>1</always_on>\n  <update_rate>{_number(mend.rate_hz)}</update_rate>\n"
             f"  <magnetometer>\n{axes}\n  </magnetometer>\n</sensor>"
         )
-    remarks = [*_not_held(mend, (_STEP,)), *_bands(mend)]
+    remarks = [*_left_out(mend, (_STEP,)), *_bands(mend)]
     return "\n".join([*map(_comment, remarks), *blocks]) + "\n"
 
 
 def _sdf_axis(mend: Mend, sensor: int, axis: int) -> str:
-    calibration, term = mend.calibration, _term(mend, sensor, axis)
-    step = _value(mend, _STEP, sensor, axis)
+    calibration, term, step = mend.calibration, _noise(mend, sensor, axis), _value(mend, _STEP, sensor, axis)
     elements = {
         "mean": calibration.errors.bias_T[sensor, axis],
-        "stddev": calibration.array.vector_noise_T[sensor] if term is None else term.white_T,
+        "stddev": term.white_T,
         "bias_mean": 0.0,
         "bias_stddev": np.nan_to_num(calibration.standard_errors[sensor, 6 + axis]),
     }
-    if term is not None:
-        span_s = calibration.time_span_s[1] - calibration.time_span_s[0]
-        modes = slow_modes(term, mend.rate_hz, span_s, most=1)
-        for constant_s, variance_T2 in zip(modes.time_constant_s, modes.variance_T2, strict=True):
-            elements["dynamic_bias_stddev"] = np.sqrt(2 * variance_T2 / constant_s)
-            elements["dynamic_bias_correlation_time"] = constant_s
+    span_s = calibration.time_span_s[1] - calibration.time_span_s[0]
+    modes = slow_modes(term, mend.rate_hz, span_s, most=1)
+    for constant_s, variance_T2 in zip(modes.time_constant_s, modes.variance_T2, strict=True):
+        elements["dynamic_bias_stddev"] = np.sqrt(2 * variance_T2 / constant_s)
+        elements["dynamic_bias_correlation_time"] = constant_s
     if step is not None:
         elements["precision"] = step
     kind = "gaussian" if step is None else "gaussian_quantized"
@@ -79,7 +77,7 @@ def mujoco_mjcf(mend: Mend) -> str:
         biases.append(f'  <numeric name="{name}_bias" data="{" ".join(map(_number, bias_T))}"/>')
     remarks = [
         "mj_step adds neither noise nor bias: they are numbers for your code, or let Additions do it",
-        *_not_held(mend, _LIMITS),
+        *_left_out(mend, _LIMITS),
         *(f"{_place(term)}: slow noise goes to the mend file" for term in mend.noise if np.isfinite(term.knee_hz)),
         *_bands(mend),
     ]
@@ -107,16 +105,17 @@ def python_plugin(mend: Mend) -> str:
     )
 
 
-def _term(mend: Mend, sensor: int, axis: int) -> NoiseTerm | None:
-    """Return the noise of an axis; sensor and axis count from 0."""
-    return next((term for term in mend.noise if (term.sensor, term.axis) == (sensor + 1, "xyz"[axis])), None)
+def _noise(mend: Mend, sensor: int, axis: int) -> NoiseTerm:
+    """Return the noise of an axis, white as the array states it by default; sensor and axis count from 0."""
+    place = sensor + 1, "xyz"[axis]
+    stated = NoiseTerm(*place, float(mend.calibration.array.vector_noise_T[sensor]), 0.0)
+    return next((term for term in mend.noise if (term.sensor, term.axis) == place), stated)
 
 
 def _white_T(mend: Mend, sensor: int) -> float:
     """Return the root of the mean variance of a sensor's white noise: MuJoCo has one number for its three axes."""
-    terms = [term for axis in range(3) if (term := _term(mend, sensor, axis)) is not None]
-    stated = float(mend.calibration.array.vector_noise_T[sensor])
-    return float(np.sqrt(np.mean([term.white_T**2 for term in terms]))) if terms else stated
+    variances = [term.white_T**2 for term in mend.noise if term.sensor == sensor + 1]
+    return float(np.sqrt(np.mean(variances or [mend.calibration.array.vector_noise_T[sensor] ** 2])))
 
 
 def _range_T(mend: Mend, sensor: int) -> float | None:
@@ -132,11 +131,11 @@ def _value(mend: Mend, name: str, sensor: int, axis: int) -> float | None:
     return next((values[name] for values in own if name in values), None)
 
 
-def _not_held(mend: Mend, held: Collection[str]) -> Iterator[str]:
-    """Yield what a model cannot state that holds effects with some values."""
+def _left_out(mend: Mend, stated: Collection[str]) -> Iterator[str]:
+    """Yield what a model leaves out that can only state effects with some values."""
     yield "scale factors, non-orthogonality and misalignment are left out: the mend file has them under calibration"
     for fitted in mend.added:
-        if not any(name in held for part in fitted.contributions for name in part.values):
+        if not any(name in stated for part in fitted.contributions for name in part.values):
             yield f"{fitted.effect} goes to the mend file: let Additions or tam simulate add it"
     for name in mend.removed:
         yield f"the simulation has {name}, and the recording has it not, or otherwise: take it out"

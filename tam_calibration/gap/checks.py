@@ -7,7 +7,7 @@ of the direction explain a beta law; the kurtosis that of Anscombe and Glynn (Bi
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,35 +82,19 @@ class Checks:
 
     Parameters
     ----------
-    chi_square : Check
-        Mean square over that of the noise floor.
-    lag_1_correlation : Check
-        Of neighbouring samples.
-    strongest_line : Check
-        Largest power of the periodogram over its mean.
-    part_of_direction : Check
-        Part of the variance that goes with the direction of the field.
-    excess_kurtosis : Check
-        Fourth moment over the squared second, less three.
+    by_name : mapping of str to Check
+        ``chi_square``: mean square over that of the noise floor. ``lag_1_correlation``: of neighbouring samples.
+        ``strongest_line``: largest power of the periodogram over its mean. ``part_of_direction``: part of the variance
+        that goes with the direction of the field. ``excess_kurtosis``: fourth moment over the squared second, less 3.
     line_hz : (R,) array
         Frequency of the strongest line.
     autocorrelation : (R, LAGS) array
         From lag 1 on.
     """
 
-    chi_square: Check
-    lag_1_correlation: Check
-    strongest_line: Check
-    part_of_direction: Check
-    excess_kurtosis: Check
+    by_name: Mapping[str, Check]
     line_hz: FloatArray
     autocorrelation: FloatArray
-
-    @property
-    def by_name(self) -> Mapping[str, Check]:
-        """The checks by the names of their fields."""
-        values = {each.name: getattr(self, each.name) for each in fields(self)}
-        return {name: value for name, value in values.items() if isinstance(value, Check)}
 
     @property
     def departing_rows(self) -> tuple[int, ...]:
@@ -206,11 +190,10 @@ def checks_of(
             _kurtosis(values[known], chance),
         )
     if interpolated is not None:
-        alike = interpolated.correlation[:, 0]
-        checked[1, 1:] += np.array([min(alike.min(), 0.0), max(alike.max(), 0.0)])[:, None]
+        shared = interpolated.correlation[:, 0]
+        checked[1, 1:] += np.array([min(shared.min(), 0.0), max(shared.max(), 0.0)])[:, None]
         checked[2, 2] *= interpolated.spectrum(np.linspace(0, 0.5, LAGS)).max()
-    chi_square, lag_1, line_of, direction_of, kurtosis = (Check(*each) for each in checked)
-    return Checks(chi_square, lag_1, line_of, direction_of, kurtosis, line_hz, correlation)
+    return Checks({name: Check(*each) for name, each in zip(_SAYS, checked, strict=True)}, line_hz, correlation)
 
 
 _Checked = tuple[float, float, float]

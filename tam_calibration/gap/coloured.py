@@ -39,7 +39,7 @@ def covariance_of(base: Base, effects: Sequence[Regressors], left_out: Sequence[
 
 
 def sandwich(base: Base, effects: Sequence[Regressors]) -> FloatArray:
-    """Return the covariance of the coefficients of effects, the calibration fitted beside them.
+    """Return the covariance of the coefficients of effects, fitted together with the calibration.
 
     Parameters
     ----------

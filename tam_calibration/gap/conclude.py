@@ -10,14 +10,13 @@ from tam_calibration.effects.effect import Finding, LinearEffect
 from tam_calibration.effects.grades import FEWEST, MINOR, MOST, NEARLY_ALL, NOTABLE
 from tam_calibration.effects.library import effect_named, installed_effects, units_of
 from tam_calibration.gap.checks import checks_of
-from tam_calibration.gap.coloured import covariance_of
 from tam_calibration.gap.hypothesis import Hypothesis, Place, sensors_of
+from tam_calibration.gap.joint import Joint
 from tam_calibration.gap.laws.causes import agrees
 from tam_calibration.gap.laws.law import in_words
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.next_recording import next_recording
 from tam_calibration.gap.probabilities import energies_of, probabilities, set_of, shares_of
-from tam_calibration.gap.regression import Base
 from tam_calibration.gap.residue import residue_of
 from tam_calibration.gap.result import Cause, Considered, Gap, Size, Verdict, Where
 from tam_calibration.gap.search_result import LARGEST_REST, Search
@@ -97,32 +96,32 @@ def conclude(found: Search) -> Gap:
     variance = noise_variance(found.model, found.remaining)
     nominal, model = found.nominal.of_all_samples(), found.model.of_all_samples()
     size = measure(nominal, model, variance)
-    base = found.nominal.base()
     verdict = verdict_on(found, size)
     is_named = verdict not in ("no_gap", "unexplained")
     if not is_named:
         model = nominal
         variance = noise_variance(found.nominal, found.laws)
         size = measure(nominal, model, variance)
-    residue = residue_of(nominal, model, nominal.channels(), variance)
+    channels = nominal.channels()
+    residue = residue_of(nominal, model, channels, variance)
     noise = model.recording.interpolated_noise
     checks = checks_of(residue.time_s, residue.direction, residue.after, residue.floor_T, noise)
     chances = probabilities(found, verdict, size, checks.departures)
-    causes = _causes(found, model, size, chances, variance) if is_named else ()
+    causes = _causes(found, model, size, chances) if is_named else ()
     has_gap = verdict != "no_gap"
     gap = Gap(
         verdict,
         size,
-        locate(base.channels, causes, found.laws, variance) if has_gap else Where(),
+        locate(found.nominal.base().channels, causes, found.laws, variance) if has_gap else Where(),
         causes,
         _considered(found, causes),
         chances,
         next_recording(found, verdict, causes),
         "",
         residue,
-        channel_count=nominal.channels().count,
+        channel_count=channels.count,
         set_95=set_of(chances, verdict, causes),
-        smallest_gap=smallest_gap(nominal.channels().count),
+        smallest_gap=smallest_gap(channels.count),
         checks=checks,
         remainder=_remainder(verdict, size),
         signature=found.signature if is_named else tuple(law.signature for law in found.laws) if has_gap else (),
@@ -132,7 +131,7 @@ def conclude(found: Search) -> Gap:
 
 
 def _stated(gap: Gap, found: Search) -> Gap:
-    """Return a gap with its sentence; one of the intensity alone at each of its places, with what tells them apart."""
+    """Return a gap with its sentence; one of the intensity alone at each of its places, with what separates them."""
     if not gap.signature or not gap.signature[0].is_common:
         return replace(gap, statement=statement(gap.verdict, gap.size, _named(gap.where), gap.causes))
     places = gap.signature[0].places
@@ -158,28 +157,29 @@ def _remainder(verdict: Verdict, size: Size) -> str:
     )
 
 
-def _causes(
-    found: Search, model: Model, size: Size, chances: Mapping[str, float], variance: float
-) -> tuple[Cause, ...]:
+def _causes(found: Search, model: Model, size: Size, chances: Mapping[str, float]) -> tuple[Cause, ...]:
+    """Return the causes with their numbers, the largest share first.
+
+    Linear effects share the energy that all of them explain; a finding has that of all steps that accepted it.
+    """
     linear = [step for step in found.steps if isinstance(step.accepted.form, Hypothesis)]
     by_finding: dict[int, list[Step]] = {}
     for step in found.steps:
         if isinstance(step.accepted.form, Finding):
             by_finding.setdefault(id(step.accepted.form.fitted), []).append(step)
-    others = [steps[0] for steps in by_finding.values()]
-    shares = shares_of(model) if model.parts else np.empty(0)
-    fitted = _fitted(model)
+    steps = [*linear, *(own[0] for own in by_finding.values())]
     findings = {id(finding.fitted): finding.fitted for finding in model.findings}.values()
+    shares = shares_of(model) if model.parts else np.empty(0)
     energy = energies_of(found.steps, found.nominal.base().channels.count)
     total = sum(energy.values())
     linear_energy = sum(energy[step] for step in linear)
     weights = [
         *(share * linear_energy / total for share in shares),
-        *(sum(energy[step] for step in steps) / total for steps in by_finding.values()),
+        *(sum(energy[step] for step in own) / total for own in by_finding.values()),
     ]
     covariates = model.channels().covariates
     causes = []
-    for step, effect, weight in zip((*linear, *others), (*fitted, *findings), weights, strict=True):
+    for step, effect, weight in zip(steps, (*Joint.of(model).effects, *findings), weights, strict=True):
         places = _places(effect, covariates)
         sensors, axes = sensors_and_axes(places, model.recording)
         if isinstance(step.accepted.form, Finding) and ALL in sensors_of(places):
@@ -221,7 +221,7 @@ def is_drift(effect: str, recording: Recording) -> bool:
 
 
 def _indistinguishable(step: Step, effect: FittedEffect, found: Search) -> tuple[str, ...]:
-    """Return the effects that cannot be told from a cause: they explain as much, or their channel is not recorded."""
+    """Return the effects that the data do not separate from a cause, or whose channel is not recorded."""
     cause = step.accepted
     names = [*step.others]
     if isinstance(cause.form, Hypothesis) and cause.form.effect.is_free_in_time:
@@ -232,22 +232,6 @@ def _indistinguishable(step: Step, effect: FittedEffect, found: Search) -> tuple
     if is_few and effect_named(effect.effect).is_of_extremes:
         names += [one.name for one in installed_effects().values() if one.is_of_extremes and one.name != effect.effect]
     return tuple(dict.fromkeys(names))
-
-
-def _fitted(model: Model) -> list[FittedEffect]:
-    """Return the effects that add to the rows with values and standard errors."""
-    if not model.parts:
-        return []
-    channels = model.channels(model.signal())
-    terms = [part.terms(channels) for part in model.parts]
-    designs = [channels.design(own) for own in terms]
-    left_out = [term for part in model.parts for term in part.left_out(channels)]
-    covariance = covariance_of(Base(channels, [channels.calibration]), designs, left_out)
-    ends = np.cumsum([design.width for design in designs])
-    return [
-        part.fitted(own, covariance[end - design.width : end, end - design.width : end])
-        for part, own, design, end in zip(model.parts, terms, designs, ends, strict=True)
-    ]
 
 
 def _places(fitted: FittedEffect, covariates: Covariates) -> list[Place]:

@@ -1,8 +1,8 @@
 """How much later than sensor 1's the readings of the other sensors are stamped, from the motion of the array.
 
 A reading that is stamped a delay δ too late is short of the field by δ db/dt. The delays are fitted by Gauss-Newton
-beside the errors of the sensors, whose regressors and the field of every sample are eliminated; each step brings the
-readings to their times anew (Furgale, Rehder and Siegwart, Unified temporal and spatial calibration, IROS 2013).
+together with the errors of the sensors, whose regressors and the field of every sample are eliminated; each step brings
+the readings to their times anew (Furgale, Rehder and Siegwart, Unified temporal and spatial calibration, IROS 2013).
 """
 
 from dataclasses import dataclass
@@ -81,11 +81,11 @@ def _step(recording: Recording, array: Array) -> tuple[FloatArray, FloatArray]:
     channels, effect = base.channels, TimeSkew()
     if (obstacle := effect.obstacle(channels.covariates)) is not None:
         raise InputError(f"the delays of the sensors cannot be told: {obstacle}; {effect.excitation}")
-    whole = range(1, recording.sensor_count)
-    terms = [term for term in effect.terms(channels.covariates, {}) if term.axis is None and term.sensor in whole]
+    others = range(1, recording.sensor_count)
+    terms = [term for term in effect.terms(channels.covariates, {}) if term.axis is None and term.sensor in others]
     projected = base.project(channels.design(terms))
     inverse, visible = projected.inverse()
-    if visible < len(whole):
+    if visible < len(others):
         raise InputError(f"the delays of the sensors cannot be told from this motion; {effect.excitation}")
     step = inverse @ projected.score
     energy = base.energy - projected.score @ step

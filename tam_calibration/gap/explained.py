@@ -16,7 +16,7 @@ from tam_calibration.model.recording import SampleSource
 from tam_calibration.model.units import to_nanotesla
 
 _MOST_SAMPLES = 10_000
-"""Of a diagnosis that nobody asked for: some seconds."""
+"""Of a diagnosis beyond what the user asked for: some seconds."""
 
 
 def explained(

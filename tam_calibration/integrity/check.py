@@ -1,14 +1,14 @@
 """The check of the channels of a recording before any fit, in one pass and from some of its samples."""
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
 
 import numpy as np
 
 from tam_calibration.core.alternation import alternations
 from tam_calibration.integrity.copies import Copies
 from tam_calibration.integrity.fault import Fault, refuse, require_names
+from tam_calibration.integrity.frozen import FrozenAxes
 from tam_calibration.integrity.handedness import left_handed
-from tam_calibration.integrity.holds import Holds
 from tam_calibration.integrity.overview import Overview
 from tam_calibration.integrity.units import in_other_units
 from tam_calibration.integrity.values import at_ends, in_steps, with_stuck_bits
@@ -36,28 +36,29 @@ def faults_of(source: SampleSource, array: Array) -> list[Fault]:
     """
     if source.sample_count < ENOUGH_TO_CHECK:
         return []
-    overview = Overview.of(source)
-    holds, copies = Holds(source.sensor_count), Copies(source.sensor_count)
+    overview, faults = Overview.of(source), list[Fault]()
     with np.errstate(all="ignore"):  # readings may be any finite numbers
-        for block in source.blocks():
-            holds.add(block)
-            copies.add(block)
-        faults = holds.faults(source)
-        faults += _new(faults, copies.faults(overview))
-        faults += _new(faults, in_other_units(overview, array))
-        faults += _new(faults, at_ends(overview))
-        faults += _new(faults, with_stuck_bits(overview))
-        faults += _new(faults, in_steps(overview, array))
-        first = next(iter(source.blocks()))
-        faults += _new(
-            faults,
-            (
-                Fault("alternating", sensor, "", overview.time_s, sentence)
-                for sensor, sentence in alternations(first.readings_T).items()
-            ),
-        )
-        faults += _new(faults, left_handed(overview))
+        for found in _each_kind(source, overview, array):
+            taken = {(fault.sensor, fault.axis) for fault in faults if fault.severity == "refusal"}
+            faults += [one for one in found if taken.isdisjoint({(one.sensor, ""), (one.sensor, one.axis)})]
     return faults + _constant(overview.recording)
+
+
+def _each_kind(source: SampleSource, overview: Overview, array: Array) -> Iterator[Iterable[Fault]]:
+    """Yield the faults of each kind; those that cause others first."""
+    frozen, copies = FrozenAxes(source.sensor_count), Copies(source.sensor_count)
+    for block in source.blocks():
+        frozen.add(block)
+        copies.add(block)
+    yield frozen.faults(source)
+    yield copies.faults(overview)
+    yield in_other_units(overview, array)
+    yield at_ends(overview)
+    yield with_stuck_bits(overview)
+    yield in_steps(overview, array)
+    alternating = alternations(next(iter(source.blocks())).readings_T)
+    yield (Fault("alternating", sensor, "", overview.time_s, words) for sensor, words in alternating.items())
+    yield left_handed(overview)
 
 
 def _constant(some: Recording) -> list[Fault]:
@@ -68,12 +69,6 @@ def _constant(some: Recording) -> list[Fault]:
             sentence = f"the {name} is {values[0]:g} {unit} in every sample: make sure that it is recorded at all"
             notes.append(Fault("frozen", None, "", (some.time_s[0], some.time_s[-1]), sentence, "note"))
     return notes
-
-
-def _new(known: list[Fault], found: Iterable[Fault]) -> list[Fault]:
-    """Return the faults of axes and sensors that have no other yet."""
-    taken = {(fault.sensor, fault.axis) for fault in known if fault.severity == "refusal"}
-    return [fault for fault in found if (fault.sensor, "") not in taken and (fault.sensor, fault.axis) not in taken]
 
 
 def require_sound(
@@ -97,7 +92,7 @@ def require_sound(
     sought : collection of str
         Names of faults that effects explain which will be fitted too: those refuse nothing.
     screened : SampleSource, optional
-        The samples without single bad readings: short holds and zeros are sought in these.
+        The samples without single bad readings: short constant stretches and zeros are sought in these.
 
     Returns
     -------

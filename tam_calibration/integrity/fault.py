@@ -25,7 +25,7 @@ CHANNEL_FAULTS = {
 ACCEPTABLE = {**CHANNEL_FAULTS, "accuracy": "noise that leaves parameters open", **LIMITS}
 """The names of all that may be accepted: of the channels, and of the calibration that was fitted."""
 
-MOST_TOLD = 3
+MOST_STATED = 3
 """Faults that a refusal states in full: one cause, such as a dead converter, shows in the three axes of a sensor."""
 
 Severity = Literal["refusal", "warning", "note"]
@@ -103,10 +103,10 @@ def refuse(faults: Iterable[Fault]) -> None:
     Refused
         The message states them, and the names to accept them by.
     """
-    told = list(faults)
-    if not told:
+    found = list(faults)
+    if not found:
         return
-    more = f"; and {len(told) - MOST_TOLD} more such findings" if len(told) > MOST_TOLD else ""
-    sentences = "; ".join(fault.sentence for fault in told[:MOST_TOLD])
-    names = ", ".join(dict.fromkeys(fault.name for fault in told))
+    more = f"; and {len(found) - MOST_STATED} more such findings" if len(found) > MOST_STATED else ""
+    sentences = "; ".join(fault.sentence for fault in found[:MOST_STATED])
+    names = ", ".join(dict.fromkeys(fault.name for fault in found))
     raise Refused(f"{sentences}{more}; correct that, or accept it by name: {names}")

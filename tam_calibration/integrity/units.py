@@ -18,8 +18,8 @@ TURNED = 0.02
 """Of the field, that readings vary along any direction at least, before axes are compared: one degree of turning."""
 
 ALONE_APART = 300.0
-"""Times the spread of an axis that those beside it have, where no other sensor tells how the array was turned: within
-a fifth of a degree no turntable stands."""
+"""Times the spread of an axis that the others have, where no other sensor shows how the array was turned: no turntable
+keeps an axis within a fifth of a degree."""
 
 ALL_ROUND = 0.25
 """Least over largest variance of readings whose spread is that of the complete field: those of half a sphere."""
@@ -103,7 +103,7 @@ def _of_sensors(overview: Overview, reference: FieldBounds | float) -> FloatArra
 def _against_others(spread: FloatArray, principal: FloatArray, turned_T: float) -> FloatArray:
     """Return (K, 3) whether most other sensors vary more in each direction (-1), or less in every one (1), or not (0).
 
-    Sensors that are hardly turned in some direction, by less than ``turned_T`` say, tell nothing of what is too small.
+    Sensors that are hardly turned in some direction, by less than ``turned_T`` say, do not show what is too small.
     """
     wrong = np.zeros_like(spread)
     for sensor, own in enumerate(spread):

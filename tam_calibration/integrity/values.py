@@ -104,7 +104,7 @@ def rounding(ordered: FloatArray) -> float:
 
 
 CELLS = 2048
-"""Cells of a histogram of values: a period is told from four of them on."""
+"""Cells of a histogram of values: a period of four of them or more is found."""
 
 FEWEST_PERIODS = 2.5
 """Periods in the range of the values at least: fewer bands are no pattern."""
@@ -165,11 +165,11 @@ class _Bands:
 def with_stuck_bits(overview: Overview) -> Iterator[Fault]:
     """Yield the axes that leave out bands of values."""
     parts = [(column, part) for column, row in enumerate(overview.sorted_T) for part in _parts(row)]
-    told = set()
+    found = set()
     for (column, part), cycles in zip(parts, _cycles([part for _, part in parts]), strict=True):
-        bands = None if cycles is None or column in told else _bands(part, cycles)
+        bands = None if cycles is None or column in found else _bands(part, cycles)
         if bands is not None and _is_of_converter(overview, column, part, bands):
-            told.add(column)
+            found.add(column)
             sensor, axis = column // 3 + 1, "xyz"[column % 3]
             sentence = (
                 f"{channel(sensor, axis)} leaves out every second band of {in_nanotesla(bands.period_T / 2)} "
@@ -223,7 +223,7 @@ def _is_mixed(overview: Overview, column: int, values: FloatArray, bands: _Bands
     A driver that multiplies coarse steps by a matrix widens each step by what it adds of the other axes.
     """
     first, readings = column - column % 3, overview.values_T
-    # The period is known well enough among the values that told it.
+    # The period is known well enough among the values that showed it.
     readings = readings[:, (readings[column] >= values[0]) & (readings[column] <= values[-1])]
     own = readings[[row for row in range(first, first + 3) if row != column]]
     place = ((readings[column] - bands.origin_T) / bands.period_T - bands.first) % 1.0

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from itertools import islice
 
 from tam_calibration.comparison import result
+from tam_calibration.comparison.figure import Figure
 from tam_calibration.gap.noise import AxisNoise
 from tam_calibration.model.units import for_people, to_nanotesla
 from tam_calibration.report.blocks import Block, Table, Text
@@ -283,17 +284,16 @@ def figure_tables(comparison: result.Comparison) -> list[Table]:
     """Return a table of each group of figures, in units of files."""
     groups: dict[str, list[list[str]]] = {}
     for figure in comparison.figures:
-        groups.setdefault(figure.group, []).append(_figure_row(figure))
+        groups.setdefault(figure.recording.group, []).append(_figure_row(figure))
     header = ("figure", "simulation", "recording", "unit", "standard errors apart", "")
     return [Table(header, rows, sentence(group)[:-1]) for group, rows in groups.items()]
 
 
-def _figure_row(figure: result.Figure) -> list[str]:
-    factor, unit = for_people(figure.unit)
-    sides = (figure.simulation, figure.simulation_error), (figure.recording, figure.recording_error)
+def _figure_row(figure: Figure) -> list[str]:
+    factor, unit = for_people(figure.recording.unit)
     return [
-        figure.name,
-        *(_valued(factor * value, factor * error) for value, error in sides),
+        figure.recording.name,
+        *(_valued(factor * one.value, factor * one.standard_error) for one in (figure.simulation, figure.recording)),
         "" if unit == "1" else unit,
         number(figure.standard_errors, 2),
         figure.standing,

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING
 
 from tam_calibration.effects.effect import Sized
 from tam_calibration.effects.library import effect_named
@@ -13,9 +12,6 @@ from tam_calibration.model.units import for_people, to_nanotesla
 from tam_calibration.report.blocks import Block, Points, Table, Text
 from tam_calibration.report.formatting import fixed, join, number, sentence, with_error
 from tam_calibration.results.results_json import numbers_of
-
-if TYPE_CHECKING:
-    from tam_calibration.comparison.result import Closing
 
 
 def verdict_blocks(gap: Gap) -> list[Block]:
@@ -164,7 +160,7 @@ def _noise_table(noise: Sequence[AxisNoise]) -> Table:
     return Table(("noise of", "standard deviation (nT)", "colour", "stated (nT)"), rows, numeric=False)
 
 
-def closed_words(size: "Size | Closing") -> str:
+def closed_words(size: Size) -> str:
     """Say which part of the gap above the floor is closed, with its confidence interval."""
     if not math.isfinite(size.closed):
         return ""

@@ -11,7 +11,8 @@ import numpy as np
 
 from tam_calibration import __version__
 from tam_calibration.comparison import result
-from tam_calibration.comparison.result import Mend, NoiseTerm
+from tam_calibration.comparison.figure import Figure
+from tam_calibration.comparison.mend import Mend, NoiseTerm
 from tam_calibration.comparison.snippets import gazebo_sdf, mujoco_mjcf, python_plugin
 from tam_calibration.correction.calibration import Provenance
 from tam_calibration.effects.library import check_numbers, effect_named, units_of
@@ -309,17 +310,18 @@ def _source_error(error: result.SourceError | None) -> dict[str, Any] | None:
     return None if error is None else {"median_m": error.median_m, "interval_m": list(error.interval_m)}
 
 
-def _figure(figure: result.Figure) -> dict[str, Any]:
-    factor, unit = for_people(figure.unit)
+def _figure(figure: Figure) -> dict[str, Any]:
+    simulation, recording = figure.simulation, figure.recording
+    factor, unit = for_people(recording.unit)
     values = {
-        "simulation": figure.simulation,
-        "recording": figure.recording,
-        "simulation_standard_error": figure.simulation_error,
-        "recording_standard_error": figure.recording_error,
+        "simulation": simulation.value,
+        "recording": recording.value,
+        "simulation_standard_error": simulation.standard_error,
+        "recording_standard_error": recording.standard_error,
     }
     return {
-        "group": figure.group,
-        "name": figure.name,
+        "group": recording.group,
+        "name": recording.name,
         "unit": unit,
         **rounded({name: factor * value for name, value in values.items()}),
         **rounded({"standard_errors": figure.standard_errors}),
@@ -327,7 +329,7 @@ def _figure(figure: result.Figure) -> dict[str, Any]:
     }
 
 
-def mend_in_texts(mend: result.Mend) -> dict[str, Any]:
+def mend_in_texts(mend: Mend) -> dict[str, Any]:
     """Return a mend as texts for simulators (SDF, MJCF, Python), and the content of its parameter file.
 
     Parameters

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from tam_calibration.comparison.result import Closing
 from tam_calibration.correction.calibration import Provenance
 from tam_calibration.effects.effect import Sized
 from tam_calibration.files.text_files import to_json, write_text
@@ -166,7 +165,7 @@ def _size(size: Size) -> dict[str, Any]:
     return {**sizes(size), "closed_interval": interval, "floor_nT": _round(to_nanotesla(size.floor_T))}
 
 
-def sizes(gap: Size | Closing) -> dict[str, Any]:
+def sizes(gap: Size) -> dict[str, Any]:
     """Return what a gap was and what is left of it: in noise floors, nT and nT/m, and the part that closes."""
     fields = {"before": gap.before_T, "after": gap.after_T}
     gradients = {"before": gap.before_T_per_m, "after": gap.after_T_per_m}

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.cli.main import main
 from tam_calibration.comparison.additions import mended
-from tam_calibration.comparison.result import NoiseTerm
+from tam_calibration.comparison.mend import NoiseTerm
 from tam_calibration.files.text_files import to_json
 from tam_calibration.model.mounting import Mounting
 from tam_calibration.recordings import read_array, read_recording

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from tam_calibration.comparison.compare import side_of
-from tam_calibration.comparison.differences import are_alike, differences_between, likely_causes, size_of, unknown_part
+from tam_calibration.comparison.differences import differences_between, likely_causes, may_be_same, unknown_part
 from tam_calibration.comparison.result import UNKNOWN, EffectDifference
+from tam_calibration.comparison.shared_effects import energy_of
 
 
 def opened(side, after=2.0, **cause):
@@ -25,8 +26,8 @@ def test_what_is_unlikely_belongs_to_the_unknown_part(side, probability, names):
     """Beside an unknown part a cause is told if it is likelier than not; its energy counts once in either case."""
     found = opened(side(2, 3), probability=probability)
     assert [one.fitted.effect for one in likely_causes(found)] == names
-    told = sum(size_of(cause, found) ** 2 for cause in likely_causes(found))
-    assert unknown_part(found).size ** 2 + told == pytest.approx(found.gap.size.before**2)
+    named = sum(energy_of([cause], found) for cause in likely_causes(found))
+    assert unknown_part(found).size ** 2 + named == pytest.approx(found.gap.size.before**2)
 
 
 def test_a_cause_that_explains_all_is_told_however_unlikely(side):
@@ -42,7 +43,7 @@ def test_unknown_parts_of_one_place_and_nearly_one_size_may_be_one(sensors, size
     one, other = (
         EffectDifference(UNKNOWN, place, ("x",), 0.9, large, True) for place, large in (((1,), 4.0), (sensors, size))
     )
-    assert are_alike(one, other) == are_alike(other, one) == alike
+    assert may_be_same(one, other) == may_be_same(other, one) == alike
 
 
 def test_unknown_parts_that_may_be_one_are_no_difference_but_a_remark(side):

@@ -8,8 +8,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.signal import welch
 
 from tam_calibration.comparison import noise_stream
+from tam_calibration.comparison.mend import NoiseTerm
 from tam_calibration.comparison.noise_stream import NoiseStream, slow_modes
-from tam_calibration.comparison.result import NoiseTerm
 
 RATE_HZ, SPAN_S, WHITE_T, KNEE_HZ = 50.0, 120.0, 1e-9, 2.0
 SLOW = NoiseTerm(1, "y", WHITE_T, WHITE_T, KNEE_HZ, 1.0)

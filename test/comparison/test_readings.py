@@ -1,13 +1,13 @@
 """Plain figures of recordings whose stamps and steps are known."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
 from tam_calibration import read_scenario
+from tam_calibration.comparison import figure as comparison_figure
 from tam_calibration.comparison import readings
 from tam_calibration.comparison.readings import figures_of, side_by_side
 from tam_calibration.model.sensor_errors import PARAMETER_NAMES
@@ -34,7 +34,9 @@ def figure(side, group, name):
 
 def standing(one, other, group, name):
     """Return how one figure stands in two sides."""
-    (found,) = [each for each in side_by_side(one, other) if (each.group, each.name) == (group, name)]
+    (found,) = [
+        each for each in side_by_side(one, other) if (each.recording.group, each.recording.name) == (group, name)
+    ]
     return found.standing
 
 
@@ -67,45 +69,6 @@ def test_even_stamps_have_neither_jitter_nor_loss(side, with_stamps):
     for late, is_hole in ((0.49, False), (0.51, True)):
         time_s = even(side(1), 100.0) + late / 100.0 * (np.arange(count) >= 500)
         assert (figure(with_stamps(time_s), "stamps", "part lost").value > 0) == is_hole
-
-
-def with_readings(side, readings_T):
-    """Return a side whose sensors read otherwise, at the calibration that it has."""
-    recording = replace(side.recording, readings_T=readings_T)
-    channels = replace(side.found.nominal, recording=recording).channels()
-    nominal = SimpleNamespace(channels=lambda: channels)
-    return replace(side, recording=recording, found=SimpleNamespace(nominal=nominal))
-
-
-def test_the_step_of_an_axis_is_found(side):
-    """Where an axis is rounded, it has the step; where none is, NaN."""
-    own = side(1)
-    rounded = own.recording.readings_T.copy()
-    rounded[:, 1, 2] = 5e-9 * np.rint(rounded[:, 1, 2] / 5e-9)
-    made = with_readings(own, rounded)
-    assert figure(made, "sensor 2", "z step").value == pytest.approx(5e-9, rel=1e-3)
-    assert np.isnan(figure(made, "sensor 2", "y step").value)
-    assert standing(own, made, "sensor 2", "z step") == "cannot tell"
-    assert standing(made, made, "sensor 2", "z step") == "same"
-
-
-def test_the_range_of_a_sensor_is_where_its_readings_stay(side):
-    """At the nearest end of its axes; where none is reached, it cannot be told: NaN."""
-    own, upper_T = side(1), 42e-6
-
-    def clipped(lower_T):
-        readings_T = own.recording.readings_T.copy()
-        readings_T[:, 1, 0] = np.minimum(readings_T[:, 1, 0], upper_T)
-        readings_T[:, 1, 2] = np.maximum(readings_T[:, 1, 2], lower_T)
-        return with_readings(own, readings_T)
-
-    made = clipped(-40e-6)
-    assert figure(made, "sensor 2", "range").value == pytest.approx(40e-6, rel=1e-4)
-    assert np.isnan(figure(made, "sensor 1", "range").value) and np.isnan(figure(own, "sensor 2", "range").value)
-    assert standing(own, made, "sensor 2", "range") == "cannot tell"
-    assert figure(clipped(-44e-6), "sensor 2", "range").value == pytest.approx(upper_T, rel=1e-4)
-    for lower_T, expected in ((-40.3e-6, "same"), (-40.8e-6, "differs")):
-        assert standing(made, clipped(lower_T), "sensor 2", "range") == expected
 
 
 def test_the_largest_reading_and_coverage_are_of_the_path(side):
@@ -141,15 +104,15 @@ def test_figures_differ_beyond_tolerance_and_chance(side, with_stamps):
     for jitter_s, expected in ((5e-5, "same"), (2e-4, "differs")):
         other = with_stamps(even(side(1), 100.0) + jitter_s * unit)
         assert standing(one, other, "stamps", "jitter") == expected
-    (lost,) = [each for each in side_by_side(one, one) if each.name == "part lost"]
+    (lost,) = [each for each in side_by_side(one, one) if each.recording.name == "part lost"]
     assert lost.standing == "same" and lost.standard_errors != lost.standard_errors
 
 
 def test_the_limits_of_the_same():
     """As they are stated."""
-    limits = readings.LEAST_HOLE, readings.CERTAIN, readings.SAME_RATE, readings.SAME_TIME
+    limits = readings.LEAST_HOLE, comparison_figure.CERTAIN, readings.SAME_RATE, readings.SAME_TIME
     assert limits == (1.5, 4.5, 0.01, 0.01)
-    assert (readings.SAME_PART, readings.SAME_STEP, readings.SAME_RANGE) == (0.01, 0.01, 0.01)
+    assert readings.SAME_PART == 0.01
 
 
 def test_two_runs_of_one_simulator_do_not_differ(side):

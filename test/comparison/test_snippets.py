@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mends import EFFECTS, fitted, mend_of, run_of
 
-from tam_calibration.comparison.result import NoiseTerm
+from tam_calibration.comparison.mend import NoiseTerm
 from tam_calibration.comparison.snippets import gazebo_sdf, mujoco_mjcf, python_plugin
 from tam_calibration.results.comparison_json import write_mend
 

@@ -87,15 +87,17 @@ def test_ranges_are_those_of_the_laws():
     checks = checked()
     chance = 1 - 0.95 ** (1 / 20)
     low, high = stats.chi2.ppf([chance / 2, 1 - chance / 2], SAMPLES) / SAMPLES
-    assert checks.chi_square.low[0] == pytest.approx(low) and checks.chi_square.high[0] == pytest.approx(high)
+    assert checks.by_name["chi_square"].low[0] == pytest.approx(low) and checks.by_name["chi_square"].high[
+        0
+    ] == pytest.approx(high)
     half = stats.norm.isf(chance / 2) / np.sqrt(SAMPLES)
-    assert checks.lag_1_correlation.high[0] == pytest.approx(half - 1 / SAMPLES)
+    assert checks.by_name["lag_1_correlation"].high[0] == pytest.approx(half - 1 / SAMPLES)
     drawn = stats.kurtosis(np.random.default_rng(5).normal(size=(20_000, SAMPLES)), axis=1)
-    found = checks.excess_kurtosis
+    found = checks.by_name["excess_kurtosis"]
     assert np.mean(drawn < found.low[0]) == pytest.approx(chance / 2, abs=chance / 2)
     assert np.mean(drawn > found.high[0]) == pytest.approx(chance / 2, abs=chance / 3)
     most = stats.beta.isf(chance, 15 / 2, (SAMPLES - 16) / 2)
-    assert checks.part_of_direction.high[0] == pytest.approx(most)
+    assert checks.by_name["part_of_direction"].high[0] == pytest.approx(most)
 
 
 @pytest.mark.parametrize(("count", "power"), [(48, 1.3), (300, 1.3), (48, 0.5)])
@@ -129,8 +131,8 @@ def test_what_interpolation_makes_is_in_the_range():
     direction = directions(np.random.default_rng(5), SAMPLES)
     for interpolated in (None, InterpolatedNoise(correlation, np.ones(1))):
         checks = checks_of(0.1 * np.arange(SAMPLES), direction, rows, np.ones(4), interpolated)
-        assert checks.lag_1_correlation.departs.all() == (interpolated is None)
-        assert checks.lag_1_correlation.low[0] < 0 < checks.lag_1_correlation.high[0]
+        assert checks.by_name["lag_1_correlation"].departs.all() == (interpolated is None)
+        assert checks.by_name["lag_1_correlation"].low[0] < 0 < checks.by_name["lag_1_correlation"].high[0]
 
 
 def test_the_range_of_the_lag_1_correlation_is_told_about_its_mean():
@@ -146,7 +148,12 @@ def test_what_nothing_tells_does_not_depart():
     rows = generator.normal(size=(SAMPLES, 4))
     rows[:, 0], rows[47:, 1], rows[100:150, 2], rows[:, 3] = 0.0, np.nan, np.nan, np.nan
     checks = checks_of(0.1 * np.arange(SAMPLES), directions(generator, SAMPLES), rows, np.ones(4))
-    assert checks.sentences == () and np.isfinite(checks.chi_square.values).tolist() == [False, False, True, False]
+    assert checks.sentences == () and np.isfinite(checks.by_name["chi_square"].values).tolist() == [
+        False,
+        False,
+        True,
+        False,
+    ]
     rows[:, 1] = np.where(np.arange(SAMPLES) < 48, -0.1 * np.arange(SAMPLES), np.nan)
     checks = checks_of(0.1 * np.arange(SAMPLES), directions(generator, SAMPLES), rows, np.ones(4))
-    assert np.isfinite(checks.chi_square.values[1])
+    assert np.isfinite(checks.by_name["chi_square"].values[1])

@@ -144,7 +144,7 @@ def test_what_is_found_twice_is_one_cause_with_the_evidence_of_the_first(run):
     steps = tuple(Step(Evidence("outliers", one, one.gain - 10, one.gain), None) for one in findings)
     model = replace(run(60).model(), findings=tuple(findings))
     found = SimpleNamespace(steps=steps, nominal=model, considered=())
-    (cause,) = _causes(found, model, SimpleNamespace(closed=0.8), {"outliers": 0.9}, 1.0)
+    (cause,) = _causes(found, model, SimpleNamespace(closed=0.8), {"outliers": 0.9})
     assert (cause.delta_bic, cause.probability, cause.sensors) == (290.0, 0.9, (2,))
     assert (cause.share, cause.r2_cv) == (pytest.approx(1.0), pytest.approx(0.8))
 

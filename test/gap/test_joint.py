@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tam_calibration.effects.temperature_drift import TemperatureDrift
-from tam_calibration.gap.calibration_with_effects import Joint
+from tam_calibration.gap.joint import Joint
 from tam_calibration.gap.part import Part
 
 SLOPE_T_PER_K = 30e-9

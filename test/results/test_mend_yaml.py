@@ -11,7 +11,7 @@ from mends import EFFECTS, mend_of, run_of
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.comparison.additions import mended
-from tam_calibration.comparison.result import NoiseTerm
+from tam_calibration.comparison.mend import NoiseTerm
 from tam_calibration.files.text_files import to_json
 from tam_calibration.files.yaml_document import dump_mapping, parse_mapping
 from tam_calibration.model.exceptions import InputError

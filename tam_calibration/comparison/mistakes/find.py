@@ -1,18 +1,17 @@
-"""Gross mistakes of a simulator, found before anything is fitted and told in the words of those who use it."""
+"""Gross mistakes of a simulator, found before anything is fitted in the words of its users."""
 
 from tam_calibration.comparison.mistakes.frames import (
     frames_of,
     mistaken_attitude,
     mistaken_axes,
-    mistaken_hands,
     turned_against_others,
 )
 from tam_calibration.comparison.mistakes.noise import mistaken_noise
-from tam_calibration.comparison.mistakes.placement import Motion, placements
 from tam_calibration.comparison.mistakes.units import mistaken_stamps, mistaken_units
 from tam_calibration.comparison.mistakes.world import ignored_field, mistaken_field, unturned, without_field
 from tam_calibration.comparison.result import Mistake
 from tam_calibration.integrity.overview import Overview
+from tam_calibration.integrity.placement import Motion, placements
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
 
@@ -20,9 +19,9 @@ from tam_calibration.model.recording import Recording
 def mistakes_of(
     simulation: Recording, recording: Recording, array_of_simulation: Array, array: Array
 ) -> tuple[Mistake, ...]:
-    """Return the gross mistakes of the simulator that made a recording, beside a real one, which is taken as right.
+    """Return the gross mistakes of the simulator that made a recording; the real one is taken as right.
 
-    What frames and the world's field are is told where both have attitude. A mistake of units is put right before the
+    Frames and the world's field are compared where both have attitude. A mistake of units is put right before the
     others are sought.
 
     Parameters
@@ -58,6 +57,6 @@ def _of_field_and_frames(simulation: Recording, recording: Recording) -> list[Mi
     mistakes = [*ignored_field(silent, stuck, count), *attitude]
     frames = frames_of(placed, right)
     if frames is None or motion is None or other_motion is None:
-        return [*mistakes, *mistaken_hands(own, other), *turned_against_others(own, other)]
+        return [*mistakes, *turned_against_others(own, other)]
     world = mistaken_field(frames, motion, other_motion)
     return [*mistakes, *mistaken_axes(frames), *([] if world is None else [world])]

@@ -4,15 +4,23 @@ The recording is right: where its sensors lie along the array in some way, those
 MuJoCo gives quaternions as w, x, y, z, and ROS takes x, y, z, w.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from tam_calibration.comparison.mistakes.placement import FITS, Motion, Placement, beside, placements
 from tam_calibration.comparison.result import Mistake
-from tam_calibration.integrity.handedness import NEAR, left_handed
 from tam_calibration.integrity.overview import SHARED, Overview
+from tam_calibration.integrity.placement import (
+    FITS,
+    Motion,
+    Placement,
+    allowed,
+    letters_of,
+    nearest_turn,
+    placements,
+    turn_in_words,
+)
 from tam_calibration.model.sensor_errors import ORIENTATIONS
 from tam_calibration.model.sensors_in_words import numbered, sensors_in_words
 from tam_calibration.model.units import FloatArray
@@ -28,12 +36,6 @@ def vector_in_microtesla(tesla: FloatArray) -> str:
     return f"({', '.join(f'{component * 1e6:.3g}' for component in tesla)}) µT"
 
 
-_CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
-"""Signs of the inverse of a unit quaternion x, y, z, w."""
-
-_SCALAR_LAST = [1, 2, 3, 0]
-"""Order that makes x, y, z, w of MuJoCo's w, x, y, z."""
-
 MIRRORED_FIELDS = {
     "ned_for_enu": np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]),
     "wrong_hemisphere": np.diag([1.0, 1.0, -1.0]),
@@ -45,7 +47,7 @@ MIRRORED_FIELDS = {
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """The axes of the simulation's sensors beside those of the recording's, and the two fields of the world.
+    """The axes of the simulation's sensors relative to those of the recording's, and the two fields of the world.
 
     Parameters
     ----------
@@ -60,32 +62,27 @@ class Frames:
     recording_T: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class _Convention:
-    """How an attitude may have been written, and what to do about it."""
-
-    kind: str
-    what: str
-    mend: str
-
-    def right(self, attitude: FloatArray) -> FloatArray:
-        """Return the quaternions x, y, z, w from array to world of those that were written so."""
-        return attitude[:, _SCALAR_LAST] if self.kind == "attitude_wxyz" else attitude * _CONJUGATE
-
-
-_CONVENTIONS = (
-    _Convention(
-        "attitude_wxyz",
-        "the simulation's quaternions are in the order w, x, y, z, and x, y, z, w is expected",
-        "write MuJoCo's xquat or framequat q as x=q[1], y=q[2], z=q[3], w=q[0]",
+_CONVENTIONS: tuple[tuple[Mistake, Callable[[FloatArray], FloatArray]], ...] = (
+    (
+        Mistake(
+            "attitude_wxyz",
+            "the simulation's quaternions are in the order w, x, y, z, and x, y, z, w is expected",
+            "the attitude",
+            "write MuJoCo's xquat or framequat q as x=q[1], y=q[2], z=q[3], w=q[0]",
+        ),
+        lambda attitude: attitude[:, [1, 2, 3, 0]],
     ),
-    _Convention(
-        "attitude_inverse",
-        "the simulation's attitude turns the world into the array, and the array into the world is expected",
-        "write the inverse: reverse the signs of x, y and z of the quaternion",
+    (
+        Mistake(
+            "attitude_inverse",
+            "the simulation's attitude turns the world into the array, and the array into the world is expected",
+            "the attitude",
+            "write the inverse: reverse the signs of x, y and z of the quaternion",
+        ),
+        lambda attitude: attitude * [-1.0, -1.0, -1.0, 1.0],
     ),
 )
-"""Attitudes of one are those of the other but for constant turns of array and world: the axes of the sensors tell."""
+"""How an attitude may have been written, and what makes x, y, z, w from array to world of it."""
 
 
 def mistaken_attitude(
@@ -105,14 +102,12 @@ def mistaken_attitude(
     if attitude is None or stated is None:
         return [], None, []
     as_stated = placements(overview, stated)
-    tried = []
-    for convention in _CONVENTIONS:
-        motion = stated.written(convention.right(attitude))
-        tried.append((convention, motion, placements(overview, motion)))
-    convention, motion, placed = max(tried, key=lambda each: _agreeing(each[2], right))
-    if _unexplained(placed) > FITS or _unexplained(as_stated) <= beside(_unexplained(placed)):
+    written = [(mistake, stated.written(correct(attitude))) for mistake, correct in _CONVENTIONS]
+    tried = [(mistake, motion, placements(overview, motion)) for mistake, motion in written]
+    mistake, motion, placed = max(tried, key=lambda each: _agreeing(each[2], right))
+    if _unexplained(placed) > FITS or _unexplained(as_stated) <= allowed(_unexplained(placed)):
         return [], stated, as_stated
-    return [Mistake(convention.kind, convention.what, "the attitude", convention.mend)], motion, placed
+    return [mistake], motion, placed
 
 
 def _unexplained(placed: list[Placement]) -> float:
@@ -127,7 +122,7 @@ def _agreeing(placed: list[Placement], right: list[Placement]) -> int:
 
 
 def frames_of(one: list[Placement], other: list[Placement]) -> Frames | None:
-    """Return the frames of the simulation beside those of the recording; None where attitude does not tell them.
+    """Return the frames of the simulation relative to those of the recording; None where attitude does not show them.
 
     Parameters
     ----------
@@ -151,7 +146,7 @@ def frames_of(one: list[Placement], other: list[Placement]) -> Frames | None:
 
 
 def mistaken_axes(frames: Frames) -> Iterator[Mistake]:
-    """Yield the sensors whose axes are turned or mirrored against those of the recording, alike ones together.
+    """Yield the sensors whose axes are turned or mirrored against those of the recording, equal ones together.
 
     Parameters
     ----------
@@ -166,64 +161,51 @@ def mistaken_axes(frames: Frames) -> Iterator[Mistake]:
         yield Mistake(kind, f"the simulation's axes of {where} are not the recording's: {way}", where, mend)
 
 
-def mistaken_hands(simulation: Overview, recording: Overview) -> Iterator[Mistake]:
-    """Yield the sensors that are left-handed against the others in the simulation alone: what is told without attitude.
-
-    Parameters
-    ----------
-    simulation, recording : Overview
-        Of the two, the first in tesla.
-    """
-    known = {fault.sensor for fault in left_handed(recording)}
-    for fault in left_handed(simulation):
-        if fault.sensor is not None and fault.sensor not in known:
-            yield Mistake(
-                "mirrored_axis",
-                f"in the simulation {fault.sentence}",
-                f"sensor {fault.sensor}{f', axis {fault.axis}' if fault.axis else ''}",
-                "give that axis the other sign, or exchange the two axes back, where the sensor's output is published",
-            )
-
-
 def turned_against_others(simulation: Overview, recording: Overview) -> Iterator[Mistake]:
-    """Yield the sensors that lie as others in the recording, and turned against them in the simulation.
+    """Yield the sensors that are mirrored against others in the simulation alone, or turned against equal ones.
 
-    It is told without attitude. Of those that lie alike in the recording most are taken to be right.
+    Readings show it without attitude. Of sensors that lie as in the recording, most are taken to be right.
 
     Parameters
     ----------
     simulation, recording : Overview
         Of the two, the first in tesla.
     """
-    right, kept, turned = 0, list[int](), dict[int, FloatArray]()
-    for first in range(recording.sensor_count):
-        alike = [other for other in range(recording.sensor_count) if _against(recording, first, other) == 0]
-        own = {other: _against(simulation, first, other) for other in alike}
-        same = [other for other, axes in own.items() if axes == 0]
-        if len(same) > right:
-            right, kept = len(same), same
-            turned = {other: ORIENTATIONS[axes] for other, axes in own.items() if axes}
-    for sensor, turn in turned.items():
-        name = _name(turn)
-        assert name is not None
-        kind, way, mend = name
-        where, others = numbered([sensor + 1]), numbered([one + 1 for one in kept])
-        yield Mistake(
-            kind,
-            f"the simulation's axes of {where} are not those of {others}, as the recording's are: {way}",
-            where,
-            mend,
-        )
+    sensors = range(recording.sensor_count)
+    turns = max(
+        (_turns_against(simulation, recording, first) for first in sensors),
+        key=lambda each: sum(_name(turn) is None for turn in each.values()),
+    )
+    kept = [sensor + 1 for sensor, turn in turns.items() if _name(turn) is None]
+    for sensor, turn in turns.items():
+        if (name := _name(turn)) is not None:
+            kind, way, mend = name
+            where, others = numbered([sensor + 1]), numbered(kept)
+            what = f"the simulation's axes of {where} are not those of {others}, as the recording's are: {way}"
+            yield Mistake(kind, what, where, mend)
 
 
-def _against(overview: Overview, one: int, other: int) -> int | None:
-    """Return which of ``ORIENTATIONS`` makes what the other of two sensors reads of what the one reads, if any does."""
+def _turns_against(simulation: Overview, recording: Overview, first: int) -> dict[int, FloatArray]:
+    """Return what each sensor reads of what it should, if the first is right and the readings show it.
+
+    Axes that were all changed the same way look turned where sensors do not lie as the first: only mirrored ones count.
+    """
+    turns: dict[int, FloatArray] = {}
+    for other in range(recording.sensor_count):
+        own, right = _against(simulation, first, other), _against(recording, first, other)
+        if own is None or right is None:
+            continue
+        turn = own @ right.T
+        if _name(right) is None or _name(turn) is None or np.linalg.det(turn) < 0:
+            turns[other] = turn
+    return turns
+
+
+def _against(overview: Overview, one: int, other: int) -> FloatArray | None:
+    """Return what the other of two sensors reads of what the one reads, a signed permutation, if they show it."""
     if overview.shared_motion(one, other) < SHARED:
         return None
-    rows = overview.covariance[other, one] @ np.linalg.inv(overview.covariance[one, one])
-    rows = rows / np.linalg.norm(rows, axis=1, keepdims=True)
-    along = np.sum(ORIENTATIONS * rows, axis=2).min(axis=1)
-    return int(along.argmax()) if along.max() > NEAR else None
+    return nearest_turn(overview.covariance[other, one] @ np.linalg.inv(overview.covariance[one, one]))
 
 
 def _axes(own: Placement, right: Placement) -> tuple[int, int]:
@@ -253,29 +235,17 @@ def _signs(fields_T: FloatArray, right_T: FloatArray, is_unturned: np.ndarray) -
 
 def _name(turn: FloatArray) -> tuple[str, str, str] | None:
     """Return kind, words and mend of axes that read ``turn`` times what they should; None of right ones."""
-    reads = [f"{'-' if row.min() < 0 else ''}{'xyz'[int(np.argmax(np.abs(row)))]}" for row in turn]
-    reversed_ = [letter for letter, row in zip("xyz", turn, strict=True) if row.min() < 0]
-    moved = [letter for letter, value in zip("xyz", np.diagonal(turn), strict=True) if value == 0]
-    back = ", ".join(
-        f"{letter} = {'-' if column.min() < 0 else ''}{'xyz'[int(np.argmax(np.abs(column)))]}"
-        for letter, column in zip("xyz", turn.T, strict=True)
-    )
-    turned = ", or turn its site (MuJoCo) or pose (Gazebo)" if np.linalg.det(turn) > 0 else ""
-    mend = f"publish {back} of what the simulated sensor gives{turned}"
-    if not moved and not reversed_:
+    if (turn == np.eye(3)).all():
         return None
-    if not moved and reversed_ == ["y", "z"]:
+    is_mirrored = np.linalg.det(turn) < 0
+    back = ", ".join(f"{axis} = {letter}" for axis, letter in zip("xyz", letters_of(turn.T), strict=True))
+    mend = f"publish {back} of what the simulated sensor gives"
+    mend += "" if is_mirrored else ", or turn its site (MuJoCo) or pose (Gazebo)"
+    if (turn == np.diag([1, -1, -1])).all():
         return "frd_for_flu", "y and z are reversed, FRD (forward, right, down) for FLU (forward, left, up)", mend
-    if not moved:
-        way = (
-            f"axis {reversed_[0]} is reversed"
-            if len(reversed_) == 1
-            else f"axes {' and '.join(reversed_)} are reversed"
-        )
-        way = "all axes are reversed" if len(reversed_) == 3 else way
-        return ("turned_axes" if len(reversed_) == 2 else "mirrored_axis"), way, mend
-    if np.linalg.det(turn) < 0:
-        if len(moved) == 2 and not reversed_:
-            return "exchanged_axes", f"axes {' and '.join(moved)} are exchanged", mend
-        return "mirrored_axis", f"they are mirrored: x, y, z read {', '.join(reads)}", mend
-    return "turned_axes", f"they are turned: x, y, z read {', '.join(reads)}", mend
+    way = turn_in_words(turn)
+    if way.endswith("exchanged"):
+        return "exchanged_axes", way, mend
+    if way.startswith("x, y, z"):
+        way = f"they are {'mirrored' if is_mirrored else 'turned'}: {way}"
+    return "mirrored_axis" if is_mirrored else "turned_axes", way, mend

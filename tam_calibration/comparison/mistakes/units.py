@@ -25,10 +25,10 @@ STEADY = 0.25
 """Standard deviation over mean of the intensity of a field; that of noise about zero has 0.42."""
 
 SLOWEST_HZ, FASTEST_HZ = 1.0, 30e3
-"""Rates of samples between which nobody doubts the stamps: magnetometers and simulators give 5 to 1000 a second."""
+"""Rates of samples between which stamps are plausible: magnetometers and simulators give 5 to 1000 a second."""
 
 STOPPED_HZ = 1e6
-"""From here on the clock stands still: of no magnetometer come a million samples a second."""
+"""From here on the clock has stopped: no magnetometer gives a million samples a second."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ _CLOCKS = {1e-9: "nanoseconds", 1e-6: "microseconds", 1e-3: "milliseconds", 1e3:
 """Unit of stamps, by what the rate of samples is then multiplied with."""
 
 _DECADES = 0.8
-"""By which the rates may differ beside a power of 1000: from 20 to 100 samples a second."""
+"""By which the rates may differ from a power of 1000: from 20 to 100 samples a second."""
 
 
 def mistaken_units(simulation: Recording, recording: Recording, array: Array) -> tuple[list[Mistake], Recording]:
@@ -71,23 +71,22 @@ def mistaken_units(simulation: Recording, recording: Recording, array: Array) ->
     own, other = _intensity(simulation), float(np.median(_intensity(recording)))
     units = [_unit(float(own[k]), other, array, _is_field(simulation.readings_T[:, k])) for k in range(len(own))]
     scalar_T = np.nan if simulation.scalar_T is None else float(np.nanmedian(simulation.scalar_T))
-    of_scalar = None if np.isnan(scalar_T) else _unit(scalar_T, other, array, True)
+    of_scalar = _unit(scalar_T, other, array, True)
     mistakes = []
     for unit in dict.fromkeys(unit for unit in (*units, of_scalar) if unit is not None):
         sensors = [sensor for sensor, each in enumerate(units, 1) if each is unit]
-        parts = [sensors_in_words(sensors, len(units))] if sensors else []
-        where = " and ".join([*parts, "the scalar"] if of_scalar is unit else parts)
-        mistakes.append(_mistake(unit, where, float(own[sensors[0] - 1]) if sensors else scalar_T))
+        where = [sensors_in_words(sensors, len(units))] if sensors else []
+        where += ["the scalar"] if of_scalar is unit else []
+        mistakes.append(_mistake(unit, " and ".join(where), float(own[sensors[0] - 1]) if sensors else scalar_T))
     divisors = np.array([1.0 if unit is None else unit.times for unit in units])
-    readings_T = simulation.readings_T / divisors[:, None]
-    scalar = simulation.scalar_T
-    if scalar is not None and of_scalar is not None:
-        scalar = scalar / of_scalar.times
-    return mistakes, replace(simulation, readings_T=readings_T, scalar_T=scalar) if mistakes else simulation
+    in_tesla = replace(simulation, readings_T=simulation.readings_T / divisors[:, None])
+    if in_tesla.scalar_T is not None and of_scalar is not None:
+        in_tesla = replace(in_tesla, scalar_T=in_tesla.scalar_T / of_scalar.times)
+    return mistakes, in_tesla
 
 
 def mistaken_stamps(simulation: Recording, recording: Recording) -> Iterator[Mistake]:
-    """Yield what the stamps of the simulation are taken for, told by its rate of samples beside the recording's.
+    """Yield the unit of the simulation's stamps, as its rate of samples and the recording's show it.
 
     Parameters
     ----------

@@ -9,10 +9,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from tam_calibration.comparison.mistakes.frames import MIRRORED_FIELDS, Frames, vector_in_microtesla
-from tam_calibration.comparison.mistakes.placement import TILT, Motion, Placement
 from tam_calibration.comparison.result import Mistake
 from tam_calibration.core.noise import fast_noise
 from tam_calibration.integrity.overview import Overview
+from tam_calibration.integrity.placement import TILT, Motion, Placement
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensors_in_words import sensors_in_words
 from tam_calibration.model.units import FloatArray, to_degrees
@@ -56,16 +56,31 @@ MUJOCO_T = 0.5e-4
 SOUTH = np.array([0.0, -1.0, 0.0])
 """Its direction."""
 
+_EAST_NORTH_UP = "write the field of the world east, north, up"
+
 _WORDS = {
-    "ned_for_enu": "is in NED (north, east, down), and ENU (east, north, up) is expected",
-    "wrong_hemisphere": "has its vertical part reversed: it is of the wrong hemisphere, or of another site",
-    "south_for_north": "points south where the recording's points north",
-    "reversed_field": "is reversed, or all axes of all sensors are",
+    "default_field": (
+        "is MuJoCo's default, half a gauss that points south",
+        "write the field of the place, east, north, up",
+    ),
+    "vertical_field": ("is vertical", "give the field its level part too"),
+    "ned_for_enu": (
+        "is in NED (north, east, down), and ENU (east, north, up) is expected",
+        "set <use_earth_frame_ned>false</use_earth_frame_ned> in Gazebo Sim's magnetometer system, or "
+        + _EAST_NORTH_UP,
+    ),
+    "wrong_hemisphere": (
+        "has its vertical part reversed: it is of the wrong hemisphere, or of another site",
+        _EAST_NORTH_UP,
+    ),
+    "south_for_north": ("points south where the recording's points north", _EAST_NORTH_UP),
+    "reversed_field": ("is reversed, or all axes of all sensors are", _EAST_NORTH_UP),
 }
+"""What each mistake is, and what to change."""
 
 
 def without_field(simulation: Recording, recording: Recording) -> list[int]:
-    """Return the sensors, numbered from 1, of the simulation that read nothing beside noise.
+    """Return the sensors, numbered from 1, of the simulation that read nothing but noise.
 
     Parameters
     ----------
@@ -127,7 +142,7 @@ def ignored_field(silent: list[int], stuck: list[int], count: int) -> Iterator[M
 
 
 def mistaken_field(frames: Frames, one: Motion, other: Motion) -> Mistake | None:
-    """Return what is wrong with the field of the simulation's world beside that of the recording's; None for nothing.
+    """Return what is wrong with the field of the simulation's world, compared with the recording's; None for nothing.
 
     Parameters
     ----------
@@ -142,7 +157,7 @@ def mistaken_field(frames: Frames, one: Motion, other: Motion) -> Mistake | None
     kind = _kind(own, right, len(frames.turns))
     if kind is None:
         return None
-    what, mend = _told(kind)
+    what, mend = _WORDS[kind]
     fields = f"{vector_in_microtesla(own)}, where the recording has {vector_in_microtesla(right)} east, north, up"
     written = " ".join(f"{component:.2e}" for component in right)
     return Mistake(
@@ -154,7 +169,7 @@ def mistaken_field(frames: Frames, one: Motion, other: Motion) -> Mistake | None
 
 
 def _kind(own: FloatArray, right: FloatArray, count: int) -> str | None:
-    """Return what is wrong with a field that so many sensors read, beside the right one."""
+    """Return what is wrong with a field that so many sensors read, compared with the right one."""
     near_deg = NEAR_DEG / np.sqrt(count)
     if _from_vertical(own) < UPRIGHT_DEG / np.sqrt(count) and _from_vertical(right) > SLANTING_DEG:
         return "vertical_field"
@@ -169,20 +184,6 @@ def _kind(own: FloatArray, right: FloatArray, count: int) -> str | None:
     if kind == "wrong_hemisphere":
         return kind if angles[kind] < near_deg and _is_size(own, float(np.linalg.norm(right)), count) else None
     return kind if angles[kind] < NOWHERE_DEG else None
-
-
-def _told(kind: str) -> tuple[str, str]:
-    """Return what is wrong, and the mend."""
-    if kind == "default_field":
-        return "is MuJoCo's default, half a gauss that points south", "write the field of the place, east, north, up"
-    if kind == "vertical_field":
-        return "is vertical", "give the field its level part too"
-    gazebo = (
-        "set <use_earth_frame_ned>false</use_earth_frame_ned> in Gazebo Sim's magnetometer system, or "
-        if kind == "ned_for_enu"
-        else ""
-    )
-    return _WORDS[kind], f"{gazebo}write the field of the world east, north, up"
 
 
 def _is_size(field_T: FloatArray, intensity_T: float, count: int) -> bool:

@@ -269,7 +269,7 @@ QUARTER_TURN = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 """What a sensor reads of the field, whose site is turned by 90° about x."""
 
 
-@pytest.mark.parametrize("turn", [QUARTER_TURN, np.diag([1.0, -1, -1]), ORIENTATIONS[23]])
+@pytest.mark.parametrize("turn", [QUARTER_TURN, np.diag([1.0, -1, -1]), ORIENTATIONS[23], np.diag([1.0, -1, 1])])
 def test_without_attitude_a_sensor_turned_against_others_is_told(turn):
     """Where they lie alike in the recording; in words by the axes that it reads, and those that put it right."""
     four = (pair for pair in map(Pair, range(100)) if pair.sensors == 4)
@@ -278,11 +278,25 @@ def test_without_attitude_a_sensor_turned_against_others_is_told(turn):
     readings_T = run.readings_T.copy()
     readings_T[:, 2] = readings_T[:, 2] @ turn.T
     (mistake,) = pair.told(replace(run, readings_T=readings_T))
-    assert mistake.kind == ("frd_for_flu" if turn[0, 0] > 0 and turn[1, 1] < 0 else "turned_axes")
+    right_handed = "frd_for_flu" if turn[0, 0] > 0 and turn[1, 1] < 0 else "turned_axes"
+    assert mistake.kind == (right_handed if np.linalg.det(turn) > 0 else "mirrored_axis")
     assert mistake.where == "sensor 3" and "not those of sensors 1, 2 and 4, as the recording's are" in mistake.what
     if turn is QUARTER_TURN:
         assert mistake.what.endswith("they are turned: x, y, z read x, z, -y")
         assert mistake.mend.startswith("publish x = x, y = -z, z = y of") and "turn its site" in mistake.mend
+
+
+@pytest.mark.parametrize("sensor", [1, 2])
+def test_without_attitude_a_mirrored_sensor_is_told_however_sensors_lie(sensor):
+    """Handedness does not depend on how the others are turned."""
+    four = (pair for pair in map(Pair, range(100)) if pair.sensors == 4)
+    pair = next(pair for pair in four if np.ptp(pair.orientation, axis=0).any())
+    run = replace(read_as(np.diag([1, 1, -1]), sensor - 1)(pair, pair.run()), attitude=None)
+    (mistake,) = pair.told(run)
+    assert (mistake.kind, mistake.where) == (
+        "mirrored_axis",
+        f"sensor {sensor}",
+    ) and "axis z is reversed" in mistake.what
 
 
 def test_sentences_name_place_and_mend():

@@ -1,4 +1,4 @@
-"""How sensors lie in the array, but for small angles, and what field there is in the world, as attitude tells it.
+"""How sensors lie in the array, but for small angles, and what field there is in the world, as attitude shows it.
 
 A sensor whose axes lie along those of the array but for a signed permutation P reads b = Pᵀ Rᵀ h + o, with R the
 attitude, h the field of the world and o a bias. About their means P b = C h, with C = Rᵀ less its mean: for each P a
@@ -19,20 +19,51 @@ FITS = 0.1
 leave some 0.02, axes that are turned wrongly more than half of what turns."""
 
 BETTER = 5.0
-"""Times the unexplained variance of the best axes that other axes may leave beside them."""
+"""Times the unexplained variance of the best axes that other axes may leave."""
 
 ROUNDING = 0.005
-"""Share of variance that tells no axes apart: sensors that are otherwise exact have errors of 4°."""
+"""Share of variance that separates no axes: sensors that are otherwise exact have errors of 4°."""
 
 TILT = 0.1
-"""Root mean square by which the world must turn about the array in every direction before the whole field is told: 6°
+"""Root mean square by which the world must turn about the array in every direction before all of the field is known: 6°
 of roll or pitch."""
 
 FEWEST = 30
 """Samples with attitude: five for each of the six unknowns."""
 
+NEAR = 0.8
+"""Part of an axis along another for which it is named: within 37 degrees, nearer than to any other."""
 
-def beside(least: float) -> float:
+_SIGNED_PERMUTATIONS = np.concatenate([ORIENTATIONS, -ORIENTATIONS])
+"""The 48 ways in which axes can lie along others, the 24 left-handed ones last."""
+
+
+def nearest_turn(axes: FloatArray) -> FloatArray | None:
+    """Return the signed permutation (3, 3) that is nearest to some axes (3, 3); None where one of them is far off."""
+    rows = axes / np.linalg.norm(axes, axis=1, keepdims=True)
+    along = np.sum(_SIGNED_PERMUTATIONS * rows, axis=2).min(axis=1)
+    return np.asarray(_SIGNED_PERMUTATIONS[along.argmax()]) if along.max() > NEAR else None
+
+
+def letters_of(turn: FloatArray) -> list[str]:
+    """Return what x, y and z read with axes that read ``turn`` (3, 3) times what they should, such as "-y"."""
+    return [f"{'-' if row.min() < 0 else ''}{'xyz'[int(np.argmax(np.abs(row)))]}" for row in turn]
+
+
+def turn_in_words(turn: FloatArray) -> str:
+    """Return how axes lie that read ``turn`` (3, 3), a signed permutation, times what they should."""
+    letters = letters_of(turn)
+    changed = " and ".join(axis for axis, letter in zip("xyz", letters, strict=True) if letter != axis)
+    if (np.diagonal(turn) != 0).all():
+        if len(changed) == 1:
+            return f"axis {changed} is reversed"
+        return "all axes are reversed" if turn.max() == 0 else f"axes {changed} are reversed"
+    if np.trace(turn) == 1 and turn.min() == 0:
+        return f"axes {changed} are exchanged"
+    return f"x, y, z read {', '.join(letters)}"
+
+
+def allowed(least: float) -> float:
     """Return the share of the variance that other axes may leave where the best ones leave the least."""
     return min(BETTER * least + ROUNDING, FITS)
 
@@ -106,9 +137,14 @@ class Placement:
         return int(np.argmin(self.unexplained))
 
     @property
+    def turn(self) -> FloatArray:
+        """(3, 3) what the sensor reads, of the field along the axes of the array."""
+        return np.asarray(ORIENTATIONS[self.best].T)
+
+    @property
     def possible(self) -> np.ndarray:
         """(24,) which axes may be those of the sensor."""
-        return self.unexplained <= beside(float(self.unexplained.min()))
+        return self.unexplained <= allowed(float(self.unexplained.min()))
 
 
 def _turns(attitude: FloatArray) -> FloatArray:

@@ -1,0 +1,190 @@
+"""The parameters of a calibration and its effects at the end of their common fit, with the uncertainty of both."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from tam_calibration.correction.calibration import EffectSize
+from tam_calibration.effects.removal import on_sensors
+from tam_calibration.effects.term import Coefficient, Term
+from tam_calibration.fit.scale import free_scale
+from tam_calibration.gap.coloured import covariance_of
+from tam_calibration.gap.model import Model
+from tam_calibration.gap.nominal import stepped
+from tam_calibration.gap.part import Part
+from tam_calibration.gap.regression import Base, pseudo_inverse
+from tam_calibration.gap.regressors import Regressors
+from tam_calibration.gap.whitened_channels import WhitenedChannels
+from tam_calibration.model.fitted_effect import ALL, FittedEffect, Shape
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
+
+_STEP = 0.01
+"""Step of a parameter of the shape for numerical derivatives, as a part of its value."""
+
+_ROUNDING = 1e-9
+"""Part of what an effect adds below which a step of its shape changes nothing: rounding is 1e-15 of it, and a step that
+says anything of a parameter changes more than 1e-6."""
+
+_FIRST_TURN = slice(9, 12)
+"""Misalignment of the first sensor, which is zero."""
+
+_SAMPLES = 2000
+"""Samples, spread over the recording, over which the uncertainty of an effect's signal is averaged."""
+
+NO_SIZE = EffectSize(np.zeros(9), np.zeros(9))
+"""Of an effect that adds nothing to the outputs."""
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """The parameters of calibration and effects at the end of their fit.
+
+    Parameters
+    ----------
+    model : Model
+        With the array, the errors and the intensity of the calibration.
+    free : tuple of tuple of str
+        Parameters of the shape of each effect that were fitted.
+    """
+
+    model: Model
+    free: tuple[tuple[str, ...], ...]
+
+    @classmethod
+    def of(cls, model: Model) -> "Joint":
+        """Return the parameters of a model whose effects have no free parameters of their shapes."""
+        return cls(model, ((),) * len(model.parts))
+
+    @cached_property
+    def effects(self) -> tuple[FittedEffect, ...]:
+        """The effects with values and standard errors."""
+        effects = []
+        for part, terms, names, covariance in zip(
+            self.model.parts, self._terms, self.free, self._covariances, strict=True
+        ):
+            count = len(part.values)
+            variance = np.diag(covariance)[count:]
+            known = {name: float(np.sqrt(value)) for name, value in zip(names, variance, strict=True) if value > 0}
+            fitted = part.fitted(terms[: len(part.keys)], covariance[:count, :count])
+            effects.append(replace(fitted, shape_errors=known))
+        return tuple(effects)
+
+    @cached_property
+    def shared_covariance(self) -> FloatArray:
+        """What the effects' uncertainty adds to the covariance (12 K, 12 K) of errors in the first sensor's frame."""
+        if not self.model.parts:
+            return np.zeros((self.model.errors.to_vector().size,) * 2)
+        shift = pseudo_inverse(self._nominal.information) @ self._channels.cross(self._nominal.designs[0], self._design)
+        return self._of_errors(-shift, self._covariance)
+
+    @cached_property
+    def covariance_in_world(self) -> FloatArray:
+        """The covariance (12 K, 12 K) of the errors in the field of the world, the effects taken as known.
+
+        It is scaled by the residual, as the noise of an attitude is not stated.
+        """
+        base, own = self.model.base(), self._nominal.inverse
+        return self._of_errors(np.eye(len(own)), base.energy / max(base.channels.count - base.rank, 1.0) * own)
+
+    def _of_errors(self, shift: FloatArray, covariance: FloatArray) -> FloatArray:
+        """Return the covariance of the errors from that of P coefficients, whose units shift the design of them."""
+        deviation = np.sqrt(np.maximum(np.diag(covariance), 0))
+        slope = np.column_stack([(self._moved(step) - self._moved(-step)) / 2 for step in (shift * deviation).T])
+        slope[_FIRST_TURN] = 0
+        correlation = covariance / np.outer(*[np.where(deviation > 0, deviation, 1)] * 2)
+        return slope @ correlation @ slope.T
+
+    def _moved(self, step: FloatArray) -> FloatArray:
+        """Return the flattened parameters of the errors after a step of their design.
+
+        Without a scalar the geometric mean of the determinants is kept at 1: nothing determines the common scale.
+        """
+        errors, unit = self.model.errors, float(np.mean(self._channels.covariates.intensity_T))
+        if self.model.world is not None:
+            return self.model.world.stepped(errors, step, unit)[0].to_vector().ravel()
+        moved = stepped(errors, step, unit)
+        if self.model.recording.scalar_T is None:
+            moved = SensorErrors.from_matrix(free_scale(moved.matrix) * moved.matrix, moved.bias_T, errors.orientation)
+        return moved.to_vector().ravel()
+
+    def sizes(self, unmix: FloatArray) -> tuple[EffectSize, ...]:
+        """Return the size of each effect in outputs that are ``unmix`` (9, 3K) times the readings."""
+        some = slice(None, None, -(-self.model.recording.sample_count // _SAMPLES))
+        sizes = []
+        for part, terms, fitted, covariance in zip(
+            self.model.parts, self._terms, self.effects, self._covariances, strict=True
+        ):
+            if on_sensors(fitted) is None:
+                sizes.append(NO_SIZE)
+                continue
+            added = part.signal(terms[: len(part.keys)], unmix.shape[1] + 1)[:, :-1] @ unmix.T
+            fewer = [replace(term, features=term.features[some]) for term in terms]
+            sizes.append(EffectSize(np.sqrt(np.mean(added**2, axis=0)), _deviation(fewer, unmix, covariance)))
+        return tuple(sizes)
+
+    @cached_property
+    def _channels(self) -> WhitenedChannels:
+        return self.model.base().channels
+
+    @cached_property
+    def _nominal(self) -> Base:
+        return Base(self._channels, [self._channels.calibration])
+
+    @cached_property
+    def _terms(self) -> list[list[Term]]:
+        """For each effect its terms, then one term for each free parameter of its shape."""
+        return [
+            [*part.terms(self._channels), *(_slope(part, name, self._channels) for name in names)]
+            for part, names in zip(self.model.parts, self.free, strict=True)
+        ]
+
+    @cached_property
+    def _design(self) -> Regressors:
+        return self._channels.design([term for terms in self._terms for term in terms])
+
+    @cached_property
+    def _covariance(self) -> FloatArray:
+        """Covariance of all coefficients and free shape parameters, the calibration marginalised."""
+        left_out = [term for part in self.model.parts for term in part.left_out(self._channels)]
+        return covariance_of(self._nominal, [self._design], left_out)
+
+    @cached_property
+    def _covariances(self) -> list[FloatArray]:
+        """That of the parameters of each effect."""
+        ends = np.cumsum([0, *(sum(len(term.coefficients) for term in terms) for terms in self._terms)]).tolist()
+        return [self._covariance[start:end, start:end] for start, end in pairwise(ends)]
+
+
+def _slope(part: Part, name: str, channels: WhitenedChannels) -> Term:
+    """Return the derivative of what an effect adds by one parameter of its shape, as a term."""
+    size = _STEP * part.shape[name] or _STEP
+    count = channels.covariates.scalar_row + 1
+
+    def added(value: float) -> FloatArray:
+        shape: Shape = {**part.shape, name: value}
+        moved = replace(part, shape=shape)
+        return moved.signal(moved.terms(channels), count)
+
+    above, below = added(part.shape[name] + size), added(part.shape[name] - size)
+    change = above - below
+    # At two equal layers the share of either makes no difference, but for rounding.
+    slope = change / (2 * size) if np.abs(change).max() > _ROUNDING * np.abs(above).max() else np.zeros_like(change)
+    rows = np.flatnonzero(slope.any(axis=0))
+    parameter = Coefficient(name, part.effect.shape_units[name])
+    return Term(ALL, None, name, (parameter,), slope[:, rows], rows, np.zeros(len(rows), dtype=np.intp))
+
+
+def _deviation(terms: Sequence[Term], unmix: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Return the root mean square (9,) of the standard deviation of what terms add to the outputs."""
+    by_unit = [
+        term.signal(unit, unmix.shape[1] + 1)[:, :-1] @ unmix.T
+        for term in terms
+        for unit in np.eye(len(term.coefficients))
+    ]
+    by_column = np.stack(by_unit, axis=-1)
+    variance = np.einsum("nop,pq,noq->o", by_column, covariance, by_column, optimize=True) / len(by_column)
+    return np.asarray(np.sqrt(variance))

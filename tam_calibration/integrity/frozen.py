@@ -1,0 +1,205 @@
+"""Axes that keep one value for a while, and readings that are exactly zero, in one pass through all samples."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tam_calibration.integrity.copies import is_chance
+from tam_calibration.integrity.fault import Fault, between, channel, in_nanotesla
+from tam_calibration.model.recording import Block, SampleSource
+from tam_calibration.model.units import FloatArray
+
+SHORTEST = 10
+"""Samples of one value: readings up to eight samples late are stale samples, an effect that is fitted as well."""
+
+FINE = 0.1
+"""Share of samples that repeat the one before. Below it an axis shows its noise, and a constant value is a fault."""
+
+MOVED = 0.1
+"""Fraction of their range through which others move at least where an axis of coarse steps should move too."""
+
+STEPS = 2.0
+"""Of the smallest change of an axis, by which it comes to rest or turns back: noise may add one."""
+
+SAME = 0.8
+"""Part of the longest run in which all axes of a sensor are constant: the sensor is frozen, not an axis alone."""
+
+
+@dataclass(frozen=True)
+class _Run:
+    """Columns of one sensor, one or all three, that keep a value; whether they show their noise elsewhere."""
+
+    columns: tuple[int, ...]
+    time_s: tuple[float, float]
+    value_T: float
+    is_fine: bool
+
+    @property
+    def is_of_sensor(self) -> bool:
+        return len(self.columns) == 3
+
+
+class FrozenAxes:
+    """The longest run of each axis, and what is zero.
+
+    Parameters
+    ----------
+    sensor_count : int
+        Number of sensors K.
+    """
+
+    def __init__(self, sensor_count: int) -> None:
+        columns = 3 * sensor_count
+        self._count, self._equal = 0, np.zeros(columns, dtype=int)
+        self._last, self._step_T = np.full(columns, np.nan), np.full(columns, np.inf)
+        self._start, self._start_s = np.zeros(columns, dtype=int), np.zeros(columns)
+        self._longest = np.repeat([[1.0], [0.0], [0.0], [0.0]], columns, axis=1)  # samples, value, first and last time
+        self._zeros, self._zero_s = np.zeros(sensor_count, dtype=int), np.zeros((sensor_count, 2))
+
+    def add(self, block: Block) -> None:
+        """Add the samples of a block."""
+        self._add_zeros(block)
+        values, index = block.readings_T.reshape(len(block.readings_T), -1), np.arange(len(block.time_s))[:, None]
+        columns = np.arange(values.shape[1])
+        change = np.abs(values - np.vstack([self._last, values[:-1]]))
+        self._step_T = np.min(change, axis=0, where=change > 0, initial=np.inf).clip(max=self._step_T)
+        changes = change != 0
+        self._equal += len(values) - changes.sum(axis=0)
+        # The run of a sample began at the latest change, which may lie before the block.
+        start = np.maximum.accumulate(np.where(changes, index, self._start - self._count), axis=0)
+        end = (index - start).argmax(axis=0)
+        first, last = start[end, columns], start[-1]
+        since, self._start_s = (
+            np.where(one < 0, self._start_s, block.time_s[np.maximum(one, 0)]) for one in (first, last)
+        )
+        latest = np.stack([end - first + 1, values[end, columns], since, block.time_s[end]])
+        self._longest = np.where(latest[0] > self._longest[0], latest, self._longest)
+        self._start, self._last, self._count = last + self._count, values[-1].copy(), self._count + len(values)
+
+    def _add_zeros(self, block: Block) -> None:
+        for sensor in np.flatnonzero((block.readings_T[:, :, 0] == 0).any(axis=0)):
+            zero = np.flatnonzero(~block.readings_T[:, sensor].any(axis=1))
+            if len(zero):
+                first = self._zero_s[sensor, 0] if self._zeros[sensor] else block.time_s[zero[0]]
+                self._zero_s[sensor] = first, block.time_s[zero[-1]]
+                self._zeros[sensor] += len(zero)
+
+    def faults(self, source: SampleSource) -> list[Fault]:
+        """Return what is wrong; the recording is read once more where something may be.
+
+        Parameters
+        ----------
+        source : SampleSource
+            What was added.
+        """
+        zeros = self._zero_faults()
+        constant = [run for run in self._runs() if run.value_T != 0 or not self._zeros[run.columns[0] // 3]]
+        return zeros + (_frozen(_by_sensor(constant), self._step_T, source) if constant else [])
+
+    def _zero_faults(self) -> list[Fault]:
+        faults = []
+        for sensor in np.flatnonzero(self._zeros):
+            count, time_s = int(self._zeros[sensor]), (float(self._zero_s[sensor, 0]), float(self._zero_s[sensor, 1]))
+            sentence = (
+                f"sensor {sensor + 1} reads exactly zero on all axes in {count} sample{'s' * (count > 1)} "
+                f"{between(time_s)}, which no sensor in a field does: its driver had no reading"
+            )
+            faults.append(Fault("zero", int(sensor) + 1, "", time_s, sentence, may_be_effect=count < self._count))
+        return faults
+
+    def _runs(self) -> list[_Run]:
+        """Return runs that are longer than chance makes them."""
+        found = []
+        for column, (equal, run) in enumerate(zip(self._equal.tolist(), self._longest.T.tolist(), strict=True)):
+            length, value_T, *time_s = run
+            share = (equal - length + 2) / (self._count - length + 2)
+            if length >= SHORTEST and not is_chance(int(length) - 1, share, self._count):
+                is_fine = share < FINE or length == self._count
+                found.append(_Run((column,), (time_s[0], time_s[1]), value_T, is_fine))
+        return found
+
+
+def _by_sensor(runs: list[_Run]) -> list[_Run]:
+    """Return runs with those of all three axes of a sensor at one time as one."""
+    found = []
+    for sensor in sorted({run.columns[0] // 3 for run in runs}):
+        own = [run for run in runs if run.columns[0] // 3 == sensor]
+        first, last = max(run.time_s[0] for run in own), min(run.time_s[1] for run in own)
+        longest = max(run.time_s[1] - run.time_s[0] for run in own)
+        if len(own) == 3 and last - first >= SAME * longest:
+            columns = tuple(run.columns[0] for run in own)
+            own = [_Run(columns, (first, last), own[0].value_T, any(run.is_fine for run in own))]
+        found += own
+    return found
+
+
+def _frozen(runs: list[_Run], step_T: FloatArray, source: SampleSource) -> list[Fault]:
+    """Return those runs during which other axes move, and that end or begin with more than a step of the axis."""
+    faults = []
+    spans = [_Span(time_s, len(step_T)) for time_s in (*(run.time_s for run in runs), source.time_span_s)]
+    for block in source.blocks():
+        for span in spans:
+            span.add(block)
+    *during, complete = spans
+    for run, span in zip(runs, during, strict=True):
+        if not run.is_of_sensor and (not run.is_fine or _is_at_end(run, complete)):
+            continue  # it may have turned about an axis of coarse steps; and the end of a range is saturation
+        if _is_one_step(run, span, step_T):
+            continue
+        part = np.divide(span.range_T, complete.range_T, out=np.zeros_like(step_T), where=complete.range_T > 0)
+        moved = np.delete(part, run.columns)
+        if run.is_fine if not len(moved) else moved.max() > (0 if run.is_fine else MOVED):
+            faults.append(_fault(run, "the others move" if len(moved) else "its noise would show", source))
+    return faults
+
+
+def _is_at_end(run: _Run, complete: "_Span") -> bool:
+    """Whether an axis keeps an end of its range, and has one."""
+    low_T, high_T = complete.low_T[run.columns[0]], complete.high_T[run.columns[0]]
+    return bool(low_T < high_T and run.value_T in (low_T, high_T))
+
+
+def _is_one_step(run: _Run, span: "_Span", step_T: FloatArray) -> bool:
+    """Whether an axis comes and goes by a step or two of its own: it may be at rest, or turn back."""
+    columns = list(run.columns)
+    changes = np.abs(span.around_T[:, columns] - span.low_T[columns])
+    return bool(np.isfinite(changes).any() and not (changes > STEPS * step_T[columns]).any())
+
+
+def _fault(run: _Run, whose: str, source: SampleSource) -> Fault:
+    sensor, axis = divmod(run.columns[0], 3)
+    name = "" if run.is_of_sensor else "xyz"[axis]
+    is_dead = run.time_s == source.time_span_s
+    value = "values" if run.is_of_sensor else f"value, {in_nanotesla(run.value_T)},"
+    sentence = (
+        f"{channel(sensor + 1, name)} reads the same {value} {'throughout, ' * is_dead}{between(run.time_s)}, where "
+        f"{whose}: it is frozen"
+    )
+    return Fault("frozen", sensor + 1, name, run.time_s, sentence, may_be_effect=not is_dead)
+
+
+class _Span:
+    """Lowest and highest readings (3K,) during a span of time; (2, 3K) last before and first after it, or NaN."""
+
+    def __init__(self, time_s: tuple[float, float], columns: int) -> None:
+        self._time_s = time_s
+        self.low_T, self.high_T = np.full(columns, np.inf), np.full(columns, -np.inf)
+        self.around_T = np.full((2, columns), np.nan)
+
+    @property
+    def range_T(self) -> FloatArray:
+        """(3K,) range of the readings."""
+        return np.asarray(self.high_T - self.low_T)
+
+    def add(self, block: Block) -> None:
+        """Add the samples of a block."""
+        values = block.readings_T.reshape(len(block.readings_T), -1)
+        start = np.searchsorted(block.time_s, self._time_s[0])
+        stop = np.searchsorted(block.time_s, self._time_s[1], side="right")
+        if start < stop:
+            self.low_T = np.minimum(self.low_T, values[start:stop].min(axis=0))
+            self.high_T = np.maximum(self.high_T, values[start:stop].max(axis=0))
+        if start > 0:
+            self.around_T[0] = values[start - 1]
+        if stop < len(values) and np.isnan(self.around_T[1]).all():
+            self.around_T[1] = values[stop]
