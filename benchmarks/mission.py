@@ -34,8 +34,9 @@ from tam_calibration.fit import calibrate
 from tam_calibration.fit.information import inverted
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.posterior import Known, Place, Problem, posterior_of
+from tam_calibration.fit.posterior import posterior_of
 from tam_calibration.fit.prior import Prior, in_first_frame, prior_of
+from tam_calibration.fit.problem import Known, Place, Problem
 from tam_calibration.fit.resolved_prior import resolve
 from tam_calibration.model.array import Array
 from tam_calibration.model.change_rates import DAY_S
@@ -143,7 +144,7 @@ def score(case: Case, scenario: Scenario, prior: Prior, seed: int) -> tuple[Floa
     array = replace(scenario.array.with_stated_noise(), attitude_noise=from_degrees(case.attitude_deg))
     found = posterior_of(case.turned(scenario, truth, seed), array, prior)
     silent = Problem.of(case.turned(scenario, truth, seed, is_silent=True), array, prior)
-    there = Place(truth, silent.unit_T, silent.attitude.view(*silent.rows_at(Place(truth, silent.unit_T))))
+    there = Place(truth, silent.unit_T, silent.motion.view(*silent.rows_at(Place(truth, silent.unit_T))))
     information, gradient = silent.data_at(there)
     silent.add_known(there, information, gradient)
     size = 12 * case.sensors

@@ -125,6 +125,26 @@ class Normal:
     energy: float
     count: float
 
+    @classmethod
+    def by_field(cls, response: FloatArray, moments: FloatArray, count: float) -> "Normal":
+        """Return the normal equations of channels that depend on the field of the sensors, and on Q unknowns more.
+
+        Parameters
+        ----------
+        response : (12 K, 3, 4) array
+            Of the field to the rows [D Λ | o], as of ``ChannelMaps``.
+        moments : (13 + Q, 13 + Q) array
+            Of the whitened derivatives by direction ⊗ [field, 1] and by the other unknowns, and of the residuals.
+        count : float
+            Number of channels.
+        """
+        rows, more = len(response), len(moments) - 13
+        jacobian = np.zeros((rows + more, 12 + more))
+        jacobian[:rows, :12] = response.reshape(rows, 12)
+        jacobian[rows:, 12:] = np.eye(more)
+        score = -jacobian @ moments[:-1, -1]
+        return cls(jacobian @ moments[:-1, :-1] @ jacobian.T, score, float(moments[-1, -1]), count)
+
     def __add__(self, other: "Normal") -> "Normal":
         """Return the normal equations of both sets of samples."""
         return Normal(

@@ -58,6 +58,26 @@ noise floor from which that counts: a room's gradient or a vehicle's currents le
 """
 
 
+_LARGEST_POSSIBLE_SKEW = np.pi / 2
+"""Non-orthogonality at which two axes of a sensor coincide, radians."""
+
+_LARGEST_POSSIBLE_SCALE = 1e3
+"""Scale factor of a sensor with another unit: far beyond, gradients vanish, and a fit may settle anywhere."""
+
+
+def are_possible(vector: FloatArray) -> bool:
+    """Return whether sensors may have such errors while a fit is on its way.
+
+    Parameters
+    ----------
+    vector : (K, 12) array
+        In the order of ``SensorErrors.to_vector``.
+    """
+    scale_factor, skew = vector[:, :3], np.abs(vector[:, 3:6])
+    is_scaled = (scale_factor > 0) & (scale_factor < _LARGEST_POSSIBLE_SCALE)
+    return bool(is_scaled.all() and (skew <= _LARGEST_POSSIBLE_SKEW).all())
+
+
 def beyond_limits(calibration: Calibration) -> dict[str, str]:
     """Return what is beyond the limits: by the name of each, a sentence on the sensor that is worst."""
     errors = calibration.errors

@@ -6,9 +6,10 @@ import numpy as np
 
 from tam_calibration.core.least_squares import whitening
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.attitude_check import lasting_of
+from tam_calibration.fit.agreement import MotionFit
 from tam_calibration.fit.attitude_convention import misread_attitude
-from tam_calibration.fit.posterior import Known, Problem
+from tam_calibration.fit.attitude_likelihood import AttitudeLikelihood, WorldView
+from tam_calibration.fit.problem import Known, Problem
 from tam_calibration.fit.recorded_attitude import strayed
 from tam_calibration.model.limits import ATTITUDE_NOISE
 from tam_calibration.model.recording import SampleSource
@@ -51,15 +52,15 @@ def worth_of(recording: SampleSource, calibration: Calibration) -> str:
         return ""
     array = replace(calibration.array, attitude_noise=ATTITUDE_NOISE.most)
     problem = Problem.of(some, array, Known(start=calibration))
-    assert problem.attitude is not None
-    noise = problem.attitude_at(problem.start).scatter(ATTITUDE_NOISE.most)
+    assert isinstance(problem.motion, AttitudeLikelihood) and isinstance(problem.start.motion, WorldView)
+    noise = problem.motion.scatter(*problem.rows_at(problem.start), problem.start.motion)
     if reason := strayed(noise):
         return misread_attitude(some, calibration.errors) or f"recorded attitude is not used: {reason}"
-    beside = replace(problem, attitude=replace(problem.attitude, attitude_noise=noise))
-    information = beside.attitude_at(beside.start).information * recording.sample_count / some.sample_count
+    beside = MotionFit(replace(problem, motion=replace(problem.motion, attitude_noise=noise)), problem.start)
+    information = beside.own.information * recording.sample_count / some.sample_count
     words = f"recorded attitude (noise {to_degrees(noise):.2g}°) is not used: "
     if _ratio(calibration, information).min() < _WORTHLESS:
-        information /= lasting_of(beside, beside.start)
+        information /= beside.lasting()
     ratio = _ratio(calibration, information)
     if ratio.min() > _WORTHLESS:
         return f"{words}it would reduce no standard error by more than {1 - _WORTHLESS:.0%}"

@@ -6,7 +6,7 @@ import numpy as np
 
 from tam_calibration.fit.gyroscope_path import GyroscopeState, GyroscopeUse
 from tam_calibration.fit.information import inverted
-from tam_calibration.fit.posterior import Known, Problem
+from tam_calibration.fit.problem import Known, Problem
 from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.gyroscope import Gyroscope
 from tam_calibration.model.recording import Recording

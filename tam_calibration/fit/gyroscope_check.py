@@ -17,7 +17,7 @@ from tam_calibration.core.noise import complete_noise, fast_noise
 from tam_calibration.fit.gyroscope_fit import GyroscopeFit
 from tam_calibration.fit.gyroscope_path import GyroscopePath, GyroscopeState, GyroscopeUse
 from tam_calibration.fit.gyroscope_start import UNITS, matched
-from tam_calibration.fit.posterior import Known, Place, Problem
+from tam_calibration.fit.problem import Known, Place, Problem
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.gyroscope import Gyroscope
@@ -124,7 +124,7 @@ def judge_gyroscope(recording: Recording, array: Array, known: Known, since_s: f
             fit = GyroscopeFit.settled(some, array, known, replace(fit.use, start=fit.state, bias_error=bias))
             notes += (_biased(bias, stated.bias),)
         density, doubt = _used_density(array.gyroscope, fit)
-        fit = fit.with_density(density).lasting()
+        fit = fit.with_density(density).weighed()
     except (InputError, Refused):
         return GyroscopeJudgement(recording, None, "the angular velocity and the readings make no calibration together")
     if reason := fit.contradiction():

@@ -68,6 +68,16 @@ class GyroscopeState:
         return replace(self, bias=np.vstack([kept, np.zeros((1 + modes - len(kept), 3))]))
 
     @property
+    def turn(self) -> slice:
+        """Place of the turn of X among the unknowns."""
+        return slice(self.size - 9, self.size - 6)
+
+    @property
+    def mounting(self) -> tuple[FloatArray, float]:
+        """Rotation from the frame of the sensors to that of the gyroscope, and its turn over that of X."""
+        return self.mount.T, -1.0
+
+    @property
     def size(self) -> int:
         """Number of unknowns: those of the bias, the delay, three of the turn of X, and six of S."""
         return self.bias.size + 10

@@ -20,8 +20,8 @@ from tam_calibration.fit.estimate import mean_temperature
 from tam_calibration.fit.gyroscope_check import MOST_LINKS, MOST_SAMPLES, judge_gyroscope
 from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.fit.maximum_a_posteriori import FRAME_OF_GYROSCOPE, maximum_a_posteriori, update_of
-from tam_calibration.fit.posterior import Intensity, Known, Place
 from tam_calibration.fit.prior import Prior, has_date, prior_of
+from tam_calibration.fit.problem import Intensity, Known, Place
 from tam_calibration.fit.resolved_prior import MOST_TIMES, Resolved, resolve
 from tam_calibration.fit.scalar_check import turning_scalar
 from tam_calibration.fit.slow_residuals import variance_factors

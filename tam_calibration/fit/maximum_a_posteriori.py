@@ -12,8 +12,9 @@ from tam_calibration.correction.update import Moved, Update
 from tam_calibration.fit.contradiction import probability_of
 from tam_calibration.fit.estimate import Estimate, make_calibration, measure_chi_square
 from tam_calibration.fit.identifiability import LARGEST_ANGLE_ERROR
-from tam_calibration.fit.posterior import Known, Posterior, posterior_of
+from tam_calibration.fit.posterior import Posterior, posterior_of
 from tam_calibration.fit.prior import Prior
+from tam_calibration.fit.problem import Known
 from tam_calibration.fit.recorded_attitude import FRAME_STATEMENT
 from tam_calibration.fit.slow_residuals import with_variance_factors
 from tam_calibration.model.array import Array, KnownNoiseArray

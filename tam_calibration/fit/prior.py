@@ -13,6 +13,7 @@ import numpy as np
 from numpy.linalg import inv
 
 from tam_calibration.core.least_squares import whitening
+from tam_calibration.core.normal_equations import Normal
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.scale import free_scale, free_scale_gradient
 from tam_calibration.model.change_rates import DAY_S, ChangeRates
@@ -20,7 +21,7 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
-__all__ = ["ChangeRates", "Prior", "PriorTerms", "has_date", "prior_of"]
+__all__ = ["ChangeRates", "Prior", "has_date", "prior_of"]
 
 _FIRST_DATE_S = 1e8
 """Since 1970: stamps before March 1973 count from the start of a recording, not from an epoch."""
@@ -33,25 +34,6 @@ _NULL = 1e-13
 
 _NEGATIVE = 1e-6
 """Part of the largest eigenvalue of a scaled covariance that rounding may make negative in a file."""
-
-
-@dataclass(frozen=True, eq=False)
-class PriorTerms:
-    """What a prior adds to the normal equations of the errors at a point.
-
-    Parameters
-    ----------
-    information : (12 K, 12 K) array
-        Lᵀ P⁻¹ L.
-    gradient : (12 K,) array
-        Downhill: towards the prior.
-    energy : float
-        Squared distance from the prior in its standard deviations.
-    """
-
-    information: FloatArray
-    gradient: FloatArray
-    energy: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,12 +106,13 @@ class Prior:
         """Return the prior with a covariance (12 K, 12 K) added to its own."""
         return replace(self, covariance=self.covariance + covariance)
 
-    def terms(self, errors: SensorErrors) -> PriorTerms:
-        """Return what the prior adds at given errors."""
+    def terms(self, errors: SensorErrors) -> Normal:
+        """Return what the prior adds to the normal equations at given errors: Lᵀ P⁻¹ L, and its pull towards them."""
         comparable, derivative = self.in_convention(errors)
         distance = (comparable.to_vector() - self.errors.to_vector()).ravel()
         pull = self.precision @ distance
-        return PriorTerms(derivative.T @ self.precision @ derivative, -derivative.T @ pull, float(distance @ pull))
+        information = derivative.T @ self.precision @ derivative
+        return Normal(information, -derivative.T @ pull, float(distance @ pull), self.whitening.shape[1])
 
     def in_convention(self, errors: SensorErrors) -> tuple[SensorErrors, FloatArray]:
         """Return errors in the prior's frame and scale, and the (12 K, 12 K) derivative L by the errors given."""

@@ -22,8 +22,9 @@ from tam_calibration.fit import contradiction
 from tam_calibration.fit.estimate import sample_energies
 from tam_calibration.fit.information import inverted
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, with_noise
-from tam_calibration.fit.posterior import Known, Place, Posterior, Problem, posterior_of
+from tam_calibration.fit.posterior import Posterior, posterior_of
 from tam_calibration.fit.prior import Prior
+from tam_calibration.fit.problem import Known, Place, Problem
 from tam_calibration.fit.unnamed_changes import Unnamed, unnamed_changes
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import Refused
@@ -99,7 +100,7 @@ def time_of_change(
     known = replace(known, gyroscope=None)  # its turns reach from one block into the next
     count = min(_MOST_BLOCKS, recording.sample_count)
     starts = np.linspace(0, recording.sample_count, count + 1).astype(int)
-    place = Place(posterior.errors, posterior.intensity_T, posterior.view)
+    place = Place(posterior.errors, posterior.intensity_T, posterior.motion)
     has_scalar = recording.scalar_count is not None
     problems = [Problem.of(recording.take(slice(*span)), array, known, has_scalar) for span in pairwise(starts)]
     parts = [problem.data_at(place) for problem in problems]

@@ -21,8 +21,8 @@ from tam_calibration.fit.identifiability import open_parameters, require_accurat
 from tam_calibration.fit.information import inverted
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, noise_left_in, update_of
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.posterior import Known, Place, Problem
 from tam_calibration.fit.prior import Prior, in_first_frame
+from tam_calibration.fit.problem import Known, Place, Problem
 from tam_calibration.fit.slow_residuals import variance_factors
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused

@@ -14,9 +14,9 @@ import numpy as np
 from scipy.special import chdtri
 
 from tam_calibration.core.least_squares import scaled
+from tam_calibration.correction.acceptance import are_possible
 from tam_calibration.fit.contradiction import Hypothesis, changes_of_sensors
 from tam_calibration.fit.likelihood import Linearization
-from tam_calibration.fit.posterior import can_be
 from tam_calibration.model.array import UNIT_TENSORS, Array
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
@@ -213,7 +213,7 @@ class Weighing:
             )
             left, change = evidence.change - change, evidence.change
             vector = (start + change).reshape(-1, 12)
-            if not can_be(vector):
+            if not are_possible(vector):
                 return None
             here = linearize(SensorErrors.from_vector(vector, before.orientation))
             if np.abs(left).max() <= _SETTLED * np.abs(change).max():

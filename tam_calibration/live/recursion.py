@@ -23,10 +23,10 @@ from numpy.linalg import inv
 from tam_calibration.core.least_squares import iterate, scaled
 from tam_calibration.core.normal_equations import Elimination, gram
 from tam_calibration.core.variance_factors import WHITE, VarianceFactors
+from tam_calibration.correction.acceptance import are_possible
 from tam_calibration.fit.channel_maps import ChannelMaps
 from tam_calibration.fit.information import rows_by_unknowns
 from tam_calibration.fit.likelihood import UNIFORM, CommonModeSums, Linearization, normal_equations
-from tam_calibration.fit.posterior import can_be
 from tam_calibration.fit.prior import Prior
 from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.exceptions import Refused
@@ -420,7 +420,7 @@ def solve(
         step = covariance @ gradient
         moved = vector.copy()
         moved[free] += step
-        if not can_be(moved.reshape(-1, 12)):
+        if not are_possible(moved.reshape(-1, 12)):
             raise Refused("the update leads to sensors that cannot be: the readings do not fit the calibration")
         return (moved, covariance), float(step @ gradient) < _SETTLED
 

@@ -11,8 +11,8 @@ import numpy as np
 from tam_calibration.core.averaged_rates import AveragedRates
 from tam_calibration.core.variance_factors import VarianceFactors
 from tam_calibration.fit.gyroscope_check import judge_gyroscope
-from tam_calibration.fit.posterior import Known, Problem
 from tam_calibration.fit.prior import Prior
+from tam_calibration.fit.problem import Known, Problem
 from tam_calibration.live.recursion import Belief, Quadratic
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
@@ -97,4 +97,4 @@ class Stretch:
             return None
         known = replace(known, gyroscope=judged.use, start=judged.place)
         problem = Problem.of(judged.recording, calibration.array, known)
-        return Quadratic(*problem.gyroscope_information(problem.start), problem.start.errors)
+        return Quadratic(*problem.errors_by_motion(problem.start), problem.start.errors)

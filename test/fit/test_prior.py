@@ -70,7 +70,7 @@ def test_the_prior_pulls_towards_itself(calibration):
     terms = prior.terms(SensorErrors.from_vector(calibration.errors.to_vector() + step))
     assert terms.energy == pytest.approx(step.ravel() @ prior.precision @ step.ravel(), rel=1e-6)
     free = np.delete(np.arange(48), [9, 10, 11])
-    assert_allclose(terms.gradient[free], -(prior.precision @ step.ravel())[free], rtol=1e-4)
+    assert_allclose(terms.score[free], -(prior.precision @ step.ravel())[free], rtol=1e-4)
 
 
 def test_without_scalar_the_scale_is_no_knowledge(recording, cross):

@@ -11,8 +11,8 @@ from tam_calibration.fit import resolved_prior
 from tam_calibration.fit.contradiction import candidates_of
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, with_noise
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.posterior import Known
 from tam_calibration.fit.prior import in_first_frame, prior_of
+from tam_calibration.fit.problem import Known
 from tam_calibration.fit.resolved_prior import MOST_TIMES, resolve
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import Refused

@@ -9,7 +9,8 @@ from moved_sensors import SIZES, lone, moved, turn
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.contradiction import Difference, candidates_of
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
-from tam_calibration.fit.posterior import Known, posterior_of
+from tam_calibration.fit.posterior import posterior_of
+from tam_calibration.fit.problem import Known
 from tam_calibration.fit.resolved_prior import resolve
 from tam_calibration.fit.unnamed_changes import small_changes
 from tam_calibration.model.sensor_errors import SensorErrors

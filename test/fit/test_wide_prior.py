@@ -10,8 +10,8 @@ from numpy.testing import assert_allclose
 from tam_calibration.core.variance_factors import VarianceFactors
 from tam_calibration.fit import calibrate, wide_prior
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
-from tam_calibration.fit.posterior import Known
 from tam_calibration.fit.prior import in_first_frame, prior_of
+from tam_calibration.fit.problem import Known
 from tam_calibration.fit.scale import free_scale
 from tam_calibration.fit.wide_prior import beside_wide_prior, is_wide, prior_of_tolerances
 from tam_calibration.model.change_rates import ChangeRates
