@@ -41,12 +41,16 @@ _MUCH_MORE = 3.0
 
 
 class JointCalibration(NamedTuple):
-    """A calibration, the samples that it holds for without effects, the array as it is known, and the fit."""
+    """A calibration, its samples without effects, the array as it is known, the fit, and what this knew.
+
+    The last is None where the samples have attitude or angular velocity, or the method takes no priors.
+    """
 
     calibration: Calibration
     recording: SampleSource
     array: Array
     fit: Fit
+    known: Known | None = None
 
 
 def calibrate_jointly(
@@ -288,7 +292,8 @@ def _beside_prior(recording: SampleSource, array: Array, beside: Known) -> Joint
         if calibration.frame == FRAME_OF_GYROSCOPE:
             use = replace(use, start=replace(use.start, mount=np.eye(3)))
         fit = partial(maximum_a_posteriori, known=replace(resolved.known, gyroscope=use, start=place))
-    return JointCalibration(calibration, resolved.recording, array, fit)
+    has_motion = resolved.known.gyroscope is not None or array.attitude_noise is not None
+    return JointCalibration(calibration, resolved.recording, array, fit, None if has_motion else resolved.known)
 
 
 def _resolved(
@@ -346,12 +351,13 @@ def _telling(moved: tuple[Moved, ...]) -> Iterator[None]:
 
 def _beside_wide_prior(recording: SampleSource, array: Array, known: Known) -> JointCalibration:
     """Return the calibration beside a prior that leaves errors open, or that of readings that contradict it, alone."""
-    calibration, fit = beside_wide_prior(recording, array, known)
+    calibration, settled, fit = beside_wide_prior(recording, array, known)
     update = calibration.update
     assert update is not None
     if update.probability >= SIGNIFICANT:
         require_one_field(recording, calibration)
-        return JointCalibration(calibration, recording, array, fit)
+        has_motion = known.gyroscope is not None or array.attitude_noise is not None
+        return JointCalibration(calibration, recording, array, fit, None if has_motion else settled)
     contradiction = (
         f"the readings contradict {update.prior_in_words}, χ² {update.chi_square:.3g} of {update.freedom} errors"
     )

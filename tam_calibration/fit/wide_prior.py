@@ -6,7 +6,6 @@ measures what it leaves, and weighs the readings by that the next time. What it 
 curvature that lengths have over errors so uncertain.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +15,7 @@ from tam_calibration.core.noise import complete_noise
 from tam_calibration.core.variance_factors import VarianceFactors
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.correction.update import Update
+from tam_calibration.fit.consistency import Fit
 from tam_calibration.fit.estimate import Estimate, make_calibration, measure_chi_square
 from tam_calibration.fit.identifiability import open_parameters, require_accurate
 from tam_calibration.fit.information import inverted
@@ -80,10 +80,8 @@ def is_wide(prior: Prior) -> bool:
     return prior.rates is None or bool(open_parameters(stored.standard_errors.ravel(), stored.intensity_T))
 
 
-def beside_wide_prior(
-    recording: SampleSource, array: Array, known: Known
-) -> tuple[Calibration, Callable[[SampleSource, Array], Calibration]]:
-    """Return the calibration of a recording beside a wide prior, and the fit that made it.
+def beside_wide_prior(recording: SampleSource, array: Array, known: Known) -> tuple[Calibration, Known, Fit]:
+    """Return the calibration of a recording beside a wide prior, with the weight of the readings, and the fit.
 
     Parameters
     ----------
@@ -117,7 +115,7 @@ def beside_wide_prior(
     energy, uncertain = prior.terms(calibration.errors).energy, int(np.count_nonzero(prior.standard_errors))
     update = update_of(calibration, prior, prior, energy, uncertain)
     told = replace(calibration, update=update, warnings=_left_open(calibration, update))
-    return told, lambda samples, _: maximum_a_posteriori(samples, noisy, settled)
+    return told, settled, lambda samples, _: maximum_a_posteriori(samples, noisy, settled)
 
 
 def _plain_fit(recording: SampleSource, array: KnownNoiseArray) -> Calibration | None:
