@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.linalg import inv
 
 from tam_calibration.core.noise import complete_noise
 from tam_calibration.correction.calibration import FRAME_STATEMENT as FIRST_SENSOR
@@ -11,6 +10,7 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.correction.update import Moved, Update
 from tam_calibration.fit.contradiction import probability_of
 from tam_calibration.fit.estimate import Estimate, make_calibration, measure_chi_square
+from tam_calibration.fit.frames import turned
 from tam_calibration.fit.identifiability import LARGEST_ANGLE_ERROR
 from tam_calibration.fit.posterior import Posterior, posterior_of
 from tam_calibration.fit.prior import Prior
@@ -70,10 +70,10 @@ def maximum_a_posteriori(recording: SampleSource, array: Array, known: Known) ->
     frame = FIRST_SENSOR if known.prior is None else known.prior.calibration.frame
     errors, covariance = posterior.errors, posterior.covariance
     if posterior.mount is not None and noisy.mounting_error is not None and not known.knows_frame:
-        turned, with_turn = _into_frame_of_attitude(posterior, noisy.mounting_error)
+        in_frame, with_turn = _into_frame_of_attitude(posterior, noisy.mounting_error)
         # A frame that is less certain than misalignments may be is none: that of sensor 1 is certain.
         if np.sqrt(np.diag(with_turn)).reshape(-1, 12)[:, 9:].max() <= LARGEST_ANGLE_ERROR:
-            errors, covariance = turned, with_turn
+            errors, covariance = in_frame, with_turn
             frame = FRAME_STATEMENT if known.gyroscope is None else FRAME_OF_GYROSCOPE
     estimate = Estimate(errors, covariance, True, posterior.intensity_T, frame=frame)
     calibration = with_variance_factors(make_calibration(NAME, recording, noisy, estimate), known.variance_factors)
@@ -82,23 +82,10 @@ def maximum_a_posteriori(recording: SampleSource, array: Array, known: Known) ->
 
 
 def _into_frame_of_attitude(posterior: Posterior, mounting_error: float) -> tuple[SensorErrors, FloatArray]:
-    """Return errors in the frame whose attitude or angular velocity was recorded, with their covariance.
-
-    There matrices are M Xᵀ; a turn δ of X changes them by -M [δ]× Xᵀ.
-    """
+    """Return errors in the frame whose attitude or angular velocity was recorded, with their covariance."""
     assert posterior.mount is not None and posterior.with_mount is not None
-    mount, matrix = posterior.mount, posterior.errors.matrix
-    errors = SensorErrors.from_matrix(matrix @ mount.T, posterior.errors.bias_T)
-    count = len(matrix)
-    rows = np.zeros((count, 3, 4, count * 12 + 3))
-    for sensor, own in enumerate(posterior.errors.jacobian()):
-        columns = slice(12 * sensor, 12 * sensor + 12)
-        rows[sensor, :, :3, columns] = np.einsum("ijp,kj->ikp", own[:, :3], mount)
-        rows[sensor, :, 3, columns] = own[:, 3]
-    for axis, turn in enumerate(np.eye(3)):
-        rows[:, :, :3, 12 * count + axis] = -matrix @ np.cross(np.eye(3), -turn) @ mount.T
-    back = inv(errors.jacobian().reshape(count, 12, 12))
-    derivative = (back @ rows.reshape(count, 12, -1)).reshape(12 * count, -1)
+    errors, derivative = turned(posterior.errors, posterior.mount.T)
+    derivative[:, -3:] *= -1  # the transposed rotation turns back
     joint = posterior.with_mount.copy()
     joint[-3:, -3:] += mounting_error**2 * np.eye(3)
     return errors, derivative @ joint @ derivative.T

@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.linalg import inv
 
 from tam_calibration.core.least_squares import whitening
 from tam_calibration.core.normal_equations import Normal
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.fit.frames import in_first_frame
 from tam_calibration.fit.scale import free_scale, free_scale_gradient
 from tam_calibration.model.change_rates import DAY_S, ChangeRates
 from tam_calibration.model.exceptions import InputError
@@ -176,26 +176,6 @@ def is_of_first_sensor(calibration: Calibration) -> bool:
     )
     is_uncertain = calibration.covariance is not None and calibration.covariance[9:12, 9:12].any()
     return not (is_turned or is_uncertain)
-
-
-def in_first_frame(errors: SensorErrors) -> tuple[SensorErrors, FloatArray]:
-    """Return errors turned into the frame of sensor 1, and the (12 K, 12 K) derivative by the errors given."""
-    first = errors.rotation[0]
-    orientation = errors.orientation @ errors.orientation[0].T
-    turned = SensorErrors.from_matrix(errors.matrix @ first.T, errors.bias_T, orientation)
-    turned.misalignment[0] = 0
-    count = errors.sensor_count
-    rows = np.zeros((count, 3, 4, count, 12))
-    own = errors.jacobian()
-    by_turn = np.einsum("ij,jkp->ikp", inv(errors.measurement[0]), own[0, :, :3, 9:12])
-    for sensor in range(count):
-        rows[sensor, :, :3, sensor] = np.einsum("ijp,kj->ikp", own[sensor, :, :3], first)
-        rows[sensor, :, 3, sensor] = own[sensor, :, 3]
-        rows[sensor, :, :3, 0, 9:12] += np.einsum("ij,kjp->ikp", errors.matrix[sensor], by_turn)
-    back = inv(turned.jacobian().reshape(count, 12, 12))
-    derivative = (back @ rows.reshape(count, 12, 12 * count)).reshape(12 * count, 12 * count)
-    derivative[9:12] = 0
-    return turned, derivative
 
 
 def without_scale(errors: SensorErrors) -> FloatArray:

@@ -13,6 +13,7 @@ from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import iterate
 from tam_calibration.correction.calibration import Calibration, KnownSource
+from tam_calibration.fit.frames import turned
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
@@ -430,12 +431,17 @@ def complete(calibration: Calibration, recording: Recording, source: Source, fre
             "position, axis, strength and radius, and the gain of the sensors at its frequency"
         )
     sensors = len(calibration.array.positions_m)
-    errors = found.errors_of(calibration.errors)
+    errors, derivative = turned(calibration.errors, _matrix(found.rotation))
+    covariance = None
+    if calibration.covariance is not None:
+        by_errors, by_turn = derivative[:, :-3], derivative[:, -3:]
+        covariance = by_errors @ calibration.covariance @ by_errors.T
+        covariance += by_turn @ found.covariance[1:4, 1:4] @ by_turn.T
     return replace(
         calibration,
         array=found.array_of(calibration.array),
         errors=errors,
-        covariance=_turned_covariance(calibration, found, errors),
+        covariance=covariance,
         frame=_FRAME_STATEMENT,
         known_source=KnownSource(
             found.baseline_scale,
@@ -446,31 +452,3 @@ def complete(calibration: Calibration, recording: Recording, source: Source, fre
             reduced,
         ),
     )
-
-
-def _turned_covariance(calibration: Calibration, found: SourceCalibration, errors: SensorErrors) -> FloatArray | None:
-    """Return the covariance of the errors in the turned frame: of the calibration before, and of the turn itself."""
-    if calibration.covariance is None:
-        return None
-    from scipy.spatial.transform import Rotation
-
-    sensors = errors.sensor_count
-    turn = np.eye(4)
-    turn[:3, :3] = Rotation.from_rotvec(found.rotation).as_matrix()
-    # Rows [D Λ | o] of each sensor: before by its parameters, turned, and back to the parameters after.
-    before = np.einsum("kiap,ab->kibp", calibration.errors.jacobian(), turn).reshape(sensors, 12, 12)
-    to_parameters = np.linalg.inv(errors.jacobian().reshape(sensors, 12, 12))
-    change = np.zeros((12 * sensors, 12 * sensors))
-    by_turn = np.zeros((12 * sensors, 3))
-    for sensor in range(sensors):
-        own = slice(12 * sensor, 12 * sensor + 12)
-        change[own, own] = to_parameters[sensor] @ before[sensor]
-        # A further turn δ of the frame before makes D Λ [δ]× X of D Λ X.
-        rows = np.zeros((3, 4, 3))
-        rows[:, :3] = np.einsum("ij,jkd,kl->ild", calibration.errors.matrix[sensor], _CROSS, turn[:3, :3])
-        by_turn[own] = to_parameters[sensor] @ rows.reshape(12, 3)
-    return change @ calibration.covariance @ change.T + by_turn @ found.covariance[1:4, 1:4] @ by_turn.T
-
-
-_CROSS = np.swapaxes(np.cross(np.eye(3)[:, None], np.eye(3)[None]), 0, 2)
-"""(3, 3, 3) numbers [j, k, d] of the matrix [δ]× by component d of δ."""

@@ -9,9 +9,10 @@ from moved_sensors import DIRECTION, SIZES, joined, moved, turn
 from tam_calibration.correction.update import KINDS
 from tam_calibration.fit import resolved_prior
 from tam_calibration.fit.contradiction import candidates_of
+from tam_calibration.fit.frames import in_first_frame
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, with_noise
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.prior import in_first_frame, prior_of
+from tam_calibration.fit.prior import prior_of
 from tam_calibration.fit.problem import Known
 from tam_calibration.fit.resolved_prior import MOST_TIMES, resolve
 from tam_calibration.model.array import Array

@@ -9,8 +9,9 @@ from numpy.testing import assert_allclose
 
 from tam_calibration.core.variance_factors import VarianceFactors
 from tam_calibration.fit import calibrate, wide_prior
+from tam_calibration.fit.frames import in_first_frame
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
-from tam_calibration.fit.prior import in_first_frame, prior_of
+from tam_calibration.fit.prior import prior_of
 from tam_calibration.fit.problem import Known
 from tam_calibration.fit.scale import free_scale
 from tam_calibration.fit.wide_prior import beside_wide_prior, is_wide, prior_of_tolerances
