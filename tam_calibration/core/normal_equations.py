@@ -14,7 +14,7 @@ nuisance of three numbers. So the likelihood of the sensors' errors is that of d
 known otherwise: its length |b̂|, of variance uᵀ C u along its direction u, against the scalar magnetometer.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.linalg import inv
@@ -144,6 +144,24 @@ class Normal:
         jacobian[rows:, 12:] = np.eye(more)
         score = -jacobian @ moments[:-1, -1]
         return cls(jacobian @ moments[:-1, :-1] @ jacobian.T, score, float(moments[-1, -1]), count)
+
+    @classmethod
+    def none(cls, size: int) -> "Normal":
+        """Return those of no channel over so many unknowns."""
+        return cls(np.zeros((size, size)), np.zeros(size), 0.0, 0)
+
+    def padded(self, size: int) -> "Normal":
+        """Return the normal equations over so many unknowns, of which the first are the present ones."""
+        more = (0, size - len(self.score))
+        return replace(self, information=np.pad(self.information, more), score=np.pad(self.score, more))
+
+    def by(self, jacobian: FloatArray) -> "Normal":
+        """Return the normal equations over Q unknowns, from the derivative (P, Q) of the present ones by these."""
+        return replace(self, information=jacobian.T @ self.information @ jacobian, score=jacobian.T @ self.score)
+
+    def over(self, factor: float) -> "Normal":
+        """Return the normal equations of channels whose variances are larger by a factor."""
+        return Normal(self.information / factor, self.score / factor, self.energy / factor, self.count)
 
     def __add__(self, other: "Normal") -> "Normal":
         """Return the normal equations of both sets of samples."""

@@ -42,11 +42,9 @@ class MotionFit:
         return self.problem.motion_at(self.place)
 
     @cached_property
-    def everything(self) -> tuple[FloatArray, FloatArray]:
-        """Information and gradient of all that is known."""
-        information, gradient = self.problem.data_at(self.place)
-        self.problem.add_known(self.place, information, gradient)
-        return information, gradient
+    def everything(self) -> Normal:
+        """What is known in all."""
+        return self.problem.normal_at(self.place)
 
     @cached_property
     def basis(self) -> FloatArray:
@@ -56,8 +54,8 @@ class MotionFit:
     @cached_property
     def white(self) -> FloatArray:
         """(Q, M) directions of the free unknowns on which the information of all is one."""
-        information, _ = self.everything
-        return np.asarray(self.basis @ whitening(self.basis.T @ information @ self.basis, SEEN))
+        inside = self.basis.T @ self.everything.information @ self.basis
+        return np.asarray(self.basis @ whitening(inside, SEEN))
 
     @property
     def scatter(self) -> float:
@@ -68,15 +66,15 @@ class MotionFit:
     @property
     def taken(self) -> float:
         """Number of channels of attitude or angular velocity that the fit took."""
-        return float(np.sum(_shares(self.white, self.own.information, self.own.score)[0]))
+        return float(np.sum(_shares(self.white, self.own)[0]))
 
-    def difference(self, information: FloatArray, score: FloatArray) -> str:
-        """Return χ² of the difference that some information makes to the estimate, where chance hardly makes as much.
+    def difference(self, some: Normal) -> str:
+        """Return χ² of the difference that some data make to the estimate, where chance hardly makes as much.
 
         At the best errors its score is what the others' balances, and has the variance of the parallel sum of both
         informations (Hausman 1978): no fit without it is needed.
         """
-        parts, along = _shares(self.white, information, score)
+        parts, along = _shares(self.white, some)
         told = (parts > LEAST_TOLD) & (1 - parts > LEAST_TOLD)
         chi_square, freedom = float(np.sum(along[told] ** 2 / (parts * (1 - parts))[told])), int(told.sum())
         if probability_of(chi_square, freedom) >= SIGNIFICANT:
@@ -103,7 +101,7 @@ class MotionFit:
         return SlowSums.of(white.T @ information @ white, score).factor
 
 
-def _shares(white: FloatArray, information: FloatArray, score: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _shares(white: FloatArray, some: Normal) -> tuple[FloatArray, FloatArray]:
     """Return the part (M,) that some information is of all on each direction, and its score along them."""
-    parts, directions = np.linalg.eigh(white.T @ information @ white)
-    return np.clip(parts, 0, 1), directions.T @ white.T @ score
+    parts, directions = np.linalg.eigh(white.T @ some.information @ white)
+    return np.clip(parts, 0, 1), directions.T @ white.T @ some.score

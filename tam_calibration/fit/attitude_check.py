@@ -189,7 +189,7 @@ class _Fit(MotionFit):
 
     def contradiction(self) -> str:
         """Return how attitude contradicts all else, or nothing."""
-        sizes = self.difference(self.own.information, self.own.score)
+        sizes = self.difference(self.own)
         what = "heading" if self.problem.known.uses_heading else "roll and pitch"
         noise = f"with {to_degrees(self.noise):.2g}° of noise"
         words = f"the {what} of the recorded attitude contradicts the readings, {sizes} {noise}: {_LOOK}"
@@ -199,14 +199,8 @@ class _Fit(MotionFit):
         """Return how the main field of a model contradicts readings and attitude, or nothing."""
         known = replace(self.problem.known, main_field_T=main_field_T)
         beside = replace(self, problem=replace(self.problem, known=known)).with_noise(self.noise)
-        size = len(beside.basis)
-        added = []
-        for problem in (beside.problem, self.problem):
-            own = np.zeros((size, size)), np.zeros(size)
-            problem.add_known(beside.place, *own)
-            added.append(own)
-        (information, gradient), (less, downhill) = added
-        sizes = beside.difference(information - less, gradient - downhill)
+        told, less = (problem.known_at(beside.place) for problem in (beside.problem, self.problem))
+        sizes = beside.difference(told - less)
         return f"the field of the place contradicts readings and attitude, {sizes}" if sizes else ""
 
     def followed(self, recording: SampleSource) -> str:

@@ -63,8 +63,8 @@ def gauss_newton(
     free = np.append(free_rows(len(point.matrix)), np.ones(len(point.gradient), dtype=bool))
 
     def normal_at(there: Point) -> tuple[FloatArray, FloatArray, FloatArray]:
-        here = linearize(there)
-        return here.information[np.ix_(free, free)], here.gradient[free], here.information
+        here = linearize(there).both
+        return here.information[np.ix_(free, free)], here.score[free], here.information
 
     def moved(before: Point, change: FloatArray) -> Point:
         if not np.abs(change).max() < _FARTHEST:

@@ -105,7 +105,7 @@ class GyroscopeFit(MotionFit):
     @property
     def is_bent(self) -> bool:
         """Whether the residuals show axes that are not true: the score of their scales and angles."""
-        information, gradient = self.everything
+        information, gradient = self.everything.information, self.everything.score
         shape = np.arange(len(gradient) - 6, len(gradient))
         across = self.white.T @ information[:, shape]
         left = information[np.ix_(shape, shape)] - across.T @ across
@@ -124,7 +124,7 @@ class GyroscopeFit(MotionFit):
 
     def contradiction(self) -> str:
         """Return how angular velocity contradicts all else, or nothing."""
-        sizes = self.difference(self.own.information, self.own.score)
+        sizes = self.difference(self.own)
         words = "look at its stamps and axes, and at whether the field is uniform"
         return f"the angular velocity contradicts the readings, {sizes}: {words}" if sizes else ""
 
@@ -132,7 +132,7 @@ class GyroscopeFit(MotionFit):
         """Return how the gyroscope is late and turned, and what its scale may do, in a sentence each."""
         from scipy.spatial.transform import Rotation
 
-        information, _ = self.everything
+        information = self.everything.information
         covariance = inverted(information, self.basis)
         errors = np.sqrt(np.diag(covariance))[-self.state.size :]
         count, notes = self.state.bias.size, []

@@ -76,12 +76,11 @@ def _by_steps(folds: list[SampleSource], array: Array, calibration: Calibration,
     beside, has_scalar = replace(known, start=place), any(fold.scalar_count is not None for fold in folds)
     problems = [Problem.of(fold, calibration.array, beside, has_scalar) for fold in folds]
     parts = [problem.data_at(place) for problem in problems]
-    information, gradient = (np.sum(each, axis=0) for each in zip(*parts, strict=True))
-    problems[0].add_known(place, information, gradient)
-    basis = problems[0].basis_at(place)
+    whole, basis = sum(parts, problems[0].known_at(place)), problems[0].basis_at(place)
     found = []
-    for problem, fold, (own, downhill) in zip(problems, folds, parts, strict=True):
-        step = newton_step(basis.T @ (information - own) @ basis, basis.T @ (gradient - downhill))
+    for problem, fold, own in zip(problems, folds, parts, strict=True):
+        others = (whole - own).by(basis)
+        step = newton_step(others.information, others.score)
         moved = problem.moved(place, basis @ step)
         found.append(measure_residuals(moved.errors, array, fold, moved.intensity_T))
     return found

@@ -310,8 +310,8 @@ def _fit_in_memory(
         channels = float(likelihood.channel_count.sum())
         kept = max(channels - 12 * recording.sensor_count, 1.0) / channels
         here = _linearize(likelihood, False, point)
-        information = (here.information - here.common_information) / differential.variance_factor
-        information = kept * (information + here.common_information / common.variance_factor)
+        information = here.between.information / differential.variance_factor
+        information = kept * (information + here.common.information / common.variance_factor)
     return point, information
 
 
@@ -352,7 +352,7 @@ def _aligned_start(
         likelihood = replace(likelihood, turning=turning_of(recording, array, field))
         if start:
             point = point._replace(gradient=np.zeros(5))
-            information = _linearize(likelihood, False, point).information
+            information = _linearize(likelihood, False, point).both.information
             _, covariance = marginal_information(information, free_rows(recording.sensor_count))
             require_gradient_determined(covariance, likelihood.vector_noise, array)
             point, _ = gauss_newton(partial(_linearize, likelihood, False), point)

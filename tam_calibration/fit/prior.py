@@ -111,8 +111,7 @@ class Prior:
         comparable, derivative = self.in_convention(errors)
         distance = (comparable.to_vector() - self.errors.to_vector()).ravel()
         pull = self.precision @ distance
-        information = derivative.T @ self.precision @ derivative
-        return Normal(information, -derivative.T @ pull, float(distance @ pull), self.whitening.shape[1])
+        return Normal(self.precision, -pull, float(distance @ pull), self.whitening.shape[1]).by(derivative)
 
     def in_convention(self, errors: SensorErrors) -> tuple[SensorErrors, FloatArray]:
         """Return errors in the prior's frame and scale, and the (12 K, 12 K) derivative L by the errors given."""

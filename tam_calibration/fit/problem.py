@@ -193,26 +193,27 @@ class Problem:
         """
 
         def normal_at(place: Place) -> tuple[FloatArray, FloatArray, tuple[FloatArray, FloatArray]]:
-            information, gradient = self.data_at(place, is_corrected)
-            self.add_known(place, information, gradient)
-            basis = self.basis_at(place)
-            return basis.T @ information @ basis, basis.T @ gradient, (information, basis)
+            found, basis = self.normal_at(place, is_corrected), self.basis_at(place)
+            information = found.information
+            return basis.T @ information @ basis, basis.T @ found.score, (information, basis)
 
         return descend(normal_at, lambda place, step: self.moved(place, length * self.basis_at(place) @ step), start)
 
-    def data_at(self, place: Place, is_corrected: bool = True) -> tuple[FloatArray, FloatArray]:
-        """Return the information of the data over the unknowns at a place, and their downhill gradient."""
-        matrix, bias = self.rows_at(place)
-        here = self.likelihood.linearize(matrix, bias).weighed(self.known.variance_factors)
-        rows = rows_by_unknowns(place.errors, self.unit_T, None if self.has_scalar else place.intensity_T)
-        downhill = here.gradient if is_corrected else here.gradient + here.correction
-        information, gradient = rows.T @ here.information @ rows, rows.T @ downhill
+    def normal_at(self, place: Place, is_corrected: bool = True) -> Normal:
+        """Return the normal equations over the unknowns at a place, by the data and by what is known before."""
+        return self.data_at(place, is_corrected) + self.known_at(place)
+
+    def data_at(self, place: Place, is_corrected: bool = True) -> Normal:
+        """Return the normal equations of the data over the unknowns at a place."""
+        here = self.likelihood.linearize(*self.rows_at(place)).weighed(self.known.variance_factors)
+        both = here.both if is_corrected else replace(here.both, score=here.both.score + here.correction)
+        found = both.by(self._rows_by_unknowns(place))
         if self.motion is None:
-            return information, gradient
-        found, count = self.motion_at(place), len(gradient)
-        found.information[:count, :count] += information
-        found.score[:count] += gradient
-        return found.information, found.score
+            return found
+        return found.padded(len(self.basis_at(place))) + self.motion_at(place)
+
+    def _rows_by_unknowns(self, place: Place) -> FloatArray:
+        return rows_by_unknowns(place.errors, self.unit_T, None if self.has_scalar else place.intensity_T)
 
     def motion_at(self, place: Place, samples: slice = slice(None)) -> Normal:
         """Return the normal equations of attitude or angular velocity at a place, over the unknowns.
@@ -221,12 +222,12 @@ class Problem:
         """
         assert self.motion is not None and place.motion is not None
         found = self.motion.part(samples).linearize(*self.rows_at(place), place.motion)
-        rows = rows_by_unknowns(place.errors, self.unit_T, None if self.has_scalar else place.intensity_T)
+        rows = self._rows_by_unknowns(place)
         more = len(found.score) - len(rows)
         extended = np.zeros((len(found.score), rows.shape[1] + more))
         extended[: len(rows), : rows.shape[1]] = rows
         extended[len(rows) :, rows.shape[1] :] = np.eye(more)
-        return replace(found, information=extended.T @ found.information @ extended, score=extended.T @ found.score)
+        return found.by(extended)
 
     def errors_by_motion(self, place: Place) -> tuple[FloatArray, FloatArray]:
         """Return information and gradient of the errors by attitude or angular velocity, other unknowns eliminated."""
@@ -243,30 +244,28 @@ class Problem:
 
     def information_beside(self, curvature: FloatArray, place: Place) -> FloatArray:
         """Return the information at a place of what is known, and of data whose score varies by curvature besides."""
-        information, gradient = self.data_at(place)
+        information = self.data_at(place).information
         # Of an attitude's mounting and the world's direction, which come last, lengths tell nothing.
         curvature = np.pad(curvature, (0, len(information) - len(curvature)))
         white = information @ whitening(information + curvature, _SEEN)
-        information = white @ white.T
-        self.add_known(place, information, gradient)
-        return information
+        return white @ white.T + self.known_at(place).information
 
-    def add_known(self, place: Place, information: FloatArray, gradient: FloatArray) -> None:
-        """Add to normal equations what is known before."""
-        size = 12 * place.errors.sensor_count
+    def known_at(self, place: Place) -> Normal:
+        """Return the normal equations of what is known before."""
+        total = len(self.basis_at(place))
+        size, known = 12 * place.errors.sensor_count, Normal.none(total)
         if self.known.prior is not None:
-            terms = self.known.prior.terms(place.errors)
-            information[:size, :size] += terms.information
-            gradient[:size] += terms.score
+            known += self.known.prior.terms(place.errors).padded(total)
         for intensity in () if self.has_scalar else self.known.intensities:
             precision = (self.unit_T / intensity.standard_error_T) ** 2
-            information[size, size] += precision
-            gradient[size] += precision * (intensity.value_T - place.intensity_T) / self.unit_T
+            known.information[size, size] += precision
+            known.score[size] += precision * (intensity.value_T - place.intensity_T) / self.unit_T
         if place.motion is not None:
             precisions, downhill = self._known_of_motion(place.motion)
             own = slice(-place.motion.size, None)
-            information[own, own] += np.diag(precisions)
-            gradient[own] += downhill
+            known.information[own, own] += np.diag(precisions)
+            known.score[own] += downhill
+        return known
 
     def _known_of_motion(self, state: MotionState) -> tuple[FloatArray, FloatArray]:
         """Return the precisions of the unknowns of attitude or gyroscope before the samples, and their gradient."""

@@ -11,7 +11,7 @@ by the energy that is left and the number of their unknowns (Schwarz 1978).
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import accumulate, pairwise
 
 import numpy as np
 from numpy.linalg import slogdet
@@ -104,18 +104,16 @@ def time_of_change(
     has_scalar = recording.scalar_count is not None
     problems = [Problem.of(recording.take(slice(*span)), array, known, has_scalar) for span in pairwise(starts)]
     parts = [problem.data_at(place) for problem in problems]
-    later = [np.cumsum([part[index] for part in parts[::-1]], axis=0)[::-1] for index in range(2)]
+    later = list(accumulate(parts[::-1]))[::-1]
     basis, (size, unknowns) = problems[0].basis_at(place), change.directions.shape
     directions = np.zeros((len(basis), unknowns))
     directions[:size] = change.directions
-    whole = later[0][0].copy()
-    problems[0].add_known(place, whole, np.zeros(len(whole)))
-    covariance = inverted(whole, basis)
+    covariance = inverted((later[0] + problems[0].known_at(place)).information, basis)
     evidence = []
-    for information, gradient in zip(*later, strict=True):
-        reached = information @ directions
+    for rest in later:
+        reached = rest.information @ directions
         told = directions.T @ reached - reached.T @ covariance @ reached
-        score = directions.T @ gradient
+        score = directions.T @ rest.score
         gain = score @ np.linalg.solve(told + np.diag(1 / change.variance), score)
         evidence.append((gain - slogdet(np.eye(unknowns) + change.variance[:, None] * told)[1]) / 2)
     best = int(np.argmax(evidence))

@@ -169,11 +169,9 @@ def _by_block(
             weights = np.array([noise.weights[first : first + part.sample_count] for noise in student])
             scored = likelihood.linearize(*point, weights)
             first += part.sample_count
-        differential = here.information - here.common_information
-        information[_DIFFERENTIAL, block] += rows.T @ differential @ rows * variance[_DIFFERENTIAL]
-        score[_DIFFERENTIAL, block] += rows.T @ (scored.gradient - scored.common_gradient)
-        information[_COMMON_MODE, block] += rows.T @ here.common_information @ rows * variance[_COMMON_MODE]
-        score[_COMMON_MODE, block] += rows.T @ scored.common_gradient
+        for channel, own, of_score in ((0, here.between, scored.between), (1, here.common, scored.common)):
+            information[channel, block] += rows.T @ own.information @ rows * variance[channel]
+            score[channel, block] += rows.T @ of_score.score
     return information, score
 
 

@@ -165,15 +165,15 @@ def _curvature(calibration: Calibration, recording: SampleSource, known: Known) 
     weight = known.variance_factors.times(some.sample_count / recording.sample_count)
     problem = Problem.of(some, calibration.array, replace(known, variance_factors=weight))
     place = Place(calibration.errors, calibration.intensity_T)
-    basis, (information, score) = problem.basis_at(place), problem.data_at(place)
-    deviates = np.random.default_rng(_SEED).normal(size=(_DRAWS, len(score)))
-    curvature = np.zeros_like(information)
+    basis, here = problem.basis_at(place), problem.data_at(place)
+    deviates = np.random.default_rng(_SEED).normal(size=(_DRAWS, len(basis)))
+    curvature = np.zeros_like(here.information)
     for _ in range(_MOST_WEIGHINGS):
         covariance = inverted(problem.information_beside(curvature, place), basis)
         values, vectors = np.linalg.eigh(covariance)
         steps = deviates * np.sqrt(np.maximum(values, 0)) @ vectors.T
-        scores = np.array([problem.data_at(problem.moved(place, step))[1] for step in steps])
-        left = scores - score + steps @ information
+        scores = np.array([problem.data_at(problem.moved(place, step)).score for step in steps])
+        left = scores - here.score + steps @ here.information
         before, curvature = curvature, left.T @ left / _DRAWS
         if np.sum(covariance * curvature) <= (1 + SETTLED) * np.sum(covariance * before):
             break

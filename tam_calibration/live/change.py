@@ -189,7 +189,7 @@ class Weighing:
             fitted = self._fitted(index, linearize, before, covariance, excess)
             if fitted is not None:
                 evidence, here = fitted
-                fall = without.differential + without.common_mode - here.differential - here.common_mode
+                fall = without.both.energy - here.both.energy
                 score = fall / excess - float(self._unknowns[index]) * np.log(max(count, 2))
                 found.append(replace(evidence, ratio=fall / excess, score=score))
         found.sort(key=lambda evidence: -evidence.score)
@@ -208,8 +208,9 @@ class Weighing:
         change = np.zeros_like(start)
         here = linearize(before)
         for _ in range(_MOST_STEPS):
+            both = here.both
             evidence = self._evidence(
-                index, *_marginal(here.information, here.gradient + here.information @ change, covariance), 0.0, excess
+                index, *_marginal(both.information, both.score + both.information @ change, covariance), 0.0, excess
             )
             left, change = evidence.change - change, evidence.change
             vector = (start + change).reshape(-1, 12)

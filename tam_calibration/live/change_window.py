@@ -243,10 +243,10 @@ class ChangeWindow:
         steps, sums = [first, *after], list[_Sums]()
         information, gradient, count = np.zeros((self._size, self._size)), np.zeros(self._size), 0
         for before, step in reversed(list(pairwise(steps))):
-            information = information + step.here.information
+            information = information + step.here.both.information
             # Moved from the errors at which the block was linearised to those before all of them.
             moved = (step.before.errors.to_vector() - before.before.errors.to_vector()).ravel()
-            gradient = gradient + step.here.gradient + information @ moved
+            gradient = gradient + step.here.both.score + information @ moved
             count += step.moments.count
             sums.append(_Sums(before, information, gradient, count))
         return sums[::-1]

@@ -365,11 +365,11 @@ def _change(suspicion: Suspicion, done: str) -> Change:
 
 def _own_energy(here: Linearization, moments: SampleMoments) -> tuple[float, float]:
     """Return the squared residuals that a block leaves when it is fitted by itself, and their degrees of freedom."""
-    count = len(here.gradient) // 12
+    both, count = here.both, len(here.correction) // 12
     freedom = moments.count * (3 * count - 3) + moments.scalar_count - (12 * count - 3)
     if freedom <= 0:
         return 0.0, 0.0
-    scale = np.sqrt(np.maximum(np.diag(here.information), np.finfo(float).tiny))
-    unit, gradient = here.information / np.outer(scale, scale), here.gradient / scale
+    scale = np.sqrt(np.maximum(np.diag(both.information), np.finfo(float).tiny))
+    unit, gradient = both.information / np.outer(scale, scale), both.score / scale
     fall = gradient @ np.linalg.solve(ridged(unit), gradient)
-    return max(here.differential + here.common_mode - float(fall), 0.0), float(freedom)
+    return max(both.energy - float(fall), 0.0), float(freedom)

@@ -133,18 +133,7 @@ class MomentLikelihood:
         channels = ChannelMaps.at(errors.matrix, offset, UNIFORM, self._vector_noise, None)
         common = self._common_mode(moments, errors, offset)
         rows = normal_equations(channels, moments.second, common, moments.count)
-        by_errors = rows_by_unknowns(errors, self.unit_T, None)
-        whole = Linearization(
-            by_errors.T @ rows.information @ by_errors,
-            by_errors.T @ rows.gradient,
-            by_errors.T @ rows.correction,
-            by_errors.T @ rows.common_information @ by_errors,
-            by_errors.T @ rows.common_gradient,
-            rows.differential,
-            rows.common_mode,
-            rows.reference_count,
-        )
-        return whole.weighed(self.factors)
+        return rows.by(rows_by_unknowns(errors, self.unit_T, None)).weighed(self.factors)
 
     def _common_mode(self, moments: SampleMoments, errors: SensorErrors, offset: FloatArray) -> CommonModeSums:
         """Return the sums of the common mode at given errors."""
@@ -414,9 +403,9 @@ def solve(
 
     def step_from(state: tuple[FloatArray, FloatArray]) -> tuple[tuple[FloatArray, FloatArray], bool]:
         vector, _ = state
-        here = likelihood.linearize(moments, SensorErrors.from_vector(vector, orientation))
+        here = likelihood.linearize(moments, SensorErrors.from_vector(vector, orientation)).both
         covariance = inverted(here.information[np.ix_(free, free)] + certainty)
-        gradient = here.gradient[free] - certainty @ (vector - mean)[free]
+        gradient = here.score[free] - certainty @ (vector - mean)[free]
         step = covariance @ gradient
         moved = vector.copy()
         moved[free] += step

@@ -43,7 +43,7 @@ class Trial:
     def after(self, moments: SampleMoments, published: Belief, likelihood: MomentLikelihood) -> "Trial":
         """Return the trial after another block of samples."""
         before, tried = (
-            np.array([here.differential, here.common_mode])
+            np.array([here.between.energy, here.common.energy])
             for here in (likelihood.linearize(moments, each.errors) for each in (published, self.belief))
         )
         return replace(self, blocks=self.blocks + 1, energy=self.energy + before, fall=self.fall + before - tried)

@@ -42,8 +42,8 @@ def test_figures_are_those_of_all_samples(recording, wu_scenario):
         recording.readings_T / unit, recording.scalar_T / unit, array.vector_noise_T / unit, array.scalar_noise_T / unit
     )
     point = likelihood.linearize(errors.matrix, errors.bias_T / unit)
-    assert quality.reduced_chi_square["common_mode"] == pytest.approx(point.common_mode / (point.reference_count - 9))
-    assert quality.reduced_chi_square["differential"] == pytest.approx(point.differential / (360 * 9 - 36), rel=1e-5)
+    assert quality.reduced_chi_square["common_mode"] == pytest.approx(point.common.energy / (point.common.count - 9))
+    assert quality.reduced_chi_square["differential"] == pytest.approx(point.between.energy / (360 * 9 - 36), rel=1e-5)
     assert measure_chi_square(recording, array, errors, 5e-5) == quality.reduced_chi_square
 
 
@@ -54,10 +54,12 @@ def test_normal_equations_are_those_of_all_samples(recording, wu_scenario):
     point = errors.matrix + 1e-6, (errors.bias_T - data.origin_T) / data.radius_T
     one = UniformLikelihood(data, noise, 1e-6).linearize(*point)
     other = Likelihood(data.points, data.intensity, noise, 1e-6).linearize(*point)
-    assert_allclose(one.information, other.information, rtol=1e-9, atol=1e-9 * np.abs(other.information).max())
-    assert_allclose(one.gradient, other.gradient, rtol=1e-6)
-    assert one.reference_count == other.reference_count
-    assert one.common_mode == pytest.approx(other.common_mode)
+    assert_allclose(
+        one.both.information, other.both.information, rtol=1e-9, atol=1e-9 * np.abs(other.both.information).max()
+    )
+    assert_allclose(one.both.score, other.both.score, rtol=1e-6)
+    assert one.common.count == other.common.count
+    assert one.common.energy == pytest.approx(other.common.energy)
 
 
 @pytest.mark.parametrize("method", ["maximum_likelihood", "lossless"])

@@ -245,10 +245,10 @@ def sandwich(calibration, recording):
     free = np.ones(rows.shape[1], dtype=bool)
     free[9:12] = False
     basis = np.eye(len(free))[:, free] if has_scalar else keeping(np.append(free_scale_gradient(errors), 0.0), free)
-    inside = basis.T @ rows.T @ here.information @ rows @ basis
+    inside = basis.T @ rows.T @ here.both.information @ rows @ basis
     weighed = calibration.variance_factors
-    spread = weighed.differential * (here.information - here.common_information)
-    spread += weighed.common_mode * here.common_information
+    spread = weighed.differential * (here.both.information - here.common.information)
+    spread += weighed.common_mode * here.common.information
     bread = basis @ np.linalg.inv(inside) @ basis.T
     return (bread @ rows.T @ spread @ rows @ bread)[:48, :48]
 
