@@ -11,9 +11,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.core.least_squares import iterate
+from tam_calibration.core.least_squares import scaled
+from tam_calibration.core.normal_equations import Normal
 from tam_calibration.correction.calibration import Calibration, KnownSource
 from tam_calibration.fit.frames import turned
+from tam_calibration.fit.gauss_newton import descend
+from tam_calibration.fit.information import inverted
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
@@ -75,14 +78,8 @@ class SourceReadings:
         return np.einsum("kai,nkai->nka", rows, turned), derivative
 
 
-_STEPS = 30
-"""Gauss-Newton steps at most: a fit that converges takes fewer than ten."""
-
-_SMALLEST_STEP = 1e-12
-"""Relative step at which the fit has converged: above the rounding of its numbers."""
-
 _LARGEST_CONDITION = 1e6
-"""Condition of the scaled normal equations from which a parameter is open: its error is a thousand times the usual."""
+"""Condition of the scaled design from which a parameter is open: its error is a thousand times the usual."""
 
 _OTHER_SOURCE = (
     "the readings cannot be those of the stated source: check its position, axis, strength and radius, and the poses"
@@ -181,21 +178,29 @@ def calibrate_by_source(
     """
     readings, noise = _check(amplitudes_T, noise_T, poses, array)
     model, allowed = SourceReadings(source, poses, errors, array), _allowed(array)
-    point = _Point(1.0, np.eye(3), np.zeros((array.sensor_count, 3, 3)))
+    start = _Point(1.0, np.eye(3), np.zeros((array.sensor_count, 3, 3)))
 
-    def step_from(state: tuple[_Point, _Linearization | None]) -> tuple[tuple[_Point, _Linearization | None], bool]:
-        here, before = state
-        linear = _linearize(model, here, readings, noise, allowed)
-        if not linear.is_determined:
-            raise Refused(_UNDETERMINED if before is None else _OTHER_SOURCE)
-        is_last = norm(linear.design @ linear.step) < _SMALLEST_STEP * norm(readings / noise)
-        return (here.moved(allowed @ linear.step), linear), bool(is_last)
+    def normal_at(point: _Point) -> tuple[FloatArray, FloatArray, Normal]:
+        inside = _linearize(model, point, readings, noise).by(allowed)
+        if not _is_determined(inside):
+            raise InputError(_UNDETERMINED if point is start else _OTHER_SOURCE)
+        return inside.information, inside.score, inside
 
-    start: tuple[_Point, _Linearization | None] = (point, None)
-    (end, linear), is_settled = iterate(step_from, start, _STEPS)
-    if linear is None or not is_settled:
-        raise Refused(_OTHER_SOURCE)
-    return _result(end, linear, allowed)
+    try:
+        end, _ = descend(normal_at, lambda point, step: point.moved(allowed @ step), start)
+    except InputError as problem:
+        raise Refused(str(problem)) from None
+    except Refused:
+        raise Refused(_OTHER_SOURCE) from None
+    last = _linearize(model, end, readings, noise)
+    return SourceCalibration(
+        end.scale,
+        _vector(end.rotation),
+        end.offsets_m,
+        inverted(last.information, allowed),
+        last.energy,
+        readings.size - allowed.shape[1],
+    )
 
 
 class _Point(NamedTuple):
@@ -211,53 +216,20 @@ class _Point(NamedTuple):
         return _Point(self.scale + float(step[0]), _matrix(step[1:4]) @ self.rotation, offsets)
 
 
-class _Linearization(NamedTuple):
-    """Residuals (M,) over the noise, and their design (M, P) decomposed: left diag(size) right diag(scale)."""
-
-    residual: FloatArray
-    design: FloatArray
-    left: FloatArray
-    size: FloatArray
-    right: FloatArray
-    scale: FloatArray
-
-    @property
-    def is_determined(self) -> bool:
-        return len(self.residual) >= len(self.scale) and self.size[-1] * _LARGEST_CONDITION >= self.size[0]
-
-    @property
-    def root(self) -> FloatArray:
-        """(P, P) root of the covariance."""
-        return self.right.T / self.size / self.scale[:, None]
-
-    @property
-    def step(self) -> FloatArray:
-        """(P,) step of Gauss-Newton."""
-        return self.root @ (self.left.T @ self.residual)
-
-
-def _linearize(
-    model: SourceReadings, point: _Point, readings: FloatArray, noise: FloatArray, allowed: FloatArray
-) -> _Linearization:
+def _linearize(model: SourceReadings, point: _Point, readings: FloatArray, noise: FloatArray) -> Normal:
+    """Return the normal equations of scale, rotation and offsets."""
     predicted, derivative = model.predict(*point)
     signs = np.sign(np.sum(readings * predicted, axis=(1, 2)))[:, None, None]
     residual = ((signs * readings - predicted) / noise).ravel()
-    design = (derivative / noise[..., None]).reshape(len(residual), -1) @ allowed
-    scale = norm(design, axis=0)
-    left, size, right = np.linalg.svd(design / np.where(scale > 0, scale, 1.0), full_matrices=False)
-    return _Linearization(residual, design, left, size, right, scale)
+    design = (derivative / noise[..., None]).reshape(len(residual), -1)
+    return Normal(design.T @ design, design.T @ residual, float(residual @ residual), residual.size)
 
 
-def _result(point: _Point, linear: _Linearization, allowed: FloatArray) -> SourceCalibration:
-    root = allowed @ linear.root
-    return SourceCalibration(
-        point.scale,
-        _vector(point.rotation),
-        point.offsets_m,
-        root @ root.T,
-        float(linear.residual @ linear.residual),
-        linear.residual.size - allowed.shape[1],
-    )
+def _is_determined(normal: Normal) -> bool:
+    if normal.count < len(normal.score) or not (np.diag(normal.information) > 0).all():
+        return False
+    values = np.linalg.eigvalsh(scaled(normal.information)[0])
+    return bool(values[0] * _LARGEST_CONDITION**2 >= values[-1])
 
 
 def _allowed(array: Array) -> FloatArray:
