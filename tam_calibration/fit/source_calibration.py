@@ -256,7 +256,7 @@ def rotation_matrix(vector: FloatArray) -> FloatArray:
     """Return the rotation matrix (3, 3) of a rotation vector."""
     from scipy.spatial.transform import Rotation
 
-    return np.asarray(Rotation.from_rotvec(vector).asrotation_matrix())
+    return np.asarray(Rotation.from_rotvec(vector).as_matrix())
 
 
 def _vector(matrix: FloatArray) -> FloatArray:
