@@ -37,8 +37,8 @@ from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.posterior import posterior_of
 from tam_calibration.fit.prior import Prior, prior_of
+from tam_calibration.fit.prior_changes import update_prior
 from tam_calibration.fit.problem import Known, Place, Problem
-from tam_calibration.fit.resolved_prior import resolve
 from tam_calibration.model.array import Array
 from tam_calibration.model.change_rates import DAY_S
 from tam_calibration.model.exceptions import InputError, Refused
@@ -197,7 +197,7 @@ def moved_figures(kind: str, runs: int, first_seed: int) -> Iterable[Figure]:
         ).recording
         turn = replace(turn, time_s=PIER_S + DIVE_S + turn.time_s)
         prior = prior_of(calibration, float(turn.time_s[0]), None)
-        resolved = resolve(turn, array, Known(prior))
+        resolved = update_prior(turn, array, Known(prior))
         found = maximum_a_posteriori(resolved.recording, array, resolved.known)
         seen = simulate(
             replace(begin, motion=Manoeuvre(work, work, 120.0), sample_count=2400, rate_hz=10.0, seed=seed + 500_000)

@@ -2,7 +2,7 @@
 
 The readings of a sample without bias are r = A b + ε: A the stacked matrices D Λ of its R = 3K rows, b the field, ε
 white noise of standard deviations σ. With W = diag(1/σ) the field that the sensors agree on is its weighted
-least-squares estimate; what the readings tell beside it lies along the directions across the columns of W A:
+least-squares estimate; the rest of the readings lies along the directions across the columns of W A:
 
     C = (Aᵀ W² A)⁻¹            covariance of the field,
     b̂ = C Aᵀ W² r              the field; the 3 × R matrix before r unmixes the readings,

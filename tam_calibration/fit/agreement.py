@@ -14,11 +14,18 @@ from tam_calibration.fit.problem import Place, Problem
 from tam_calibration.fit.slow_sums import SlowSums
 from tam_calibration.model.units import FloatArray
 
-LEAST_TOLD = 1e-3
+LEAST_SHARE = 1e-3
 """Part of the information on a direction that both sides have at least where they can contradict."""
 
 SEEN = 1e-12
 """Part of the largest eigenvalue of a scaled information below which a direction is open."""
+
+TOO_FAR = 2.0
+"""Stated noise over that of the residuals, or the reverse, from which the stated one is not used: a factor of two in
+standard errors."""
+
+FAR = 4.0
+"""Standard deviations of a normal law, once in 16 000, from which a difference is reported."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +82,8 @@ class MotionFit:
         informations (Hausman 1978): no fit without it is needed.
         """
         parts, along = _shares(self.white, some)
-        told = (parts > LEAST_TOLD) & (1 - parts > LEAST_TOLD)
-        chi_square, freedom = float(np.sum(along[told] ** 2 / (parts * (1 - parts))[told])), int(told.sum())
+        compared = (parts > LEAST_SHARE) & (1 - parts > LEAST_SHARE)
+        chi_square, freedom = float(np.sum(along[compared] ** 2 / (parts * (1 - parts))[compared])), int(compared.sum())
         if probability_of(chi_square, freedom) >= SIGNIFICANT:
             return ""
         return f"χ² {chi_square:.3g} of {freedom} errors"

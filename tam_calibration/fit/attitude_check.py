@@ -1,4 +1,4 @@
-"""Whether recorded attitude may be believed beside the readings, and how large its errors are.
+"""Whether recorded attitude agrees with the readings, and how large its errors are.
 
 Most attitudes of robots come from an AHRS that takes its heading from the very magnetometer that is calibrated. Such a
 heading repeats the errors of that sensor, and the fit finds them too small, with small standard errors. Attitude is
@@ -6,7 +6,7 @@ therefore used only where these tests pass:
 
 - What it tells agrees with what all else tells (Hausman 1978).
 - Its heading error contains neither the errors of a sensor's raw readings nor their low-pass, as a filter with a
-  gyroscope leaves them: both are columns beside the errors of the sensors (a score test).
+  gyroscope leaves them: both are columns in addition to the errors of the sensors (a score test).
 - Where the recording tells too little for that, the raw readings of no sensor stand still in the heading as well as the
   calibrated field does: good sensors would, so the sizes of the errors by which the sensors differ are the measure.
 
@@ -20,7 +20,7 @@ import numpy as np
 
 from tam_calibration.core.least_squares import whitening
 from tam_calibration.core.noise import complete_noise
-from tam_calibration.fit.agreement import SEEN, MotionFit
+from tam_calibration.fit.agreement import SEEN, TOO_FAR, MotionFit
 from tam_calibration.fit.attitude_convention import misread_attitude
 from tam_calibration.fit.attitude_likelihood import AttitudeLikelihood, WorldView
 from tam_calibration.fit.contradiction import SIGNIFICANT, probability_of
@@ -47,10 +47,6 @@ _NO_FIT = f"the recorded attitude and the readings make no calibration together:
 
 _NOISES = (ATTITUDE_NOISE.most, 0.05, 0.005, 5e-4)
 """Noise of attitude to begin with, radians: the first with which a recording that tells little alone is calibrated."""
-
-_TOO_FAR = 2.0
-"""Stated noise over that of the residuals, or the reverse, from which the stated one is not used: a factor of two in
-standard errors. Both counted are the size of the errors and how long they last."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +84,7 @@ def judge_attitude(recording: SampleSource, array: Array, known: Known) -> Judge
     array : Array
         Its noise of attitude is infinite where it is to be estimated.
     known : Known
-        What is known beside the recording.
+        What else is known.
 
     Returns
     -------
@@ -98,13 +94,13 @@ def judge_attitude(recording: SampleSource, array: Array, known: Known) -> Judge
     assert array.attitude_noise is not None
     reasons: list[str] = []
     for uses_heading in (True, False):
-        beside = replace(known, uses_heading=uses_heading, main_field_T=None)
+        without_place = replace(known, uses_heading=uses_heading, main_field_T=None)
         try:
-            fit = _Fit.settled_from_above(recording, array, beside)
+            fit = _Fit.settled_from_above(recording, array, without_place)
             used, doubt = _used_noise(array.attitude_noise, fit)
             fit = fit.with_noise(used)
         except (InputError, Refused):
-            stray = strayed(_scatter_at_start(recording, array, beside)) or _NO_FIT
+            stray = strayed(_scatter_at_start(recording, array, without_place)) or _NO_FIT
             reasons.append(misread_attitude(recording) or stray)
             continue
         stray = strayed(fit.left)
@@ -132,7 +128,7 @@ def _used_noise(stated: float, fit: "_Fit") -> tuple[float, str]:
     """Return the noise to fit with, radians, and what is wrong with the stated one; infinite where it is estimated."""
     if np.isinf(stated):
         return fit.noise, ""
-    if 1 / _TOO_FAR < stated / fit.noise < _TOO_FAR:
+    if 1 / TOO_FAR < stated / fit.noise < TOO_FAR:
         return max(stated, fit.noise), ""
     size = "small" if stated < fit.noise else "large"
     lasting = (fit.noise / fit.left) ** 2
@@ -145,7 +141,7 @@ def _used_noise(stated: float, fit: "_Fit") -> tuple[float, str]:
 
 @dataclass(frozen=True, eq=False)
 class _Fit(MotionFit):
-    """A fit beside attitude: its noise, and the scatter of the residuals, which is less where they last; radians."""
+    """A fit with attitude as data: its noise, and the scatter of the residuals, smaller where they last; radians."""
 
     noise: float
     left: float
@@ -198,9 +194,9 @@ class _Fit(MotionFit):
     def contradiction_of_place(self, main_field_T: FloatArray) -> str:
         """Return how the main field of a model contradicts readings and attitude, or nothing."""
         known = replace(self.problem.known, main_field_T=main_field_T)
-        beside = replace(self, problem=replace(self.problem, known=known)).with_noise(self.noise)
-        told, less = (problem.known_at(beside.place) for problem in (beside.problem, self.problem))
-        sizes = beside.difference(told - less)
+        used = replace(self, problem=replace(self.problem, known=known)).with_noise(self.noise)
+        more, less = (problem.known_at(used.place) for problem in (used.problem, self.problem))
+        sizes = used.difference(more - less)
         return f"the field of the place contradicts readings and attitude, {sizes}" if sizes else ""
 
     def followed(self, recording: SampleSource) -> str:

@@ -201,7 +201,7 @@ class AttitudeLikelihood:
         _, moments, of_field = self._moments(matrix, bias, view)
         channels = (1 + self.uses_heading) * self.sample_count
         variance = (self.attitude_noise**2 + of_field) * float(moments[-1, -1]) / max(channels - taken, 1.0)
-        # A scatter that is less than that of the field's direction is not told from none.
+        # A scatter that is less than that of the field's direction cannot be separated from none.
         variance = max(variance - of_field, of_field)
         return float(np.clip(np.sqrt(variance), ATTITUDE_NOISE.least, ATTITUDE_NOISE.most))
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from tam_calibration.core.least_squares import whitening
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.agreement import MotionFit
+from tam_calibration.fit.agreement import SEEN, MotionFit
 from tam_calibration.fit.attitude_convention import misread_attitude
 from tam_calibration.fit.attitude_likelihood import AttitudeLikelihood, WorldView
 from tam_calibration.fit.problem import Known, Problem
@@ -20,9 +20,6 @@ USE_IT = (
     "set attitude_noise_deg: estimate in the array file if the recorded attitude comes from gyroscope and "
     "accelerometer only"
 )
-
-_SEEN = 1e-12
-"""Part of the largest eigenvalue of a scaled covariance below which a direction is held."""
 
 _MOST_SAMPLES = 1000
 """By which the worth of attitude is judged."""
@@ -56,11 +53,11 @@ def worth_of(recording: SampleSource, calibration: Calibration) -> str:
     noise = problem.motion.scatter(*problem.rows_at(problem.start), problem.start.motion)
     if reason := strayed(noise):
         return misread_attitude(some, calibration.errors) or f"recorded attitude is not used: {reason}"
-    beside = MotionFit(replace(problem, motion=replace(problem.motion, attitude_noise=noise)), problem.start)
-    information = beside.own.information * recording.sample_count / some.sample_count
+    used = MotionFit(replace(problem, motion=replace(problem.motion, attitude_noise=noise)), problem.start)
+    information = used.own.information * recording.sample_count / some.sample_count
     words = f"recorded attitude (noise {to_degrees(noise):.2g}°) is not used: "
     if _ratio(calibration, information).min() < _WORTHLESS:
-        information /= beside.lasting()
+        information /= used.lasting()
     ratio = _ratio(calibration, information)
     if ratio.min() > _WORTHLESS:
         return f"{words}it would reduce no standard error by more than {1 - _WORTHLESS:.0%}"
@@ -79,7 +76,7 @@ def _ratio(calibration: Calibration, information: FloatArray) -> FloatArray:
     size, before = len(calibration.covariance), calibration.standard_errors
     cross, view = information[:size, -5:], information[-5:, -5:] + np.eye(5)
     information = information[:size, :size] - cross @ np.linalg.solve(view, cross.T)
-    root = calibration.covariance @ whitening(calibration.covariance, _SEEN)
+    root = calibration.covariance @ whitening(calibration.covariance, SEEN)
     after = root @ np.linalg.solve(np.eye(root.shape[1]) + root.T @ information @ root, root.T)
     errors = np.sqrt(np.diag(after)).reshape(before.shape)
     return np.asarray(np.divide(errors, before, out=np.ones_like(before), where=before > 0))

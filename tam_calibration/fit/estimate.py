@@ -1,4 +1,4 @@
-"""From an estimate to a calibration: noise, residuals, floor, whiteness and coverage, for every method alike."""
+"""From an estimate to a calibration: noise, residuals, floor, whiteness and coverage, for every method."""
 
 from dataclasses import dataclass, replace
 
@@ -19,7 +19,7 @@ from tam_calibration.model.units import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class Quality:
+class Figures:
     """The figures of one pass.
 
     Parameters
@@ -41,7 +41,7 @@ class Quality:
     mean_scalar_T: float | None
 
 
-def measure_quality(source: SampleSource, array: KnownNoiseArray, errors: SensorErrors, intensity_T: float) -> Quality:
+def measure_quality(source: SampleSource, array: KnownNoiseArray, errors: SensorErrors, intensity_T: float) -> Figures:
     """Return the figures of a recording in a uniform field that was corrected with given errors.
 
     Parameters
@@ -65,7 +65,7 @@ def measure_quality(source: SampleSource, array: KnownNoiseArray, errors: Sensor
         if block.scalar_T is not None:
             scalar_T += float(np.nansum(block.scalar_T))
     mean_scalar_T = scalar_T / count if count else None
-    return Quality(before.result(), after.result(), visited.fraction, energy.reduced_chi_square(), mean_scalar_T)
+    return Figures(before.result(), after.result(), visited.fraction, energy.reduced_chi_square(), mean_scalar_T)
 
 
 def measure_chi_square(
@@ -208,7 +208,7 @@ class Estimate:
     intensity_T : float
         The constant intensity on the estimate's scale, used where there is no scalar reference.
     ambient_gradient : AmbientGradient, optional
-        Fitted beside the errors; its standard errors come from where the covariance does.
+        Fitted together with the errors; its standard errors come from where the covariance does.
     frame : str
         What the array frame of the errors is.
     """

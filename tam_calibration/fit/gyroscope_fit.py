@@ -1,11 +1,11 @@
-"""A fit beside angular velocity: its noise by the residuals, and what these show of the gyroscope."""
+"""A fit with angular velocity as data: its noise by the residuals, and what these show of the gyroscope."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.fit.agreement import SEEN, MotionFit
+from tam_calibration.fit.agreement import FAR, SEEN, MotionFit
 from tam_calibration.fit.contradiction import SIGNIFICANT, probability_of
 from tam_calibration.fit.gyroscope_likelihood import GyroscopeLikelihood
 from tam_calibration.fit.gyroscope_path import GyroscopeState, GyroscopeUse
@@ -26,11 +26,8 @@ _MOST_ROUNDS, _SETTLED = 6, 0.05
 _MOST_FITTED = 200_000
 """Turns of a fit to all samples: of more those over several samples."""
 
-_FAR = 4.0
-"""Standard deviations of a normal law beyond which a delay or a mounting is told: once in 16 000."""
-
 _TYPICAL_SCALE = 1e-3
-"""Scale error of a gyroscope that was calibrated, of which the effect is told."""
+"""Scale error of a gyroscope that was calibrated, whose effect is reported."""
 
 _LATE, _ASKEW = 0.5, from_degrees(2.0)
 """Delay in intervals of samples, and turn in radians, from which they are worth a note."""
@@ -38,7 +35,7 @@ _LATE, _ASKEW = 0.5, from_degrees(2.0)
 
 @dataclass(frozen=True, eq=False)
 class GyroscopeFit(MotionFit):
-    """A fit beside angular velocity."""
+    """A fit with angular velocity as data."""
 
     @classmethod
     def settled(cls, recording: Recording, array: Array, known: Known, use: GyroscopeUse) -> "GyroscopeFit":
@@ -49,8 +46,8 @@ class GyroscopeFit(MotionFit):
         first = maximum_a_posteriori(recording, array, replace(known, gyroscope=use))
         factors = known.variance_factors.at_least(variance_factors(first, recording))
         start = Place(first.errors, first.intensity_T)
-        beside = replace(known, gyroscope=use, variance_factors=factors, start=start)
-        problem = Problem.of(recording, first.array, beside)
+        used = replace(known, gyroscope=use, variance_factors=factors, start=start)
+        problem = Problem.of(recording, first.array, used)
         fit = cls(problem, problem.most_probable()[0])
         for _ in range(_MOST_ROUNDS):
             density = max(fit.measured(), use.density)
@@ -136,11 +133,11 @@ class GyroscopeFit(MotionFit):
         covariance = inverted(information, self.basis)
         errors = np.sqrt(np.diag(covariance))[-self.state.size :]
         count, notes = self.state.bias.size, []
-        if abs(self.state.delay_s) > max(_FAR * errors[count], _LATE * self.use.interval_s):
+        if abs(self.state.delay_s) > max(FAR * errors[count], _LATE * self.use.interval_s):
             late = "late" if self.state.delay_s > 0 else "early"
             notes.append(f"the angular velocity is {abs(self.state.delay_s):.3g} s {late}, which is taken off")
         turn = float(norm(Rotation.from_matrix(self.state.mount).as_rotvec()))
-        if turn > max(_FAR * float(norm(errors[count + 1 : count + 4])), _ASKEW):
+        if turn > max(FAR * float(norm(errors[count + 1 : count + 4])), _ASKEW):
             notes.append(f"the gyroscope is turned by {to_degrees(turn):.2g}° against sensor 1, which is estimated")
         # A scale error of all axes moves the errors of the sensors by so much.
         shift = -covariance @ information[:, -6:-3].sum(axis=1)

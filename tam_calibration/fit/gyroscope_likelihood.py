@@ -7,7 +7,7 @@ angular velocity's integral, the two numbers of each interval
 
     ε = T'ᵀ exp(-X S φ) u,    cov(ε, ε) = q + F V Fᵀ + V',    cov(ε', ε) = -F' V',
 
-are all that the path tells of the errors of the sensors: their covariance has two blocks beside its diagonal, and a
+are all that the path tells of the errors of the sensors: their covariance has two blocks off its diagonal, and a
 banded Cholesky factor makes them white at a cost that grows as the number of samples does. The unknown path is
 eliminated with it. Field and turn in the derivatives are the smoothed ones, u + T V (λ' - Fᵀ λ) with T across it, and
 the turn less q Tᵀ λ, with λ the residuals over their covariance: they do not depend on the noise of the residuals,
@@ -197,12 +197,12 @@ class GyroscopeLikelihood:
         """Return what the sensors' noise makes of the channels' covariance, (4, 2 L): diagonal, then those below it."""
         links, count = self.path.links, len(self.path.links)
         own = through @ variance[links] @ np.swapaxes(through, 1, 2) + variance[links + 1]
-        beside = -(through[1:] @ variance[links[1:]]) * self.path.follows[:, None, None]
+        across = -(through[1:] @ variance[links[1:]]) * self.path.follows[:, None, None]
         band = np.zeros((_BAND + 1, count, 2))
         band[0] = own[:, (0, 1), (0, 1)]
-        band[1, :, 0], band[1, :-1, 1] = own[:, 1, 0], beside[:, 0, 1]
-        band[2, :-1, 0], band[2, :-1, 1] = beside[:, 0, 0], beside[:, 1, 1]
-        band[3, :-1, 0] = beside[:, 1, 0]
+        band[1, :, 0], band[1, :-1, 1] = own[:, 1, 0], across[:, 0, 1]
+        band[2, :-1, 0], band[2, :-1, 1] = across[:, 0, 0], across[:, 1, 1]
+        band[3, :-1, 0] = across[:, 1, 0]
         return band.reshape(_BAND + 1, -1)
 
     def _factor(self, chain: _Chain, density: float) -> FloatArray:

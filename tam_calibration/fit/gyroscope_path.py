@@ -200,8 +200,8 @@ class GyroscopePath:
         after = np.searchsorted(self.time_s, at_s)
         between = np.clip(after - 1, 0, len(is_short) - 1)
         is_told = np.asarray((known[:-1] & known[1:] & is_short)[between] & (after - 1 == between))
-        for beside in (between, between + 1):
-            is_told |= known[beside] & (np.abs(self.time_s[beside] - at_s) < _AT * self.interval_s)
+        for neighbour in (between, between + 1):
+            is_told |= known[neighbour] & (np.abs(self.time_s[neighbour] - at_s) < _AT * self.interval_s)
         return np.asarray(is_told[:-1] & is_told[1:] & is_short)
 
     @cached_property

@@ -35,7 +35,7 @@ def held_out_residuals(
     calibration : Calibration
         Of all samples.
     known : Known, optional
-        What a maximum likelihood fit knows beside them. Without its part of the normal equations, one Gauss-Newton
+        What a maximum likelihood fit knows in addition. Without its part of the normal equations, one Gauss-Newton
         step then leads from the calibration to the fit of the other folds. By default these are fitted anew.
 
     Returns
@@ -73,8 +73,8 @@ def _by_fit(others: SampleSource, samples: SampleSource, array: Array, fit: Fit)
 
 def _by_steps(folds: list[SampleSource], array: Array, calibration: Calibration, known: Known) -> list[Residuals]:
     place = Place(calibration.errors, calibration.intensity_T)
-    beside, has_scalar = replace(known, start=place), any(fold.scalar_count is not None for fold in folds)
-    problems = [Problem.of(fold, calibration.array, beside, has_scalar) for fold in folds]
+    used, has_scalar = replace(known, start=place), any(fold.scalar_count is not None for fold in folds)
+    problems = [Problem.of(fold, calibration.array, used, has_scalar) for fold in folds]
     parts = [problem.data_at(place) for problem in problems]
     whole, basis = sum(parts, problems[0].known_at(place)), problems[0].basis_at(place)
     found = []

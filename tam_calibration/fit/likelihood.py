@@ -379,7 +379,7 @@ def _second_moments(flat: FloatArray, weights: FloatArray | None) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class UniformLikelihood:
-    """As ``Likelihood``, for samples that count alike and have errors of their own.
+    """As ``Likelihood``, for samples of equal weight that have errors of their own.
 
     Parameters
     ----------

@@ -1,17 +1,17 @@
-"""The calibration of a recording and of what is known beside it: a prior, attitude, a main field."""
+"""The calibration of a recording and of what else is known: a prior, attitude, a main field."""
 
 from dataclasses import replace
 
 import numpy as np
 
 from tam_calibration.core.noise import complete_noise
+from tam_calibration.correction.acceptance import LARGEST_ANGLE_ERROR
 from tam_calibration.correction.calibration import FRAME_STATEMENT as FIRST_SENSOR
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.correction.update import Moved, Update
 from tam_calibration.fit.contradiction import probability_of
 from tam_calibration.fit.estimate import Estimate, make_calibration, measure_chi_square
 from tam_calibration.fit.frames import turned
-from tam_calibration.fit.identifiability import LARGEST_ANGLE_ERROR
 from tam_calibration.fit.posterior import Posterior, posterior_of
 from tam_calibration.fit.prior import Prior
 from tam_calibration.fit.problem import Known
@@ -37,7 +37,7 @@ _SETTLED = 0.9
 
 
 def maximum_a_posteriori(recording: SampleSource, array: Array, known: Known) -> Calibration:
-    """Return the most probable errors by a recording and what is known beside it.
+    """Return the most probable errors by a recording and what else is known.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def maximum_a_posteriori(recording: SampleSource, array: Array, known: Known) ->
         Where it states that of the mounting of attitude or gyroscope, the array frame is theirs, if that is then known
         to ``LARGEST_ANGLE_ERROR``.
     known : Known
-        What is known beside it; it is taken as it is.
+        What else is known; it is taken as it is.
 
     Returns
     -------
@@ -94,7 +94,7 @@ def _into_frame_of_attitude(posterior: Posterior, mounting_error: float) -> tupl
 def with_noise(recording: SampleSource, array: Array, known: Known) -> tuple[KnownNoiseArray, Posterior, bool]:
     """Return the array with every noise known, the errors that go with it, and whether a noise was estimated.
 
-    Attitudes that jump pass for noise where none is stated. Beside it a prior would count alone, whatever the readings
+    Attitudes that jump pass for noise where none is stated. With it a prior would count alone, whatever the readings
     contradict it in: it is scaled down to what the errors leave.
 
     Parameters
@@ -104,7 +104,7 @@ def with_noise(recording: SampleSource, array: Array, known: Known) -> tuple[Kno
     array : Array
         Its noise stated or not.
     known : Known
-        What is known beside the recording.
+        What else is known.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Which turn of a vehicle buys most certainty of tensor and centre field per minute, beside what a prior knows."""
+"""Which turn of a vehicle buys most certainty of tensor and centre field per minute, in addition to a prior."""
 
 from dataclasses import dataclass, replace
 from itertools import product

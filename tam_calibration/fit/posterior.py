@@ -65,7 +65,7 @@ def posterior_of(recording: SampleSource, array: KnownNoiseArray, known: Known |
     problem = Problem.of(recording, array, known if isinstance(known, Known) else Known(known))
     end, kept = problem.most_probable()
     if problem.known.curvature is not None:
-        kept = problem.information_beside(problem.known.curvature, end), problem.basis_at(end)
+        kept = problem.information_with(problem.known.curvature, end), problem.basis_at(end)
     covariance, size = inverted(*kept), 12 * array.sensor_count
     found = Posterior(end.errors, covariance[:size, :size], end.intensity_T, end.motion)
     if end.motion is None:

@@ -40,7 +40,7 @@ from tam_calibration.model.units import FloatArray
 
 _SHORTER = 0.6
 """Length of the steps where whole ones do not settle: what is taken off the gradient has a slope that the information
-does not hold, which is as large where a narrow turn tells little beside wide tolerances."""
+does not hold, which is as large where a narrow turn contains little compared with wide tolerances."""
 
 _SEEN = 1e-13
 """Part of the largest eigenvalue of a scaled information below which a direction is open."""
@@ -76,7 +76,7 @@ class Known:
     start : Calibration or Place, optional
         Where the iteration begins; by default at the prior, and without one at the closed form.
     uses_heading : bool
-        Whether of a recorded attitude the heading counts beside roll and pitch.
+        Whether of a recorded attitude the heading counts in addition to roll and pitch.
     intensity : Intensity, optional
         Of the field, where no scalar reads it in the samples.
     gyroscope : GyroscopeUse, optional
@@ -161,7 +161,7 @@ class Problem:
         return Place(self.start_errors, self.unit_T, motion)
 
     def most_probable(self) -> tuple[Place, tuple[FloatArray, FloatArray]]:
-        """Return the most probable place, and what ``settled`` returns beside it."""
+        """Return the most probable place, and what else ``settled`` returns."""
         if isinstance(self.known.start, Place):
             with suppress(Refused):
                 return self.settled(self.start, is_corrected=True)
@@ -242,8 +242,8 @@ class Problem:
         gradient = found.score[:count] - gain @ (found.score[own] + downhill)[free]
         return found.information[:count, :count] - gain @ across.T, gradient
 
-    def information_beside(self, curvature: FloatArray, place: Place) -> FloatArray:
-        """Return the information at a place of what is known, and of data whose score varies by curvature besides."""
+    def information_with(self, curvature: FloatArray, place: Place) -> FloatArray:
+        """Return the information at a place of what is known, and of data whose score varies by curvature too."""
         information = self.data_at(place).information
         # Of an attitude's mounting and the world's direction, which come last, lengths tell nothing.
         curvature = np.pad(curvature, (0, len(information) - len(curvature)))

@@ -53,7 +53,7 @@ class SourceReadings:
         rotation : (3, 3) array
             From the array frame into that of the calibration so far.
         offsets_m : (K, 3, 3) array
-            Places of the elements of axis x, y, z of each sensor beside it, metres.
+            Places of the elements of axis x, y, z of each sensor from there, metres.
         """
         turn, positions = self.poses.matrix, self.array.positions_m
         elements = scale * positions[:, None] + offsets_m
@@ -96,7 +96,7 @@ class SourceCalibration:
     rotation : (3,) array
         Rotation vector that turns vectors of the array frame into the frame of the calibration before, radians.
     axis_offsets_m : (K, 3, 3) array
-        Places of the elements of axis x, y, z of each sensor beside its scaled position, array frame, metres; one place
+        Places of the elements of axis x, y, z of each sensor from its scaled position, array frame, metres; one place
         in common is an error of the array's stated centre.
     covariance : (4 + 9 K, 4 + 9 K) array
         Of scale, rotation and offsets, SI: of the noise of the amplitudes, the calibration before and the source taken

@@ -30,8 +30,8 @@ _MOST_STEPS, _SETTLED = 20, 1e-6
 _UNSEEN = 1e-9
 """Information along a direction, over that of its unknowns known alone, below which it is not seen: above rounding."""
 
-_TOLD_FROM = 3.0
-"""Standard errors from which a component of a change is told."""
+_NAMED_FROM = 3.0
+"""Standard errors from which a component of a change is named."""
 
 
 GRADIENT = "gradient of the field"
@@ -96,16 +96,16 @@ class Evidence:
     def sentence(self) -> str:
         """What has changed and by how much, for people."""
         errors = np.sqrt(np.diag(self.covariance))
-        told = [
-            f"{name} {_told(value, self.hypothesis.unit)} ± {_told(error, self.hypothesis.unit, '')}".strip()
+        components = [
+            f"{name} {_in_unit(value, self.hypothesis.unit)} ± {_in_unit(error, self.hypothesis.unit, '')}".strip()
             for name, value, error in zip(self.hypothesis.components, self.size, errors, strict=False)
-            if abs(value) > _TOLD_FROM * error
+            if abs(value) > _NAMED_FROM * error
         ]
         unit = {"T": " nT", "rad": "°", "1": " ppm"}.get(self.hypothesis.unit, "")
-        return self.hypothesis.name + (f" by {', '.join(told)}{unit}" if told else "")
+        return self.hypothesis.name + (f" by {', '.join(components)}{unit}" if components else "")
 
 
-def _told(value: float, unit: str, form: str = "+") -> str:
+def _in_unit(value: float, unit: str, form: str = "+") -> str:
     shown = {"T": to_nanotesla, "rad": to_degrees}.get(unit, _to_ppm)(float(value))
     return f"{shown:{form}.3g}"
 
@@ -129,8 +129,10 @@ class Weighing:
         self._among = among
         self._unknowns = np.array([each.directions.shape[1] for each in among])
         self._thresholds = chdtri(self._unknowns, chance)
-        self._alike = [np.flatnonzero(self._unknowns == unknowns) for unknowns in np.unique(self._unknowns)]
-        self._directions = [np.stack([among[int(index)].directions for index in alike]) for alike in self._alike]
+        self._equal_sizes = [np.flatnonzero(self._unknowns == unknowns) for unknowns in np.unique(self._unknowns)]
+        self._directions = [
+            np.stack([among[int(index)].directions for index in places]) for places in self._equal_sizes
+        ]
 
     def weigh(
         self, information: FloatArray, gradient: FloatArray, covariance: FloatArray, count: int, excess: float
@@ -150,12 +152,12 @@ class Weighing:
         """
         of_changes, score = _marginal(information, gradient, covariance)
         ratios = np.empty(len(self._among))
-        for alike, directions in zip(self._alike, self._directions, strict=True):
+        for places, directions in zip(self._equal_sizes, self._directions, strict=True):
             turned = np.swapaxes(directions, 1, 2)
             unit, scale = scaled(turned @ of_changes @ directions)
             along = (turned @ score) / scale
             solved = np.linalg.solve(unit + _UNSEEN * np.eye(unit.shape[-1]), along[..., None])[..., 0]
-            ratios[alike] = np.sum(along * solved, axis=1) / excess
+            ratios[places] = np.sum(along * solved, axis=1) / excess
         scores = ratios - self._unknowns * np.log(max(count, 2))
         order = np.argsort(-scores)
         if ratios[order[0]] <= self._thresholds[order[0]]:

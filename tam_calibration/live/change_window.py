@@ -2,7 +2,7 @@
 
 The samples are kept in blocks, which are weighed against what was known before them. The first alarm
 says that there is a change, and when it may have come at the earliest; it may have come within the block that raised
-it. What has changed is therefore told by the blocks after that one alone, against what was known before the earliest
+it. What has changed is therefore found from the blocks after that one alone, against what was known before the earliest
 moment.
 
 A source that is passed is no change: errors that have changed explain every block after the change.
@@ -28,15 +28,15 @@ from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
 BLOCK_S = 2.0
-"""Time that a block spans, seconds: short beside what may pass until a change is told, and long enough that solving for
+"""Time that a block spans, seconds: short compared with the delay of a report, and long enough that solving for
 the errors anew with each block costs little."""
 
 WINDOW = 15
 """Blocks within which a change is looked for, half a minute: what comes more slowly is learned as a drift."""
 
 DECIDE_S = 20.0
-"""Time from a change to when it is told in any case, seconds: what cannot be told apart by then is told as such. With
-the blocks in which it begins and ends it is told within half a minute."""
+"""Longest time from a change to its report, seconds: alternatives that remain by then are all named. With
+the blocks in which it begins and ends it is reported within half a minute."""
 
 MOST_AFTER = int(DECIDE_S / BLOCK_S)
 """Blocks that are looked at while something passes: once these show nothing it has passed."""
@@ -52,7 +52,7 @@ PASSING = 3.0
 1 m/s, whose sensors are 0.25 m from their centre, that of a distant source is eight."""
 
 FEWEST_AFTER = 2
-"""Blocks after the alarm from which a change is told, or is told to have passed."""
+"""Blocks after the alarm from which a change, or that it has passed, is reported."""
 
 SCREENED = (1, 2, 4, 8, 14)
 """Numbers of last blocks that are weighed each time; all others only where one of these shows a change. Between two of
@@ -186,7 +186,7 @@ class ChangeWindow:
         return len(self._steps) == WINDOW
 
     def clear(self) -> None:
-        """Forget the blocks: what they say of changes has been told."""
+        """Forget the blocks: the change in them has been reported."""
         self._steps.clear()
         self._first, self._after = None, []
 

@@ -2,8 +2,8 @@
 
 Since a stretch began the samples are kept as moments, from which prior and samples are solved anew with every block:
 without any change of the sensors that is the fit of prior and all samples, to the last. Sensors change as random walks.
-When what the walk may have moved is no longer small beside what is uncertain, a new stretch begins: its prior is the
-estimate, less certain by the walk, as in Kalman's filter.
+When what the walk may have moved is no longer small compared with the uncertainty, a new stretch begins: its prior is
+the estimate, less certain by the walk, as in Kalman's filter.
 
 The likelihood follows from sums alone: moments of the readings up to fourth order. The differential channels are
 bilinear in readings and parameters, so that the second moments of the readings serve them at every point. Of the common
