@@ -210,7 +210,12 @@ class Problem:
         found = both.by(self._rows_by_unknowns(place))
         if self.motion is None:
             return found
-        return found.padded(len(self.basis_at(place))) + self.motion_at(place)
+        return found.padded(self._size(place)) + self.motion_at(place)
+
+    def _size(self, place: Place) -> int:
+        """Return the number of unknowns."""
+        motion = 0 if place.motion is None else place.motion.size
+        return 12 * place.errors.sensor_count + (not self.has_scalar) + motion
 
     def _rows_by_unknowns(self, place: Place) -> FloatArray:
         return rows_by_unknowns(place.errors, self.unit_T, None if self.has_scalar else place.intensity_T)
@@ -252,8 +257,8 @@ class Problem:
 
     def known_at(self, place: Place) -> Normal:
         """Return the normal equations of what is known before."""
-        total = len(self.basis_at(place))
-        size, known = 12 * place.errors.sensor_count, Normal.none(total)
+        total, size = self._size(place), 12 * place.errors.sensor_count
+        known = Normal.none(total)
         if self.known.prior is not None:
             known += self.known.prior.terms(place.errors).padded(total)
         for intensity in () if self.has_scalar else self.known.intensities:

@@ -8,7 +8,6 @@ from numpy.linalg import norm
 from tam_calibration.correction.calibration import AmbientGradientEstimate
 from tam_calibration.effects.ambient_gradient import require_attitude, without_gradient
 from tam_calibration.fit.channel_maps import Turning
-from tam_calibration.fit.information import inverted
 from tam_calibration.model.array import UNIT_TENSORS, Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording, SampleSource
@@ -78,6 +77,9 @@ def _nearest_rotation(matrix: FloatArray) -> FloatArray:
     left, _, right = np.linalg.svd(matrix * np.sign(np.linalg.det(matrix)))
     return np.asarray(left @ right)
 
+
+_OPEN = 1e-12
+"""Information of a direction, that of each unknown alone one, up to which it is open: rounding leaves as much."""
 
 _LARGEST_ANGLE = from_degrees(10.0)
 """Of the field in the world of the attitude; more is not noise of the attitude."""
@@ -209,9 +211,18 @@ def marginal_information(information: FloatArray, free: np.ndarray) -> tuple[Flo
     """
     count = len(free)
     rows, cross, own = information[:count, :count], information[:count, count:], information[count:, count:]
-    basis = np.eye(len(information))[:, np.append(free, np.ones(len(own), dtype=bool))]
-    covariance = inverted(information, basis)[count:, count:]
-    return rows - cross @ np.linalg.solve(own, cross.T), covariance
+    scale = 1 / np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
+    scaled = information * np.outer(scale, scale)
+    kept = np.flatnonzero(free)
+    left = (
+        scaled[count:, count:]
+        - scaled[count:, kept] @ np.linalg.lstsq(scaled[np.ix_(kept, kept)], scaled[kept, count:], rcond=_OPEN)[0]
+    )
+    values, vectors = np.linalg.eigh(left)
+    if values[0] <= _OPEN:
+        return rows, np.full((5, 5), np.inf)
+    inverse = (vectors / values) @ vectors.T
+    return rows - cross @ np.linalg.solve(own, cross.T), inverse * np.outer(scale[count:], scale[count:])
 
 
 def gradient_of(components: FloatArray, covariance: FloatArray, unit_T: float) -> AmbientGradientEstimate:
