@@ -3,13 +3,12 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.linalg import inv
 
 from tam_calibration.core.noise import complete_noise
 from tam_calibration.core.normal_equations import Elimination
 from tam_calibration.core.variance_factors import VarianceFactors
 from tam_calibration.correction.calibration import FRAME_STATEMENT, AmbientGradientEstimate, Calibration
-from tam_calibration.fit.coverage import CELLS, cell_of
+from tam_calibration.fit.coverage import field_of, measure_coverage
 from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.recording import SKETCH, Block, SampleSource
@@ -26,8 +25,6 @@ class Figures:
     ----------
     before, after : Residuals
         Of the raw and of the corrected readings.
-    coverage : float
-        Part of the sphere of field directions that was visited, 0 to 1.
     reduced_chi_square : dict
         As in ``Calibration``.
     mean_scalar_T : float, optional
@@ -36,7 +33,6 @@ class Figures:
 
     before: Residuals
     after: Residuals
-    coverage: float
     reduced_chi_square: dict[str, float]
     mean_scalar_T: float | None
 
@@ -57,15 +53,15 @@ def measure_quality(source: SampleSource, array: KnownNoiseArray, errors: Sensor
     """
     before = ResidualSums(SensorErrors.none(errors.sensor_count), array, intensity_T)
     after = ResidualSums(errors, array, intensity_T)
-    energy, visited = EnergySums(errors, array, intensity_T), _Visited(errors)
+    energy = EnergySums(errors, array, intensity_T)
     scalar_T, count = 0.0, source.scalar_count
     for block in source.blocks():
-        for sums in (before, after, energy, visited):
+        for sums in (before, after, energy):
             sums.add(block)
         if block.scalar_T is not None:
             scalar_T += float(np.nansum(block.scalar_T))
     mean_scalar_T = scalar_T / count if count else None
-    return Figures(before.result(), after.result(), visited.fraction, energy.reduced_chi_square(), mean_scalar_T)
+    return Figures(before.result(), after.result(), energy.reduced_chi_square(), mean_scalar_T)
 
 
 def measure_chi_square(
@@ -172,27 +168,6 @@ def sample_energies(
     return np.asarray(differential / factors.differential + np.nan_to_num(common_mode) / factors.common_mode)
 
 
-class _Visited:
-    """Which cells of the sphere the mean of the restored sensors visits."""
-
-    def __init__(self, errors: SensorErrors) -> None:
-        unmix = inv(errors.matrix) / errors.sensor_count
-        self._map = np.concatenate(list(unmix), axis=1)
-        self._offset = -self._map @ errors.bias_T.reshape(-1, 1)
-        self._counts = np.zeros(CELLS, dtype=int)
-
-    def add(self, block: Block) -> None:
-        field = self._map @ block.readings_T.reshape(len(block.readings_T), -1).T
-        field += self._offset
-        length = np.sqrt(np.einsum("in,in->n", field, field))
-        direction = np.divide(field, length, out=np.zeros_like(field), where=length > 0)
-        self._counts += np.bincount(cell_of(direction.T), minlength=CELLS)
-
-    @property
-    def fraction(self) -> float:
-        return float(np.mean(self._counts > 0))
-
-
 @dataclass(frozen=True, eq=False)
 class Estimate:
     """What a method finds.
@@ -264,7 +239,7 @@ def make_calibration(method: str, source: SampleSource, array: Array, estimate: 
         floor=noise_floor(errors, noisy, noisy.scalar_noise_T),
         samples=source.sample_count,
         time_span_s=source.time_span_s,
-        coverage=raw.coverage,
+        coverage=measure_coverage(field_of(source.thinned(SKETCH), errors)).fraction,
         reduced_chi_square=chi_square,
         ambient_gradient=gradient,
         frame=estimate.frame,

@@ -234,8 +234,8 @@ class Problem:
         extended[len(rows) :, rows.shape[1] :] = np.eye(more)
         return found.by(extended)
 
-    def errors_by_motion(self, place: Place) -> tuple[FloatArray, FloatArray]:
-        """Return information and gradient of the errors by attitude or angular velocity, other unknowns eliminated."""
+    def errors_by_motion(self, place: Place) -> Normal:
+        """Return the normal equations of the errors by attitude or angular velocity, other unknowns eliminated."""
         assert self.motion is not None and place.motion is not None
         found = self.motion_at(place)
         count, own = 12 * place.errors.sensor_count, slice(-place.motion.size, None)
@@ -244,8 +244,8 @@ class Problem:
         inner = (found.information[own, own] + np.diag(precisions))[np.ix_(free, free)]
         across = found.information[:count, own][:, free]
         gain = across @ inverted(inner, np.eye(len(inner)))
-        gradient = found.score[:count] - gain @ (found.score[own] + downhill)[free]
-        return found.information[:count, :count] - gain @ across.T, gradient
+        score = found.score[:count] - gain @ (found.score[own] + downhill)[free]
+        return replace(found, information=found.information[:count, :count] - gain @ across.T, score=score)
 
     def information_with(self, curvature: FloatArray, place: Place) -> FloatArray:
         """Return the information at a place of what is known, and of data whose score varies by curvature too."""

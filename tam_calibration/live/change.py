@@ -9,6 +9,7 @@ is (Bᵀ W B)⁻¹ Bᵀ s (Willsky and Jones 1976).
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtri
@@ -114,6 +115,24 @@ def _to_ppm(part: float) -> float:
     return 1e6 * part
 
 
+class Before(NamedTuple):
+    """What was known before the samples in which a change is looked for.
+
+    Parameters
+    ----------
+    covariance : (12 K, 12 K) array
+        Of the errors, SI.
+    samples : int
+        Their number.
+    excess : float
+        Variance of the residuals over that which the noise is stated to have.
+    """
+
+    covariance: FloatArray
+    samples: int
+    excess: float
+
+
 class Weighing:
     """Weighs hypotheses against each other by samples.
 
@@ -134,46 +153,35 @@ class Weighing:
             np.stack([among[int(index)].directions for index in places]) for places in self._equal_sizes
         ]
 
-    def weigh(
-        self, information: FloatArray, gradient: FloatArray, covariance: FloatArray, count: int, excess: float
-    ) -> tuple[Evidence, ...]:
+    def weigh(self, information: FloatArray, gradient: FloatArray, before: Before) -> tuple[Evidence, ...]:
         """Return the most probable hypothesis and those that are not clearly less so, or none where it may be chance.
 
         Parameters
         ----------
         information, gradient : (12 K, 12 K) and (12 K,) arrays
             Of the samples, at the errors before them, by the errors, SI.
-        covariance : (12 K, 12 K) array
-            Of the errors before the samples.
-        count : int
-            Number of the samples.
-        excess : float
-            Variance of the residuals over that which the noise is stated to have.
+        before : Before
+            The samples.
         """
-        of_changes, score = _marginal(information, gradient, covariance)
+        of_changes, score = _marginal(information, gradient, before.covariance)
         ratios = np.empty(len(self._among))
         for places, directions in zip(self._equal_sizes, self._directions, strict=True):
             turned = np.swapaxes(directions, 1, 2)
             unit, scale = scaled(turned @ of_changes @ directions)
             along = (turned @ score) / scale
             solved = np.linalg.solve(unit + _UNSEEN * np.eye(unit.shape[-1]), along[..., None])[..., 0]
-            ratios[places] = np.sum(along * solved, axis=1) / excess
-        scores = ratios - self._unknowns * np.log(max(count, 2))
+            ratios[places] = np.sum(along * solved, axis=1) / before.excess
+        scores = ratios - self._unknowns * np.log(max(before.samples, 2))
         order = np.argsort(-scores)
         if ratios[order[0]] <= self._thresholds[order[0]]:
             return ()
         not_out = order[scores[order[0]] - scores[order] <= CLEAR_RATIO]
         return tuple(
-            self._evidence(index, of_changes, score, float(scores[index]), excess) for index in not_out.tolist()
+            self._evidence(index, of_changes, score, float(scores[index]), before.excess) for index in not_out.tolist()
         )
 
     def weigh_far(
-        self,
-        linearize: Callable[[SensorErrors], Linearization],
-        before: SensorErrors,
-        covariance: FloatArray,
-        count: int,
-        excess: float,
+        self, linearize: Callable[[SensorErrors], Linearization], errors: SensorErrors, before: Before
     ) -> tuple[Evidence, ...]:
         """Return the same of a change so large that lengths are no straight lines over it: each is fitted by itself.
 
@@ -181,44 +189,38 @@ class Weighing:
         ----------
         linearize : callable
             From errors to what the samples say there.
-        before : SensorErrors
+        errors : SensorErrors
             Before the samples.
-        covariance, count, excess
-            As of ``weigh``.
+        before : Before
+            The samples.
         """
-        without, found = linearize(before), list[Evidence]()
+        without, found = linearize(errors), list[Evidence]()
         for index in range(len(self._among)):
-            fitted = self._fitted(index, linearize, before, covariance, excess)
+            fitted = self._fitted(index, linearize, errors, before)
             if fitted is not None:
                 evidence, here = fitted
-                fall = without.both.energy - here.both.energy
-                score = fall / excess - float(self._unknowns[index]) * np.log(max(count, 2))
-                found.append(replace(evidence, ratio=fall / excess, score=score))
+                ratio = (without.both.energy - here.both.energy) / before.excess
+                score = ratio - float(self._unknowns[index]) * np.log(max(before.samples, 2))
+                found.append(replace(evidence, ratio=ratio, score=score))
         found.sort(key=lambda evidence: -evidence.score)
         return tuple(evidence for evidence in found if found[0].score - evidence.score <= CLEAR_RATIO)
 
     def _fitted(
-        self,
-        index: int,
-        linearize: Callable[[SensorErrors], Linearization],
-        before: SensorErrors,
-        covariance: FloatArray,
-        excess: float,
+        self, index: int, linearize: Callable[[SensorErrors], Linearization], errors: SensorErrors, before: Before
     ) -> tuple[Evidence, Linearization] | None:
         """Return what a hypothesis comes to, and what the samples say there; None where no sensors are like that."""
-        start = before.to_vector().ravel()
+        start = errors.to_vector().ravel()
         change = np.zeros_like(start)
-        here = linearize(before)
+        here = linearize(errors)
         for _ in range(_MOST_STEPS):
             both = here.both
-            evidence = self._evidence(
-                index, *_marginal(both.information, both.score + both.information @ change, covariance), 0.0, excess
-            )
+            marginal = _marginal(both.information, both.score + both.information @ change, before.covariance)
+            evidence = self._evidence(index, *marginal, 0.0, before.excess)
             left, change = evidence.change - change, evidence.change
             vector = (start + change).reshape(-1, 12)
             if not are_possible(vector):
                 return None
-            here = linearize(SensorErrors.from_vector(vector, before.orientation))
+            here = linearize(SensorErrors.from_vector(vector, errors.orientation))
             if np.abs(left).max() <= _SETTLED * np.abs(change).max():
                 break
         return evidence, here

@@ -21,8 +21,9 @@ from tam_calibration.fit.contradiction import FAR_RATIO
 from tam_calibration.fit.likelihood import Linearization
 from tam_calibration.fit.prior import Prior
 from tam_calibration.live.block_noise import BlockMeans, noise_of
-from tam_calibration.live.change import Evidence, Weighing, hypotheses
-from tam_calibration.live.recursion import Belief, MomentLikelihood, SampleMoments, Walk
+from tam_calibration.live.change import Before, Evidence, Weighing, hypotheses
+from tam_calibration.live.moments import MomentLikelihood, SampleMoments
+from tam_calibration.live.recursion import Belief, Walk
 from tam_calibration.model.change_rates import DAY_S
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
@@ -202,10 +203,8 @@ class ChangeWindow:
         """
 
         def weigh(sums: _Sums) -> tuple[Evidence, ...]:
-            before = sums.before.before
-            covariance = before.covariance + self._walk.covariance(before, end_s, temperature_C)
-            excess = sums.before.excess
-            return self._weighing.weigh(sums.information, sums.gradient, covariance, sums.samples, excess)
+            before = self._before(sums.before, end_s, temperature_C, sums.samples)
+            return self._weighing.weigh(sums.information, sums.gradient, before)
 
         if self._first is None:
             self._steps.append(step)
@@ -222,12 +221,14 @@ class ChangeWindow:
         return Suspicion(self._first, tuple(self._after), found, is_decided)
 
     def _weigh_far(self, first: Step, after: list[Step], end_s: float, temperature_C: float) -> tuple[Evidence, ...]:
-        before = first.before
-        covariance = before.covariance + self._walk.covariance(before, end_s, temperature_C)
-        moments = sum((step.moments for step in after), SampleMoments.none(before.errors.sensor_count))
-        return self._weighing.weigh_far(
-            partial(after[-1].likelihood.linearize, moments), before.errors, covariance, moments.count, first.excess
-        )
+        errors = first.before.errors
+        moments = sum((step.moments for step in after), SampleMoments.none(errors.sensor_count))
+        before = self._before(first, end_s, temperature_C, moments.count)
+        return self._weighing.weigh_far(partial(after[-1].likelihood.linearize, moments), errors, before)
+
+    def _before(self, first: Step, end_s: float, temperature_C: float, count: int) -> Before:
+        walked = self._walk.covariance(first.before, end_s, temperature_C)
+        return Before(first.before.covariance + walked, count, first.excess)
 
     def _alarm(self, weigh: Callable[[_Sums], tuple[Evidence, ...]]) -> Suspicion | None:
         """Return a suspicion where the last blocks raise an alarm."""

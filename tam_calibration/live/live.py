@@ -19,7 +19,8 @@ from tam_calibration.fit.prior import Prior
 from tam_calibration.live.block_noise import BlockMeans, BlockNoise
 from tam_calibration.live.change import GRADIENT
 from tam_calibration.live.change_window import BLOCK_S, ChangeWindow, Step, Suspicion
-from tam_calibration.live.recursion import Belief, MomentLikelihood, Recursion, SampleMoments, Walk, solve
+from tam_calibration.live.moments import MomentLikelihood, SampleMoments
+from tam_calibration.live.recursion import Belief, Recursion, Walk, solve
 from tam_calibration.live.trial import Trial
 from tam_calibration.live.turns import Stretch
 from tam_calibration.model.exceptions import InputError, Refused
@@ -297,7 +298,7 @@ class Live:
         if (learned := self._stretch.information(self._likelihood.factors)) is None:
             return
         try:
-            self.state = replace(self.state, recursion=self.state.recursion.joined_with(learned, self._likelihood))
+            self.state = replace(self.state, recursion=self.state.recursion.joined_with(*learned, self._likelihood))
         except Refused as problem:
             self._problem = str(problem)
 

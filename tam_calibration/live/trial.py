@@ -4,7 +4,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tam_calibration.live.recursion import Belief, MomentLikelihood, SampleMoments
+from tam_calibration.live.moments import MomentLikelihood, SampleMoments
+from tam_calibration.live.recursion import Belief
 from tam_calibration.model.units import FloatArray
 
 TRIED, MOST_TRIED = 3, 30
