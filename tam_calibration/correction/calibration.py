@@ -312,9 +312,11 @@ class Calibration:
             When the recording has another number of sensors or lacks a channel that an effect needs, or its readings
             are not geomagnetic in tesla.
         """
-        return Corrected(recording.time_s, self.apply(self.unaffected(recording)), self.output_standard_errors)
+        return Corrected(
+            recording.time_s, self.apply(self.readings_without_effects(recording)), self.output_standard_errors
+        )
 
-    def unaffected(self, recording: Recording) -> FloatArray:
+    def readings_without_effects(self, recording: Recording) -> FloatArray:
         """Return the readings without what effects that go with the array add to them.
 
         Parameters

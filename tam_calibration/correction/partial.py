@@ -26,7 +26,7 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, IntArray
 
 
-class Unaffected:
+class EffectRemoval:
     """Takes the effects that go with the array off batches of samples, in the order of time.
 
     Parameters
@@ -156,7 +156,9 @@ class PartialCorrection:
         """
         readings = recording.readings_T
         if self._calibration.effects:
-            readings = self._calibration.unaffected(replace(recording, readings_T=self.filled(readings, codes)))
+            readings = self._calibration.readings_without_effects(
+                replace(recording, readings_T=self.filled(readings, codes))
+            )
         outputs = self._calibration.apply(readings)
         self.put(outputs, readings, codes)
         covariances = {code: self.without(code).covariance for code in np.unique(codes[codes > 0]).tolist()}
