@@ -5,10 +5,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tam_calibration.core.noise import complete_noise
-from tam_calibration.core.normal_equations import Elimination
 from tam_calibration.core.variance_factors import VarianceFactors
 from tam_calibration.correction.calibration import FRAME_STATEMENT, AmbientGradientEstimate, Calibration
+from tam_calibration.fit.channel_maps import ChannelMaps
 from tam_calibration.fit.coverage import field_of, measure_coverage
+from tam_calibration.fit.likelihood import UNIFORM, energies
 from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.recording import SKETCH, Block, SampleSource
@@ -106,42 +107,30 @@ class EnergySums:
     """
 
     def __init__(self, errors: SensorErrors, array: KnownNoiseArray, intensity_T: float) -> None:
-        self._intensity_T, self._scalar_variance = intensity_T, array.scalar_noise_T**2
-        self._sensors = errors.sensor_count
-        self._elimination = Elimination.of_sensors(errors, array.vector_noise_T)
-        self._map = np.concatenate([self._elimination.unmixing, self._elimination.directions.T])
-        self._offset = -self._map @ errors.bias_T.reshape(-1, 1)
-        self._differential, self._common_mode = 0.0, 0.0
-        self._all, self._known = 0, 0
+        self._intensity_T, self._scalar_noise_T, self._sensors = intensity_T, array.scalar_noise_T, errors.sensor_count
+        self._channels = ChannelMaps.at(errors.matrix, errors.bias_T, UNIFORM, array.vector_noise_T, None)
+        self._energy, self._counts = np.zeros(2), np.zeros(2, dtype=int)
 
     def add(self, block: Block) -> None:
         """Add the samples of a block."""
-        differential, common_mode = self.of_samples(block)
-        known = np.isfinite(common_mode)
-        self._differential += float(np.sum(differential))
-        self._common_mode += float(np.sum(common_mode, where=known))
-        self._all += len(known)
-        self._known += int(known.sum())
+        own = self.of_samples(block)
+        self._energy += np.nansum(own, axis=1)
+        self._counts += np.isfinite(own).sum(axis=1)
 
-    def of_samples(self, block: Block) -> tuple[FloatArray, FloatArray]:
-        """Return the (N,) energies of each sample's differential channels, and of its common mode; NaN without one."""
-        channels = self._map @ block.readings_T.reshape(len(block.readings_T), -1).T
-        channels += self._offset
-        field, differences = channels[:3], channels[3:]
-        square = np.einsum("in,in->n", field, field)
-        # The variance of the length of the field, and the residual, both times its length.
-        variance = self._scalar_variance * square + self._elimination.variance_along(field)
-        length = np.sqrt(square)
-        residual = length * (length - (self._intensity_T if block.scalar_T is None else block.scalar_T))
-        return np.einsum("in,in->n", differences, differences), residual * residual / variance
+    def of_samples(self, block: Block) -> FloatArray:
+        """Return each sample's squared residuals (2, N): differential channels and common mode; NaN without one."""
+        count = len(block.readings_T)
+        intensity_T = np.full(count, self._intensity_T) if block.scalar_T is None else block.scalar_T
+        return energies(self._channels, block.readings_T.reshape(count, -1).T, intensity_T, self._scalar_noise_T)
 
     def reduced_chi_square(self) -> dict[str, float]:
         """Return the energies per degree of freedom, where there are any."""
         # The ellipsoid takes nine parameters from the common mode, each further sensor twelve from the differences.
         others = self._sensors - 1
-        freedom = {"differential": 3 * others * self._all - 12 * others, "common_mode": self._known - 9}
-        energy = {"differential": self._differential, "common_mode": self._common_mode}
-        return {name: energy[name] / freedom[name] for name in freedom if freedom[name] > 0}
+        freedom = np.array([3 * others, 1]) * self._counts - np.array([12 * others, 9])
+        names = ("differential", "common_mode")
+        each = zip(names, self._energy.tolist(), freedom.tolist(), strict=True)
+        return {name: energy / free for name, energy, free in each if free > 0}
 
 
 def sample_energies(
@@ -163,8 +152,7 @@ def sample_energies(
         Stands in where there is no scalar channel.
     """
     energy = EnergySums(errors, array, intensity_T)
-    parts = [energy.of_samples(block) for block in source.blocks()]
-    differential, common_mode = (np.concatenate(channel) for channel in zip(*parts, strict=True))
+    differential, common_mode = np.concatenate([energy.of_samples(block) for block in source.blocks()], axis=1)
     return np.asarray(differential / factors.differential + np.nan_to_num(common_mode) / factors.common_mode)
 
 

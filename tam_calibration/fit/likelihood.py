@@ -179,10 +179,8 @@ class Likelihood:
         channels = ChannelMaps.at(matrix, bias, ambient_gradient, self.vector_noise, self.turning)
         energy = np.zeros((2, len(self.points)))
         for part in self._pieces():
-            unbiased = self._flat[part] @ channels.unbiased[:, :-1].T + channels.unbiased[:, -1]
-            energy[0, part] = np.sum((unbiased @ channels.elimination.directions) ** 2, axis=1)
-            there = self._common_mode(part, channels)
-            energy[1, part][there.known] = there.precision * there.residual**2
+            own = energies(channels, self._flat[part].T, self.intensity[part], self._own_noise(part))
+            energy[:, part] = np.nan_to_num(own)
         return energy
 
     @cached_property
@@ -237,8 +235,10 @@ class Likelihood:
         return CommonModeSums(total, score, int(np.isfinite(self.intensity).sum()))
 
     def _common_mode(self, part: slice, channels: ChannelMaps) -> CommonMode:
-        own: Any = self.scalar_noise if np.ndim(self.scalar_noise) == 0 else np.asarray(self.scalar_noise)[part]
-        return common_mode(channels, self._flat[part].T, self.intensity[part], own)
+        return common_mode(channels, self._flat[part].T, self.intensity[part], self._own_noise(part))
+
+    def _own_noise(self, part: slice) -> Any:
+        return self.scalar_noise if np.ndim(self.scalar_noise) == 0 else np.asarray(self.scalar_noise)[part]
 
 
 def common_mode(channels: ChannelMaps, rows: FloatArray, intensity: FloatArray, scalar_noise: Any) -> CommonMode:
@@ -268,6 +268,25 @@ def common_mode(channels: ChannelMaps, rows: FloatArray, intensity: FloatArray, 
     of_direction = (of_field + direction * (np.trace(covariance) - 3 * along) / 2) / length
     precision = 1 / (own**2 + along)
     return CommonMode(field, direction, length - intensity[known], of_direction, of_field, precision, known)
+
+
+def energies(channels: ChannelMaps, rows: FloatArray, intensity: FloatArray, scalar_noise: Any) -> FloatArray:
+    """Return the (2, n) squared residuals of the differential channels, and of the common mode, over their variances.
+
+    The latter is NaN where there is no reference.
+
+    Parameters
+    ----------
+    channels, rows, intensity, scalar_noise
+        As for ``common_mode``.
+    """
+    differences = channels.elimination.directions.T @ channels.unbiased
+    residuals = differences[:, :-1] @ rows + differences[:, -1:]
+    found = np.full((2, rows.shape[1]), np.nan)
+    found[0] = np.einsum("in,in->n", residuals, residuals)
+    there = common_mode(channels, rows, intensity, scalar_noise)
+    found[1, there.known] = there.precision * there.residual**2
+    return found
 
 
 def whitened(there: CommonMode, features: FloatArray) -> FloatArray:
