@@ -19,7 +19,7 @@ from rich.progress import track
 from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.fit.source_completion import SourceCalibration, calibrate_by_source
+from tam_calibration.fit.source_calibration import SourceCalibration, calibrate_by_source
 from tam_calibration.localization.steady import straight_track, track_dipole
 from tam_calibration.model.array import Array
 from tam_calibration.model.sensor_errors import SensorErrors

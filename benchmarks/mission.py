@@ -31,12 +31,14 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.correction.update import KINDS
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit import calibrate
+from tam_calibration.fit.frames import in_first_frame
 from tam_calibration.fit.information import inverted
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.posterior import Known, Place, Problem, posterior_of
-from tam_calibration.fit.prior import Prior, in_first_frame, prior_of
-from tam_calibration.fit.resolved_prior import resolve
+from tam_calibration.fit.posterior import posterior_of
+from tam_calibration.fit.prior import Prior, prior_of
+from tam_calibration.fit.prior_changes import update_prior
+from tam_calibration.fit.problem import Known, Place, Problem
 from tam_calibration.model.array import Array
 from tam_calibration.model.change_rates import DAY_S
 from tam_calibration.model.exceptions import InputError, Refused
@@ -143,9 +145,8 @@ def score(case: Case, scenario: Scenario, prior: Prior, seed: int) -> tuple[Floa
     array = replace(scenario.array.with_stated_noise(), attitude_noise=from_degrees(case.attitude_deg))
     found = posterior_of(case.turned(scenario, truth, seed), array, prior)
     silent = Problem.of(case.turned(scenario, truth, seed, is_silent=True), array, prior)
-    there = Place(truth, silent.unit_T, silent.attitude.view(*silent.rows_at(Place(truth, silent.unit_T))))
-    information, gradient = silent.data_at(there)
-    silent.add_known(there, information, gradient)
+    there = Place(truth, silent.unit_T, silent.motion.view(*silent.rows_at(Place(truth, silent.unit_T))))
+    information = silent.normal_at(there).information
     size = 12 * case.sensors
     least = np.sqrt(np.diag(inverted(information, silent.basis_at(there)))[:size])
     error = (found.errors.to_vector() - truth.to_vector()).ravel()
@@ -196,7 +197,7 @@ def moved_figures(kind: str, runs: int, first_seed: int) -> Iterable[Figure]:
         ).recording
         turn = replace(turn, time_s=PIER_S + DIVE_S + turn.time_s)
         prior = prior_of(calibration, float(turn.time_s[0]), None)
-        resolved = resolve(turn, array, Known(prior))
+        resolved = update_prior(turn, array, Known(prior))
         found = maximum_a_posteriori(resolved.recording, array, resolved.known)
         seen = simulate(
             replace(begin, motion=Manoeuvre(work, work, 120.0), sample_count=2400, rate_hz=10.0, seed=seed + 500_000)

@@ -26,7 +26,7 @@ from scipy.spatial.transform import Rotation
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit import calibrate
-from tam_calibration.fit.prior import in_first_frame
+from tam_calibration.fit.frames import in_first_frame
 from tam_calibration.model.array import Array
 from tam_calibration.model.change_rates import ChangeRates
 from tam_calibration.model.exceptions import InputError, Refused

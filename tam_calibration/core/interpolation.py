@@ -4,7 +4,7 @@ With u_k the times of the readings less the time asked for, the value is Σ w_k 
 four readings, w_k = Π_{j≠k} u_j / (u_j - u_k), meet a cubic exactly, but change the variance of white noise by Σ w_k²,
 between 0.75 and 1.18. All five readings leave a choice: w + α d meets it too, with d_k = Π_{j≠k} 1 / (u_k - u_j) the
 weights of their fourth divided difference. The α is taken at which Σ w_k² = 1, or its least value where that is more
-than 1, as beside a gap. So a value has the noise of a reading, and so has the mean of many; of even readings two values
+than 1, as near a gap. So a value has the noise of a reading, and so has the mean of many; of even readings two values
 are correlated by less than 0.22. The standard errors of all that is computed from readings hold for values too.
 
 Times may be uneven. Only one reading after the time is needed: live a sample is late by no more than one period. For
@@ -44,7 +44,7 @@ _Five = tuple[Number, Number, Number, Number, Number]
 def weights(a: Number, b: Number, c: Number, d: Number, e: Number) -> _Five[Number]:
     """Return the weights of five readings that tell the value at the time zero.
 
-    Each is computed alike for numbers and arrays, to the last bit.
+    Numbers and arrays give the same result to the last bit.
 
     Parameters
     ----------
@@ -171,13 +171,13 @@ def interpolated(times: IntArray, values: FloatArray, asked: IntArray) -> tuple[
     relative = (times[around] - asked[inside, None]).astype(float).T
     even = is_even(*relative)
     inside[inside] = even
-    told = np.full((len(asked), values.shape[1]), np.nan)
+    found = np.full((len(asked), values.shape[1]), np.nan)
     weight = np.column_stack(weights(*relative[:, even]))
     oldest, first, second, third, last = (
         each[:, None] * values[index] for each, index in zip(weight.T, around[even].T, strict=True)
     )
-    told[inside] = oldest + first + second + third + last
-    return told, np.where(inside, after, len(times)), weight
+    found[inside] = oldest + first + second + third + last
+    return found, np.where(inside, after, len(times)), weight
 
 
 def without_delays(recording: Recording, delay_s: FloatArray) -> Recording:
@@ -193,7 +193,7 @@ def without_delays(recording: Recording, delay_s: FloatArray) -> Recording:
     Returns
     -------
     Recording
-        Without the samples at its ends, and beside gaps, of which the readings of a delayed sensor tell nothing.
+        Without the samples at its ends, and near gaps, where the readings of a delayed sensor give no value.
 
     Raises
     ------

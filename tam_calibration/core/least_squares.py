@@ -14,10 +14,10 @@ _MOST_STEPS = 60
 """Damped steps after which a problem that has not settled is left where it is."""
 
 _FIRST_DAMPING, _LARGEST_DAMPING = 1e-3, 1e12
-"""Beside a diagonal of one: nearly a Gauss-Newton step, and one so short that no shorter one lowers χ² either."""
+"""Added to a diagonal of one: nearly a Gauss-Newton step, and one so short that no shorter one lowers χ² either."""
 
 _LEAST_DAMPING = 1e-14
-"""Beside a diagonal of one: fifty times its rounding, so that unknowns that act alike make no singular matrix."""
+"""Added to a diagonal of one: fifty times its rounding, so that equal unknowns make no singular matrix."""
 
 _EASED, _RAISED = 0.03, 10.0
 """By what the damping is multiplied after a step that lowers χ², and after one that does not."""

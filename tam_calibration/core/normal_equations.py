@@ -2,7 +2,7 @@
 
 The readings of a sample without bias are r = A b + ε: A the stacked matrices D Λ of its R = 3K rows, b the field, ε
 white noise of standard deviations σ. With W = diag(1/σ) the field that the sensors agree on is its weighted
-least-squares estimate; what the readings tell beside it lies along the directions across the columns of W A:
+least-squares estimate; the rest of the readings lies along the directions across the columns of W A:
 
     C = (Aᵀ W² A)⁻¹            covariance of the field,
     b̂ = C Aᵀ W² r              the field; the 3 × R matrix before r unmixes the readings,
@@ -14,7 +14,7 @@ nuisance of three numbers. So the likelihood of the sensors' errors is that of d
 known otherwise: its length |b̂|, of variance uᵀ C u along its direction u, against the scalar magnetometer.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.linalg import inv
@@ -124,6 +124,44 @@ class Normal:
     score: FloatArray
     energy: float
     count: float
+
+    @classmethod
+    def by_field(cls, response: FloatArray, moments: FloatArray, count: float) -> "Normal":
+        """Return the normal equations of channels that depend on the field of the sensors, and on Q unknowns more.
+
+        Parameters
+        ----------
+        response : (12 K, 3, 4) array
+            Of the field to the rows [D Λ | o], as of ``ChannelMaps``.
+        moments : (13 + Q, 13 + Q) array
+            Of the whitened derivatives by direction ⊗ [field, 1] and by the other unknowns, and of the residuals.
+        count : float
+            Number of channels.
+        """
+        rows, more = len(response), len(moments) - 13
+        jacobian = np.zeros((rows + more, 12 + more))
+        jacobian[:rows, :12] = response.reshape(rows, 12)
+        jacobian[rows:, 12:] = np.eye(more)
+        score = -jacobian @ moments[:-1, -1]
+        return cls(jacobian @ moments[:-1, :-1] @ jacobian.T, score, float(moments[-1, -1]), count)
+
+    @classmethod
+    def none(cls, size: int) -> "Normal":
+        """Return those of no channel over so many unknowns."""
+        return cls(np.zeros((size, size)), np.zeros(size), 0.0, 0)
+
+    def padded(self, size: int) -> "Normal":
+        """Return the normal equations over so many unknowns, of which the first are the present ones."""
+        more = (0, size - len(self.score))
+        return replace(self, information=np.pad(self.information, more), score=np.pad(self.score, more))
+
+    def by(self, jacobian: FloatArray) -> "Normal":
+        """Return the normal equations over Q unknowns, from the derivative (P, Q) of the present ones by these."""
+        return replace(self, information=jacobian.T @ self.information @ jacobian, score=jacobian.T @ self.score)
+
+    def over(self, factor: float) -> "Normal":
+        """Return the normal equations of channels whose variances are larger by a factor."""
+        return Normal(self.information / factor, self.score / factor, self.energy / factor, self.count)
 
     def __add__(self, other: "Normal") -> "Normal":
         """Return the normal equations of both sets of samples."""

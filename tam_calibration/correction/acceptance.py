@@ -52,10 +52,41 @@ _LARGEST_RESIDUAL = 0.05
 _ROBUST = "robust"
 """Method whose residuals hold the outliers that it held down."""
 
-_LARGEST_PART, _LARGEST_EXCESS = 0.005, 300.0
-"""The same of sensors whose noise is stated, 250 nT, as large as the errors that are to be found; and ratio to the
-noise floor from which that counts: a room's gradient or a vehicle's currents leave ten times the noise of good sensors.
-"""
+LARGEST_RELATIVE_ERROR = 0.005
+"""Part of the intensity, 250 nT, as large as the errors that are to be found: a standard error of a bias, or of a scale
+factor, is larger if the parameter is open; the residual of sensors whose noise is stated may not exceed it."""
+
+LARGEST_ANGLE_ERROR = 0.01
+"""Standard error of an angle, radians, beyond which it is open: as large as the misalignments that are to be found."""
+
+_LARGEST_EXCESS = 300.0
+"""Ratio of a residual to its noise floor from which ``LARGEST_RELATIVE_ERROR`` counts: a room's gradient or a vehicle's
+currents leave ten times the noise of good sensors."""
+
+_DOUBTFUL_RATIO = 3.0
+"""Residual over the noise floor, or over what the fit left, above which a new calibration is advised."""
+
+WRONG_PART = 0.01
+"""Part of the intensity, some 500 nT: more in most samples, or in a part of a recording, is another array or unit."""
+
+_LARGEST_POSSIBLE_SKEW = np.pi / 2
+"""Non-orthogonality at which two axes of a sensor coincide, radians."""
+
+_LARGEST_POSSIBLE_SCALE = 1e3
+"""Scale factor of a sensor with another unit: far beyond, gradients vanish, and a fit may settle anywhere."""
+
+
+def are_possible(vector: FloatArray) -> bool:
+    """Return whether sensors may have such errors while a fit is on its way.
+
+    Parameters
+    ----------
+    vector : (K, 12) array
+        In the order of ``SensorErrors.to_vector``.
+    """
+    scale_factor, skew = vector[:, :3], np.abs(vector[:, 3:6])
+    is_scaled = (scale_factor > 0) & (scale_factor < _LARGEST_POSSIBLE_SCALE)
+    return bool(is_scaled.all() and (skew <= _LARGEST_POSSIBLE_SKEW).all())
 
 
 def beyond_limits(calibration: Calibration) -> dict[str, str]:
@@ -143,7 +174,7 @@ def _residual(calibration: Calibration) -> str:
     whose = f"of sensor {sensor + 1}", "between the sensors"
     for (size_T, excess), words in zip(found, whose, strict=True):
         is_noisy = calibration.noise_is_estimated or calibration.method == _ROBUST or excess <= _LARGEST_EXCESS
-        limit = _LARGEST_RESIDUAL if is_noisy else _LARGEST_PART
+        limit = _LARGEST_RESIDUAL if is_noisy else LARGEST_RELATIVE_ERROR
         if size_T > limit * calibration.intensity_T:
             return (
                 f"the fit leaves {to_nanotesla(size_T):.4g} nT {words}, more than {100 * limit:g}% of the field"
@@ -189,13 +220,6 @@ def _worst(values: FloatArray, size: FloatArray) -> tuple[int, str, float]:
     return sensor + 1, "xyz"[axis], float(values[sensor, axis])
 
 
-_DOUBTFUL_RATIO = 3.0
-"""Residual over the noise floor, or over what the fit left, above which a new calibration is advised."""
-
-_WRONG_PART = 0.01
-"""Part of the intensity, some 500 nT: more in most samples is the calibration of another array, or another unit."""
-
-
 @dataclass
 class ScalarAgreement:
     """The residuals |B| − scalar of samples that have both.
@@ -227,7 +251,7 @@ class ScalarAgreement:
         residual = np.linalg.norm(field_T, axis=1) - scalar_T
         is_known = np.isfinite(residual)
         self.samples += int(np.count_nonzero(is_known))
-        self.wrong += int(np.count_nonzero(np.abs(residual[is_known]) > _WRONG_PART * scalar_T[is_known]))
+        self.wrong += int(np.count_nonzero(np.abs(residual[is_known]) > WRONG_PART * scalar_T[is_known]))
         self.squares_T2 += float(np.sum(residual[is_known] ** 2))
 
     @property

@@ -1,6 +1,5 @@
 """The result of a fit: the sensors' errors with their covariance, how good they are, and how to apply them."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import import_module
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.linalg import inv
 
 from tam_calibration.core.variance_factors import VarianceFactors
+from tam_calibration.correction.parts import AmbientGradientEstimate, Corrected, EffectSize, KnownSource, Provenance
 from tam_calibration.correction.quality import Grade, Quality, quality_for, residual_in_words
 from tam_calibration.correction.update import Update
 from tam_calibration.effects.removal import added_to, of_sensors, removable
@@ -20,73 +20,7 @@ from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.residuals import Residuals, ResidualSeries, residual_series
 from tam_calibration.model.sensor_errors import SensorErrors
-from tam_calibration.model.units import FloatArray, IntArray
-
-
-@dataclass(frozen=True, eq=False)
-class AmbientGradientEstimate:
-    """The gradient that a fit found in the field of its recording, in the world of the attitude.
-
-    Parameters
-    ----------
-    tensor_T_per_m : (3, 3) array
-        Symmetric and trace-free, T/m.
-    standard_errors_T_per_m : (3, 3) array
-        Of each component, T/m.
-    """
-
-    tensor_T_per_m: FloatArray
-    standard_errors_T_per_m: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class EffectSize:
-    """Contribution of an effect to the outputs of an array if it is not removed: T and T/m.
-
-    Parameters
-    ----------
-    rms : (9,) array
-        Root mean square over the recording of the calibration.
-    standard_errors : (9,) array
-        The same for the uncertainty of the effect.
-    """
-
-    rms: FloatArray
-    standard_errors: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class KnownSource:
-    """What a source of known place and strength showed of the array. Array and errors of the calibration include it.
-
-    Parameters
-    ----------
-    baseline_scale, baseline_scale_standard_error : float
-        True distances of the sensors from the centre over the stated ones.
-    rotation, rotation_standard_errors : (3,) array
-        Rotation vector from the array frame to the frame of the uniform field's calibration, radians.
-    axis_offsets_standard_errors_m : (K, 3, 3) array
-        Of ``array.axis_offsets_m``, metres.
-    reduced_chi_square : float
-        Squared residuals over the noise of the amplitudes, per degree of freedom.
-    """
-
-    baseline_scale: float
-    baseline_scale_standard_error: float
-    rotation: FloatArray
-    rotation_standard_errors: FloatArray
-    axis_offsets_standard_errors_m: FloatArray
-    reduced_chi_square: float
-
-
-@dataclass(frozen=True)
-class Provenance:
-    """The recording that a calibration came from: file name, size and SHA-256 of its bytes."""
-
-    name: str
-    size_bytes: int
-    sha256: str
-
+from tam_calibration.model.units import FloatArray
 
 __all__ = [
     "FRAME_STATEMENT",
@@ -116,48 +50,6 @@ _EFFECTS_STATEMENT = (
     "Effects were fitted together with the errors; residuals are those without what they add, and data are corrected "
     "without it. An effect of the site stays in the data."
 )
-
-
-@dataclass(frozen=True, eq=False)
-class Corrected:
-    """Centre vector and magnetic gradient tensor in the array frame.
-
-    Parameters
-    ----------
-    time_s : (N,) array
-        Time stamps of the recording, seconds.
-    outputs : (N, 9) array
-        Columns ``array.OUTPUT_NAMES``: bx by bz in tesla, gxx gxy gxz gyy gyz gzz in T/m; the gradient is
-        NaN where the array's geometry has none.
-    standard_errors : (9,) array
-        Standard error of each column: sensor noise and the calibration's own uncertainty.
-    missing : (N,) array of int, optional
-        Missing sensors of each sample, bit k for sensor k + 1; None if all are complete. Outputs that the others do
-        not determine are NaN.
-    covariances : dict of int to (9, 9) array
-        Covariances of samples with missing sensors, by the value of ``missing``.
-    scalar_T : (N,) array, optional
-        Scalar readings minus the effects in them, tesla; None without a scalar.
-    remarks : tuple of str
-        Missing readings, a clause for each sensor and reason.
-
-    Examples
-    --------
-    >>> from tam_calibration import calibrate, correct, read_scenario, simulate
-    >>> made = simulate(read_scenario("wu_table_1"))
-    >>> corrected = correct(made.recording, calibrate(made.recording, made.scenario.array))
-    >>> field_T, gradient_T_per_m = corrected.outputs[:, :3], corrected.outputs[:, 3:]
-    >>> field_T.shape, gradient_T_per_m.shape
-    ((360, 3), (360, 6))
-    """
-
-    time_s: FloatArray
-    outputs: FloatArray
-    standard_errors: FloatArray
-    missing: IntArray | None = None
-    covariances: Mapping[int, FloatArray] = field(default_factory=dict)
-    scalar_T: FloatArray | None = None
-    remarks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,8 +199,8 @@ class Calibration:
     @property
     def variance_factors(self) -> VarianceFactors:
         """Factors by which the variances of each channel exceed those of white noise of the stated size."""
-        told = self.reduced_chi_square
-        return VarianceFactors(told.get("slow_differential", 1.0), told.get("slow_common_mode", 1.0))
+        factors = self.reduced_chi_square
+        return VarianceFactors(factors.get("slow_differential", 1.0), factors.get("slow_common_mode", 1.0))
 
     @cached_property
     def standard_errors(self) -> FloatArray:
@@ -420,9 +312,11 @@ class Calibration:
             When the recording has another number of sensors or lacks a channel that an effect needs, or its readings
             are not geomagnetic in tesla.
         """
-        return Corrected(recording.time_s, self.apply(self.unaffected(recording)), self.output_standard_errors)
+        return Corrected(
+            recording.time_s, self.apply(self.readings_without_effects(recording)), self.output_standard_errors
+        )
 
-    def unaffected(self, recording: Recording) -> FloatArray:
+    def readings_without_effects(self, recording: Recording) -> FloatArray:
         """Return the readings without what effects that go with the array add to them.
 
         Parameters
@@ -441,11 +335,9 @@ class Calibration:
             As ``correct``.
         """
         self._check(recording)
-        readings = recording.readings_T
         if effects := of_sensors(self.effects):
-            added = added_to(recording, effects, self.errors, self.array)[:, :-1]
-            readings = readings - added.reshape(readings.shape)
-        return readings
+            recording = without_rows(recording, added_to(recording, effects, self.errors, self.array))
+        return recording.readings_T
 
     def without_effects(self, recording: Recording) -> Recording:
         """Return the recording as it would be if no effect had added to its sensors and its scalar.
@@ -469,10 +361,7 @@ class Calibration:
         effects = removable(self.effects)
         if not effects:
             return recording
-        added = added_to(recording, effects, self.errors, self.array)
-        readings = recording.readings_T - added[:, :-1].reshape(recording.readings_T.shape)
-        scalar = None if recording.scalar_T is None else recording.scalar_T - added[:, -1]
-        return replace(recording, readings_T=readings, scalar_T=scalar)
+        return without_rows(recording, added_to(recording, effects, self.errors, self.array))
 
     def residuals(self, recording: Recording) -> ResidualSeries:
         """Return the residuals of a recording in a uniform field, effects of the calibration removed.
@@ -563,3 +452,18 @@ class Calibration:
                 "use the calibration of this array"
             )
         recording.check_units(self.array.field)
+
+
+def without_rows(recording: Recording, rows_T: FloatArray) -> Recording:
+    """Return a recording less what effects add to it.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of K sensors.
+    rows_T : (N, 3 K + 1) array
+        What is added to the axes of all sensors and to the scalar, tesla.
+    """
+    readings = recording.readings_T - rows_T[:, :-1].reshape(recording.readings_T.shape)
+    scalar = None if recording.scalar_T is None else recording.scalar_T - rows_T[:, -1]
+    return replace(recording, readings_T=readings, scalar_T=scalar)

@@ -18,7 +18,7 @@ from itertools import combinations
 import numpy as np
 
 from tam_calibration.core.normal_equations import Elimination
-from tam_calibration.correction.calibration import Calibration, Corrected
+from tam_calibration.correction.calibration import Calibration, Corrected, without_rows
 from tam_calibration.effects.removal import EffectStream, linear_effect, of_array
 from tam_calibration.model.array import OUTPUT_NAMES
 from tam_calibration.model.exceptions import InputError
@@ -26,7 +26,7 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, IntArray
 
 
-class Unaffected:
+class EffectRemoval:
     """Takes the effects that go with the array off batches of samples, in the order of time.
 
     Parameters
@@ -54,9 +54,7 @@ class Unaffected:
         if self._stream is None:
             return recording
         added = self._stream.added(recording)
-        readings = recording.readings_T - added.rows_T[:, :-1].reshape(recording.readings_T.shape)
-        scalar = None if recording.scalar_T is None else recording.scalar_T - added.rows_T[:, -1]
-        return replace(recording, readings_T=readings, scalar_T=scalar).take(np.asarray(added.is_known.all(axis=1)))
+        return without_rows(recording, added.rows_T).take(np.asarray(added.is_known.all(axis=1)))
 
 
 _DETERMINED = 1e-6
@@ -158,7 +156,9 @@ class PartialCorrection:
         """
         readings = recording.readings_T
         if self._calibration.effects:
-            readings = self._calibration.unaffected(replace(recording, readings_T=self.filled(readings, codes)))
+            readings = self._calibration.readings_without_effects(
+                replace(recording, readings_T=self.filled(readings, codes))
+            )
         outputs = self._calibration.apply(readings)
         self.put(outputs, readings, codes)
         covariances = {code: self.without(code).covariance for code in np.unique(codes[codes > 0]).tolist()}
@@ -209,8 +209,8 @@ class PartialCorrection:
         """
         bits = range(self._calibration.array.sensor_count)
         codes = [sum(1 << bit for bit in some) for count in (1, 2) for some in combinations(bits, count)]
-        alike = (part for part in map(self.without, codes) if np.array_equal(part.standard_errors, standard_errors))
-        return next((part.covariance for part in alike), None)
+        equal = (part for part in map(self.without, codes) if np.array_equal(part.standard_errors, standard_errors))
+        return next((part.covariance for part in equal), None)
 
     def filled(self, readings_T: FloatArray, codes: IntArray) -> FloatArray:
         """Return readings in which missing ones are what the uniform field would be read as that the others agree on.
@@ -233,8 +233,8 @@ class PartialCorrection:
             if not is_there.any():
                 continue
             unbiased = (readings_T[rows][:, is_there] - errors.bias_T[is_there]).reshape(len(rows), -1)
-            told = errors.distort(unbiased @ self._unmixing(code).T)
-            filled[rows] = np.where(is_there[:, None], readings_T[rows], told)
+            expected = errors.distort(unbiased @ self._unmixing(code).T)
+            filled[rows] = np.where(is_there[:, None], readings_T[rows], expected)
         return filled
 
     def _unmixing(self, code: int) -> FloatArray:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tam_calibration.correction.calibration import Calibration, Corrected
+from tam_calibration.correction.calibration import Calibration, Corrected, without_rows
 from tam_calibration.correction.contradiction import ContradictionSearch
 from tam_calibration.correction.partial import PartialCorrection
 from tam_calibration.effects.effect import LinearEffect
@@ -156,18 +156,17 @@ class Correction:
         codes : (N,) array of int, optional
             Which sensors are missing: see ``missing_codes``.
         """
-        readings = recording.readings_T
-        is_left, scalar = np.ones((recording.sample_count, len(self._names)), dtype=bool), recording.scalar_T
+        is_left = np.ones((recording.sample_count, len(self._names)), dtype=bool)
         if self._stream is not None:
             added = self._stream.added(recording)
-            readings = readings - added.rows_T[:, :-1].reshape(readings.shape)
-            scalar = None if scalar is None else scalar - added.rows_T[:, -1]
+            recording = without_rows(recording, added.rows_T)
             is_left[:, : added.is_known.shape[1]] = ~added.is_known
-        outputs, variance = self._calibration.apply(readings), is_left @ self._squares
+        readings, variance = recording.readings_T, is_left @ self._squares
+        outputs = self._calibration.apply(readings)
         if codes is None:
             variance = self._calibration.output_standard_errors**2 + variance
         else:
             self.partial.put(outputs, readings, codes)
             variance = np.square(self.partial.standard_errors(codes)) + self.partial.growth(codes) * variance
         left_in = tuple(name for name, left in zip(self._names, is_left.T, strict=True) if left.any())
-        return CorrectedBatch(outputs, np.sqrt(variance), left_in, scalar)
+        return CorrectedBatch(outputs, np.sqrt(variance), left_in, recording.scalar_T)

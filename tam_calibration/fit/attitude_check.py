@@ -1,4 +1,4 @@
-"""Whether recorded attitude may be believed beside the readings, and how large its errors are.
+"""Whether recorded attitude agrees with the readings, and how large its errors are.
 
 Most attitudes of robots come from an AHRS that takes its heading from the very magnetometer that is calibrated. Such a
 heading repeats the errors of that sensor, and the fit finds them too small, with small standard errors. Attitude is
@@ -6,7 +6,7 @@ therefore used only where these tests pass:
 
 - What it tells agrees with what all else tells (Hausman 1978).
 - Its heading error contains neither the errors of a sensor's raw readings nor their low-pass, as a filter with a
-  gyroscope leaves them: both are columns beside the errors of the sensors (a score test).
+  gyroscope leaves them: both are columns in addition to the errors of the sensors (a score test).
 - Where the recording tells too little for that, the raw readings of no sensor stand still in the heading as well as the
   calibrated field does: good sensors would, so the sizes of the errors by which the sensors differ are the measure.
 
@@ -20,13 +20,13 @@ import numpy as np
 
 from tam_calibration.core.least_squares import whitening
 from tam_calibration.core.noise import complete_noise
-from tam_calibration.fit.agreement import SEEN, difference, lasting, shares, white_directions
+from tam_calibration.fit.agreement import SEEN, TOO_FAR, MotionFit
 from tam_calibration.fit.attitude_convention import misread_attitude
-from tam_calibration.fit.attitude_likelihood import AttitudeEquations
+from tam_calibration.fit.attitude_likelihood import AttitudeLikelihood, WorldView
 from tam_calibration.fit.contradiction import SIGNIFICANT, probability_of
 from tam_calibration.fit.identifiability import require_accurate
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
-from tam_calibration.fit.posterior import Known, Place, Problem
+from tam_calibration.fit.problem import Known, Problem
 from tam_calibration.fit.raw_headings import RawHeadings
 from tam_calibration.fit.recorded_attitude import strayed
 from tam_calibration.fit.slow_residuals import variance_factors
@@ -47,10 +47,6 @@ _NO_FIT = f"the recorded attitude and the readings make no calibration together:
 
 _NOISES = (ATTITUDE_NOISE.most, 0.05, 0.005, 5e-4)
 """Noise of attitude to begin with, radians: the first with which a recording that tells little alone is calibrated."""
-
-_TOO_FAR = 2.0
-"""Stated noise over that of the residuals, or the reverse, from which the stated one is not used: a factor of two in
-standard errors. Both counted are the size of the errors and how long they last."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +84,7 @@ def judge_attitude(recording: SampleSource, array: Array, known: Known) -> Judge
     array : Array
         Its noise of attitude is infinite where it is to be estimated.
     known : Known
-        What is known beside the recording.
+        What else is known.
 
     Returns
     -------
@@ -98,16 +94,16 @@ def judge_attitude(recording: SampleSource, array: Array, known: Known) -> Judge
     assert array.attitude_noise is not None
     reasons: list[str] = []
     for uses_heading in (True, False):
-        beside = replace(known, uses_heading=uses_heading, main_field_T=None)
+        without_place = replace(known, uses_heading=uses_heading, main_field_T=None)
         try:
-            fit = _Fit.settled_from_above(recording, array, beside)
+            fit = _Fit.settled_from_above(recording, array, without_place)
             used, doubt = _used_noise(array.attitude_noise, fit)
             fit = fit.with_noise(used)
         except (InputError, Refused):
-            stray = strayed(_scatter_at_start(recording, array, beside)) or _NO_FIT
+            stray = strayed(_scatter_at_start(recording, array, without_place)) or _NO_FIT
             reasons.append(misread_attitude(recording) or stray)
             continue
-        stray = strayed(fit.scatter)
+        stray = strayed(fit.left)
         reason = (
             (stray and misread_attitude(recording))
             or stray
@@ -121,58 +117,34 @@ def judge_attitude(recording: SampleSource, array: Array, known: Known) -> Judge
     return Judgement(None, False, reasons[0])
 
 
-def lasting_of(
-    problem: Problem, place: Place, along: FloatArray | None = None, headings: FloatArray | None = None
-) -> float:
-    """Return by how much what attitude tells varies more than by white noise: for how many samples its errors last.
-
-    Parameters
-    ----------
-    problem, place : Problem, Place
-        The likelihood, and where it is taken.
-    along : (P, Q) array, optional
-        Directions of the unknowns that count; by default all that are free.
-    headings : (M, N) array, optional
-        As of ``AttitudeLikelihood.linearize``: their sizes are the last unknowns.
-    """
-    assert problem.attitude is not None
-    along = problem.basis_at(place) if along is None else along
-
-    def equations_of(span: slice) -> AttitudeEquations:
-        return problem.attitude_at(place, span, None if headings is None else headings[:, span])
-
-    return lasting(equations_of, len(problem.attitude.to_world), along)
-
-
 def _scatter_at_start(recording: SampleSource, array: Array, known: Known) -> float:
     noisy, _ = complete_noise(replace(array, attitude_noise=ATTITUDE_NOISE.most), recording)
     problem = Problem.of(recording, noisy, known)
-    return problem.attitude_at(problem.start).scatter(ATTITUDE_NOISE.most)
+    assert problem.motion is not None and problem.start.motion is not None
+    return problem.motion.scatter(*problem.rows_at(problem.start), problem.start.motion)
 
 
 def _used_noise(stated: float, fit: "_Fit") -> tuple[float, str]:
     """Return the noise to fit with, radians, and what is wrong with the stated one; infinite where it is estimated."""
     if np.isinf(stated):
         return fit.noise, ""
-    if 1 / _TOO_FAR < stated / fit.noise < _TOO_FAR:
+    if 1 / TOO_FAR < stated / fit.noise < TOO_FAR:
         return max(stated, fit.noise), ""
     size = "small" if stated < fit.noise else "large"
-    lasting = (fit.noise / fit.scatter) ** 2
+    lasting = (fit.noise / fit.left) ** 2
     words = f" for {lasting:.2g} samples at a time" if lasting > 1 else ""
     return fit.noise, (
         f"the stated attitude_noise_deg, {to_degrees(stated):.3g}, is too {size}: the attitude is off by "
-        f"{to_degrees(fit.scatter):.3g}°{words}, and counts as that; state {to_degrees(fit.noise):.3g}, or estimate"
+        f"{to_degrees(fit.left):.3g}°{words}, and counts as that; state {to_degrees(fit.noise):.3g}, or estimate"
     )
 
 
 @dataclass(frozen=True, eq=False)
-class _Fit:
-    """A fit beside attitude: its noise, and the scatter of the residuals, which is less where they last; radians."""
+class _Fit(MotionFit):
+    """A fit with attitude as data: its noise, and the scatter of the residuals, smaller where they last; radians."""
 
-    problem: Problem
-    place: Place
     noise: float
-    scatter: float
+    left: float
 
     @classmethod
     def settled_from_above(cls, recording: SampleSource, array: Array, known: Known) -> "_Fit":
@@ -192,36 +164,28 @@ class _Fit:
         problem = Problem.of(recording, calibration.array, replace(known, variance_factors=factors))
         fit = cls(problem, problem.start, noise, noise).with_noise(noise)
         for _ in range(_MOST_ROUNDS):
-            noise = max(fit.measure_scatter(), fit.noise / _LARGEST_FALL)
+            noise = max(fit.scatter, fit.noise / _LARGEST_FALL)
             if abs(noise - fit.noise) <= _SETTLED * fit.noise:
                 break
             fit = fit.with_noise(noise)
-        noise = min(float(np.sqrt(lasting_of(fit.problem, fit.place))) * fit.noise, ATTITUDE_NOISE.most)
-        return replace(fit, noise=noise, scatter=fit.noise)
+        noise = min(float(np.sqrt(fit.lasting())) * fit.noise, ATTITUDE_NOISE.most)
+        return replace(fit, noise=noise, left=fit.noise)
 
     def with_noise(self, noise: float) -> "_Fit":
         """Return the fit of attitudes of another noise."""
-        assert self.problem.attitude is not None
-        problem = replace(self.problem, attitude=replace(self.problem.attitude, attitude_noise=noise))
+        problem = replace(self.problem, motion=replace(self.attitude, attitude_noise=noise))
         place, _ = problem.most_probable()
         return replace(self, problem=problem, place=place, noise=noise)
 
-    def measure_scatter(self) -> float:
-        """Return the standard deviation of attitude that the residuals show, radians."""
-        own = self.problem.attitude_at(self.place)
-        return own.scatter(self.noise, float(np.sum(shares(self.white, own.information, own.gradient)[0])))
-
     @property
-    def white(self) -> FloatArray:
-        """(Q, M) directions of the free unknowns on which the information of all is one."""
-        information, gradient = self.problem.data_at(self.place)
-        self.problem.add_known(self.place, information, gradient)
-        return white_directions(information, self.problem.basis_at(self.place))
+    def attitude(self) -> AttitudeLikelihood:
+        """The samples with attitude."""
+        assert isinstance(self.problem.motion, AttitudeLikelihood)
+        return self.problem.motion
 
     def contradiction(self) -> str:
         """Return how attitude contradicts all else, or nothing."""
-        own = self.problem.attitude_at(self.place)
-        sizes = difference(self.white, own.information, own.gradient)
+        sizes = self.difference(self.own)
         what = "heading" if self.problem.known.uses_heading else "roll and pitch"
         noise = f"with {to_degrees(self.noise):.2g}° of noise"
         words = f"the {what} of the recorded attitude contradicts the readings, {sizes} {noise}: {_LOOK}"
@@ -230,27 +194,22 @@ class _Fit:
     def contradiction_of_place(self, main_field_T: FloatArray) -> str:
         """Return how the main field of a model contradicts readings and attitude, or nothing."""
         known = replace(self.problem.known, main_field_T=main_field_T)
-        beside = replace(self, problem=replace(self.problem, known=known)).with_noise(self.noise)
-        size = len(beside.problem.basis_at(beside.place))
-        added = []
-        for problem in (beside.problem, self.problem):
-            own = np.zeros((size, size)), np.zeros(size)
-            problem.add_known(beside.place, *own)
-            added.append(own)
-        (information, gradient), (less, downhill) = added
-        sizes = difference(beside.white, information - less, gradient - downhill)
+        used = replace(self, problem=replace(self.problem, known=known)).with_noise(self.noise)
+        more, less = (problem.known_at(used.place) for problem in (used.problem, self.problem))
+        sizes = used.difference(more - less)
         return f"the field of the place contradicts readings and attitude, {sizes}" if sizes else ""
 
     def followed(self, recording: SampleSource) -> str:
         """Return which readings the heading follows, or nothing."""
-        samples, attitude, view = recording.whole(), self.problem.attitude, self.place.view
-        assert attitude is not None and view is not None and samples.attitude is not None
+        samples, attitude, view = recording.whole(), self.attitude, self.place.motion
+        assert isinstance(view, WorldView) and samples.attitude is not None
         readings_T = samples.readings_T[np.isfinite(samples.attitude).all(axis=1)]
         field = attitude.field(*self.problem.rows_at(self.place))
         turned = attitude.to_world @ view.mount
         raw = RawHeadings.of(readings_T, field, turned, view.direction, self.place.intensity_T)
-        white, size = self.white, len(self.problem.basis_at(self.place))
-        own = self.problem.attitude_at(self.place, headings=raw.columns)
+        white, size = self.white, len(self.basis)
+        with_headings = MotionFit(replace(self.problem, motion=replace(attitude, headings=raw.columns)), self.place)
+        own = with_headings.own
         # Each error of the heading less what errors of the sensors make that are as probable.
         alone = np.vstack([-white @ white.T @ own.information[:size, size:], np.eye(len(raw.columns))])
         left = own.information[size:] @ alone
@@ -258,10 +217,10 @@ class _Fit:
         for index, name in enumerate(raw.names):
             both = slice(2 * index, 2 * index + 2)
             own_white = whitening(left[both, both], SEEN)
-            along = own_white.T @ own.gradient[size:][both]
+            along = own_white.T @ own.score[size:][both]
             chi_square, limit = float(along @ along), SIGNIFICANT / len(raw.names)
             if probability_of(chi_square, len(along)) < limit and (own_white @ along).max() > 0:
-                chi_square /= lasting_of(self.problem, self.place, alone[:, both], raw.columns)
+                chi_square /= with_headings.lasting(alone[:, both])
                 if probability_of(chi_square, len(along)) < limit:
                     followed[-chi_square] = f"follows the errors of {name}, {raw.size_deg(index):.2g}°"
             if raw.is_raw(index, self.noise):

@@ -1,7 +1,7 @@
 """How a recorded attitude may have been written otherwise: inverted, w first, in FRD axes, or not at all.
 
 The right attitude turns the corrected field into one that stands still in the world. A constant turn of the world, such
-as NED for ENU, cannot be told, and does no harm. Where the stated attitude leaves the field turning and another reading
+as NED for ENU, cannot be seen, and does no harm. Where the stated attitude leaves the field turning and another reading
 of the same numbers makes it stand still, the recording was written in that way.
 """
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _TURNS = from_degrees(10.0)
 """Angle, root mean square, by which the field turns in the world of an attitude that is not the array's: near a source,
-or beside a compass on a vehicle, it turns by less."""
+or with a compass on a vehicle, it turns by less."""
 
 _BETTER = 4.0
 """How many times less it turns in that of the right one."""
@@ -42,7 +42,7 @@ class _Convention:
     """A way in which quaternions may be written, and what to do about it."""
 
     what: str
-    mend: str
+    remedy: str
     is_inverse: bool = False
     is_scalar_first: bool = False
     half_turn: str = ""
@@ -113,7 +113,7 @@ def misread_attitude(recording: SampleSource, errors: SensorErrors | None = None
         return ""
     still, convention = min(((_turning(each, attitude, field), each) for each in _CONVENTIONS), key=lambda one: one[0])
     if _BETTER * still < turning:
-        return f"the recorded attitude {convention.what}: {convention.mend}"
+        return f"the recorded attitude {convention.what}: {convention.remedy}"
     turns = _AS_EXPECTED.to_world(attitude)
     constant = float((turns[0].inv() * turns).magnitude().max())
     if _BETTER * constant < turning:

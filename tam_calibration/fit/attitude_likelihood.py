@@ -10,61 +10,29 @@ are, and for how long they last.
 """
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from functools import cached_property
 
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.core.normal_equations import gram
+from tam_calibration.core.normal_equations import Normal, gram
 from tam_calibration.fit.channel_maps import ChannelMaps
 from tam_calibration.fit.likelihood import UNIFORM
 from tam_calibration.fit.recorded_attitude import across_of, likely_turn
+from tam_calibration.fit.scale import Normalized
+from tam_calibration.model.array import KnownNoiseArray
+from tam_calibration.model.geomagnetic_field import LOCAL_STANDARD_ERROR_T
 from tam_calibration.model.limits import ATTITUDE_NOISE
+from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
 _PIECE = 8192
 
+_ANY_TURN = np.pi
+"""Standard deviation of an angle of which nothing is known, radians: it keeps the normal equations regular."""
+
 _VERTICAL = 1e-3
 """Sine of the angle to the vertical below which a direction has no heading."""
-
-
-class AttitudeEquations(NamedTuple):
-    """Normal equations of the attitude.
-
-    Parameters
-    ----------
-    information : (P, P) array
-        Over the unknowns.
-    gradient : (P,) array
-        Downhill.
-    energy : float
-        Sum of the squares of the whitened channels.
-    channels : int
-        Number of these.
-    field_variance : float
-        Mean variance of the direction of the field that the sensors agree on, radians squared.
-    """
-
-    information: FloatArray
-    gradient: FloatArray
-    energy: float
-    channels: int
-    field_variance: float
-
-    def scatter(self, noise: float, taken: float = 0.0) -> float:
-        """Return the standard deviation of attitude, radians, that the residuals show.
-
-        Parameters
-        ----------
-        noise : float
-            By which they were whitened, radians.
-        taken : float
-            Number of channels that the fit has taken.
-        """
-        variance = (noise**2 + self.field_variance) * self.energy / max(self.channels - taken, 1.0)
-        # A scatter that is less than that of the field's direction is not told from none.
-        variance = max(variance - self.field_variance, self.field_variance)
-        return float(np.clip(np.sqrt(variance), ATTITUDE_NOISE.least, ATTITUDE_NOISE.most))
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +49,17 @@ class WorldView:
 
     mount: FloatArray
     direction: FloatArray
+
+    size = 5
+    """Unknowns: three of the turn of X, and two of the shift of w across itself."""
+
+    turn = slice(0, 3)
+    """Place of the turn of X among them."""
+
+    @property
+    def mounting(self) -> tuple[FloatArray, float]:
+        """Rotation from the array frame to that of the attitude, and its turn over that of X."""
+        return self.mount, 1.0
 
     @property
     def across(self) -> FloatArray:
@@ -111,6 +90,8 @@ class AttitudeLikelihood:
         Standard deviation of the attitude about each axis, radians.
     uses_heading : bool
         Whether the heading counts. Without it only roll and pitch do: how steeply the field dips.
+    headings : (M, N) array, optional
+        Errors of the heading, radians, whose sizes are M more unknowns, the last ones.
     """
 
     rows: FloatArray
@@ -118,10 +99,61 @@ class AttitudeLikelihood:
     vector_noise: FloatArray
     attitude_noise: float
     uses_heading: bool = True
+    headings: FloatArray | None = None
+
+    @classmethod
+    def of(cls, data: Normalized, array: KnownNoiseArray, uses_heading: bool) -> "AttitudeLikelihood | None":
+        """Return the samples with attitude, where the array states its noise."""
+        if array.attitude_noise is None:
+            return None
+        recording = data.source.whole()
+        if recording.attitude is None:
+            return None
+        from scipy.spatial.transform import Rotation
+
+        known = np.flatnonzero(np.isfinite(recording.attitude).all(axis=1))
+        rows = data.points[known].reshape(len(known), -1).T
+        to_world = Rotation.from_quat(recording.attitude[known]).as_matrix()
+        return cls(rows, to_world, array.vector_noise_T / data.radius_T, array.attitude_noise, uses_heading)
+
+    @property
+    def sample_count(self) -> int:
+        """Number of samples with attitude."""
+        return len(self.to_world)
+
+    @cached_property
+    def _headings(self) -> FloatArray:
+        return np.zeros((0, self.sample_count)) if self.headings is None else self.headings
 
     def part(self, samples: slice) -> "AttitudeLikelihood":
         """Return some of the samples."""
-        return replace(self, rows=self.rows[:, samples], to_world=self.to_world[samples])
+        headings = None if self.headings is None else self.headings[:, samples]
+        return replace(self, rows=self.rows[:, samples], to_world=self.to_world[samples], headings=headings)
+
+    def prior(self, view: WorldView, main_field_T: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+        """Return the precisions (5,) of the unknowns of a view before the samples, and the downhill gradient (5,).
+
+        Parameters
+        ----------
+        view : WorldView
+            Where the gradient is taken.
+        main_field_T : (3,) array, optional
+            Field of a model in the world, tesla; it tells the direction.
+        """
+        precisions, gradient = np.full(5, 1 / _ANY_TURN**2), np.zeros(5)
+        if main_field_T is not None:
+            length = float(norm(main_field_T))
+            precisions[3:] += (own := (length / LOCAL_STANDARD_ERROR_T) ** 2)
+            gradient[3:] += own * view.across.T @ main_field_T / length
+        return precisions, gradient
+
+    def is_free(self, view: WorldView) -> np.ndarray:
+        """Return which of the unknowns of a view are fitted: all."""
+        return np.ones(view.size, dtype=bool)
+
+    def start(self, errors: SensorErrors) -> WorldView:
+        """Return the view by the errors about whose biases the readings are taken."""
+        return self.view(errors.matrix, np.zeros_like(errors.bias_T))
 
     def view(self, matrix: FloatArray, bias: FloatArray) -> WorldView:
         """Return mounting and direction that agree with the readings corrected by matrices and biases."""
@@ -136,9 +168,7 @@ class AttitudeLikelihood:
         field = (channels.at_scalar[:, :-1] @ self.rows + channels.at_scalar[:, -1:]).T
         return np.asarray(field / norm(field, axis=1, keepdims=True))
 
-    def linearize(
-        self, matrix: FloatArray, bias: FloatArray, view: WorldView, headings: FloatArray | None = None
-    ) -> "AttitudeEquations":
+    def linearize(self, matrix: FloatArray, bias: FloatArray, view: WorldView) -> Normal:
         """Return the normal equations of the channels of each sample.
 
         Parameters
@@ -149,46 +179,52 @@ class AttitudeLikelihood:
             Of each sensor, in the unit of the readings.
         view : WorldView
             Mounting and direction.
-        headings : (M, N) array, optional
-            Errors of the heading, radians, whose sizes are M more unknowns.
 
         Returns
         -------
-        AttitudeEquations
+        Normal
             Over the rows [D Λ | o], the step of the view, and the sizes of errors of the heading.
         """
+        channels, moments, _ = self._moments(matrix, bias, view)
+        return Normal.by_field(channels.response, moments, (1 + self.uses_heading) * self.sample_count)
+
+    def scatter(self, matrix: FloatArray, bias: FloatArray, view: WorldView, taken: float = 0.0) -> float:
+        """Return the standard deviation of attitude that the residuals show, radians.
+
+        Parameters
+        ----------
+        matrix, bias, view
+            As for ``linearize``.
+        taken : float
+            Number of channels that the fit has taken.
+        """
+        _, moments, of_field = self._moments(matrix, bias, view)
+        channels = (1 + self.uses_heading) * self.sample_count
+        variance = (self.attitude_noise**2 + of_field) * float(moments[-1, -1]) / max(channels - taken, 1.0)
+        # A scatter that is less than that of the field's direction cannot be separated from none.
+        variance = max(variance - of_field, of_field)
+        return float(np.clip(np.sqrt(variance), ATTITUDE_NOISE.least, ATTITUDE_NOISE.most))
+
+    def _moments(self, matrix: FloatArray, bias: FloatArray, view: WorldView) -> tuple[ChannelMaps, FloatArray, float]:
+        """Return the maps, the moments of the whitened columns, and the mean variance of the field's direction."""
         channels = ChannelMaps.at(matrix, bias, UNIFORM, self.vector_noise, None)
-        headings = np.zeros((0, self.rows.shape[1])) if headings is None else headings
-        more = len(headings)
-        moments, variance = np.zeros((18 + more, 18 + more)), 0.0
-        for start in range(0, self.rows.shape[1], _PIECE):
-            part = slice(start, start + _PIECE)
-            columns, own = self._columns(channels, self.rows[:, part], self.to_world[part], view, headings[:, part])
+        size = 18 + len(self._headings)
+        moments, variance = np.zeros((size, size)), 0.0
+        for start in range(0, self.sample_count, _PIECE):
+            columns, own = self.part(slice(start, start + _PIECE))._columns(channels, view)
             moments += gram(columns)
             variance += own
-        count = 12 * len(matrix)
-        response = np.zeros((count + 5 + more, 17 + more))
-        response[:count, :12] = channels.response.reshape(count, 12)
-        response[count:, 12:] = np.eye(5 + more)
-        return AttitudeEquations(
-            response @ moments[:-1, :-1] @ response.T,
-            -response @ moments[:-1, -1],
-            float(moments[-1, -1]),
-            (1 + self.uses_heading) * self.rows.shape[1],
-            variance / self.rows.shape[1],
-        )
+        return channels, moments, variance / self.sample_count
 
-    def _columns(
-        self, channels: ChannelMaps, rows: FloatArray, to_world: FloatArray, view: WorldView, headings: FloatArray
-    ) -> tuple[FloatArray, float]:
+    def _columns(self, channels: ChannelMaps, view: WorldView) -> tuple[FloatArray, float]:
         """Return whitened columns (18 + M, 2 n), and the sum of the variances of the field's direction.
 
         They are across ⊗ [field, 1] / |field|, by mounting, by direction, by errors of the heading, residual.
         """
-        field = channels.at_scalar[:, :-1] @ rows + channels.at_scalar[:, -1:]
+        field = channels.at_scalar[:, :-1] @ self.rows + channels.at_scalar[:, -1:]
         length = norm(field, axis=0)
         along = (field / length).T
-        turned = to_world @ view.mount
+        turned = self.to_world @ view.mount
         seen = np.einsum("nji,j->ni", turned, view.direction)
         covariance = channels.elimination.covariance
         of_field = (np.trace(covariance) - channels.elimination.variance_along(along.T)) / 2 / length**2
@@ -196,14 +232,14 @@ class AttitudeLikelihood:
         extended = np.concatenate([field / length, 1 / length[None]])
         by_direction = np.einsum("nji,jd->nid", turned, view.across)
         pairs = []
-        up = to_world[:, 2] @ view.mount
+        up = self.to_world[:, 2] @ view.mount
         for across in np.moveaxis(across_of(along), 1, 0) if self.uses_heading else (_rising(along, up),):
             columns = np.concatenate(
                 [
                     (across.T[:, None] * extended).reshape(12, -1),
                     np.cross(across, seen).T,
                     np.einsum("ni,nid->dn", across, by_direction),
-                    headings * np.sum(across * np.cross(up, along), axis=1),
+                    self._headings * np.sum(across * np.cross(up, along), axis=1),
                     np.sum(across * seen, axis=1)[None],
                 ]
             )

@@ -6,9 +6,10 @@ import numpy as np
 
 from tam_calibration.core.least_squares import whitening
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.attitude_check import lasting_of
+from tam_calibration.fit.agreement import SEEN, MotionFit
 from tam_calibration.fit.attitude_convention import misread_attitude
-from tam_calibration.fit.posterior import Known, Problem
+from tam_calibration.fit.attitude_likelihood import AttitudeLikelihood, WorldView
+from tam_calibration.fit.problem import Known, Problem
 from tam_calibration.fit.recorded_attitude import strayed
 from tam_calibration.model.limits import ATTITUDE_NOISE
 from tam_calibration.model.recording import SampleSource
@@ -19,9 +20,6 @@ USE_IT = (
     "set attitude_noise_deg: estimate in the array file if the recorded attitude comes from gyroscope and "
     "accelerometer only"
 )
-
-_SEEN = 1e-12
-"""Part of the largest eigenvalue of a scaled covariance below which a direction is held."""
 
 _MOST_SAMPLES = 1000
 """By which the worth of attitude is judged."""
@@ -51,15 +49,15 @@ def worth_of(recording: SampleSource, calibration: Calibration) -> str:
         return ""
     array = replace(calibration.array, attitude_noise=ATTITUDE_NOISE.most)
     problem = Problem.of(some, array, Known(start=calibration))
-    assert problem.attitude is not None
-    noise = problem.attitude_at(problem.start).scatter(ATTITUDE_NOISE.most)
+    assert isinstance(problem.motion, AttitudeLikelihood) and isinstance(problem.start.motion, WorldView)
+    noise = problem.motion.scatter(*problem.rows_at(problem.start), problem.start.motion)
     if reason := strayed(noise):
         return misread_attitude(some, calibration.errors) or f"recorded attitude is not used: {reason}"
-    beside = replace(problem, attitude=replace(problem.attitude, attitude_noise=noise))
-    information = beside.attitude_at(beside.start).information * recording.sample_count / some.sample_count
+    used = MotionFit(replace(problem, motion=replace(problem.motion, attitude_noise=noise)), problem.start)
+    information = used.own.information * recording.sample_count / some.sample_count
     words = f"recorded attitude (noise {to_degrees(noise):.2g}°) is not used: "
     if _ratio(calibration, information).min() < _WORTHLESS:
-        information /= lasting_of(beside, beside.start)
+        information /= used.lasting()
     ratio = _ratio(calibration, information)
     if ratio.min() > _WORTHLESS:
         return f"{words}it would reduce no standard error by more than {1 - _WORTHLESS:.0%}"
@@ -78,7 +76,7 @@ def _ratio(calibration: Calibration, information: FloatArray) -> FloatArray:
     size, before = len(calibration.covariance), calibration.standard_errors
     cross, view = information[:size, -5:], information[-5:, -5:] + np.eye(5)
     information = information[:size, :size] - cross @ np.linalg.solve(view, cross.T)
-    root = calibration.covariance @ whitening(calibration.covariance, _SEEN)
+    root = calibration.covariance @ whitening(calibration.covariance, SEEN)
     after = root @ np.linalg.solve(np.eye(root.shape[1]) + root.T @ information @ root, root.T)
     errors = np.sqrt(np.diag(after)).reshape(before.shape)
     return np.asarray(np.divide(errors, before, out=np.ones_like(before), where=before > 0))

@@ -5,19 +5,19 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
-
 from tam_calibration.correction.acceptance import within_limits
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.attitude_worth import USE_IT, worth_of
 from tam_calibration.fit.consistency import Fit, accepted
 from tam_calibration.fit.doubts import doubts_of
-from tam_calibration.fit.identifiability import FEWEST_SAMPLES, require_determined
+from tam_calibration.fit.held_out import held_out_residuals
+from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.fit.integrated import integrated
-from tam_calibration.fit.joint_calibration import calibrate_jointly
+from tam_calibration.fit.joint_calibration import JointCalibration, calibrate_jointly
 from tam_calibration.fit.lossless import lossless
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.prior import Prior
+from tam_calibration.fit.problem import Known
 from tam_calibration.fit.published import artificial_vector, fast_rotation, simplified_linear, two_step_linear
 from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.fit.scalar_check import turning_scalar
@@ -26,9 +26,8 @@ from tam_calibration.fit.slow_residuals import OURS, widened
 from tam_calibration.fit.what_changed import despite_changes, naming_changes, what_changed
 from tam_calibration.integrity import require_enough, require_sound
 from tam_calibration.model.array import Array
-from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import SKETCH, SampleSource
-from tam_calibration.model.residuals import Residuals, measure_residuals
 from tam_calibration.model.units import FloatArray
 
 METHODS: dict[str, Fit] = {
@@ -45,9 +44,6 @@ DEFAULT_METHOD = "maximum_likelihood"
 
 _FEWEST_FOR_SLOW = 160
 """Samples from which noise that lasts shows in the residuals: ten in each of the blocks that are compared."""
-
-_FOLDS, _BLOCKS_PER_FOLD = 5, 10
-"""A fifth of the samples is held out at once, in blocks of time so short that no fold lacks an attitude."""
 
 
 def calibrate(
@@ -108,14 +104,11 @@ def calibrate(
     ()
     """
     fit = _fit_of(method, ambient_gradient)
-    attitude_is_data = array.attitude_noise is not None and recording.whole().attitude is not None
-    is_joint = prior is not None or main_field_T is not None or attitude_is_data
     takes_priors = method == DEFAULT_METHOD and not ambient_gradient
-    rates_are_data = takes_priors and recording.thinned(SKETCH).angular_velocity_rad_s is not None
+    is_joint = _has_more_data(recording, array, takes_priors, prior, main_field_T)
     if is_joint and not takes_priors:
         kind = "an ambient gradient" if ambient_gradient else method
         raise InputError(f"priors and attitude as data go with {DEFAULT_METHOD} in a uniform field, not with {kind}")
-    is_joint |= takes_priors and (array.tolerances is not None or rates_are_data)
     array.require_recording(recording)
     is_screened = not (ambient_gradient or method == "robust")
     recording, found, notes = _checked(recording, array, accept, is_screened, is_joint)
@@ -125,24 +118,42 @@ def calibrate(
                 require_determined(recording, array, is_uniform=not ambient_gradient)
         require_enough(recording.sample_count, accept)
         is_joint |= takes_priors and turning_scalar(recording, array) is not None
-        given = recording
         if is_joint:
-            calibration, recording, array, fit = calibrate_jointly(recording, array, prior, main_field_T)
+            made = calibrate_jointly(recording, array, prior, main_field_T)
         else:
             with _naming_attitude(recording, takes_priors):
-                calibration = accepted(recording, array, fit, accept)
-    uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient)
-    if not is_joint:
-        calibration = widened(calibration, uniform)
+                known = Known() if takes_priors else None
+                made = JointCalibration(accepted(recording, array, fit, accept), recording, array, fit, known)
+    uniform = as_if_uniform(made.recording, made.calibration.errors, made.array, made.calibration.ambient_gradient)
+    calibration = made.calibration if is_joint else widened(made.calibration, uniform)
     if prior is None:
         # A scalar that was left out still tells changes of the field.
-        calibration = despite_changes(calibration, given if is_joint else uniform, array, accept)
-    if takes_priors and not attitude_is_data and (worth := worth_of(recording, calibration)):
+        calibration = despite_changes(calibration, recording if is_joint else uniform, made.array, accept)
+    if takes_priors and not _is_attitude_data(recording, array) and (worth := worth_of(made.recording, calibration)):
         notes.append(worth)
-    calibration = replace(calibration, held_out=_held_out(recording, array, fit))
+    residuals = held_out_residuals(made.recording, made.array, made.fit, calibration, made.known)
+    calibration = replace(calibration, held_out=residuals)
     warnings = (*found, *calibration.warnings, *doubts_of(uniform, calibration))
     notes = [note for note in (*notes, *calibration.notes) if note not in warnings]
     return within_limits(replace(calibration, warnings=warnings, notes=tuple(notes)), accept)
+
+
+def _has_more_data(
+    recording: SampleSource,
+    array: Array,
+    takes_priors: bool,
+    prior: Prior | Calibration | None,
+    main_field_T: FloatArray | None,
+) -> bool:
+    """Return whether a fit has more than readings, or a method that takes none is asked to use more."""
+    if prior is not None or main_field_T is not None or _is_attitude_data(recording, array):
+        return True
+    has_rates = takes_priors and recording.thinned(SKETCH).angular_velocity_rad_s is not None
+    return has_rates or (takes_priors and array.tolerances is not None)
+
+
+def _is_attitude_data(recording: SampleSource, array: Array) -> bool:
+    return array.attitude_noise is not None and recording.whole().attitude is not None
 
 
 def _checked(
@@ -188,31 +199,3 @@ def _fit_of(method: str, ambient_gradient: bool) -> Fit:
         able = " or ".join(OURS)
         raise InputError(f"{method} takes the field for uniform: {able} can fit an ambient gradient")
     return partial(maximum_likelihood, robust=method == "robust", ambient_gradient=True)
-
-
-def _held_out(recording: SampleSource, array: Array, fit: Fit) -> Residuals | None:
-    """Return the residuals of every sample, each corrected by a fit to the other folds of blocks of time."""
-    block = np.arange(_FOLDS * _BLOCKS_PER_FOLD)
-    starts = -(-np.append(block, len(block)) * recording.sample_count // len(block))
-    fold_of = np.repeat((block % _FOLDS).astype(np.int8), np.diff(starts))
-    parts, sizes = [], []
-    for fold in range(_FOLDS):
-        test = fold_of == fold
-        if not test.any() or (~test).sum() < 2 * FEWEST_SAMPLES:
-            return None
-        try:
-            fitted = fit(recording.take(~test), array)
-        except (InputError, Refused):
-            return None
-        seen = as_if_uniform(recording.take(test), fitted.errors, array, fitted.ambient_gradient)
-        parts.append(measure_residuals(fitted.errors, array, seen, fitted.intensity_T))
-        sizes.append(test.sum())
-    return _pool(parts, np.array(sizes))
-
-
-def _pool(parts: list[Residuals], sizes: np.ndarray) -> Residuals:
-    weight = sizes / sizes.sum()
-    sensors = np.array([part.sensor_intensity_T for part in parts])
-    center = np.array([part.center_intensity_T for part in parts])
-    tensor = np.array([part.tensor_T_per_m for part in parts])
-    return Residuals(np.sqrt(weight @ sensors**2), float(np.sqrt(weight @ center**2)), np.sqrt(weight @ tensor**2))

@@ -18,7 +18,7 @@ from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
 _IS_ROTATION = 0.02
 """Largest difference of a matrix from a rotation, which is then said to be one."""
 
-_ALIKE = 0.9
+_PARALLEL = 0.9
 """Cosine of the jumps of all sensors and their mean from which one magnet makes them."""
 
 _ALONG = 0.1
@@ -123,8 +123,8 @@ def hypotheses(model: PartModel, unchanged_T: FloatArray, sign: int) -> Iterator
     """
     readings_T = model.samples.readings_T
     for order in _orders(readings_T.shape[1]):
-        told = order if sign < 0 else np.argsort(order).tolist()
-        yield Hypothesis(_of_order(told), model.fields(readings_T[:, order]), 0)
+        named = order if sign < 0 else np.argsort(order).tolist()
+        yield Hypothesis(_of_order(named), model.fields(readings_T[:, order]), 0)
     distance = np.median(norm(unchanged_T - np.median(unchanged_T, axis=1, keepdims=True), axis=2), axis=0)
     for sensor in np.argsort(-distance)[:_MOST_ORDERED].tolist():
         for words, field_T, free in _of_sensor(model, unchanged_T, sensor, sign):
@@ -245,7 +245,7 @@ def _of_all(model: PartModel, unchanged_T: FloatArray, sign: int) -> Iterator[Hy
 def _of_biases(jumps_T: FloatArray) -> str:
     mean_T, size_T = jumps_T.mean(axis=0), norm(jumps_T, axis=1)
     largest = _in_nanotesla(float(size_T.max()))
-    if np.all(jumps_T @ mean_T > _ALIKE * size_T * norm(mean_T)):
+    if np.all(jumps_T @ mean_T > _PARALLEL * size_T * norm(mean_T)):
         return f"something magnetic adds up to {largest} nT to all sensors"
     many = [str(sensor + 1) for sensor in np.flatnonzero(size_T > size_T.max() / 10)]
     whose = "all sensors" if len(many) == len(size_T) else f"sensors {', '.join(many)}"

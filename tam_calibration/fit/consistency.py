@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.linalg import norm
 
+from tam_calibration.correction.acceptance import WRONG_PART
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.identifiability import require_accurate
 from tam_calibration.fit.recorded_attitude import as_if_uniform
@@ -23,16 +24,13 @@ _PARTS = 10
 """Of equal length, of which each is long enough for some turns of a usual survey."""
 
 _FEWEST_IN_PART = 10
-"""Samples of which a median is told to a third."""
+"""Fewest samples in a part: their median is certain to a third."""
 
 _STEADY_RATIO = 4.0
 """Of the largest to the smallest residual; in the shortest parts white noise of four sensors makes 2.5 once in 1000."""
 
 _LARGEST_STEADY_RESIDUAL = 1e-5
 """Part of the intensity, half a nanotesla: what is less, no calibration is asked for."""
-
-_LARGEST_RESIDUAL = 0.01
-"""Part of the intensity, 500 nT: more in some part only is another array, and not an effect beside one calibration."""
 
 _LARGEST_DISTANCE = 0.05
 """Part of the radius of a sphere that most readings are near; errors of scale and angles make readings miss it too."""
@@ -84,7 +82,7 @@ def require_one_calibration(recording: SampleSource, calibration: Calibration) -
     """
     field = calibration.array.field
     parts = _residual_in_parts(recording, calibration)
-    if parts is not None and parts.exceeds(_LARGEST_RESIDUAL * calibration.intensity_T):
+    if parts is not None and parts.exceeds(WRONG_PART * calibration.intensity_T):
         raise Refused(f"the recording is not one calibration: {parts.sentence()}; calibrate the parts apart")
     if not field.hold(calibration.intensity_T):
         require_one_sphere(recording)

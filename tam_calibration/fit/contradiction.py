@@ -101,7 +101,7 @@ _CONVINCING = np.log(1e4)
 """Logarithm of the evidence of a change from which it contradicts, however little it is of the whole difference: by
 chance a given one is convincing at most once in ten thousand updates."""
 
-_LEAST_TOLD = 0.01
+_LEAST_GAIN = 0.01
 """Information of the data over that of the prior above which a direction counts: in others they cannot contradict."""
 
 _SIZES_T = from_nanotesla(np.geomspace(10.0, 1e4, 7))
@@ -109,7 +109,7 @@ _SIZES_T = from_nanotesla(np.geomspace(10.0, 1e4, 7))
 bias, and as a scale factor or angle times the field."""
 
 _LOG_ODDS = -float(np.log(100.0))
-"""Of all errors of a sensor, and of all biases, beside one kind of one sensor; of all errors of all twice as much."""
+"""Of all errors of a sensor, and of all biases, over one kind of one sensor; of all errors of all twice as much."""
 
 _EVERYTHING = in_words(SEVERAL, 0)
 
@@ -120,7 +120,7 @@ MOST_CHANGES = 3
 """Found one after the other: where more moved, the whole array has, which is one of them."""
 
 PLAUSIBLE = 0.05
-"""Probability from which a change is told beside the most probable one, and the prior widened for it too."""
+"""Probability from which a change is named in addition to the most probable one, and the prior widened for it too."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +172,7 @@ class Difference:
 
     @classmethod
     def of(cls, prior: Prior, posterior: Posterior) -> "Difference":
-        """Return the difference of a prior and what the data told beside it."""
+        """Return the difference of a prior and the estimate from both."""
         comparable, derivative = prior.in_convention(posterior.errors)
         covariance = derivative @ posterior.covariance @ derivative.T
         distance = prior.whitening.T @ (comparable.to_vector() - prior.errors.to_vector()).ravel()
@@ -180,9 +180,9 @@ class Difference:
         left, turns = np.linalg.eigh(prior.whitening.T @ covariance @ prior.whitening)
         left = np.clip(left, np.finfo(float).eps, 1.0)
         gain, along, back = 1 / left - 1, turns.T @ distance, prior.whitening @ turns
-        told = gain > _LEAST_TOLD
-        chi_square = float(np.sum(along[told] ** 2 * (1 + 1 / gain[told])))
-        return cls(back @ along, back * (1 - left) @ back.T, chi_square, int(told.sum()))
+        is_seen = gain > _LEAST_GAIN
+        chi_square = float(np.sum(along[is_seen] ** 2 * (1 + 1 / gain[is_seen])))
+        return cls(back @ along, back * (1 - left) @ back.T, chi_square, int(is_seen.sum()))
 
     @property
     def probability(self) -> float:
@@ -261,7 +261,7 @@ def changes_that_explain(difference: Difference, candidates: Sequence[Sequence[C
 def log_odds(change: Change) -> float:
     """Return the logarithm of the probability of a change before any data, over that of one kind of one sensor.
 
-    Unknowns that no sample shows cost no evidence: of what explains as much, the least is told.
+    Unknowns that no sample shows cost no evidence: of what explains as much, the least is chosen.
     """
     if is_everything(change):
         return 2 * _LOG_ODDS
@@ -285,8 +285,8 @@ def is_everything(change: Change) -> bool:
     return change.hypothesis.name == _EVERYTHING
 
 
-def estimated_beside(change: Change, prior: Prior, posterior: Posterior) -> Change:
-    """Return a change with what a fit tells of it beside the prior that is less certain by it.
+def estimated_with(change: Change, prior: Prior, posterior: Posterior) -> Change:
+    """Return a change with its estimate by a fit with the prior that is widened by it.
 
     With θ = x + E δ, x that of the prior, δ is given θ of mean D Eᵀ U⁻¹ (θ - θ₀), U = P + E D Eᵀ, and of variance
     (D⁻¹ + Eᵀ P⁻¹ E)⁻¹.
@@ -309,7 +309,7 @@ def candidates_of(prior: Prior, sees_scale: bool) -> list[list[Change]]:
     prior : Prior
         Of K sensors.
     sees_scale : bool
-        Whether the intensity of the field is known, so that a scale common to all can be told.
+        Whether the intensity of the field is known, so that a scale common to all can be found.
     """
     errors, sensors = prior.errors, prior.errors.sensor_count
     _, derivative = prior.in_convention(errors)

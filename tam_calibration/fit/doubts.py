@@ -14,7 +14,7 @@ _ASKEW = from_degrees(5.0)
 """Turn of all other sensors against sensor 1 that no mounting makes by accident: sensors are aligned to degrees."""
 
 _LARGEST_BIAS = 2.0
-"""Bias over the field from which a magnet or an offset of the driver is told: it uses up most of a usual range."""
+"""Bias over the field from which a magnet or an offset of the driver is suspected: it uses up most of a usual range."""
 
 LOOK_FOR_CAUSE = "look for the cause with tam diagnose"
 """What to do about a residual."""
@@ -123,7 +123,7 @@ def _coverage(recording: SampleSource, calibration: Calibration) -> str:
 
 
 def _standard_errors(calibration: Calibration) -> str:
-    """Compare the standard error of corrected samples, all directions alike, with what sensor noise alone makes."""
+    """Compare the standard error of corrected samples, as a mean over all directions, with that of sensor noise."""
     noise = np.sqrt(calibration.correction_matrix**2 @ np.repeat(calibration.array.vector_noise_T**2, 3))
     growth = float(np.nanmax(calibration.output_standard_errors / noise))
     if growth <= _ACCEPTED_GROWTH:

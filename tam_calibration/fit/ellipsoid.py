@@ -174,6 +174,18 @@ def square_root(shape: FloatArray) -> FloatArray:
         raise InputError(NO_ELLIPSOID) from None
 
 
+def fitted(moments: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the centres o (..., 3) and the roots Ω (..., 3, 3) of the ellipsoids |Ω (p - o)| = s.
+
+    Raises
+    ------
+    InputError
+        When the points do not determine an ellipsoid.
+    """
+    center = center_of(moments)
+    return center, square_root(shape_about(moments, center))
+
+
 def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
     """Solve symmetric systems after scaling the rows and columns to a unit diagonal."""
     scale = 1 / np.sqrt(np.maximum(np.diagonal(matrix, axis1=-2, axis2=-1), np.finfo(float).tiny))

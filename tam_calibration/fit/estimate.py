@@ -1,15 +1,15 @@
-"""From an estimate to a calibration: noise, residuals, floor, whiteness and coverage, for every method alike."""
+"""From an estimate to a calibration: noise, residuals, floor, whiteness and coverage, for every method."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.linalg import inv
 
 from tam_calibration.core.noise import complete_noise
-from tam_calibration.core.normal_equations import Elimination
 from tam_calibration.core.variance_factors import VarianceFactors
 from tam_calibration.correction.calibration import FRAME_STATEMENT, AmbientGradientEstimate, Calibration
-from tam_calibration.fit.coverage import CELLS, cell_of
+from tam_calibration.fit.channel_maps import ChannelMaps
+from tam_calibration.fit.coverage import field_of, measure_coverage
+from tam_calibration.fit.likelihood import UNIFORM, energies
 from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.recording import SKETCH, Block, SampleSource
@@ -19,15 +19,13 @@ from tam_calibration.model.units import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class Quality:
+class Figures:
     """The figures of one pass.
 
     Parameters
     ----------
     before, after : Residuals
         Of the raw and of the corrected readings.
-    coverage : float
-        Part of the sphere of field directions that was visited, 0 to 1.
     reduced_chi_square : dict
         As in ``Calibration``.
     mean_scalar_T : float, optional
@@ -36,12 +34,11 @@ class Quality:
 
     before: Residuals
     after: Residuals
-    coverage: float
     reduced_chi_square: dict[str, float]
     mean_scalar_T: float | None
 
 
-def measure_quality(source: SampleSource, array: KnownNoiseArray, errors: SensorErrors, intensity_T: float) -> Quality:
+def measure_quality(source: SampleSource, array: KnownNoiseArray, errors: SensorErrors, intensity_T: float) -> Figures:
     """Return the figures of a recording in a uniform field that was corrected with given errors.
 
     Parameters
@@ -57,15 +54,15 @@ def measure_quality(source: SampleSource, array: KnownNoiseArray, errors: Sensor
     """
     before = ResidualSums(SensorErrors.none(errors.sensor_count), array, intensity_T)
     after = ResidualSums(errors, array, intensity_T)
-    energy, visited = EnergySums(errors, array, intensity_T), _Visited(errors)
+    energy = EnergySums(errors, array, intensity_T)
     scalar_T, count = 0.0, source.scalar_count
     for block in source.blocks():
-        for sums in (before, after, energy, visited):
+        for sums in (before, after, energy):
             sums.add(block)
         if block.scalar_T is not None:
             scalar_T += float(np.nansum(block.scalar_T))
     mean_scalar_T = scalar_T / count if count else None
-    return Quality(before.result(), after.result(), visited.fraction, energy.reduced_chi_square(), mean_scalar_T)
+    return Figures(before.result(), after.result(), energy.reduced_chi_square(), mean_scalar_T)
 
 
 def measure_chi_square(
@@ -110,42 +107,30 @@ class EnergySums:
     """
 
     def __init__(self, errors: SensorErrors, array: KnownNoiseArray, intensity_T: float) -> None:
-        self._intensity_T, self._scalar_variance = intensity_T, array.scalar_noise_T**2
-        self._sensors = errors.sensor_count
-        self._elimination = Elimination.of_sensors(errors, array.vector_noise_T)
-        self._map = np.concatenate([self._elimination.unmixing, self._elimination.directions.T])
-        self._offset = -self._map @ errors.bias_T.reshape(-1, 1)
-        self._differential, self._common_mode = 0.0, 0.0
-        self._all, self._known = 0, 0
+        self._intensity_T, self._scalar_noise_T, self._sensors = intensity_T, array.scalar_noise_T, errors.sensor_count
+        self._channels = ChannelMaps.at(errors.matrix, errors.bias_T, UNIFORM, array.vector_noise_T, None)
+        self._energy, self._counts = np.zeros(2), np.zeros(2, dtype=int)
 
     def add(self, block: Block) -> None:
         """Add the samples of a block."""
-        differential, common_mode = self.of_samples(block)
-        known = np.isfinite(common_mode)
-        self._differential += float(np.sum(differential))
-        self._common_mode += float(np.sum(common_mode, where=known))
-        self._all += len(known)
-        self._known += int(known.sum())
+        own = self.of_samples(block)
+        self._energy += np.nansum(own, axis=1)
+        self._counts += np.isfinite(own).sum(axis=1)
 
-    def of_samples(self, block: Block) -> tuple[FloatArray, FloatArray]:
-        """Return the (N,) energies of each sample's differential channels, and of its common mode; NaN without one."""
-        channels = self._map @ block.readings_T.reshape(len(block.readings_T), -1).T
-        channels += self._offset
-        field, differences = channels[:3], channels[3:]
-        square = np.einsum("in,in->n", field, field)
-        # The variance of the length of the field, and the residual, both times its length.
-        variance = self._scalar_variance * square + self._elimination.variance_along(field)
-        length = np.sqrt(square)
-        residual = length * (length - (self._intensity_T if block.scalar_T is None else block.scalar_T))
-        return np.einsum("in,in->n", differences, differences), residual * residual / variance
+    def of_samples(self, block: Block) -> FloatArray:
+        """Return each sample's squared residuals (2, N): differential channels and common mode; NaN without one."""
+        count = len(block.readings_T)
+        intensity_T = np.full(count, self._intensity_T) if block.scalar_T is None else block.scalar_T
+        return energies(self._channels, block.readings_T.reshape(count, -1).T, intensity_T, self._scalar_noise_T)
 
     def reduced_chi_square(self) -> dict[str, float]:
         """Return the energies per degree of freedom, where there are any."""
         # The ellipsoid takes nine parameters from the common mode, each further sensor twelve from the differences.
         others = self._sensors - 1
-        freedom = {"differential": 3 * others * self._all - 12 * others, "common_mode": self._known - 9}
-        energy = {"differential": self._differential, "common_mode": self._common_mode}
-        return {name: energy[name] / freedom[name] for name in freedom if freedom[name] > 0}
+        freedom = np.array([3 * others, 1]) * self._counts - np.array([12 * others, 9])
+        names = ("differential", "common_mode")
+        each = zip(names, self._energy.tolist(), freedom.tolist(), strict=True)
+        return {name: energy / free for name, energy, free in each if free > 0}
 
 
 def sample_energies(
@@ -167,30 +152,8 @@ def sample_energies(
         Stands in where there is no scalar channel.
     """
     energy = EnergySums(errors, array, intensity_T)
-    parts = [energy.of_samples(block) for block in source.blocks()]
-    differential, common_mode = (np.concatenate(channel) for channel in zip(*parts, strict=True))
+    differential, common_mode = np.concatenate([energy.of_samples(block) for block in source.blocks()], axis=1)
     return np.asarray(differential / factors.differential + np.nan_to_num(common_mode) / factors.common_mode)
-
-
-class _Visited:
-    """Which cells of the sphere the mean of the restored sensors visits."""
-
-    def __init__(self, errors: SensorErrors) -> None:
-        unmix = inv(errors.matrix) / errors.sensor_count
-        self._map = np.concatenate(list(unmix), axis=1)
-        self._offset = -self._map @ errors.bias_T.reshape(-1, 1)
-        self._counts = np.zeros(CELLS, dtype=int)
-
-    def add(self, block: Block) -> None:
-        field = self._map @ block.readings_T.reshape(len(block.readings_T), -1).T
-        field += self._offset
-        length = np.sqrt(np.einsum("in,in->n", field, field))
-        direction = np.divide(field, length, out=np.zeros_like(field), where=length > 0)
-        self._counts += np.bincount(cell_of(direction.T), minlength=CELLS)
-
-    @property
-    def fraction(self) -> float:
-        return float(np.mean(self._counts > 0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,7 +171,7 @@ class Estimate:
     intensity_T : float
         The constant intensity on the estimate's scale, used where there is no scalar reference.
     ambient_gradient : AmbientGradient, optional
-        Fitted beside the errors; its standard errors come from where the covariance does.
+        Fitted together with the errors; its standard errors come from where the covariance does.
     frame : str
         What the array frame of the errors is.
     """
@@ -264,7 +227,7 @@ def make_calibration(method: str, source: SampleSource, array: Array, estimate: 
         floor=noise_floor(errors, noisy, noisy.scalar_noise_T),
         samples=source.sample_count,
         time_span_s=source.time_span_s,
-        coverage=raw.coverage,
+        coverage=measure_coverage(field_of(source.thinned(SKETCH), errors)).fraction,
         reduced_chi_square=chi_square,
         ambient_gradient=gradient,
         frame=estimate.frame,

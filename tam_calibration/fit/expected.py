@@ -6,7 +6,7 @@ import numpy as np
 
 from tam_calibration.fit.gyroscope_path import GyroscopeState, GyroscopeUse
 from tam_calibration.fit.information import inverted
-from tam_calibration.fit.posterior import Known, Problem
+from tam_calibration.fit.problem import Known, Problem
 from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.gyroscope import Gyroscope
 from tam_calibration.model.recording import Recording
@@ -34,7 +34,5 @@ def expected_covariance(
         use = GyroscopeUse(gyroscope.noise_density, gyroscope.bias, interval_s, start, gyroscope.scale_error)
         known = replace(known, gyroscope=use)
     problem = Problem.of(recording, array, known)
-    information, gradient = problem.data_at(problem.start)
-    problem.add_known(problem.start, information, gradient)
-    size = 12 * array.sensor_count
-    return inverted(information, problem.basis_at(problem.start))[:size, :size]
+    size, found = 12 * array.sensor_count, problem.normal_at(problem.start)
+    return inverted(found.information, problem.basis_at(problem.start))[:size, :size]

@@ -63,8 +63,8 @@ def gauss_newton(
     free = np.append(free_rows(len(point.matrix)), np.ones(len(point.gradient), dtype=bool))
 
     def normal_at(there: Point) -> tuple[FloatArray, FloatArray, FloatArray]:
-        here = linearize(there)
-        return here.information[np.ix_(free, free)], here.gradient[free], here.information
+        here = linearize(there).both
+        return here.information[np.ix_(free, free)], here.score[free], here.information
 
     def moved(before: Point, change: FloatArray) -> Point:
         if not np.abs(change).max() < _FARTHEST:
@@ -107,7 +107,7 @@ def descend(
     def step_from(state: tuple[Place, Kept | None, float]) -> tuple[tuple[Place, Kept | None, float], bool]:
         place, _, before = state
         information, gradient, kept = normal_at(place)
-        step = _solve(information, gradient)
+        step = newton_step(information, gradient)
         # Twice the fall of the likelihood that the step promises; below one it is part of a standard error.
         decrement = float(step @ gradient)
         # Newton's steps fall quadratically until rounding stops them, those with new weights by a constant factor.
@@ -121,7 +121,14 @@ def descend(
     return place, kept
 
 
-def _solve(information: FloatArray, gradient: FloatArray) -> FloatArray:
+def newton_step(information: FloatArray, gradient: FloatArray) -> FloatArray:
+    """Return the step (M,) to the maximum of a parabola, with its information (M, M) and downhill gradient (M,).
+
+    Raises
+    ------
+    InputError
+        When the information is singular.
+    """
     unit, scale = scaled(information)
     if not (np.diag(information) > 0).all():
         raise InputError(ellipsoid.NO_ELLIPSOID)

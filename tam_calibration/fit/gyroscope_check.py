@@ -1,10 +1,10 @@
-"""Whether a recorded angular velocity may be believed beside the readings, and how large its errors are.
+"""Whether a recorded angular velocity agrees with the readings, and how large its errors are.
 
 It is used where the field turns as it says, and where what it tells agrees with what all else tells (Hausman 1978). Its
 unit, mounting and delay are found; its bias and how this wanders are unknowns of the fit. Its noise is that of the
 residuals over several samples: between neighbours a filter may leave less. Axes that are not at right angles, or of
 different scale, are taken for true unless the residuals show them (a score test): where little turns the array about
-an axis, an error of scale is told from no error of the sensors.
+an axis, an error of scale cannot be separated from errors of the sensors.
 """
 
 from dataclasses import dataclass, replace
@@ -14,10 +14,11 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.core.noise import complete_noise, fast_noise
+from tam_calibration.fit.agreement import FAR, TOO_FAR
 from tam_calibration.fit.gyroscope_fit import GyroscopeFit
 from tam_calibration.fit.gyroscope_path import GyroscopePath, GyroscopeState, GyroscopeUse
 from tam_calibration.fit.gyroscope_start import UNITS, matched
-from tam_calibration.fit.posterior import Known, Place, Problem
+from tam_calibration.fit.problem import Known, Place, Problem
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.gyroscope import Gyroscope
@@ -26,19 +27,13 @@ from tam_calibration.model.recording import Recording, SampleSource
 from tam_calibration.model.units import FloatArray, to_degrees
 
 _FEWEST = 100
-"""Intervals whose turn is known: of fewer the noise is not told to a tenth."""
+"""Intervals whose turn is known: with fewer the noise is uncertain by more than a tenth."""
 
 MOST_SAMPLES = 2_000_000
 """Samples up to which angular velocity is used: all are in memory then."""
 
 MOST_LINKS = 20_000
 """Turns from sample to sample that are judged: of more those over several samples."""
-
-_TOO_FAR = 2.0
-"""Noise of the residuals over the stated one, or the reverse, from which the stated one is not used."""
-
-_FAR = 4.0
-"""Standard deviations of a bias beyond which it is told, and may be larger than stated: once in 16 000."""
 
 _SURE = 3.0
 """Standard deviations of chance by which residuals may be less than those of the noise that is used."""
@@ -67,7 +62,7 @@ class GyroscopeJudgement:
     doubt : str
         What is wrong with the stated noise; empty where it is right, or none is stated.
     place : Place, optional
-        Where the fit beside it settled.
+        Where the fit with it settled.
     """
 
     recording: SampleSource
@@ -88,7 +83,7 @@ def judge_gyroscope(recording: Recording, array: Array, known: Known, since_s: f
     array : Array
         The noise of its gyroscope is estimated where it is not stated.
     known : Known
-        What is known beside the recording.
+        What else is known.
     since_s : float
         Stamp from which on it is known: samples before are not judged.
     """
@@ -120,11 +115,11 @@ def judge_gyroscope(recording: Recording, array: Array, known: Known, since_s: f
         if not use.shape_error and fit.is_bent:
             fit = GyroscopeFit.settled(some, array, known, replace(fit.use, start=fit.state, shape_error=_SHAPE))
             notes += (fit.bent,)
-        if (bias := float(norm(fit.state.bias[0]))) > _FAR * stated.bias:
+        if (bias := float(norm(fit.state.bias[0]))) > FAR * stated.bias:
             fit = GyroscopeFit.settled(some, array, known, replace(fit.use, start=fit.state, bias_error=bias))
             notes += (_biased(bias, stated.bias),)
         density, doubt = _used_density(array.gyroscope, fit)
-        fit = fit.with_density(density).lasting()
+        fit = fit.with_density(density).weighed()
     except (InputError, Refused):
         return GyroscopeJudgement(recording, None, "the angular velocity and the readings make no calibration together")
     if reason := fit.contradiction():
@@ -159,7 +154,7 @@ def _used_density(gyroscope: Gyroscope | None, fit: GyroscopeFit) -> tuple[float
     stated = None if gyroscope is None else gyroscope.noise_density
     if stated is None:
         return max(found, most), ""
-    if stated < _TOO_FAR * most and found < _TOO_FAR * stated:
+    if stated < TOO_FAR * most and found < TOO_FAR * stated:
         return max(stated, found), ""
     size, used = ("small", found) if stated < found else ("large", most)
     words = (

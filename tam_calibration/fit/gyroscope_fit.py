@@ -1,22 +1,21 @@
-"""A fit beside angular velocity: its noise by the residuals, and what these show of the gyroscope."""
+"""A fit with angular velocity as data: its noise by the residuals, and what these show of the gyroscope."""
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.fit.agreement import SEEN, difference, lasting, shares, white_directions
+from tam_calibration.fit.agreement import FAR, SEEN, MotionFit
 from tam_calibration.fit.contradiction import SIGNIFICANT, probability_of
-from tam_calibration.fit.gyroscope_likelihood import GyroscopeEquations
+from tam_calibration.fit.gyroscope_likelihood import GyroscopeLikelihood
 from tam_calibration.fit.gyroscope_path import GyroscopeState, GyroscopeUse
 from tam_calibration.fit.information import inverted
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
-from tam_calibration.fit.posterior import Known, Place, Problem
+from tam_calibration.fit.problem import Known, Place, Problem
 from tam_calibration.fit.slow_residuals import variance_factors
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.units import FloatArray, from_degrees, to_degrees, to_nanotesla
+from tam_calibration.model.units import from_degrees, to_degrees, to_nanotesla
 
 _STRIDE, _FEWEST_STRIDES = 8, 50
 """Intervals over which noise is measured, and how many of these there are at least."""
@@ -27,30 +26,16 @@ _MOST_ROUNDS, _SETTLED = 6, 0.05
 _MOST_FITTED = 200_000
 """Turns of a fit to all samples: of more those over several samples."""
 
-_FAR = 4.0
-"""Standard deviations of a normal law beyond which a delay or a mounting is told: once in 16 000."""
-
 _TYPICAL_SCALE = 1e-3
-"""Scale error of a gyroscope that was calibrated, of which the effect is told."""
+"""Scale error of a gyroscope that was calibrated, whose effect is reported."""
 
 _LATE, _ASKEW = 0.5, from_degrees(2.0)
 """Delay in intervals of samples, and turn in radians, from which they are worth a note."""
 
 
 @dataclass(frozen=True, eq=False)
-class GyroscopeFit:
-    """A fit beside angular velocity.
-
-    Parameters
-    ----------
-    problem : Problem
-        The likelihood, with angular velocity as data.
-    place : Place
-        Where it settled.
-    """
-
-    problem: Problem
-    place: Place
+class GyroscopeFit(MotionFit):
+    """A fit with angular velocity as data."""
 
     @classmethod
     def settled(cls, recording: Recording, array: Array, known: Known, use: GyroscopeUse) -> "GyroscopeFit":
@@ -61,8 +46,8 @@ class GyroscopeFit:
         first = maximum_a_posteriori(recording, array, replace(known, gyroscope=use))
         factors = known.variance_factors.at_least(variance_factors(first, recording))
         start = Place(first.errors, first.intensity_T)
-        beside = replace(known, gyroscope=use, variance_factors=factors, start=start)
-        problem = Problem.of(recording, first.array, beside)
+        used = replace(known, gyroscope=use, variance_factors=factors, start=start)
+        problem = Problem.of(recording, first.array, used)
         fit = cls(problem, problem.most_probable()[0])
         for _ in range(_MOST_ROUNDS):
             density = max(fit.measured(), use.density)
@@ -72,80 +57,54 @@ class GyroscopeFit:
         return fit
 
     @property
+    def likelihood(self) -> GyroscopeLikelihood:
+        """The angular velocity as data."""
+        assert isinstance(self.problem.motion, GyroscopeLikelihood)
+        return self.problem.motion
+
+    @property
     def use(self) -> GyroscopeUse:
         """How the angular velocity counts."""
-        assert self.problem.known.gyroscope is not None
-        return self.problem.known.gyroscope
+        return self.likelihood.use
 
     @property
     def state(self) -> GyroscopeState:
         """Of the gyroscope."""
-        assert self.place.gyroscope is not None
-        return self.place.gyroscope
+        assert isinstance(self.place.motion, GyroscopeState)
+        return self.place.motion
 
     @property
     def begun(self) -> GyroscopeUse:
         """How the angular velocity counts, its fit begun where this one ends."""
-        likelihood = self.problem.gyroscope
-        assert likelihood is not None
-        return replace(self.use, start=self.state, stride=-(-len(likelihood.path.time_s) // _MOST_FITTED))
+        return replace(self.use, start=self.state, stride=-(-self.likelihood.sample_count // _MOST_FITTED))
 
-    def _with(self, use: GyroscopeUse) -> "GyroscopeFit":
-        likelihood = self.problem.gyroscope
-        assert likelihood is not None
-        likelihood = replace(likelihood, density=use.density, lasting=use.lasting)
-        problem = replace(self.problem, known=replace(self.problem.known, gyroscope=use), gyroscope=likelihood)
-        return GyroscopeFit(problem, self.place)
+    def _settled_with(self, use: GyroscopeUse) -> "GyroscopeFit":
+        problem = replace(self.problem, motion=replace(self.likelihood, use=use))
+        return GyroscopeFit(problem, problem.settled(self.place, is_corrected=True)[0])
 
     def with_density(self, density: float) -> "GyroscopeFit":
         """Return the fit with another noise of the gyroscope."""
         if density == self.use.density:
             return self
-        fit = self._with(replace(self.use, density=density))
-        return replace(fit, place=fit.problem.settled(fit.place, is_corrected=True)[0])
-
-    @cached_property
-    def _own(self) -> GyroscopeEquations:
-        """What the angular velocity tells."""
-        return self.problem.gyroscope_at(self.place)
-
-    @cached_property
-    def _all(self) -> tuple[FloatArray, FloatArray]:
-        """Information and gradient of all that is known."""
-        information, gradient = self.problem.data_at(self.place)
-        self.problem.add_known(self.place, information, gradient)
-        return information, gradient
-
-    @cached_property
-    def _white(self) -> FloatArray:
-        return white_directions(self._all[0], self.problem.basis_at(self.place))
+        return self._settled_with(replace(self.use, density=density))
 
     def measured(self, sigmas: float = 0.0) -> float:
         """Return the density of the noise that the residuals show over several samples."""
-        likelihood = self.problem.gyroscope
-        assert likelihood is not None
-        path = likelihood.path
-        slow = likelihood.coarser(max(1, min(-(-_STRIDE // path.stride), len(path.links) // _FEWEST_STRIDES)))
-        taken = float(np.sum(shares(self._white, self._own.information, self._own.gradient)[0]))
-        return slow.scatter(*self.problem.rows_at(self.place), self.state, taken, sigmas)
+        path = self.likelihood.path
+        slow = self.likelihood.coarser(max(1, min(-(-_STRIDE // path.stride), len(path.links) // _FEWEST_STRIDES)))
+        return slow.scatter(*self.problem.rows_at(self.place), self.state, self.taken, sigmas)
 
-    def lasting(self) -> "GyroscopeFit":
+    def weighed(self) -> "GyroscopeFit":
         """Return the fit with the weight that slow errors of the angular velocity leave it."""
-        along = self.problem.basis_at(self.place)
-        assert self.problem.gyroscope is not None
-        count = len(self.problem.gyroscope.path.time_s)
-        factor = lasting(lambda span: self.problem.gyroscope_at(self.place, span), count, along)
-        if factor == 1:
-            return self
-        fit = self._with(replace(self.use, lasting=factor))
-        return replace(fit, place=fit.problem.settled(fit.place, is_corrected=True)[0])
+        factor = self.lasting()
+        return self if factor == 1 else self._settled_with(replace(self.use, lasting=factor))
 
     @property
     def is_bent(self) -> bool:
         """Whether the residuals show axes that are not true: the score of their scales and angles."""
-        information, gradient = self._all
+        information, gradient = self.everything.information, self.everything.score
         shape = np.arange(len(gradient) - 6, len(gradient))
-        across = self._white.T @ information[:, shape]
+        across = self.white.T @ information[:, shape]
         left = information[np.ix_(shape, shape)] - across.T @ across
         values, vectors = np.linalg.eigh(left)
         seen = values > SEEN * values[-1]
@@ -162,7 +121,7 @@ class GyroscopeFit:
 
     def contradiction(self) -> str:
         """Return how angular velocity contradicts all else, or nothing."""
-        sizes = difference(self._white, self._own.information, self._own.gradient)
+        sizes = self.difference(self.own)
         words = "look at its stamps and axes, and at whether the field is uniform"
         return f"the angular velocity contradicts the readings, {sizes}: {words}" if sizes else ""
 
@@ -170,15 +129,15 @@ class GyroscopeFit:
         """Return how the gyroscope is late and turned, and what its scale may do, in a sentence each."""
         from scipy.spatial.transform import Rotation
 
-        information, _ = self._all
-        covariance = inverted(information, self.problem.basis_at(self.place))
+        information = self.everything.information
+        covariance = inverted(information, self.basis)
         errors = np.sqrt(np.diag(covariance))[-self.state.size :]
         count, notes = self.state.bias.size, []
-        if abs(self.state.delay_s) > max(_FAR * errors[count], _LATE * self.use.interval_s):
+        if abs(self.state.delay_s) > max(FAR * errors[count], _LATE * self.use.interval_s):
             late = "late" if self.state.delay_s > 0 else "early"
             notes.append(f"the angular velocity is {abs(self.state.delay_s):.3g} s {late}, which is taken off")
         turn = float(norm(Rotation.from_matrix(self.state.mount).as_rotvec()))
-        if turn > max(_FAR * float(norm(errors[count + 1 : count + 4])), _ASKEW):
+        if turn > max(FAR * float(norm(errors[count + 1 : count + 4])), _ASKEW):
             notes.append(f"the gyroscope is turned by {to_degrees(turn):.2g}° against sensor 1, which is estimated")
         # A scale error of all axes moves the errors of the sensors by so much.
         shift = -covariance @ information[:, -6:-3].sum(axis=1)

@@ -7,7 +7,7 @@ angular velocity's integral, the two numbers of each interval
 
     ε = T'ᵀ exp(-X S φ) u,    cov(ε, ε) = q + F V Fᵀ + V',    cov(ε', ε) = -F' V',
 
-are all that the path tells of the errors of the sensors: their covariance has two blocks beside its diagonal, and a
+are all that the path tells of the errors of the sensors: their covariance has two blocks off its diagonal, and a
 banded Cholesky factor makes them white at a cost that grows as the number of samples does. The unknown path is
 eliminated with it. Field and turn in the derivatives are the smoothed ones, u + T V (λ' - Fᵀ λ) with T across it, and
 the turn less q Tᵀ λ, with λ the residuals over their covariance: they do not depend on the noise of the residuals,
@@ -20,12 +20,23 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import inv, norm
 
-from tam_calibration.core.normal_equations import gram
+from tam_calibration.core.normal_equations import Normal, gram
 from tam_calibration.fit.channel_maps import ChannelMaps
-from tam_calibration.fit.gyroscope_path import SHAPE_COLUMNS, SHAPE_ROWS, GyroscopePath, GyroscopeState, Turns, rotated
+from tam_calibration.fit.gyroscope_path import (
+    SHAPE_COLUMNS,
+    SHAPE_ROWS,
+    GyroscopePath,
+    GyroscopeState,
+    GyroscopeUse,
+    Turns,
+    rotated,
+)
 from tam_calibration.fit.likelihood import UNIFORM
 from tam_calibration.fit.recorded_attitude import across_of
+from tam_calibration.fit.scale import Normalized
+from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.limits import RATE_NOISE
+from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
 _BAND = 3
@@ -33,27 +44,6 @@ _BAND = 3
 
 _HALVINGS = 14
 """Of the exponent of a density: nine decades to a thousandth."""
-
-
-class GyroscopeEquations(NamedTuple):
-    """Normal equations of the angular velocity.
-
-    Parameters
-    ----------
-    information : (P, P) array
-        Over the rows [D Λ | o] of the sensors, then the unknowns of the gyroscope.
-    gradient : (P,) array
-        Downhill.
-    energy : float
-        Sum of the squares of the whitened channels.
-    channels : int
-        Number of these.
-    """
-
-    information: FloatArray
-    gradient: FloatArray
-    energy: float
-    channels: int
 
 
 class _Chain(NamedTuple):
@@ -82,25 +72,46 @@ class GyroscopeLikelihood:
         The angular velocities.
     vector_noise : (K,) array
         Standard deviation of each sensor's axes, in the same unit.
-    density : float
-        One-sided density of the noise of the angular velocity, rad/s/√Hz: its integral over Δt has the variance
-        density² Δt / 2.
-    lasting : float
-        By how much what the channels tell varies more than by white noise.
+    use : GyroscopeUse
+        How they count. The integral of the noise over Δt has the variance density² Δt / 2.
     """
 
     rows: FloatArray
     path: GyroscopePath
     vector_noise: FloatArray
-    density: float
-    lasting: float = 1.0
+    use: GyroscopeUse
 
     @classmethod
-    def of(
-        cls, rows: FloatArray, path: GyroscopePath, vector_noise: FloatArray, density: float, lasting: float = 1.0
-    ) -> "GyroscopeLikelihood":
-        """Return the likelihood of the rows (3 K, N) of all samples."""
-        return cls(rows[:, :: path.stride], path, vector_noise, density, lasting)
+    def of(cls, data: Normalized, array: KnownNoiseArray, use: GyroscopeUse) -> "GyroscopeLikelihood | None":
+        """Return the samples as data of the turn between them; None where they have no angular velocity."""
+        recording = data.source.whole()
+        rates = recording.angular_velocity_rad_s
+        if rates is None:
+            return None
+        path = GyroscopePath(
+            recording.time_s, rates, use.interval_s, recording.time_span_s, use.start.delay_s, use.stride
+        )
+        if not len(path.links):
+            return None
+        rows = data.points.reshape(recording.sample_count, -1).T[:, :: path.stride]
+        return cls(rows, path, array.vector_noise_T / data.radius_T, use)
+
+    @property
+    def sample_count(self) -> int:
+        """Number of samples."""
+        return len(self.path.time_s)
+
+    def start(self, errors: SensorErrors) -> GyroscopeState:
+        """Return the state at which a fit begins, whatever the errors of the sensors."""
+        return self.use.start.of_modes(self.path.modes)
+
+    def prior(self, state: GyroscopeState, main_field_T: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+        """Return what ``GyroscopeUse.prior`` does; a field of the world tells nothing of a gyroscope."""
+        return self.use.prior(state)
+
+    def is_free(self, state: GyroscopeState) -> np.ndarray:
+        """Return which of the unknowns of a state are fitted."""
+        return self.use.is_free(state)
 
     def part(self, samples: slice) -> "GyroscopeLikelihood":
         """Return the likelihood of some of the samples, from a whole stride on."""
@@ -115,7 +126,7 @@ class GyroscopeLikelihood:
         path = replace(self.path, stride=times * self.path.stride)
         return replace(self, rows=self.rows[:, ::times], path=path)
 
-    def linearize(self, matrix: FloatArray, bias: FloatArray, state: GyroscopeState) -> GyroscopeEquations:
+    def linearize(self, matrix: FloatArray, bias: FloatArray, state: GyroscopeState) -> Normal:
         """Return the normal equations at a point.
 
         Parameters
@@ -127,26 +138,18 @@ class GyroscopeLikelihood:
         state : GyroscopeState
             Of the gyroscope.
         """
-        count, more = 12 * len(matrix), state.size
-        if not len(self.path.links):
-            return GyroscopeEquations(np.zeros((count + more, count + more)), np.zeros(count + more), 0.0, 0)
         channels = ChannelMaps.at(matrix, bias, UNIFORM, self.vector_noise, None)
+        if not len(self.path.links):
+            size = 13 + state.size
+            return Normal.by_field(channels.response, np.zeros((size, size)), 0)
         chain = self._chain(channels, state)
-        factor = self._factor(chain, self.density)
+        factor = self._factor(chain, self.use.density)
         white = _whitened(factor, self._columns(chain, factor, state))
-        moments = gram(white) / self.lasting
-        response = np.zeros((count + more, 12 + more))
-        response[:count, :12] = channels.response.reshape(count, 12)
-        response[count:, 12:] = np.eye(more)
-        return GyroscopeEquations(
-            response @ moments[:-1, :-1] @ response.T,
-            -response @ moments[:-1, -1],
-            self.lasting * float(moments[-1, -1]),
-            white.shape[1],
-        )
+        found = Normal.by_field(channels.response, gram(white) / self.use.lasting, white.shape[1])
+        return replace(found, energy=self.use.lasting * found.energy)
 
     def scatter(
-        self, matrix: FloatArray, bias: FloatArray, state: GyroscopeState, taken: float, sigmas: float = 0.0
+        self, matrix: FloatArray, bias: FloatArray, state: GyroscopeState, taken: float = 0.0, sigmas: float = 0.0
     ) -> float:
         """Return the density with which the residuals are as large as they are, rad/s/√Hz; 0 where they are smaller.
 
@@ -194,12 +197,12 @@ class GyroscopeLikelihood:
         """Return what the sensors' noise makes of the channels' covariance, (4, 2 L): diagonal, then those below it."""
         links, count = self.path.links, len(self.path.links)
         own = through @ variance[links] @ np.swapaxes(through, 1, 2) + variance[links + 1]
-        beside = -(through[1:] @ variance[links[1:]]) * self.path.follows[:, None, None]
+        across = -(through[1:] @ variance[links[1:]]) * self.path.follows[:, None, None]
         band = np.zeros((_BAND + 1, count, 2))
         band[0] = own[:, (0, 1), (0, 1)]
-        band[1, :, 0], band[1, :-1, 1] = own[:, 1, 0], beside[:, 0, 1]
-        band[2, :-1, 0], band[2, :-1, 1] = beside[:, 0, 0], beside[:, 1, 1]
-        band[3, :-1, 0] = beside[:, 1, 0]
+        band[1, :, 0], band[1, :-1, 1] = own[:, 1, 0], across[:, 0, 1]
+        band[2, :-1, 0], band[2, :-1, 1] = across[:, 0, 0], across[:, 1, 1]
+        band[3, :-1, 0] = across[:, 1, 0]
         return band.reshape(_BAND + 1, -1)
 
     def _factor(self, chain: _Chain, density: float) -> FloatArray:
@@ -229,7 +232,7 @@ class GyroscopeLikelihood:
         for course, into in zip(self.path.courses, columns[12:place].reshape(-1, 3, len(links), 2), strict=True):
             np.multiply(by_bias, course[:, None], out=into)
         columns[place] = np.einsum("ina,ni->na", by_angle, chain.turns.by_delay)
-        noise = np.einsum("nai,na->ni", by_turn, pull) * (self.density**2 * self.path.duration_s / 2)[:, None]
+        noise = np.einsum("nai,na->ni", by_turn, pull) * (self.use.density**2 * self.path.duration_s / 2)[:, None]
         turned = chain.turned - noise
         columns[place + 1 : place + 4] = np.moveaxis(np.cross(turned[:, None], by_turn), 2, 0)
         by_shape, angle = by_turn @ state.mount, (turned @ inv(state.mount @ state.shape).T)[:, None]

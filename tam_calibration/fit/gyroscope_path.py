@@ -68,6 +68,16 @@ class GyroscopeState:
         return replace(self, bias=np.vstack([kept, np.zeros((1 + modes - len(kept), 3))]))
 
     @property
+    def turn(self) -> slice:
+        """Place of the turn of X among the unknowns."""
+        return slice(self.size - 9, self.size - 6)
+
+    @property
+    def mounting(self) -> tuple[FloatArray, float]:
+        """Rotation from the frame of the sensors to that of the gyroscope, and its turn over that of X."""
+        return self.mount.T, -1.0
+
+    @property
     def size(self) -> int:
         """Number of unknowns: those of the bias, the delay, three of the turn of X, and six of S."""
         return self.bias.size + 10
@@ -190,8 +200,8 @@ class GyroscopePath:
         after = np.searchsorted(self.time_s, at_s)
         between = np.clip(after - 1, 0, len(is_short) - 1)
         is_told = np.asarray((known[:-1] & known[1:] & is_short)[between] & (after - 1 == between))
-        for beside in (between, between + 1):
-            is_told |= known[beside] & (np.abs(self.time_s[beside] - at_s) < _AT * self.interval_s)
+        for neighbour in (between, between + 1):
+            is_told |= known[neighbour] & (np.abs(self.time_s[neighbour] - at_s) < _AT * self.interval_s)
         return np.asarray(is_told[:-1] & is_told[1:] & is_short)
 
     @cached_property

@@ -6,7 +6,7 @@ of a rotation. A multiple of a mirrored rotation that fits better shows axes tha
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.linalg import norm
@@ -40,7 +40,7 @@ _RIDGE = 1e-6
 """Part of the information that is added: it decides where the changes tell nothing."""
 
 UNITS = {"rad/s": 1.0, "°/s": from_degrees(1.0)}
-"""Units that are told from the size of the readings, in rad/s."""
+"""Units that are recognised by the size of the readings, in rad/s."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,16 +82,14 @@ def matched(along: FloatArray, path: GyroscopePath) -> Match:
     unit = min(UNITS, key=lambda name: abs(np.log(scale / UNITS[name])))
     match = Match(unit, mount, best.delay_s)
     if min(cost, mirrored) > (1 - _LEAST_EXPLAINED) * best.square:
-        return _refused(match, "the angular velocity does not go with the turns of the field")
+        return replace(match, reason="the angular velocity does not go with the turns of the field")
     if mirrored < _MUCH_BETTER * cost:
-        return _refused(match, "the field turns as if the axes of the gyroscope or of the sensors were left-handed")
+        return replace(
+            match, reason="the field turns as if the axes of the gyroscope or of the sensors were left-handed"
+        )
     if not 1 / _UNIT_ERROR < scale / UNITS[unit] < _UNIT_ERROR:
-        return _refused(match, f"the field turns {scale:.3g} times as far as the angular velocity in rad/s says")
+        return replace(match, reason=f"the field turns {scale:.3g} times as far as the angular velocity in rad/s says")
     return match
-
-
-def _refused(match: Match, reason: str) -> Match:
-    return Match(match.unit, match.mount, match.delay_s, reason)
 
 
 def _changes(along: FloatArray, path: GyroscopePath) -> tuple[FloatArray, FloatArray, Callable[[float], FloatArray]]:

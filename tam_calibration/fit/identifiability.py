@@ -1,4 +1,4 @@
-"""What a recording determines, well or badly, told by the parameters' names before and after a fit."""
+"""What a recording determines, well or badly, by the names of the parameters, before and after a fit."""
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tam_calibration.core.noise import complete_noise
+from tam_calibration.correction.acceptance import LARGEST_ANGLE_ERROR, LARGEST_RELATIVE_ERROR
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.coverage import CELLS, ENOUGH_RELATIVE_ERROR, cell_directions, field_of, measure_coverage
 from tam_calibration.fit.information import InformationModel, bound
@@ -18,12 +19,6 @@ from tam_calibration.model.units import FloatArray, to_nanotesla
 
 FEWEST_SAMPLES = 9
 """An ellipsoid has nine parameters, and each sample gives one intensity."""
-
-LARGEST_ANGLE_ERROR = 0.01
-"""Standard error of an angle, radians, beyond which it is open: as large as the misalignments that are to be found."""
-
-_LARGEST_RELATIVE_ERROR = 0.005
-"""The same of a scale factor, and of a bias over the intensity: 250 nT, as large as what is to be found."""
 
 _FROM_STATED_NOISE = "maximum_likelihood"
 """Method whose standard errors follow from the stated noise; those of all others follow from what the fit leaves."""
@@ -103,7 +98,7 @@ def require_accurate(calibration: Calibration, recording: SampleSource, accept: 
     """Return a calibration none of whose standard errors is too large to be of use; accepted noise is a warning.
 
     The standard errors count for the residual that is left, where it exceeds the noise, but not for how long it lasts:
-    what the directions determine is judged, and the accuracy is told.
+    what the directions determine is judged, and the accuracy is reported.
 
     Parameters
     ----------
@@ -168,7 +163,7 @@ def refuse_open(standard_errors: FloatArray, intensity_T: float) -> None:
 
 def open_parameters(standard_errors: FloatArray, intensity_T: float) -> str:
     """Return the names of parameters whose standard errors, as of ``refuse_open``, are too large to be of use."""
-    relative, angle = _LARGEST_RELATIVE_ERROR, LARGEST_ANGLE_ERROR
+    relative, angle = LARGEST_RELATIVE_ERROR, LARGEST_ANGLE_ERROR
     limits = np.array([relative] * 3 + [angle] * 3 + [relative * intensity_T] * 3 + [angle] * 3)
     return _name_open(~(standard_errors.reshape(-1, 12) <= limits))
 

@@ -46,7 +46,7 @@ def bound(field_T: FloatArray, errors: SensorErrors, array: KnownNoiseArray, has
     scalar_noise = array.scalar_noise_T / unit if has_scalar else 0.0
     likelihood = Likelihood(errors.distort(field_T) / unit, intensity / unit, array.vector_noise_T / unit, scalar_noise)
     point = likelihood.linearize(errors.matrix, errors.bias_T / unit)
-    return parameter_covariance(point.information, errors, unit, None if has_scalar else unit)
+    return parameter_covariance(point.both.information, errors, unit, None if has_scalar else unit)
 
 
 def parameter_covariance(

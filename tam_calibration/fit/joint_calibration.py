@@ -1,4 +1,4 @@
-"""The calibration of a recording with what is known beside it: which channels and priors count, and what has moved."""
+"""The calibration of a recording with what else is known: which channels and priors count, and what has moved."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -13,6 +13,7 @@ from tam_calibration.core.variance_factors import WHITE, VarianceFactors
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.correction.update import SEVERAL, Moved, Update, in_words
 from tam_calibration.effects.removal import of_array
+from tam_calibration.fit.agreement import FAR
 from tam_calibration.fit.attitude_check import judge_attitude
 from tam_calibration.fit.consistency import Fit, accepted, require_one_field, require_one_sphere
 from tam_calibration.fit.contradiction import PLAUSIBLE, SIGNIFICANT
@@ -20,13 +21,13 @@ from tam_calibration.fit.estimate import mean_temperature
 from tam_calibration.fit.gyroscope_check import MOST_LINKS, MOST_SAMPLES, judge_gyroscope
 from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.fit.maximum_a_posteriori import FRAME_OF_GYROSCOPE, maximum_a_posteriori, update_of
-from tam_calibration.fit.posterior import Intensity, Known, Place
 from tam_calibration.fit.prior import Prior, has_date, prior_of
-from tam_calibration.fit.resolved_prior import MOST_TIMES, Resolved, resolve
+from tam_calibration.fit.prior_changes import MOST_TIMES, UpdatedPrior, update_prior
+from tam_calibration.fit.problem import Intensity, Known, Place
 from tam_calibration.fit.scalar_check import turning_scalar
 from tam_calibration.fit.slow_residuals import variance_factors
 from tam_calibration.fit.unnamed_changes import Unnamed
-from tam_calibration.fit.wide_prior import SETTLED, beside_wide_prior, is_wide, prior_of_tolerances
+from tam_calibration.fit.weak_prior import SETTLED, calibrate_with_weak_prior, is_weak, prior_of_tolerances
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.geomagnetic_field import LOCAL_STANDARD_ERROR_T
@@ -41,18 +42,28 @@ _MUCH_MORE = 3.0
 
 
 class JointCalibration(NamedTuple):
-    """A calibration, the samples that it holds for without effects, the array as it is known, and the fit."""
+    """A calibration, its samples without effects, the array as it is known, the fit, and what this knew.
+
+    The last is None where the samples have attitude or angular velocity, or the method takes no priors.
+    """
 
     calibration: Calibration
     recording: SampleSource
     array: Array
     fit: Fit
+    known: Known | None = None
+
+    def noting(self, *notes: str, doubt: str = "") -> "JointCalibration":
+        """Return it with more notes before its own, and a doubt as its first warning."""
+        own = self.calibration
+        warnings = (doubt, *own.warnings) if doubt else own.warnings
+        return self._replace(calibration=replace(own, notes=(*notes, *own.notes), warnings=warnings))
 
 
 def calibrate_jointly(
     recording: SampleSource, array: Array, prior: Prior | Calibration | None, main_field_T: FloatArray | None
 ) -> JointCalibration:
-    """Return the calibration of a recording with what is known beside it.
+    """Return the calibration of a recording with what else is known.
 
     Parameters
     ----------
@@ -140,70 +151,63 @@ def prior_for(recording: SampleSource, array: Array, prior: Prior | Calibration)
 def _as_far_as_they_agree(recording: SampleSource, array: Array, known: Known) -> JointCalibration:
     """Return the calibration with scalar, place and attitude as far as they agree, and depend on no sensor.
 
-    A field that pulsates as the array turns cannot be told from a magnet beside the scalar. The standard errors
+    A field that pulsates as the array turns cannot be told from a magnet near the scalar. The standard errors
     therefore hold by how much the errors differ with and without a scalar that follows the direction of the field.
     """
     scalar = turning_scalar(recording, array)
     if scalar is None:
-        return _beside_motion(recording, array, known)
+        return _with_motion(recording, array, known)
     given = recording, known
     without = (
         replace(recording.whole(), scalar_T=None),
         replace(known, intensity=Intensity(scalar.mean_T, scalar.size_T)),
     )
-    (taken, beside), (other, other_known) = (without, given) if scalar.is_most else (given, without)
-    joint = _beside_motion(taken, array, beside)
-    calibration = replace(joint.calibration, notes=(scalar.sentence, *joint.calibration.notes))
+    (taken, used), (other, other_known) = (without, given) if scalar.is_most else (given, without)
+    joint = _with_motion(taken, array, used)
+    joint = joint.noting(scalar.sentence)
+    calibration = joint.calibration
     with suppress(InputError, Refused):
-        compared = _beside(other, array, other_known).calibration
+        compared = _with_known(other, array, other_known).calibration
         moved = calibration.errors.to_vector() - compared.errors.to_vector()
         assert calibration.covariance is not None
         calibration = replace(calibration, covariance=calibration.covariance + np.outer(moved, moved))
     return joint._replace(calibration=calibration)
 
 
-def _beside_motion(recording: SampleSource, array: Array, known: Known) -> JointCalibration:
+def _with_motion(recording: SampleSource, array: Array, known: Known) -> JointCalibration:
     """Return the calibration with place, and angular velocity or attitude, as far as they agree.
 
     A gyroscope depends on no magnetometer: where attitude contradicts it, or is not used, it counts.
     """
     known, notes = _without_wrong_place(recording, known)
     is_attitude_used = array.attitude_noise is not None and recording.whole().attitude is not None
-    beside_attitude = _beside_attitude if is_attitude_used else _beside
+    without_rates = _with_attitude if is_attitude_used else _with_known
     if recording.thinned(SKETCH).angular_velocity_rad_s is None:
-        return _noting(beside_attitude(recording, array, known), notes)
+        return without_rates(recording, array, known).noting(*notes)
     if recording.sample_count > MOST_SAMPLES:
         note = (
             f"of more than {MOST_SAMPLES} samples the angular velocity is not used: take parts with --from and --until"
         )
-        return _noting(beside_attitude(recording, array, known), (*notes, note))
+        return without_rates(recording, array, known).noting(*notes, note)
     alone = replace(array, attitude_noise=None)
-    beside, since_s = known, recording.time_span_s[0]
-    if known.prior is not None and not is_wide(known.prior):
-        resolved = resolve(recording, alone, known)  # a sensor that has moved is no fault of the gyroscope
-        beside, since_s = resolved.known, resolved.recording.time_span_s[0]
-    judged = judge_gyroscope(recording.whole(), alone, beside, since_s)
+    used, since_s = known, recording.time_span_s[0]
+    if known.prior is not None and not is_weak(known.prior):
+        updated = update_prior(recording, alone, known)  # a sensor that has moved is no fault of the gyroscope
+        used, since_s = updated.known, updated.recording.time_span_s[0]
+    judged = judge_gyroscope(recording.whole(), alone, used, since_s)
     if judged.use is None:
         try:
-            joint = beside_attitude(recording, array, known)
+            joint = without_rates(recording, array, known)
         except (InputError, Refused) as problem:
             raise type(problem)(f"{problem}; {judged.reason}") from problem
-        return _noting(joint, (*notes, f"{judged.reason}: it is left out"))
-    joint = _beside(judged.recording, alone, replace(known, gyroscope=judged.use, start=judged.place))
-    if judged.doubt:
-        warnings = (judged.doubt, *joint.calibration.warnings)
-        joint = joint._replace(calibration=replace(joint.calibration, warnings=warnings))
+        return joint.noting(*notes, f"{judged.reason}: it is left out")
+    joint = _with_known(judged.recording, alone, replace(known, gyroscope=judged.use, start=judged.place))
     if is_attitude_used:
         notes = (*notes, "the recorded attitude is left out beside the gyroscope, which needs no magnetometer")
-    return _noting(joint, (*notes, *judged.notes))
+    return joint.noting(*notes, *judged.notes, doubt=judged.doubt)
 
 
-def _noting(joint: JointCalibration, notes: tuple[str, ...]) -> JointCalibration:
-    """Return a calibration with more notes before its own."""
-    return joint._replace(calibration=replace(joint.calibration, notes=(*notes, *joint.calibration.notes)))
-
-
-def _beside_attitude(recording: SampleSource, array: Array, known: Known) -> JointCalibration:
+def _with_attitude(recording: SampleSource, array: Array, known: Known) -> JointCalibration:
     """Return the calibration with attitude as far as it agrees, and depends on no sensor."""
     notes: tuple[str, ...] = ()
     judged = judge_attitude(recording, array, known)
@@ -212,7 +216,7 @@ def _beside_attitude(recording: SampleSource, array: Array, known: Known) -> Joi
     if judged.place:
         known, notes = replace(known, main_field_T=None), (*notes, f"{judged.place}: {_WITHOUT_PLACE}")
     try:
-        joint = _beside(recording, array, replace(known, uses_heading=judged.uses_heading))
+        joint = _with_known(recording, array, replace(known, uses_heading=judged.uses_heading))
     except (InputError, Refused) as problem:
         require_one_sphere(recording)
         if judged.reason:
@@ -220,14 +224,10 @@ def _beside_attitude(recording: SampleSource, array: Array, known: Known) -> Joi
         raise type(problem)(f"{problem}; {judged.doubt}" if judged.doubt else str(problem)) from problem
     if judged.reason:
         notes = (*notes, f"{judged.reason}; the {kept} is left out")
-    warnings = (judged.doubt, *joint.calibration.warnings) if judged.doubt else joint.calibration.warnings
-    return joint._replace(calibration=replace(joint.calibration, notes=notes, warnings=warnings))
+    return joint.noting(*notes, doubt=judged.doubt)
 
 
 _WITHOUT_PLACE = "it is left out; check latitude, longitude and date, and that attitude counts from true north"
-
-_FAR_OFF = 4.0
-"""Standard errors of a model's field by which its intensity may differ from the scalar's: by chance one in 16 000."""
 
 
 def _without_wrong_place(recording: SampleSource, known: Known) -> tuple[Known, tuple[str, ...]]:
@@ -238,79 +238,77 @@ def _without_wrong_place(recording: SampleSource, known: Known) -> tuple[Known, 
     if known.main_field_T is None or read is None:
         return known, ()
     value_T, (read_T, error_T) = float(norm(known.main_field_T)), read
-    if abs(read_T - value_T) <= _FAR_OFF * np.hypot(LOCAL_STANDARD_ERROR_T, error_T):
+    if abs(read_T - value_T) <= FAR * np.hypot(LOCAL_STANDARD_ERROR_T, error_T):
         return known, ()
     sizes = f"{to_nanotesla(read_T):.0f} nT, the field of the place is {to_nanotesla(value_T):.0f} nT"
     return replace(known, main_field_T=None), (f"the scalar reads {sizes}: {_WITHOUT_PLACE}",)
 
 
-def _beside(recording: SampleSource, array: Array, known: Known) -> JointCalibration:
-    if known.prior is not None and is_wide(known.prior):
-        return _beside_wide_prior(recording, array, known)
-    return _beside_prior(recording, array, known)
+def _with_known(recording: SampleSource, array: Array, known: Known) -> JointCalibration:
+    if known.prior is not None and is_weak(known.prior):
+        return _with_weak_prior(recording, array, known)
+    return _with_prior(recording, array, known)
 
 
-def _beside_prior(recording: SampleSource, array: Array, beside: Known) -> JointCalibration:
-    """Return the calibration beside a prior that leaves no error open, what moved since then learned anew."""
-    given = beside.prior
+def _with_prior(recording: SampleSource, array: Array, used: Known) -> JointCalibration:
+    """Return the calibration with a prior that leaves no error open; what moved since then is learned anew."""
+    given = used.prior
     # What was slow on this vehicle is taken for slow again: little of it passes for a change of a sensor.
     factors = WHITE if given is None else given.calibration.variance_factors
     for attempt in range(_MOST_ROUNDS):
-        known = replace(beside, variance_factors=factors)
-        resolved, (*before, last) = _resolved(recording, array, known)
+        known = replace(used, variance_factors=factors)
+        updated, (*before, last) = _updated(recording, array, known)
         is_slow_before = any(each.exceed(factors, SETTLED) for each in before)
         if attempt == 0 and before and last.exceed(factors, SETTLED) and not is_slow_before:
             # What lasts after a change, and did not before, may be what another change leaves.
-            several, measured = _resolved(recording, array, known, MOST_TIMES)
+            several, measured = _updated(recording, array, known, MOST_TIMES)
             if not any(each.exceed(factors, SETTLED) for each in measured):
-                resolved = several
+                updated = several
                 break
         if not (is_slow_before or last.exceed(factors, SETTLED)):
             break
         factors = reduce(VarianceFactors.at_least, before, last.at_least(factors))
-    if resolved.refusal is not None:
-        since_s = resolved.recording.time_span_s[0]
-        raise Refused(f"something moved at {since_s:.1f} s, and {resolved.refusal}") from resolved.refusal
-    fit = partial(maximum_a_posteriori, known=resolved.known)
-    with _telling(resolved.moved):
-        calibration = accepted(resolved.recording, array, fit)
+    if updated.refusal is not None:
+        since_s = updated.recording.time_span_s[0]
+        raise Refused(f"something moved at {since_s:.1f} s, and {updated.refusal}") from updated.refusal
+    fit = partial(maximum_a_posteriori, known=updated.known)
+    with _naming_changes(updated.moved):
+        calibration = accepted(updated.recording, array, fit)
     if given is not None:
-        assert resolved.difference is not None
-        chi_square, freedom = resolved.difference.chi_square, resolved.difference.freedom
-        update = update_of(calibration, given, resolved.prior_of(given), chi_square, freedom, resolved.moved)
-        calibration = replace(
-            calibration, update=update, warnings=_doubts(calibration, given, update, resolved.unnamed)
-        )
-    if (use := resolved.known.gyroscope) is not None:
+        assert updated.difference is not None
+        chi_square, freedom = updated.difference.chi_square, updated.difference.freedom
+        update = update_of(calibration, given, updated.prior_of(given), chi_square, freedom, updated.moved)
+        calibration = replace(calibration, update=update, warnings=_doubts(calibration, given, update, updated.unnamed))
+    if (use := updated.known.gyroscope) is not None:
         # Fits to most of the samples begin where that to all has ended.
         place = Place(calibration.errors, calibration.intensity_T)
-        use = replace(use, stride=-(-resolved.recording.sample_count // MOST_LINKS))
+        use = replace(use, stride=-(-updated.recording.sample_count // MOST_LINKS))
         if calibration.frame == FRAME_OF_GYROSCOPE:
             use = replace(use, start=replace(use.start, mount=np.eye(3)))
-        fit = partial(maximum_a_posteriori, known=replace(resolved.known, gyroscope=use, start=place))
-    return JointCalibration(calibration, resolved.recording, array, fit)
+        fit = partial(maximum_a_posteriori, known=replace(updated.known, gyroscope=use, start=place))
+    has_motion = updated.known.gyroscope is not None or array.attitude_noise is not None
+    return JointCalibration(calibration, updated.recording, array, fit, None if has_motion else updated.known)
 
 
-def _resolved(
+def _updated(
     recording: SampleSource, array: Array, known: Known, most_times: int = 1
-) -> tuple[Resolved, list[VarianceFactors]]:
+) -> tuple[UpdatedPrior, list[VarianceFactors]]:
     """Return what a recording contradicts a prior in, and by what each of its parts then varies more than white noise.
 
-    Of samples after a change that make no calibration that is not known, and told as that of white noise.
+    Of samples after a change that make no calibration that is not known, and taken for that of white noise.
     """
-    resolved = resolve(recording, array, replace(known, gyroscope=None, start=None), most_times)
-    resolved = replace(resolved, known=replace(resolved.known, gyroscope=known.gyroscope, start=known.start))
-    last = [] if resolved.refusal is not None else [(resolved.recording, resolved.known)]
-    with _telling(resolved.moved):
+    updated = update_prior(recording, array, replace(known, gyroscope=None, start=None), most_times)
+    updated = replace(updated, known=replace(updated.known, gyroscope=known.gyroscope, start=known.start))
+    last = [] if updated.refusal is not None else [(updated.recording, updated.known)]
+    with _naming_changes(updated.moved):
         measured = [
-            variance_factors(maximum_a_posteriori(part, array, beside), part)
-            for part, beside in (*resolved.earlier, *last)
+            variance_factors(maximum_a_posteriori(part, array, used), part) for part, used in (*updated.earlier, *last)
         ]
-    return resolved, measured if last else [*measured, WHITE]
+    return updated, measured if last else [*measured, WHITE]
 
 
 def _doubts(calibration: Calibration, given: Prior, update: Update, unnamed: Sequence[Unnamed]) -> tuple[str, ...]:
-    """Return warnings of what may not be what it was told as."""
+    """Return warnings of changes that may be others than those named."""
     doubts = []
     if any(each.together == (SEVERAL, 0) for each in update.moved):
         doubts.append(
@@ -333,7 +331,7 @@ def _doubts(calibration: Calibration, given: Prior, update: Update, unnamed: Seq
 
 
 @contextmanager
-def _telling(moved: tuple[Moved, ...]) -> Iterator[None]:
+def _naming_changes(moved: tuple[Moved, ...]) -> Iterator[None]:
     """Say of a refusal what moved: what the prior tells of it counts no more."""
     try:
         yield
@@ -344,28 +342,29 @@ def _telling(moved: tuple[Moved, ...]) -> Iterator[None]:
         raise type(problem)(f"{' and '.join(what)} moved since the prior, and {problem}") from problem
 
 
-def _beside_wide_prior(recording: SampleSource, array: Array, known: Known) -> JointCalibration:
-    """Return the calibration beside a prior that leaves errors open, or that of readings that contradict it, alone."""
-    calibration, fit = beside_wide_prior(recording, array, known)
+def _with_weak_prior(recording: SampleSource, array: Array, known: Known) -> JointCalibration:
+    """Return the calibration with a prior that leaves errors open, or that of readings that contradict it, alone."""
+    calibration, settled, fit = calibrate_with_weak_prior(recording, array, known)
     update = calibration.update
     assert update is not None
     if update.probability >= SIGNIFICANT:
         require_one_field(recording, calibration)
-        return JointCalibration(calibration, recording, array, fit)
+        has_motion = known.gyroscope is not None or array.attitude_noise is not None
+        return JointCalibration(calibration, recording, array, fit, None if has_motion else settled)
     contradiction = (
         f"the readings contradict {update.prior_in_words}, χ² {update.chi_square:.3g} of {update.freedom} errors"
     )
     try:
         require_determined(recording, array)
-        alone = _beside_prior(recording, array, replace(known, prior=None))
+        alone = _with_prior(recording, array, replace(known, prior=None))
     except (InputError, Refused):
-        mend = "faster change_rates"
+        remedy = "faster change_rates"
         if update.rates is None:
-            mend = "tolerances that the sensors keep to, and the rotations of sensors that are turned"
+            remedy = "tolerances that the sensors keep to, and the rotations of sensors that are turned"
         raise Refused(
-            f"{contradiction}, and tell too little alone: state the noise that they have, {mend}; or turn the array "
+            f"{contradiction}, and tell too little alone: state the noise that they have, {remedy}; or turn the array "
             "further"
         ) from None
     update = replace(update, data_share=np.where(np.isnan(update.data_share), np.nan, 1.0))
-    told = replace(alone.calibration, update=update, warnings=(f"{contradiction}, and count alone",))
-    return alone._replace(calibration=told)
+    calibration = replace(alone.calibration, update=update, warnings=(f"{contradiction}, and count alone",))
+    return alone._replace(calibration=calibration)

@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.core.normal_equations import gram
+from tam_calibration.core.normal_equations import Normal, gram
 from tam_calibration.core.variance_factors import VarianceFactors
 from tam_calibration.fit.channel_maps import ChannelMaps, Turning
 from tam_calibration.fit.reference import InterpolationNoise
@@ -48,45 +48,31 @@ class Linearization:
 
     Parameters
     ----------
-    information : (12 K + P, 12 K + P) array
-        Fisher information; singular along the common rotation of the array.
-    gradient : (12 K + P,) array
-        Downhill: ``information @ step = gradient`` is the Gauss-Newton step.
+    between : Normal
+        Of the differential channels. Its information, as that of both, is singular along the common rotation.
+    common : Normal
+        Of the common mode of samples with a reference intensity; their number is its count.
     correction : (12 K + P,) array
-        What was taken off the gradient as the mean that noise makes of it.
-    common_information : (12 K + P, 12 K + P) array
-        The common mode's part of the information; the rest is that of the differential channels.
-    common_gradient : (12 K + P,) array
-        The common mode's part of the gradient, from which all of the correction is taken off.
-    differential, common_mode : float
-        Sums of the squares of the whitened channels.
-    reference_count : int
-        Number of samples with a reference intensity.
+        What was taken off the score of the common mode as the mean that noise makes of it.
     """
 
-    information: FloatArray
-    gradient: FloatArray
+    between: Normal
+    common: Normal
     correction: FloatArray
-    common_information: FloatArray
-    common_gradient: FloatArray
-    differential: float
-    common_mode: float
-    reference_count: int
+
+    @cached_property
+    def both(self) -> Normal:
+        """Of all channels: ``information @ step = score`` is the Gauss-Newton step."""
+        return self.between + self.common
+
+    def by(self, jacobian: FloatArray) -> "Linearization":
+        """Return the normal equations over other unknowns, as ``Normal.by``."""
+        return Linearization(self.between.by(jacobian), self.common.by(jacobian), jacobian.T @ self.correction)
 
     def weighed(self, factors: VarianceFactors) -> "Linearization":
         """Return the normal equations of channels whose variances are larger by factors."""
-        between, common = factors.differential, factors.common_mode
-        beside = 1 / common - 1 / between
-        return Linearization(
-            self.information / between + beside * self.common_information,
-            self.gradient / between + beside * self.common_gradient,
-            self.correction / common,
-            self.common_information / common,
-            self.common_gradient / common,
-            self.differential / between,
-            self.common_mode / common,
-            self.reference_count,
-        )
+        between, common = self.between.over(factors.differential), self.common.over(factors.common_mode)
+        return Linearization(between, common, self.correction / factors.common_mode)
 
 
 class CommonMode(NamedTuple):
@@ -193,10 +179,8 @@ class Likelihood:
         channels = ChannelMaps.at(matrix, bias, ambient_gradient, self.vector_noise, self.turning)
         energy = np.zeros((2, len(self.points)))
         for part in self._pieces():
-            unbiased = self._flat[part] @ channels.unbiased[:, :-1].T + channels.unbiased[:, -1]
-            energy[0, part] = np.sum((unbiased @ channels.elimination.directions) ** 2, axis=1)
-            there = self._common_mode(part, channels)
-            energy[1, part][there.known] = there.precision * there.residual**2
+            own = energies(channels, self._flat[part].T, self.intensity[part], self._own_noise(part))
+            energy[:, part] = np.nan_to_num(own)
         return energy
 
     @cached_property
@@ -251,8 +235,10 @@ class Likelihood:
         return CommonModeSums(total, score, int(np.isfinite(self.intensity).sum()))
 
     def _common_mode(self, part: slice, channels: ChannelMaps) -> CommonMode:
-        own: Any = self.scalar_noise if np.ndim(self.scalar_noise) == 0 else np.asarray(self.scalar_noise)[part]
-        return common_mode(channels, self._flat[part].T, self.intensity[part], own)
+        return common_mode(channels, self._flat[part].T, self.intensity[part], self._own_noise(part))
+
+    def _own_noise(self, part: slice) -> Any:
+        return self.scalar_noise if np.ndim(self.scalar_noise) == 0 else np.asarray(self.scalar_noise)[part]
 
 
 def common_mode(channels: ChannelMaps, rows: FloatArray, intensity: FloatArray, scalar_noise: Any) -> CommonMode:
@@ -282,6 +268,25 @@ def common_mode(channels: ChannelMaps, rows: FloatArray, intensity: FloatArray, 
     of_direction = (of_field + direction * (np.trace(covariance) - 3 * along) / 2) / length
     precision = 1 / (own**2 + along)
     return CommonMode(field, direction, length - intensity[known], of_direction, of_field, precision, known)
+
+
+def energies(channels: ChannelMaps, rows: FloatArray, intensity: FloatArray, scalar_noise: Any) -> FloatArray:
+    """Return the (2, n) squared residuals of the differential channels, and of the common mode, over their variances.
+
+    The latter is NaN where there is no reference.
+
+    Parameters
+    ----------
+    channels, rows, intensity, scalar_noise
+        As for ``common_mode``.
+    """
+    differences = channels.elimination.directions.T @ channels.unbiased
+    residuals = differences[:, :-1] @ rows + differences[:, -1:]
+    found = np.full((2, rows.shape[1]), np.nan)
+    found[0] = np.einsum("in,in->n", residuals, residuals)
+    there = common_mode(channels, rows, intensity, scalar_noise)
+    found[1, there.known] = there.precision * there.residual**2
+    return found
 
 
 def whitened(there: CommonMode, features: FloatArray) -> FloatArray:
@@ -346,47 +351,39 @@ def normal_equations(
     sample_count : int
         Number of samples, with a reference intensity or without.
     """
-    information, gradient, differential = _differential(channels, moments)
     size = channels.response[0].size
     response = channels.response.reshape(-1, size)
-    common_information = response @ common.moments[:size, :size] @ response.T
     energy = float(common.moments[size, size])
-    channel_count = (len(channels.unbiased) - 3) * sample_count + common.reference_count
-    variance_factor = min((differential + energy) / max(channel_count, 1), 1.0)
+    between = _differential(channels, moments, sample_count)
+    channel_count = between.count + common.reference_count
+    variance_factor = min((between.energy + energy) / max(channel_count, 1), 1.0)
     correction = response @ (variance_factor * common.score)
-    common_gradient = response @ common.moments[:size, size] - correction
-    return Linearization(
-        information + common_information,
-        gradient + common_gradient,
-        correction,
-        common_information,
-        common_gradient,
-        differential,
-        energy,
-        common.reference_count,
-    )
+    information = response @ common.moments[:size, :size] @ response.T
+    score = response @ common.moments[:size, size] - correction
+    return Linearization(between, Normal(information, score, energy, common.reference_count), correction)
 
 
-def _differential(channels: ChannelMaps, moments: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """Return information, gradient and energy of the differential channels from the second moments of the rows."""
+def _differential(channels: ChannelMaps, moments: FloatArray, sample_count: int) -> Normal:
+    """Return the normal equations of the differential channels from the second moments of the rows."""
     count, complement = len(channels.at_sensors), channels.elimination.complement
     extend = channels.at_sensors.reshape(4 * count, -1)
     products = (extend @ moments @ extend.T).reshape(count, 1, 4, count, 1, 4)
     by_rows = complement.reshape(count, 3, 1, count, 3, 1) * products
     unbiased = channels.unbiased @ moments
     white = complement @ unbiased
-    gradient = np.einsum("iaz,icz->iac", white.reshape(count, 3, -1), channels.at_sensors).ravel()
+    score = np.einsum("iaz,icz->iac", white.reshape(count, 3, -1), channels.at_sensors).ravel()
     energy = float(np.sum(complement * (unbiased @ channels.unbiased.T)))
     information = by_rows.reshape(12 * count, 12 * count)
+    channel_count = (3 * count - 3) * sample_count
     if not channels.by_gradient.shape[1]:
-        return information, gradient, energy
+        return Normal(information, score, energy, channel_count)
     by_gradient = channels.by_gradient
     whitened = np.einsum("ab,bpy,yz->apz", complement, by_gradient, moments, optimize=True)
     cross = np.einsum("icz,iapz->iacp", channels.at_sensors, whitened.reshape(count, 3, *whitened.shape[1:]))
     cross = cross.reshape(12 * count, -1)
     own = np.einsum("apz,aqz->pq", whitened, by_gradient)
     downhill = np.einsum("apz,az->p", by_gradient, white)
-    return np.block([[information, cross], [cross.T, own]]), np.append(gradient, downhill), energy
+    return Normal(np.block([[information, cross], [cross.T, own]]), np.append(score, downhill), energy, channel_count)
 
 
 def _second_moments(flat: FloatArray, weights: FloatArray | None) -> FloatArray:
@@ -401,7 +398,7 @@ def _second_moments(flat: FloatArray, weights: FloatArray | None) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class UniformLikelihood:
-    """As ``Likelihood``, for samples that count alike and have errors of their own.
+    """As ``Likelihood``, for samples of equal weight that have errors of their own.
 
     Parameters
     ----------

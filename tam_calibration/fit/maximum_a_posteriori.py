@@ -1,19 +1,20 @@
-"""The calibration of a recording and of what is known beside it: a prior, attitude, a main field."""
+"""The calibration of a recording and of what else is known: a prior, attitude, a main field."""
 
 from dataclasses import replace
 
 import numpy as np
-from numpy.linalg import inv
 
 from tam_calibration.core.noise import complete_noise
+from tam_calibration.correction.acceptance import LARGEST_ANGLE_ERROR
 from tam_calibration.correction.calibration import FRAME_STATEMENT as FIRST_SENSOR
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.correction.update import Moved, Update
 from tam_calibration.fit.contradiction import probability_of
 from tam_calibration.fit.estimate import Estimate, make_calibration, measure_chi_square
-from tam_calibration.fit.identifiability import LARGEST_ANGLE_ERROR
-from tam_calibration.fit.posterior import Known, Posterior, posterior_of
+from tam_calibration.fit.frames import turned
+from tam_calibration.fit.posterior import Posterior, posterior_of
 from tam_calibration.fit.prior import Prior
+from tam_calibration.fit.problem import Known
 from tam_calibration.fit.recorded_attitude import FRAME_STATEMENT
 from tam_calibration.fit.slow_residuals import with_variance_factors
 from tam_calibration.model.array import Array, KnownNoiseArray
@@ -36,7 +37,7 @@ _SETTLED = 0.9
 
 
 def maximum_a_posteriori(recording: SampleSource, array: Array, known: Known) -> Calibration:
-    """Return the most probable errors by a recording and what is known beside it.
+    """Return the most probable errors by a recording and what else is known.
 
     Parameters
     ----------
@@ -48,7 +49,7 @@ def maximum_a_posteriori(recording: SampleSource, array: Array, known: Known) ->
         Where it states that of the mounting of attitude or gyroscope, the array frame is theirs, if that is then known
         to ``LARGEST_ANGLE_ERROR``.
     known : Known
-        What is known beside it; it is taken as it is.
+        What else is known; it is taken as it is.
 
     Returns
     -------
@@ -69,10 +70,10 @@ def maximum_a_posteriori(recording: SampleSource, array: Array, known: Known) ->
     frame = FIRST_SENSOR if known.prior is None else known.prior.calibration.frame
     errors, covariance = posterior.errors, posterior.covariance
     if posterior.mount is not None and noisy.mounting_error is not None and not known.knows_frame:
-        turned, with_turn = _into_frame_of_attitude(posterior, noisy.mounting_error)
+        in_frame, with_turn = _into_frame_of_attitude(posterior, noisy.mounting_error)
         # A frame that is less certain than misalignments may be is none: that of sensor 1 is certain.
         if np.sqrt(np.diag(with_turn)).reshape(-1, 12)[:, 9:].max() <= LARGEST_ANGLE_ERROR:
-            errors, covariance = turned, with_turn
+            errors, covariance = in_frame, with_turn
             frame = FRAME_STATEMENT if known.gyroscope is None else FRAME_OF_GYROSCOPE
     estimate = Estimate(errors, covariance, True, posterior.intensity_T, frame=frame)
     calibration = with_variance_factors(make_calibration(NAME, recording, noisy, estimate), known.variance_factors)
@@ -81,23 +82,10 @@ def maximum_a_posteriori(recording: SampleSource, array: Array, known: Known) ->
 
 
 def _into_frame_of_attitude(posterior: Posterior, mounting_error: float) -> tuple[SensorErrors, FloatArray]:
-    """Return errors in the frame whose attitude or angular velocity was recorded, with their covariance.
-
-    There matrices are M Xᵀ; a turn δ of X changes them by -M [δ]× Xᵀ.
-    """
+    """Return errors in the frame whose attitude or angular velocity was recorded, with their covariance."""
     assert posterior.mount is not None and posterior.with_mount is not None
-    mount, matrix = posterior.mount, posterior.errors.matrix
-    errors = SensorErrors.from_matrix(matrix @ mount.T, posterior.errors.bias_T)
-    count = len(matrix)
-    rows = np.zeros((count, 3, 4, count * 12 + 3))
-    for sensor, own in enumerate(posterior.errors.jacobian()):
-        columns = slice(12 * sensor, 12 * sensor + 12)
-        rows[sensor, :, :3, columns] = np.einsum("ijp,kj->ikp", own[:, :3], mount)
-        rows[sensor, :, 3, columns] = own[:, 3]
-    for axis, turn in enumerate(np.eye(3)):
-        rows[:, :, :3, 12 * count + axis] = -matrix @ np.cross(np.eye(3), -turn) @ mount.T
-    back = inv(errors.jacobian().reshape(count, 12, 12))
-    derivative = (back @ rows.reshape(count, 12, -1)).reshape(12 * count, -1)
+    errors, derivative = turned(posterior.errors, posterior.mount.T)
+    derivative[:, -3:] *= -1  # the transposed rotation turns back
     joint = posterior.with_mount.copy()
     joint[-3:, -3:] += mounting_error**2 * np.eye(3)
     return errors, derivative @ joint @ derivative.T
@@ -106,7 +94,7 @@ def _into_frame_of_attitude(posterior: Posterior, mounting_error: float) -> tupl
 def with_noise(recording: SampleSource, array: Array, known: Known) -> tuple[KnownNoiseArray, Posterior, bool]:
     """Return the array with every noise known, the errors that go with it, and whether a noise was estimated.
 
-    Attitudes that jump pass for noise where none is stated. Beside it a prior would count alone, whatever the readings
+    Attitudes that jump pass for noise where none is stated. With it a prior would count alone, whatever the readings
     contradict it in: it is scaled down to what the errors leave.
 
     Parameters
@@ -116,7 +104,7 @@ def with_noise(recording: SampleSource, array: Array, known: Known) -> tuple[Kno
     array : Array
         Its noise stated or not.
     known : Known
-        What is known beside the recording.
+        What else is known.
 
     Raises
     ------

@@ -114,7 +114,7 @@ class _Scores:
 
 def _weighted_ellipsoid(scores: _Scores, noise: float, scalar_noise: float) -> tuple[FloatArray, FloatArray]:
     """Return the centre o and the square root Ω of the ellipsoid |Ω (p - o)| = s of scores with equal noise."""
-    center, shape = _ellipsoid(_moments(scores, lambda points: 1.0))
+    center, shape = ellipsoid.fitted(_moments(scores, lambda points: 1.0))
 
     def variance(points: FloatArray) -> FloatArray:
         field = shape @ (points - center[:, None])
@@ -123,7 +123,7 @@ def _weighted_ellipsoid(scores: _Scores, noise: float, scalar_noise: float) -> t
         return np.asarray(noise**2 * square + scalar_noise**2)
 
     try:
-        return _ellipsoid(_moments(scores, variance))
+        return ellipsoid.fitted(_moments(scores, variance))
     except InputError:
         # Readings that hardly determine an ellipsoid do not tell the weights either.
         return center, shape
@@ -137,12 +137,6 @@ def _moments(scores: _Scores, variance: Callable[[FloatArray], FloatArray | floa
         columns *= 1 / np.sqrt(variance(points))
         moments += gram(columns)
     return moments
-
-
-def _ellipsoid(moments: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the centre o and the square root Ω of the ellipsoid |Ω (p - o)| = s."""
-    center = ellipsoid.center_of(moments)
-    return center, ellipsoid.square_root(ellipsoid.shape_about(moments, center))
 
 
 def maximum_likelihood(
@@ -310,8 +304,8 @@ def _fit_in_memory(
         channels = float(likelihood.channel_count.sum())
         kept = max(channels - 12 * recording.sensor_count, 1.0) / channels
         here = _linearize(likelihood, False, point)
-        information = (here.information - here.common_information) / differential.variance_factor
-        information = kept * (information + here.common_information / common.variance_factor)
+        information = here.between.information / differential.variance_factor
+        information = kept * (information + here.common.information / common.variance_factor)
     return point, information
 
 
@@ -352,7 +346,7 @@ def _aligned_start(
         likelihood = replace(likelihood, turning=turning_of(recording, array, field))
         if start:
             point = point._replace(gradient=np.zeros(5))
-            information = _linearize(likelihood, False, point).information
+            information = _linearize(likelihood, False, point).both.information
             _, covariance = marginal_information(information, free_rows(recording.sensor_count))
             require_gradient_determined(covariance, likelihood.vector_noise, array)
             point, _ = gauss_newton(partial(_linearize, likelihood, False), point)

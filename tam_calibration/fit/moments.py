@@ -64,7 +64,7 @@ class Moments:
         return self.quartic[:, :1, 9, 10] / self.quartic[:, :1, 9, 9]
 
     def with_constant_intensity(self) -> "Moments":
-        """Return the moments that the readings would have beside a constant intensity of the same mean square."""
+        """Return the moments that the readings would have with a constant intensity of the same mean square."""
         quartic = self.quartic.copy()
         quartic[..., :, 10] = self.mean_square[..., None] * quartic[..., :, 9]
         quartic[..., 10, :] = self.mean_square[..., None] * quartic[..., 9, :]
@@ -204,9 +204,9 @@ def jackknife(replicates: FloatArray) -> FloatArray:
 def lasting_factor(replicates: FloatArray) -> float:
     """Return by how much the variance of an estimate exceeds that of groups (G, ...) that were independent.
 
-    Noise that lasts longer than a group moves neighbours alike. The factor is 1 + 2 Σ r_k, with r_k the autocorrelation
-    of what the groups add to the estimate, k groups apart, of all parameters together, up to the first that is not
-    positive (Geyer 1992). That of independent groups is -1/G in the mean.
+    Noise that lasts longer than a group is correlated between neighbours. The factor is 1 + 2 Σ r_k, with r_k the
+    autocorrelation of what the groups add to the estimate, k groups apart, of all parameters together, up to the first
+    that is not positive (Geyer 1992). That of independent groups is -1/G in the mean.
     """
     groups = len(replicates)
     deviation = (replicates - replicates.mean(axis=0)).reshape(groups, -1)
@@ -279,7 +279,7 @@ def procrustes(cross: FloatArray) -> FloatArray:
 def rotation_by_regression(regression: FloatArray) -> FloatArray:
     """Return the rotations Λ of the sensors from the regression of a reference on their fields, angle by angle.
 
-    The z row of b = V b_k gives two angles, the y row the third: what V says beside that is not used. Li 2018a compares
+    The z row of b = V b_k gives two angles, the y row the third: the rest of V is not used. Li 2018a compares
     itself with this alignment of Yin 2014, and its Table 2 is met by it.
 
     Parameters

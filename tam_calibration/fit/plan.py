@@ -13,7 +13,7 @@ from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.units import FloatArray, from_degrees
 
 _STEP = from_degrees(15.0)
-"""Finer steps than this are not told apart: they hardly change the errors."""
+"""Finer steps than this are not distinguished: they hardly change the errors."""
 
 _FINEST_STEP = from_degrees(0.001)
 """Least step of a turntable, radians: motorised rotation stages resolve no finer one."""
@@ -225,7 +225,7 @@ class _PoseSearch:
         return self.start + self._poses[np.array(chosen, dtype=int)].information
 
     def scores(self, chosen: list[int], criterion: Callable[[FloatArray], FloatArray]) -> FloatArray:
-        """Return the criterion of the squared standard errors with each candidate beside the chosen ones."""
+        """Return the criterion of the squared standard errors with each candidate added to the chosen ones."""
         variances = self.model.variances_with(self.with_poses(chosen) + self._ignorance, self._poses)
         return criterion(variances * self.model.noise_units**2)
 

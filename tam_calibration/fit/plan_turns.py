@@ -1,4 +1,4 @@
-"""Which turn of a vehicle buys most certainty of tensor and centre field per minute, beside what a prior knows."""
+"""Which turn of a vehicle buys most certainty of tensor and centre field per minute, in addition to a prior."""
 
 from dataclasses import dataclass, replace
 from itertools import product
@@ -7,8 +7,8 @@ import numpy as np
 
 from tam_calibration.fit.expected import expected_covariance
 from tam_calibration.fit.plan import field_directions
-from tam_calibration.fit.posterior import Known
 from tam_calibration.fit.prior import Prior
+from tam_calibration.fit.problem import Known
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.gyroscope import Gyroscope
 from tam_calibration.model.recording import Recording

@@ -10,17 +10,18 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.linalg import inv
 
 from tam_calibration.core.least_squares import whitening
+from tam_calibration.core.normal_equations import Normal
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.fit.frames import in_first_frame
 from tam_calibration.fit.scale import free_scale, free_scale_gradient
 from tam_calibration.model.change_rates import DAY_S, ChangeRates
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
-__all__ = ["ChangeRates", "Prior", "PriorTerms", "has_date", "prior_of"]
+__all__ = ["ChangeRates", "Prior", "has_date", "prior_of"]
 
 _FIRST_DATE_S = 1e8
 """Since 1970: stamps before March 1973 count from the start of a recording, not from an epoch."""
@@ -33,25 +34,6 @@ _NULL = 1e-13
 
 _NEGATIVE = 1e-6
 """Part of the largest eigenvalue of a scaled covariance that rounding may make negative in a file."""
-
-
-@dataclass(frozen=True, eq=False)
-class PriorTerms:
-    """What a prior adds to the normal equations of the errors at a point.
-
-    Parameters
-    ----------
-    information : (12 K, 12 K) array
-        Lᵀ P⁻¹ L.
-    gradient : (12 K,) array
-        Downhill: towards the prior.
-    energy : float
-        Squared distance from the prior in its standard deviations.
-    """
-
-    information: FloatArray
-    gradient: FloatArray
-    energy: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,12 +106,12 @@ class Prior:
         """Return the prior with a covariance (12 K, 12 K) added to its own."""
         return replace(self, covariance=self.covariance + covariance)
 
-    def terms(self, errors: SensorErrors) -> PriorTerms:
-        """Return what the prior adds at given errors."""
+    def terms(self, errors: SensorErrors) -> Normal:
+        """Return what the prior adds to the normal equations at given errors: Lᵀ P⁻¹ L, and its pull towards them."""
         comparable, derivative = self.in_convention(errors)
         distance = (comparable.to_vector() - self.errors.to_vector()).ravel()
         pull = self.precision @ distance
-        return PriorTerms(derivative.T @ self.precision @ derivative, -derivative.T @ pull, float(distance @ pull))
+        return Normal(self.precision, -pull, float(distance @ pull), self.whitening.shape[1]).by(derivative)
 
     def in_convention(self, errors: SensorErrors) -> tuple[SensorErrors, FloatArray]:
         """Return errors in the prior's frame and scale, and the (12 K, 12 K) derivative L by the errors given."""
@@ -193,26 +175,6 @@ def is_of_first_sensor(calibration: Calibration) -> bool:
     )
     is_uncertain = calibration.covariance is not None and calibration.covariance[9:12, 9:12].any()
     return not (is_turned or is_uncertain)
-
-
-def in_first_frame(errors: SensorErrors) -> tuple[SensorErrors, FloatArray]:
-    """Return errors turned into the frame of sensor 1, and the (12 K, 12 K) derivative by the errors given."""
-    first = errors.rotation[0]
-    orientation = errors.orientation @ errors.orientation[0].T
-    turned = SensorErrors.from_matrix(errors.matrix @ first.T, errors.bias_T, orientation)
-    turned.misalignment[0] = 0
-    count = errors.sensor_count
-    rows = np.zeros((count, 3, 4, count, 12))
-    own = errors.jacobian()
-    by_turn = np.einsum("ij,jkp->ikp", inv(errors.measurement[0]), own[0, :, :3, 9:12])
-    for sensor in range(count):
-        rows[sensor, :, :3, sensor] = np.einsum("ijp,kj->ikp", own[sensor, :, :3], first)
-        rows[sensor, :, 3, sensor] = own[sensor, :, 3]
-        rows[sensor, :, :3, 0, 9:12] += np.einsum("ij,kjp->ikp", errors.matrix[sensor], by_turn)
-    back = inv(turned.jacobian().reshape(count, 12, 12))
-    derivative = (back @ rows.reshape(count, 12, 12 * count)).reshape(12 * count, 12 * count)
-    derivative[9:12] = 0
-    return turned, derivative
 
 
 def without_scale(errors: SensorErrors) -> FloatArray:

@@ -75,8 +75,7 @@ def two_step_linear(recording: SampleSource, array: Array) -> Calibration:
         When the readings determine no ellipsoid, or a sensor cannot be aligned.
     """
     moments = gather(recording, "two-step linear").with_constant_intensity()
-    center = ellipsoid.center_of(moments.quartic)
-    unmix = ellipsoid.square_root(ellipsoid.shape_about(moments.quartic, center))
+    center, unmix = ellipsoid.fitted(moments.quartic)
     products = field_products(moments.joint, unmix, center)
     matrix = inv(unmix) @ rotation_by_regression(regression_on_first(products))
     return finish("two_step_linear", recording, array, moments.data, matrix, center)
@@ -181,9 +180,7 @@ def artificial_vector(recording: SampleSource, array: Array) -> Calibration:
     """
     moments = gather(recording, "artificial vector", with_platform=True)
     sets, sensors = len(moments.joint), recording.sensor_count
-    platform = moments.quartic[:, -1]
-    center = ellipsoid.center_of(platform)
-    shape = ellipsoid.square_root(ellipsoid.shape_about(platform, center))
+    center, shape = ellipsoid.fitted(moments.quartic[:, -1])
     square, cross = _normal_equations(moments.joint, sensors)
     # The mean reading less its bias, then the field, as an affine map of each sensor's reading.
     cross = cross - square[..., 3, None] * center[:, None, None, :]
@@ -260,8 +257,7 @@ def fast_rotation(recording: SampleSource, array: Array) -> Calibration:
     """
     _require_turns(recording.thinned(SKETCH), array)
     moments = gather(recording, "fast rotation", with_platform=True)
-    center = ellipsoid.center_of(moments.quartic)
-    unmix = ellipsoid.square_root(ellipsoid.shape_about(moments.quartic, center))
+    center, unmix = ellipsoid.fitted(moments.quartic)
     sensors = recording.sensor_count
     to_platform = field_products(moments.joint, unmix, center)[:, :sensors, sensors]
     matrix = into_frame_of_first(inv(unmix[:, :sensors]) @ procrustes(to_platform))

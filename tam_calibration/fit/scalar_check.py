@@ -1,6 +1,6 @@
-"""Whether the scalar magnetometer reads the field that the sensors are in, or something beside it.
+"""Whether the scalar magnetometer reads the field that the sensors are in, or something near it.
 
-In a uniform field the intensity does not depend on how the array is turned. Where the scalar does, it is beside a
+In a uniform field the intensity does not depend on how the array is turned. Where the scalar does, it is near a
 magnet, iron or a current, and the fit takes that for errors of all sensors, with small residuals. In terms of any
 sensor's readings, which are an affine map of the field, every such dependence of a magnet and of soft iron is a
 polynomial of second order. What slow cosines of time explain is left to the field of the site.
@@ -36,7 +36,7 @@ _BEYOND = 3.72
 """Standard deviations of a normal law: once in ten thousand sound recordings."""
 
 _MOSTLY = 0.5
-"""Part of what is not slow that a magnet beside the scalar explains at least: a field that varies faster may follow the
+"""Part of what is not slow that a magnet near the scalar explains at least: a field that varies faster may follow the
 direction in part by chance."""
 
 _HARMLESS = 4.0
@@ -54,7 +54,7 @@ class TurningScalar:
     size_T : float
         Size of the field that turns with the array at the scalar, tesla.
     is_most : bool
-        Whether that is no chance, and explains most of what the scalar reads beside slow changes.
+        Whether that is no chance, and explains most of what the scalar reads in addition to slow changes.
     """
 
     mean_T: float

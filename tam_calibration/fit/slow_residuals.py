@@ -86,7 +86,7 @@ def widened(calibration: Calibration, recording: SampleSource) -> Calibration:
     student = _student_noises(calibration, recording) if calibration.method == "robust" else ()
     by_block = _by_block(calibration, recording, student)
     slow = _slow_sums(*by_block)
-    factors = told = VarianceFactors(*(one.factor for one in slow))
+    factors = stated = VarianceFactors(*(one.factor for one in slow))
     if any(one.is_growing for one in slow):
         calibration = replace(calibration, warnings=(*calibration.warnings, GROWING))
     if factors == WHITE or calibration.method not in OURS:
@@ -96,14 +96,14 @@ def widened(calibration: Calibration, recording: SampleSource) -> Calibration:
     differential = by_block[0][_DIFFERENTIAL].sum(axis=0)
     if student:
         differential /= student[_DIFFERENTIAL].spread_of(2) * student[_DIFFERENTIAL].variance_factor
-        told = VarianceFactors(
+        stated = VarianceFactors(
             factors.differential * student[_DIFFERENTIAL].variance_factor,
             factors.common_mode * student[_COMMON_MODE].variance_factor,
         ).at_least(WHITE)
     seen = np.delete(np.arange(len(covariance)), _FRAME)
     inside, size = np.ix_(seen, seen), len(seen)
     covariance[inside] = _sandwich(covariance[inside], differential[:size, :size], factors)
-    return replace(with_variance_factors(calibration, told), covariance=covariance)
+    return replace(with_variance_factors(calibration, stated), covariance=covariance)
 
 
 def _slow_sums(information: FloatArray, score: FloatArray) -> list[SlowSums]:
@@ -114,8 +114,8 @@ def _slow_sums(information: FloatArray, score: FloatArray) -> list[SlowSums]:
 
 def with_variance_factors(calibration: Calibration, factors: VarianceFactors) -> Calibration:
     """Return a calibration that says by which factors what its channels tell varies more than by white noise."""
-    told = {"slow_differential": factors.differential, "slow_common_mode": factors.common_mode}
-    slow = {name: factor for name, factor in told.items() if factor != 1}
+    by_channel = {"slow_differential": factors.differential, "slow_common_mode": factors.common_mode}
+    slow = {name: factor for name, factor in by_channel.items() if factor != 1}
     return replace(calibration, reduced_chi_square=calibration.reduced_chi_square | slow)
 
 
@@ -169,11 +169,9 @@ def _by_block(
             weights = np.array([noise.weights[first : first + part.sample_count] for noise in student])
             scored = likelihood.linearize(*point, weights)
             first += part.sample_count
-        differential = here.information - here.common_information
-        information[_DIFFERENTIAL, block] += rows.T @ differential @ rows * variance[_DIFFERENTIAL]
-        score[_DIFFERENTIAL, block] += rows.T @ (scored.gradient - scored.common_gradient)
-        information[_COMMON_MODE, block] += rows.T @ here.common_information @ rows * variance[_COMMON_MODE]
-        score[_COMMON_MODE, block] += rows.T @ scored.common_gradient
+        for channel, own, of_score in ((0, here.between, scored.between), (1, here.common, scored.common)):
+            information[channel, block] += rows.T @ own.information @ rows * variance[channel]
+            score[channel, block] += rows.T @ of_score.score
     return information, score
 
 

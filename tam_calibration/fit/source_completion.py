@@ -1,401 +1,24 @@
 """A calibration from a uniform field, completed with what an alternating source shows in poses at rest.
 
-A uniform field leaves baselines, common frame and places of the axes open; the field of a known source tells them. What
-the places of the axes have in common with longer baselines counts as scale: Σ p_k · d_ka is zero, p_k the stated
-position of sensor k and d_ka the place of its axis a.
+A uniform field leaves baselines, common frame and places of the axes open; the field of a known source tells them.
 """
 
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import replace
 
-import numpy as np
-from numpy.linalg import norm
-
-from tam_calibration.core.least_squares import iterate
 from tam_calibration.correction.calibration import Calibration, KnownSource
-from tam_calibration.model.array import Array, KnownNoiseArray
-from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.fit.frames import turned
+from tam_calibration.fit.source_calibration import calibrate_by_source, rotation_matrix
+from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.sensor_errors import SensorErrors
-from tam_calibration.model.units import FloatArray, from_degrees
-from tam_calibration.sources.demodulation import background_of, demodulate
 from tam_calibration.sources.dipole import Source
-from tam_calibration.sources.poses import Poses
-
-
-@dataclass(frozen=True, eq=False)
-class SourceReadings:
-    """What the sensors of an array read of a source.
-
-    Parameters
-    ----------
-    source : Source
-        In the world.
-    poses : Poses
-        Of the array in the world, N.
-    errors : SensorErrors
-        Of the sensors, in the frame of the calibration so far.
-    array : Array
-        As stated.
-    """
-
-    source: Source
-    poses: Poses
-    errors: SensorErrors
-    array: Array
-
-    def predict(self, scale: float, rotation: FloatArray, offsets_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the readings (N, K, 3) in tesla and their derivatives (N, K, 3, 4 + 9 K).
-
-        Parameters
-        ----------
-        scale : float
-            True distances of the sensors from the centre over the stated ones.
-        rotation : (3, 3) array
-            From the array frame into that of the calibration so far.
-        offsets_m : (K, 3, 3) array
-            Places of the elements of axis x, y, z of each sensor beside it, metres.
-        """
-        turn, positions = self.poses.matrix, self.array.positions_m
-        elements = scale * positions[:, None] + offsets_m
-        world = self.poses.position_m[:, None, None] + np.einsum("nij,kaj->nkai", turn, elements)
-        field = np.einsum("nji,nkaj->nkai", turn, self.source.field_T(world))
-        gradient = np.einsum("nji,nkajl,nlm->nkaim", turn, self.source.gradient_T_per_m(world), turn, optimize=True)
-        rows = self.errors.matrix
-        turned = field @ rotation.T
-        by_place = np.einsum("kai,ij,nkajm->nkam", rows, rotation, gradient, optimize=True)
-        derivative = np.zeros((*field.shape[:3], 4 + 9 * len(positions)))
-        derivative[..., 0] = np.einsum("nkam,km->nka", by_place, positions)
-        # A further turn by ω adds ω × b, of which the row takes b × row · ω.
-        derivative[..., 1:4] = np.cross(turned, rows)
-        own = derivative[..., 4:].reshape(*field.shape[:3], len(positions), 3, 3)
-        for sensor, axis in np.ndindex(*field.shape[1:3]):
-            own[:, sensor, axis, sensor, axis] = by_place[:, sensor, axis]
-        return np.einsum("kai,nkai->nka", rows, turned), derivative
-
-
-_STEPS = 30
-"""Gauss-Newton steps at most: a fit that converges takes fewer than ten."""
-
-_SMALLEST_STEP = 1e-12
-"""Relative step at which the fit has converged: above the rounding of its numbers."""
-
-_LARGEST_CONDITION = 1e6
-"""Condition of the scaled normal equations from which a parameter is open: its error is a thousand times the usual."""
-
-_OTHER_SOURCE = (
-    "the readings cannot be those of the stated source: check its position, axis, strength and radius, and the poses"
-)
-_UNDETERMINED = (
-    "these poses do not determine baselines, frame and places of the axes: turn the array through more headings, about "
-    "more than one axis if need be, or nearer to the source"
-)
-
-
-@dataclass(frozen=True, eq=False)
-class SourceCalibration:
-    """What a known source showed of an array.
-
-    Parameters
-    ----------
-    baseline_scale : float
-        True distances of the sensors from the centre over the stated ones.
-    rotation : (3,) array
-        Rotation vector that turns vectors of the array frame into the frame of the calibration before, radians.
-    axis_offsets_m : (K, 3, 3) array
-        Places of the elements of axis x, y, z of each sensor beside its scaled position, array frame, metres; one place
-        in common is an error of the array's stated centre.
-    covariance : (4 + 9 K, 4 + 9 K) array
-        Of scale, rotation and offsets, SI: of the noise of the amplitudes, the calibration before and the source taken
-        as exact. Its rank is one less.
-    chi_square : float
-        Sum of the squared residuals over the noise.
-    degrees_of_freedom : int
-        What it is expected to be.
-    """
-
-    baseline_scale: float
-    rotation: FloatArray
-    axis_offsets_m: FloatArray
-    covariance: FloatArray
-    chi_square: float
-    degrees_of_freedom: int
-
-    @property
-    def parameters(self) -> FloatArray:
-        """(4 + 9 K,) scale, rotation and offsets."""
-        return np.concatenate([[self.baseline_scale], self.rotation, self.axis_offsets_m.ravel()])
-
-    @property
-    def standard_errors(self) -> FloatArray:
-        """(4 + 9 K,) standard errors of ``parameters``."""
-        return np.sqrt(np.diag(self.covariance))
-
-    def array_of(self, stated: KnownNoiseArray) -> KnownNoiseArray:
-        """Return the array with its true baselines, and the places of its axes."""
-        return replace(stated, positions_m=self.baseline_scale * stated.positions_m, axis_offsets_m=self.axis_offsets_m)
-
-    def errors_of(self, errors: SensorErrors) -> SensorErrors:
-        """Return errors in the array frame from those in the frame of the calibration before."""
-        return SensorErrors.from_matrix(errors.matrix @ _matrix(self.rotation), errors.bias_T)
-
-
-def calibrate_by_source(
-    amplitudes_T: FloatArray,
-    noise_T: float | FloatArray,
-    source: Source,
-    poses: Poses,
-    errors: SensorErrors,
-    array: Array,
-) -> SourceCalibration:
-    """Fit baseline scale, common rotation and axis offsets.
-
-    Parameters
-    ----------
-    amplitudes_T : (N, K, 3) array
-        Raw readings of the source alone in N poses, such as demodulated amplitudes, tesla; of each pose the sign of all
-        together is open.
-    noise_T : float or (N, K, 3) array
-        Standard deviation of the amplitudes, tesla.
-    source : Source
-        Known, in the world.
-    poses : Poses
-        Of the array in the world.
-    errors : SensorErrors
-        From a calibration in a uniform field.
-    array : Array
-        As stated.
-
-    Returns
-    -------
-    SourceCalibration
-        With standard errors.
-
-    Raises
-    ------
-    InputError
-        When a shape is wrong or a value not finite or positive.
-    Refused
-        When the poses do not determine the parameters.
-    """
-    readings, noise = _check(amplitudes_T, noise_T, poses, array)
-    model, allowed = SourceReadings(source, poses, errors, array), _allowed(array)
-    point = _Point(1.0, np.eye(3), np.zeros((array.sensor_count, 3, 3)))
-
-    def step_from(state: tuple[_Point, _Linearization | None]) -> tuple[tuple[_Point, _Linearization | None], bool]:
-        here, before = state
-        linear = _linearize(model, here, readings, noise, allowed)
-        if not linear.is_determined:
-            raise Refused(_UNDETERMINED if before is None else _OTHER_SOURCE)
-        is_last = norm(linear.design @ linear.step) < _SMALLEST_STEP * norm(readings / noise)
-        return (here.moved(allowed @ linear.step), linear), bool(is_last)
-
-    start: tuple[_Point, _Linearization | None] = (point, None)
-    (end, linear), is_settled = iterate(step_from, start, _STEPS)
-    if linear is None or not is_settled:
-        raise Refused(_OTHER_SOURCE)
-    return _result(end, linear, allowed)
-
-
-class _Point(NamedTuple):
-    """Scale of the baselines, turn (3, 3) of the common frame and places (K, 3, 3) of the axes."""
-
-    scale: float
-    rotation: FloatArray
-    offsets_m: FloatArray
-
-    def moved(self, step: FloatArray) -> "_Point":
-        """Return the point after a step (4 + 9 K,)."""
-        offsets = self.offsets_m + step[4:].reshape(-1, 3, 3)
-        return _Point(self.scale + float(step[0]), _matrix(step[1:4]) @ self.rotation, offsets)
-
-
-class _Linearization(NamedTuple):
-    """Residuals (M,) over the noise, and their design (M, P) decomposed: left diag(size) right diag(scale)."""
-
-    residual: FloatArray
-    design: FloatArray
-    left: FloatArray
-    size: FloatArray
-    right: FloatArray
-    scale: FloatArray
-
-    @property
-    def is_determined(self) -> bool:
-        return len(self.residual) >= len(self.scale) and self.size[-1] * _LARGEST_CONDITION >= self.size[0]
-
-    @property
-    def root(self) -> FloatArray:
-        """(P, P) root of the covariance."""
-        return self.right.T / self.size / self.scale[:, None]
-
-    @property
-    def step(self) -> FloatArray:
-        """(P,) step of Gauss-Newton."""
-        return self.root @ (self.left.T @ self.residual)
-
-
-def _linearize(
-    model: SourceReadings, point: _Point, readings: FloatArray, noise: FloatArray, allowed: FloatArray
-) -> _Linearization:
-    predicted, derivative = model.predict(*point)
-    signs = np.sign(np.sum(readings * predicted, axis=(1, 2)))[:, None, None]
-    residual = ((signs * readings - predicted) / noise).ravel()
-    design = (derivative / noise[..., None]).reshape(len(residual), -1) @ allowed
-    scale = norm(design, axis=0)
-    left, size, right = np.linalg.svd(design / np.where(scale > 0, scale, 1.0), full_matrices=False)
-    return _Linearization(residual, design, left, size, right, scale)
-
-
-def _result(point: _Point, linear: _Linearization, allowed: FloatArray) -> SourceCalibration:
-    root = allowed @ linear.root
-    return SourceCalibration(
-        point.scale,
-        _vector(point.rotation),
-        point.offsets_m,
-        root @ root.T,
-        float(linear.residual @ linear.residual),
-        linear.residual.size - allowed.shape[1],
-    )
-
-
-def _allowed(array: Array) -> FloatArray:
-    """Return orthonormal directions (4 + 9 K, 3 + 9 K) of the parameters in which the offsets hold no scale."""
-    scaling = np.repeat(array.positions_m[:, None], 3, axis=1).ravel()
-    basis = np.eye(4 + len(scaling))
-    if norm(scaling) == 0:
-        raise InputError("all sensors sit at the centre: there is no baseline to calibrate")
-    # The complement of the scaling direction: all but the first column of an orthogonal matrix that begins with it.
-    orthogonal, _ = np.linalg.qr(np.column_stack([scaling, np.eye(len(scaling))]))
-    basis[4:, 4:] = orthogonal[:, : len(scaling)]
-    return np.delete(basis, 4, axis=1)
-
-
-def _check(
-    amplitudes_T: FloatArray, noise_T: float | FloatArray, poses: Poses, array: Array
-) -> tuple[FloatArray, FloatArray]:
-    readings = np.asarray(amplitudes_T, dtype=float)
-    shape = (len(poses.attitude), array.sensor_count, 3)
-    if readings.shape != shape:
-        raise InputError(f"the amplitudes must have the shape {shape} of poses and sensors, not {readings.shape}")
-    noise = np.broadcast_to(np.asarray(noise_T, dtype=float), shape)
-    if not (np.isfinite(readings).all() and np.isfinite(noise).all() and (noise > 0).all()):
-        raise InputError("every amplitude must be finite, and its noise a positive number")
-    return readings, noise
-
-
-def _matrix(vector: FloatArray) -> FloatArray:
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_rotvec(vector).as_matrix())
-
-
-def _vector(matrix: FloatArray) -> FloatArray:
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_matrix(matrix).as_rotvec())
-
-
-_STILL = from_degrees(0.2)
-"""An attitude that stays within this angle of its first is one pose, radians."""
-FEWEST_PERIODS = 10.0
-"""A pose lasts at least so many periods of the source."""
-
-
-@dataclass(frozen=True, eq=False)
-class PoseAmplitudes:
-    """What the sensors read of a source in N poses.
-
-    Parameters
-    ----------
-    time_s : (N,) array
-        Middles of the poses, seconds.
-    poses : Poses
-        Of the array, its centre at the origin of the world.
-    amplitudes_T : (N, K, 3) array
-        Raw, tesla; of each pose the sign of all together is open.
-    noise_T : (N, K, 3) array
-        Their standard errors.
-    """
-
-    time_s: FloatArray
-    poses: Poses
-    amplitudes_T: FloatArray
-    noise_T: FloatArray
-
-
-def amplitudes_of(recording: Recording, frequency_hz: float) -> PoseAmplitudes:
-    """Return the amplitudes of a source in each pose of a recording.
-
-    Parameters
-    ----------
-    recording : Recording
-        Of an array that was turned and stood still in turn, with attitude.
-    frequency_hz : float
-        Of the source.
-
-    Raises
-    ------
-    InputError
-        When there is no attitude, or no pose lasts long enough.
-    """
-    if recording.attitude is None:
-        raise InputError("the recording of the source has no attitude: without it the poses are not known")
-    recording = recording.take(np.flatnonzero(np.isfinite(recording.attitude).all(axis=1)))
-    assert recording.attitude is not None
-    stretches = poses_of(recording, frequency_hz)
-    if not stretches:
-        raise InputError(
-            f"the array stood still nowhere for {FEWEST_PERIODS / frequency_hz:g} s, {FEWEST_PERIODS:g} periods of the "
-            f"source at {frequency_hz:g} Hz: let it rest in each heading"
-        )
-    found = [_demodulate(recording.take(part), frequency_hz) for part in stretches]
-    middles = [(part.start + part.stop) // 2 for part in stretches]
-    amplitudes, noise = (np.array(values) for values in zip(*found, strict=True))
-    poses = Poses.headings(recording.attitude[middles])
-    return PoseAmplitudes(recording.time_s[middles], poses, amplitudes, noise)
-
-
-def poses_of(recording: Recording, frequency_hz: float) -> list[slice]:
-    """Return the stretches of a recording, its attitude known throughout, in which the array stood still.
-
-    Parameters
-    ----------
-    recording : Recording
-        Its attitude known in every sample.
-    frequency_hz : float
-        Of the source: a stretch lasts at least ``FEWEST_PERIODS`` of its periods.
-    """
-    assert recording.attitude is not None
-    shortest = FEWEST_PERIODS / frequency_hz
-    return [part for part in _still(recording.attitude) if np.ptp(recording.time_s[part]) >= shortest]
-
-
-def _still(attitude: FloatArray) -> list[slice]:
-    """Return the stretches in which the attitude (N, 4) stays where it is at the first sample."""
-    unit = attitude / np.linalg.norm(attitude, axis=1, keepdims=True)
-    stretches, start = [], 0
-    while start < len(unit):
-        moved = np.abs(unit[start:] @ unit[start]) < np.cos(_STILL / 2)
-        length = int(moved.argmax()) if moved.any() else len(moved)
-        stretches.append(slice(start, start + length))
-        start += length
-    return stretches
-
-
-def _demodulate(pose: Recording, frequency_hz: float) -> tuple[FloatArray, FloatArray]:
-    shape = (pose.sensor_count, 3)
-    channels = pose.readings_T.reshape(pose.sample_count, -1)
-    found = demodulate(pose.time_s, channels, frequency_hz, background_of(pose.time_s))
-    return found.amplitude.reshape(shape), found.standard_errors.reshape(shape)
-
+from tam_calibration.sources.pose_amplitudes import amplitudes_of
 
 _FRAME_STATEMENT = (
     "The array frame is the one whose attitude was recorded. A source of known place, axis and strength showed the "
     "rotation of the calibration's frame, the length of the baselines, and the places of the elements of the axes."
 )
 _LARGEST_CHI_SQUARE = 10.0
-"""Above this many times what noise leaves, the source is not the one that is stated."""
+"""Reject the stated source above this ratio of the squared residuals to the noise floor."""
 
 
 def complete(calibration: Calibration, recording: Recording, source: Source, frequency_hz: float) -> Calibration:
@@ -430,12 +53,17 @@ def complete(calibration: Calibration, recording: Recording, source: Source, fre
             "position, axis, strength and radius, and the gain of the sensors at its frequency"
         )
     sensors = len(calibration.array.positions_m)
-    errors = found.errors_of(calibration.errors)
+    errors, derivative = turned(calibration.errors, rotation_matrix(found.rotation))
+    covariance = None
+    if calibration.covariance is not None:
+        by_errors, by_turn = derivative[:, :-3], derivative[:, -3:]
+        covariance = by_errors @ calibration.covariance @ by_errors.T
+        covariance += by_turn @ found.covariance[1:4, 1:4] @ by_turn.T
     return replace(
         calibration,
         array=found.array_of(calibration.array),
         errors=errors,
-        covariance=_turned_covariance(calibration, found, errors),
+        covariance=covariance,
         frame=_FRAME_STATEMENT,
         known_source=KnownSource(
             found.baseline_scale,
@@ -446,31 +74,3 @@ def complete(calibration: Calibration, recording: Recording, source: Source, fre
             reduced,
         ),
     )
-
-
-def _turned_covariance(calibration: Calibration, found: SourceCalibration, errors: SensorErrors) -> FloatArray | None:
-    """Return the covariance of the errors in the turned frame: of the calibration before, and of the turn itself."""
-    if calibration.covariance is None:
-        return None
-    from scipy.spatial.transform import Rotation
-
-    sensors = errors.sensor_count
-    turn = np.eye(4)
-    turn[:3, :3] = Rotation.from_rotvec(found.rotation).as_matrix()
-    # Rows [D Λ | o] of each sensor: before by its parameters, turned, and back to the parameters after.
-    before = np.einsum("kiap,ab->kibp", calibration.errors.jacobian(), turn).reshape(sensors, 12, 12)
-    to_parameters = np.linalg.inv(errors.jacobian().reshape(sensors, 12, 12))
-    change = np.zeros((12 * sensors, 12 * sensors))
-    by_turn = np.zeros((12 * sensors, 3))
-    for sensor in range(sensors):
-        own = slice(12 * sensor, 12 * sensor + 12)
-        change[own, own] = to_parameters[sensor] @ before[sensor]
-        # A further turn δ of the frame before makes D Λ [δ]× X of D Λ X.
-        rows = np.zeros((3, 4, 3))
-        rows[:, :3] = np.einsum("ij,jkd,kl->ild", calibration.errors.matrix[sensor], _CROSS, turn[:3, :3])
-        by_turn[own] = to_parameters[sensor] @ rows.reshape(12, 3)
-    return change @ calibration.covariance @ change.T + by_turn @ found.covariance[1:4, 1:4] @ by_turn.T
-
-
-_CROSS = np.swapaxes(np.cross(np.eye(3)[:, None], np.eye(3)[None]), 0, 2)
-"""(3, 3, 3) numbers [j, k, d] of the matrix [δ]× by component d of δ."""

@@ -23,7 +23,7 @@ _SMALLEST_SQUARE = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class StudentNoise:
-    """The noise of samples whose whitened channels are told.
+    """The noise of samples whose whitened channels are given.
 
     Parameters
     ----------

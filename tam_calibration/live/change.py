@@ -9,14 +9,15 @@ is (Bᵀ W B)⁻¹ Bᵀ s (Willsky and Jones 1976).
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtri
 
 from tam_calibration.core.least_squares import scaled
+from tam_calibration.correction.acceptance import are_possible
 from tam_calibration.fit.contradiction import Hypothesis, changes_of_sensors
 from tam_calibration.fit.likelihood import Linearization
-from tam_calibration.fit.posterior import can_be
 from tam_calibration.model.array import UNIT_TENSORS, Array
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
@@ -30,8 +31,8 @@ _MOST_STEPS, _SETTLED = 20, 1e-6
 _UNSEEN = 1e-9
 """Information along a direction, over that of its unknowns known alone, below which it is not seen: above rounding."""
 
-_TOLD_FROM = 3.0
-"""Standard errors from which a component of a change is told."""
+_NAMED_FROM = 3.0
+"""Standard errors from which a component of a change is named."""
 
 
 GRADIENT = "gradient of the field"
@@ -96,22 +97,40 @@ class Evidence:
     def sentence(self) -> str:
         """What has changed and by how much, for people."""
         errors = np.sqrt(np.diag(self.covariance))
-        told = [
-            f"{name} {_told(value, self.hypothesis.unit)} ± {_told(error, self.hypothesis.unit, '')}".strip()
+        components = [
+            f"{name} {_in_unit(value, self.hypothesis.unit)} ± {_in_unit(error, self.hypothesis.unit, '')}".strip()
             for name, value, error in zip(self.hypothesis.components, self.size, errors, strict=False)
-            if abs(value) > _TOLD_FROM * error
+            if abs(value) > _NAMED_FROM * error
         ]
         unit = {"T": " nT", "rad": "°", "1": " ppm"}.get(self.hypothesis.unit, "")
-        return self.hypothesis.name + (f" by {', '.join(told)}{unit}" if told else "")
+        return self.hypothesis.name + (f" by {', '.join(components)}{unit}" if components else "")
 
 
-def _told(value: float, unit: str, form: str = "+") -> str:
+def _in_unit(value: float, unit: str, form: str = "+") -> str:
     shown = {"T": to_nanotesla, "rad": to_degrees}.get(unit, _to_ppm)(float(value))
     return f"{shown:{form}.3g}"
 
 
 def _to_ppm(part: float) -> float:
     return 1e6 * part
+
+
+class Before(NamedTuple):
+    """What was known before the samples in which a change is looked for.
+
+    Parameters
+    ----------
+    covariance : (12 K, 12 K) array
+        Of the errors, SI.
+    samples : int
+        Their number.
+    excess : float
+        Variance of the residuals over that which the noise is stated to have.
+    """
+
+    covariance: FloatArray
+    samples: int
+    excess: float
 
 
 class Weighing:
@@ -129,49 +148,40 @@ class Weighing:
         self._among = among
         self._unknowns = np.array([each.directions.shape[1] for each in among])
         self._thresholds = chdtri(self._unknowns, chance)
-        self._alike = [np.flatnonzero(self._unknowns == unknowns) for unknowns in np.unique(self._unknowns)]
-        self._directions = [np.stack([among[int(index)].directions for index in alike]) for alike in self._alike]
+        self._equal_sizes = [np.flatnonzero(self._unknowns == unknowns) for unknowns in np.unique(self._unknowns)]
+        self._directions = [
+            np.stack([among[int(index)].directions for index in places]) for places in self._equal_sizes
+        ]
 
-    def weigh(
-        self, information: FloatArray, gradient: FloatArray, covariance: FloatArray, count: int, excess: float
-    ) -> tuple[Evidence, ...]:
+    def weigh(self, information: FloatArray, gradient: FloatArray, before: Before) -> tuple[Evidence, ...]:
         """Return the most probable hypothesis and those that are not clearly less so, or none where it may be chance.
 
         Parameters
         ----------
         information, gradient : (12 K, 12 K) and (12 K,) arrays
             Of the samples, at the errors before them, by the errors, SI.
-        covariance : (12 K, 12 K) array
-            Of the errors before the samples.
-        count : int
-            Number of the samples.
-        excess : float
-            Variance of the residuals over that which the noise is stated to have.
+        before : Before
+            The samples.
         """
-        of_changes, score = _marginal(information, gradient, covariance)
+        of_changes, score = _marginal(information, gradient, before.covariance)
         ratios = np.empty(len(self._among))
-        for alike, directions in zip(self._alike, self._directions, strict=True):
+        for places, directions in zip(self._equal_sizes, self._directions, strict=True):
             turned = np.swapaxes(directions, 1, 2)
             unit, scale = scaled(turned @ of_changes @ directions)
             along = (turned @ score) / scale
             solved = np.linalg.solve(unit + _UNSEEN * np.eye(unit.shape[-1]), along[..., None])[..., 0]
-            ratios[alike] = np.sum(along * solved, axis=1) / excess
-        scores = ratios - self._unknowns * np.log(max(count, 2))
+            ratios[places] = np.sum(along * solved, axis=1) / before.excess
+        scores = ratios - self._unknowns * np.log(max(before.samples, 2))
         order = np.argsort(-scores)
         if ratios[order[0]] <= self._thresholds[order[0]]:
             return ()
         not_out = order[scores[order[0]] - scores[order] <= CLEAR_RATIO]
         return tuple(
-            self._evidence(index, of_changes, score, float(scores[index]), excess) for index in not_out.tolist()
+            self._evidence(index, of_changes, score, float(scores[index]), before.excess) for index in not_out.tolist()
         )
 
     def weigh_far(
-        self,
-        linearize: Callable[[SensorErrors], Linearization],
-        before: SensorErrors,
-        covariance: FloatArray,
-        count: int,
-        excess: float,
+        self, linearize: Callable[[SensorErrors], Linearization], errors: SensorErrors, before: Before
     ) -> tuple[Evidence, ...]:
         """Return the same of a change so large that lengths are no straight lines over it: each is fitted by itself.
 
@@ -179,43 +189,38 @@ class Weighing:
         ----------
         linearize : callable
             From errors to what the samples say there.
-        before : SensorErrors
+        errors : SensorErrors
             Before the samples.
-        covariance, count, excess
-            As of ``weigh``.
+        before : Before
+            The samples.
         """
-        without, found = linearize(before), list[Evidence]()
+        without, found = linearize(errors), list[Evidence]()
         for index in range(len(self._among)):
-            fitted = self._fitted(index, linearize, before, covariance, excess)
+            fitted = self._fitted(index, linearize, errors, before)
             if fitted is not None:
                 evidence, here = fitted
-                fall = without.differential + without.common_mode - here.differential - here.common_mode
-                score = fall / excess - float(self._unknowns[index]) * np.log(max(count, 2))
-                found.append(replace(evidence, ratio=fall / excess, score=score))
+                ratio = (without.both.energy - here.both.energy) / before.excess
+                score = ratio - float(self._unknowns[index]) * np.log(max(before.samples, 2))
+                found.append(replace(evidence, ratio=ratio, score=score))
         found.sort(key=lambda evidence: -evidence.score)
         return tuple(evidence for evidence in found if found[0].score - evidence.score <= CLEAR_RATIO)
 
     def _fitted(
-        self,
-        index: int,
-        linearize: Callable[[SensorErrors], Linearization],
-        before: SensorErrors,
-        covariance: FloatArray,
-        excess: float,
+        self, index: int, linearize: Callable[[SensorErrors], Linearization], errors: SensorErrors, before: Before
     ) -> tuple[Evidence, Linearization] | None:
         """Return what a hypothesis comes to, and what the samples say there; None where no sensors are like that."""
-        start = before.to_vector().ravel()
+        start = errors.to_vector().ravel()
         change = np.zeros_like(start)
-        here = linearize(before)
+        here = linearize(errors)
         for _ in range(_MOST_STEPS):
-            evidence = self._evidence(
-                index, *_marginal(here.information, here.gradient + here.information @ change, covariance), 0.0, excess
-            )
+            both = here.both
+            marginal = _marginal(both.information, both.score + both.information @ change, before.covariance)
+            evidence = self._evidence(index, *marginal, 0.0, before.excess)
             left, change = evidence.change - change, evidence.change
             vector = (start + change).reshape(-1, 12)
-            if not can_be(vector):
+            if not are_possible(vector):
                 return None
-            here = linearize(SensorErrors.from_vector(vector, before.orientation))
+            here = linearize(SensorErrors.from_vector(vector, errors.orientation))
             if np.abs(left).max() <= _SETTLED * np.abs(change).max():
                 break
         return evidence, here

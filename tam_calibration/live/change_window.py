@@ -2,7 +2,7 @@
 
 The samples are kept in blocks, which are weighed against what was known before them. The first alarm
 says that there is a change, and when it may have come at the earliest; it may have come within the block that raised
-it. What has changed is therefore told by the blocks after that one alone, against what was known before the earliest
+it. What has changed is therefore found from the blocks after that one alone, against what was known before the earliest
 moment.
 
 A source that is passed is no change: errors that have changed explain every block after the change.
@@ -21,22 +21,23 @@ from tam_calibration.fit.contradiction import FAR_RATIO
 from tam_calibration.fit.likelihood import Linearization
 from tam_calibration.fit.prior import Prior
 from tam_calibration.live.block_noise import BlockMeans, noise_of
-from tam_calibration.live.change import Evidence, Weighing, hypotheses
-from tam_calibration.live.recursion import Belief, MomentLikelihood, SampleMoments, Walk
+from tam_calibration.live.change import Before, Evidence, Weighing, hypotheses
+from tam_calibration.live.moments import MomentLikelihood, SampleMoments
+from tam_calibration.live.recursion import Belief, Walk
 from tam_calibration.model.change_rates import DAY_S
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
 BLOCK_S = 2.0
-"""Time that a block spans, seconds: short beside what may pass until a change is told, and long enough that solving for
+"""Time that a block spans, seconds: short compared with the delay of a report, and long enough that solving for
 the errors anew with each block costs little."""
 
 WINDOW = 15
 """Blocks within which a change is looked for, half a minute: what comes more slowly is learned as a drift."""
 
 DECIDE_S = 20.0
-"""Time from a change to when it is told in any case, seconds: what cannot be told apart by then is told as such. With
-the blocks in which it begins and ends it is told within half a minute."""
+"""Longest time from a change to its report, seconds: alternatives that remain by then are all named. With
+the blocks in which it begins and ends it is reported within half a minute."""
 
 MOST_AFTER = int(DECIDE_S / BLOCK_S)
 """Blocks that are looked at while something passes: once these show nothing it has passed."""
@@ -52,7 +53,7 @@ PASSING = 3.0
 1 m/s, whose sensors are 0.25 m from their centre, that of a distant source is eight."""
 
 FEWEST_AFTER = 2
-"""Blocks after the alarm from which a change is told, or is told to have passed."""
+"""Blocks after the alarm from which a change, or that it has passed, is reported."""
 
 SCREENED = (1, 2, 4, 8, 14)
 """Numbers of last blocks that are weighed each time; all others only where one of these shows a change. Between two of
@@ -186,7 +187,7 @@ class ChangeWindow:
         return len(self._steps) == WINDOW
 
     def clear(self) -> None:
-        """Forget the blocks: what they say of changes has been told."""
+        """Forget the blocks: the change in them has been reported."""
         self._steps.clear()
         self._first, self._after = None, []
 
@@ -202,10 +203,8 @@ class ChangeWindow:
         """
 
         def weigh(sums: _Sums) -> tuple[Evidence, ...]:
-            before = sums.before.before
-            covariance = before.covariance + self._walk.covariance(before, end_s, temperature_C)
-            excess = sums.before.excess
-            return self._weighing.weigh(sums.information, sums.gradient, covariance, sums.samples, excess)
+            before = self._before(sums.before, end_s, temperature_C, sums.samples)
+            return self._weighing.weigh(sums.information, sums.gradient, before)
 
         if self._first is None:
             self._steps.append(step)
@@ -222,12 +221,14 @@ class ChangeWindow:
         return Suspicion(self._first, tuple(self._after), found, is_decided)
 
     def _weigh_far(self, first: Step, after: list[Step], end_s: float, temperature_C: float) -> tuple[Evidence, ...]:
-        before = first.before
-        covariance = before.covariance + self._walk.covariance(before, end_s, temperature_C)
-        moments = sum((step.moments for step in after), SampleMoments.none(before.errors.sensor_count))
-        return self._weighing.weigh_far(
-            partial(after[-1].likelihood.linearize, moments), before.errors, covariance, moments.count, first.excess
-        )
+        errors = first.before.errors
+        moments = sum((step.moments for step in after), SampleMoments.none(errors.sensor_count))
+        before = self._before(first, end_s, temperature_C, moments.count)
+        return self._weighing.weigh_far(partial(after[-1].likelihood.linearize, moments), errors, before)
+
+    def _before(self, first: Step, end_s: float, temperature_C: float, count: int) -> Before:
+        walked = self._walk.covariance(first.before, end_s, temperature_C)
+        return Before(first.before.covariance + walked, count, first.excess)
 
     def _alarm(self, weigh: Callable[[_Sums], tuple[Evidence, ...]]) -> Suspicion | None:
         """Return a suspicion where the last blocks raise an alarm."""
@@ -243,10 +244,10 @@ class ChangeWindow:
         steps, sums = [first, *after], list[_Sums]()
         information, gradient, count = np.zeros((self._size, self._size)), np.zeros(self._size), 0
         for before, step in reversed(list(pairwise(steps))):
-            information = information + step.here.information
+            information = information + step.here.both.information
             # Moved from the errors at which the block was linearised to those before all of them.
             moved = (step.before.errors.to_vector() - before.before.errors.to_vector()).ravel()
-            gradient = gradient + step.here.gradient + information @ moved
+            gradient = gradient + step.here.both.score + information @ moved
             count += step.moments.count
             sums.append(_Sums(before, information, gradient, count))
         return sums[::-1]

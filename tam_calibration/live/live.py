@@ -19,7 +19,8 @@ from tam_calibration.fit.prior import Prior
 from tam_calibration.live.block_noise import BlockMeans, BlockNoise
 from tam_calibration.live.change import GRADIENT
 from tam_calibration.live.change_window import BLOCK_S, ChangeWindow, Step, Suspicion
-from tam_calibration.live.recursion import Belief, MomentLikelihood, Recursion, SampleMoments, Walk, solve
+from tam_calibration.live.moments import MomentLikelihood, SampleMoments
+from tam_calibration.live.recursion import Belief, Recursion, Walk, solve
 from tam_calibration.live.trial import Trial
 from tam_calibration.live.turns import Stretch
 from tam_calibration.model.exceptions import InputError, Refused
@@ -33,7 +34,7 @@ WIDENED = 3.0
 
 PUBLISHED_FROM = 0.5
 """Part of the published standard errors, in root mean square over all directions, by which errors or standard errors
-change before they are published: less is no news beside what is uncertain."""
+change before they are published: less is small compared with the uncertainty."""
 
 NOISE_CHANGED = 0.1
 """Part by which the variance of the noise changes before samples are weighed anew."""
@@ -73,7 +74,7 @@ class LiveState:
     recursion : Recursion
         What is known.
     published : Belief
-        What was told last.
+        What was published last.
     paused_by : str
         What keeps it from learning: "sensors", "field", or "" for nothing.
     learned : int
@@ -130,7 +131,7 @@ class Live:
                 "first, with it for a prior"
             )
         self.on_change, self._calibration = on_change, stored
-        # What lasted ashore lasts at sea: samples tell as little as they told there.
+        # What lasted ashore lasts at sea: samples contain as little information as they did there.
         self._likelihood = MomentLikelihood(prior.errors, stored.array, stored.intensity_T, stored.variance_factors)
         self._noise = BlockNoise(stored.array)
         self._walk = Walk(prior)
@@ -165,8 +166,8 @@ class Live:
     def news(self) -> Calibration | None:
         """Return the calibration once it has changed by `PUBLISHED_FROM` since this returned one; else None.
 
-        It is tried before, on samples that it was not learned from: one that predicts them worse is not told. One that
-        is restored is told at once.
+        It is tried before, on samples that it was not learned from: one that predicts them worse is not published.
+        One that is restored is published at once.
         """
         if self._trial is not None and self._trial.has_passed and not self.is_suspicious:
             self.state, self._trial = replace(self.state, published=self._trial.belief), None
@@ -178,16 +179,16 @@ class Live:
     @property
     def calibration(self) -> Calibration:
         """As it was published last; its residuals are those of the recording of the stored calibration."""
-        told, stored, learned = self.state.published, self._calibration, self.state.learned
+        published, stored, learned = self.state.published, self._calibration, self.state.learned
         if not learned:
             return stored
         remark = f"updated with {learned} samples since its recording, whose residuals these are"
         return replace(
             stored,
-            errors=told.errors,
-            covariance=told.covariance,
+            errors=published.errors,
+            covariance=published.covariance,
             samples=stored.samples + learned,
-            time_span_s=(stored.time_span_s[0], max(stored.time_span_s[1], told.time_s)),
+            time_span_s=(stored.time_span_s[0], max(stored.time_span_s[1], published.time_s)),
             warnings=(*stored.warnings, remark),
         )
 
@@ -297,12 +298,12 @@ class Live:
         if (learned := self._stretch.information(self._likelihood.factors)) is None:
             return
         try:
-            self.state = replace(self.state, recursion=self.state.recursion.joined_with(learned, self._likelihood))
+            self.state = replace(self.state, recursion=self.state.recursion.joined_with(*learned, self._likelihood))
         except Refused as problem:
             self._problem = str(problem)
 
     def _decide(self, suspicion: Suspicion, end_s: float, temperature_C: float) -> None:
-        """Do what is configured; a change that was told already, or has passed, is not told."""
+        """Do what is configured; a change that was reported already, or has passed, is not reported."""
         paused_by = self.state.paused_by
         self._window.clear()
         self._suspicion = None
@@ -365,11 +366,11 @@ def _change(suspicion: Suspicion, done: str) -> Change:
 
 def _own_energy(here: Linearization, moments: SampleMoments) -> tuple[float, float]:
     """Return the squared residuals that a block leaves when it is fitted by itself, and their degrees of freedom."""
-    count = len(here.gradient) // 12
+    both, count = here.both, len(here.correction) // 12
     freedom = moments.count * (3 * count - 3) + moments.scalar_count - (12 * count - 3)
     if freedom <= 0:
         return 0.0, 0.0
-    scale = np.sqrt(np.maximum(np.diag(here.information), np.finfo(float).tiny))
-    unit, gradient = here.information / np.outer(scale, scale), here.gradient / scale
+    scale = np.sqrt(np.maximum(np.diag(both.information), np.finfo(float).tiny))
+    unit, gradient = both.information / np.outer(scale, scale), both.score / scale
     fall = gradient @ np.linalg.solve(ridged(unit), gradient)
-    return max(here.differential + here.common_mode - float(fall), 0.0), float(freedom)
+    return max(both.energy - float(fall), 0.0), float(freedom)

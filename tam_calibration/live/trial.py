@@ -4,7 +4,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tam_calibration.live.recursion import Belief, MomentLikelihood, SampleMoments
+from tam_calibration.live.moments import MomentLikelihood, SampleMoments
+from tam_calibration.live.recursion import Belief
 from tam_calibration.model.units import FloatArray
 
 TRIED, MOST_TRIED = 3, 30
@@ -43,7 +44,7 @@ class Trial:
     def after(self, moments: SampleMoments, published: Belief, likelihood: MomentLikelihood) -> "Trial":
         """Return the trial after another block of samples."""
         before, tried = (
-            np.array([here.differential, here.common_mode])
+            np.array([here.between.energy, here.common.energy])
             for here in (likelihood.linearize(moments, each.errors) for each in (published, self.belief))
         )
         return replace(self, blocks=self.blocks + 1, energy=self.energy + before, fall=self.fall + before - tried)

@@ -9,12 +9,14 @@ from dataclasses import replace
 import numpy as np
 
 from tam_calibration.core.averaged_rates import AveragedRates
+from tam_calibration.core.normal_equations import Normal
 from tam_calibration.core.variance_factors import VarianceFactors
 from tam_calibration.fit.gyroscope_check import judge_gyroscope
-from tam_calibration.fit.posterior import Known, Problem
 from tam_calibration.fit.prior import Prior
-from tam_calibration.live.recursion import Belief, Quadratic
+from tam_calibration.fit.problem import Known, Problem
+from tam_calibration.live.recursion import Belief
 from tam_calibration.model.recording import Recording
+from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
 STRETCH_S = 120.0
@@ -70,8 +72,8 @@ class Stretch:
         """Whether it is long enough to be learned."""
         return bool(self._blocks) and self._blocks[-1][0][-1, 0] - self._blocks[0][0][0, 0] >= STRETCH_S
 
-    def information(self, factors: VarianceFactors) -> Quadratic | None:
-        """Return the information of its turns on the errors, or None if the gyroscope is not used.
+    def information(self, factors: VarianceFactors) -> tuple[Normal, SensorErrors] | None:
+        """Return the information of its turns on the errors, and at which; None if the gyroscope is not used.
 
         Parameters
         ----------
@@ -97,4 +99,4 @@ class Stretch:
             return None
         known = replace(known, gyroscope=judged.use, start=judged.place)
         problem = Problem.of(judged.recording, calibration.array, known)
-        return Quadratic(*problem.gyroscope_information(problem.start), problem.start.errors)
+        return problem.errors_by_motion(problem.start), problem.start.errors

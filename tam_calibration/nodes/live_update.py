@@ -9,7 +9,7 @@ from threading import Lock
 import numpy as np
 
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.correction.partial import Unaffected
+from tam_calibration.correction.partial import EffectRemoval
 from tam_calibration.fit.prior import has_date, prior_of
 from tam_calibration.live.live import ON_CHANGE, Live, LiveState
 from tam_calibration.messages.point_cloud import SampleLayout
@@ -64,7 +64,7 @@ class LiveUpdate:
         self._stored: Calibration | None = None
         self._text = ""
         self._live: Live | None = None
-        self._unaffected: Unaffected | None = None
+        self._removal: EffectRemoval | None = None
         self._saved: LiveState | None = None
         self._told = 0
         self.problem = self._unkept = ""
@@ -105,7 +105,7 @@ class LiveUpdate:
             if live is None:
                 return
             live.on_change = self._node.value("on_change")
-            live.add(*self._unaffected_rows(rows))
+            live.add(*self._rows_without_effects(rows))
             news = live.news()
         for change in live.state.changes[self._told :]:
             self._node.get_logger().warning(f"{_when(change.since_s)}: {change.sentence}")
@@ -163,20 +163,20 @@ class LiveUpdate:
         self._stored, self._text = stored, calibration_to_yaml(stored)
         self._told = len(state.changes) if state else 0
         try:
-            self._unaffected = Unaffected(stored)
+            self._removal = EffectRemoval(stored)
             prior = prior_of(stored, time_s, None, self._array.change_rates)
             self._live = Live(prior, self._node.value("on_change"), state)
         except InputError as problem:
             self.problem = f"not updated: {problem}"
 
-    def _unaffected_rows(self, rows: FloatArray) -> tuple[FloatArray, FloatArray | None]:
+    def _rows_without_effects(self, rows: FloatArray) -> tuple[FloatArray, FloatArray | None]:
         """Return samples as `Live.add` takes them, without the effects; none where stamps step back."""
         last = 1 + 3 * self._array.sensor_count
-        if self._stored is None or not self._stored.effects or self._unaffected is None:
+        if self._stored is None or not self._stored.effects or self._removal is None:
             first = self._layout.columns.index(RATE_COLUMNS[0])
             return rows[:, : last + 2], rows[:, first : first + len(RATE_COLUMNS)]
         try:
-            recording = self._unaffected.of(self._layout.recording(rows))
+            recording = self._removal.of(self._layout.recording(rows))
         except InputError:
             return rows[:0, : last + 2], None
         count = recording.sample_count

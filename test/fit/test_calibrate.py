@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 
 from tam_calibration.fit import METHODS, calibrate
-from tam_calibration.fit.calibrate import _held_out, _pool
-from tam_calibration.fit.prior import in_first_frame
+from tam_calibration.fit.frames import in_first_frame
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.model.residuals import Residuals
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 
@@ -106,24 +104,6 @@ def test_a_small_disturbance_is_a_warning(wu_run, wu_scenario):
 def test_a_short_recording_has_no_held_out_figures(noise_free, wu_scenario):
     """Twenty samples cannot spare a fifth, and the calibration says nothing about unseen ones."""
     assert calibrate(noise_free.recording.take(slice(0, 20)), wu_scenario.array).held_out is None
-
-
-def test_residuals_of_folds_pool_to_those_of_all_samples():
-    """Root mean squares of 30 and 10 samples to that of 40."""
-    values = np.random.default_rng(2).normal(size=(40, 6))
-    parts = [np.sqrt(np.mean(part**2, axis=0)) for part in (values[:30], values[30:], values)]
-    first, last, whole = (Residuals(part[:2], float(part[2]), part[3:]) for part in parts)
-    pooled = _pool([first, last], np.array([30, 10]))
-    assert pooled.sensor_intensity_T == pytest.approx(whole.sensor_intensity_T)
-    assert pooled.center_intensity_T == pytest.approx(whole.center_intensity_T)
-    assert pooled.tensor_T_per_m == pytest.approx(whole.tensor_T_per_m)
-
-
-@pytest.mark.parametrize(("samples", "is_held_out"), [(21, False), (24, True)])
-def test_eighteen_samples_are_left_to_fit_when_some_are_held_out(wu_run, wu_scenario, samples, is_held_out):
-    """With fewer there are no residuals of held-out samples."""
-    found = _held_out(wu_run.recording.take(slice(samples)), wu_scenario.array, METHODS["maximum_likelihood"])
-    assert (found is not None) == is_held_out
 
 
 @pytest.mark.parametrize(("samples", "is_said"), [(159, True), (160, False)])

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from live_mission import UNCHANGING
 
-from tam_calibration.fit import calibrate, resolved_prior
+from tam_calibration.fit import calibrate, prior_changes
 from tam_calibration.fit.contradiction import Change, Hypothesis
-from tam_calibration.fit.posterior import Known, posterior_of
+from tam_calibration.fit.posterior import posterior_of
 from tam_calibration.fit.prior import prior_of
-from tam_calibration.fit.resolved_prior import samples_between, time_of_change
+from tam_calibration.fit.prior_changes import samples_between, time_of_change
+from tam_calibration.fit.problem import Known
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.attitude import Tumble
 
@@ -75,7 +76,7 @@ def test_samples_fit_unless_chance_is_one_in_a_million(known, wu_scenario, monke
     old[:10] = new[10:] = 9.3
     old[8:10] = new[10:13] = energy
     left = iter([old, new])
-    monkeypatch.setattr(resolved_prior, "sample_energies", lambda *_: next(left))
+    monkeypatch.setattr(prior_changes, "sample_energies", lambda *_: next(left))
     recording, array = turned(wu_scenario, 2, 20), wu_scenario.array.with_stated_noise()
     posterior = posterior_of(recording, array, known)
     assert samples_between(recording, array, known.variance_factors, posterior, posterior) == between

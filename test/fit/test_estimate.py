@@ -10,7 +10,7 @@ from tam_calibration.fit import calibrate
 from tam_calibration.fit.coverage import field_of, measure_coverage
 from tam_calibration.fit.estimate import measure_chi_square, measure_quality
 from tam_calibration.fit.likelihood import Likelihood, UniformLikelihood
-from tam_calibration.fit.maximum_likelihood import estimate
+from tam_calibration.fit.maximum_likelihood import estimate, maximum_likelihood
 from tam_calibration.fit.scale import normalize
 from tam_calibration.model.array import Array
 from tam_calibration.model.residuals import residual_series
@@ -26,8 +26,14 @@ def recording(request, wu_run, monkeypatch):
     return replace(wu_run.recording, scalar_T=scalar)
 
 
+def test_coverage_is_that_of_all_samples(recording, wu_scenario):
+    """By the estimated errors."""
+    calibration = maximum_likelihood(recording, wu_scenario.array)
+    assert calibration.coverage == measure_coverage(field_of(recording, calibration.errors)).fraction
+
+
 def test_figures_are_those_of_all_samples(recording, wu_scenario):
-    """Residuals, coverage, mean scalar and chi-square do not know of blocks."""
+    """Residuals, mean scalar and chi-square do not know of blocks."""
     array = wu_scenario.array
     errors = estimate(recording, array)
     quality = measure_quality(recording, array, errors, 5e-5)
@@ -35,15 +41,14 @@ def test_figures_are_those_of_all_samples(recording, wu_scenario):
     assert_allclose(quality.after.sensor_intensity_T, np.sqrt(np.nanmean(series.sensor_intensity_T**2, axis=0)))
     assert quality.after.center_intensity_T == pytest.approx(np.sqrt(np.nanmean(series.center_intensity_T**2)))
     assert_allclose(quality.after.tensor_T_per_m, np.sqrt(np.mean(series.tensor_T_per_m**2, axis=0)))
-    assert quality.coverage == measure_coverage(field_of(recording, errors)).fraction
     assert quality.mean_scalar_T == pytest.approx(np.nanmean(recording.scalar_T))
     unit = 5e-5
     likelihood = Likelihood(
         recording.readings_T / unit, recording.scalar_T / unit, array.vector_noise_T / unit, array.scalar_noise_T / unit
     )
     point = likelihood.linearize(errors.matrix, errors.bias_T / unit)
-    assert quality.reduced_chi_square["common_mode"] == pytest.approx(point.common_mode / (point.reference_count - 9))
-    assert quality.reduced_chi_square["differential"] == pytest.approx(point.differential / (360 * 9 - 36), rel=1e-5)
+    assert quality.reduced_chi_square["common_mode"] == pytest.approx(point.common.energy / (point.common.count - 9))
+    assert quality.reduced_chi_square["differential"] == pytest.approx(point.between.energy / (360 * 9 - 36), rel=1e-5)
     assert measure_chi_square(recording, array, errors, 5e-5) == quality.reduced_chi_square
 
 
@@ -54,10 +59,12 @@ def test_normal_equations_are_those_of_all_samples(recording, wu_scenario):
     point = errors.matrix + 1e-6, (errors.bias_T - data.origin_T) / data.radius_T
     one = UniformLikelihood(data, noise, 1e-6).linearize(*point)
     other = Likelihood(data.points, data.intensity, noise, 1e-6).linearize(*point)
-    assert_allclose(one.information, other.information, rtol=1e-9, atol=1e-9 * np.abs(other.information).max())
-    assert_allclose(one.gradient, other.gradient, rtol=1e-6)
-    assert one.reference_count == other.reference_count
-    assert one.common_mode == pytest.approx(other.common_mode)
+    assert_allclose(
+        one.both.information, other.both.information, rtol=1e-9, atol=1e-9 * np.abs(other.both.information).max()
+    )
+    assert_allclose(one.both.score, other.both.score, rtol=1e-6)
+    assert one.common.count == other.common.count
+    assert one.common.energy == pytest.approx(other.common.energy)
 
 
 @pytest.mark.parametrize("method", ["maximum_likelihood", "lossless"])

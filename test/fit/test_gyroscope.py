@@ -11,10 +11,10 @@ from tam_calibration.fit import calibrate
 from tam_calibration.fit.channel_maps import ChannelMaps
 from tam_calibration.fit.gyroscope_check import judge_gyroscope
 from tam_calibration.fit.gyroscope_likelihood import GyroscopeLikelihood
-from tam_calibration.fit.gyroscope_path import GyroscopePath, GyroscopeState
+from tam_calibration.fit.gyroscope_path import GyroscopePath, GyroscopeState, GyroscopeUse
 from tam_calibration.fit.likelihood import UNIFORM
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.posterior import Known
+from tam_calibration.fit.problem import Known
 from tam_calibration.model.array import Array
 from tam_calibration.model.gyroscope import Gyroscope
 from tam_calibration.model.recording import Recording
@@ -80,8 +80,9 @@ def test_its_derivatives_are_those_of_its_residuals():
     recording, _, errors = made(count=1500, noise=0.0)
     rows = recording.readings_T.reshape(1500, 3).T / 50e-6
     path = GyroscopePath(recording.time_s, recording.angular_velocity_rad_s, 0.1, recording.time_span_s)
-    likelihood = GyroscopeLikelihood.of(rows, path, np.full(1, 2e-5), GYROSCOPE.noise_density)
     state = GyroscopeState.at_rest(np.eye(3), 0.0).of_modes(path.modes)
+    use = GyroscopeUse(GYROSCOPE.noise_density, GYROSCOPE.bias, 0.1, state)
+    likelihood = GyroscopeLikelihood(rows, path, np.full(1, 2e-5), use)
     matrix, bias = errors.matrix, errors.bias_T / 50e-6
 
     def residual(matrix, bias, state):
@@ -90,7 +91,7 @@ def test_its_derivatives_are_those_of_its_residuals():
 
     channels = ChannelMaps.at(matrix, bias, UNIFORM, likelihood.vector_noise, None)
     chain = likelihood._chain(channels, state)
-    columns = likelihood._columns(chain, likelihood._factor(chain, likelihood.density), state)
+    columns = likelihood._columns(chain, likelihood._factor(chain, use.density), state)
     for index in range(state.size):
         step = np.zeros(state.size)
         step[index] = 1e-6
@@ -111,14 +112,15 @@ def test_few_long_turns_tell_as_much_as_many_short_ones():
     assert judged.use is not None and judged.use.stride == 1
     rows = recording.readings_T.reshape(COUNT, 3).T / 50e-6
     path = GyroscopePath(recording.time_s, recording.angular_velocity_rad_s, 0.1, recording.time_span_s)
-    fine = GyroscopeLikelihood.of(rows, path, np.full(1, 2e-5), GYROSCOPE.noise_density)
     state = judged.use.start
+    use = GyroscopeUse(GYROSCOPE.noise_density, GYROSCOPE.bias, 0.1, state)
+    fine = GyroscopeLikelihood(rows, path, np.full(1, 2e-5), use)
     own = slice(12, 15)
     for times in (2, 5):
         first, other = (
             each.linearize(np.eye(3)[None], np.zeros((1, 3)), state) for each in (fine, fine.coarser(times))
         )
-        assert other.channels < first.channels / times + 3
+        assert other.count < first.count / times + 3
         np.testing.assert_allclose(np.diag(other.information)[own], np.diag(first.information)[own], rtol=0.1)
 
 

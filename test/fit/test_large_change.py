@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from moved_sensors import day_old, turn
 
-from tam_calibration.fit import resolved_prior as module
+from tam_calibration.fit import prior_changes as module
 from tam_calibration.fit.contradiction import candidates_of, changes_of_sensors
-from tam_calibration.fit.posterior import Known
-from tam_calibration.fit.prior import in_first_frame
-from tam_calibration.fit.resolved_prior import large_change
+from tam_calibration.fit.frames import in_first_frame
+from tam_calibration.fit.prior_changes import large_change
+from tam_calibration.fit.problem import Known
 from tam_calibration.model.sensor_errors import SensorErrors
 
 INTENSITY_T = 50e-6

@@ -56,7 +56,7 @@ def test_the_truth_has_no_energy(at_truth):
     """Without noise every whitened channel is zero at the truth, to rounding of readings 5e4 times the noise."""
     likelihood, matrix, bias, gradient = at_truth
     point = likelihood.linearize(matrix, bias, None, gradient)
-    assert abs(point.differential) < 1e-3 and point.common_mode < 1e-12
+    assert abs(point.between.energy) < 1e-3 and point.common.energy < 1e-12
     assert_allclose(likelihood.energy(matrix, bias, gradient), 0, atol=1e-5)
 
 
@@ -64,7 +64,7 @@ def test_information_is_the_curvature_of_the_energy(at_truth):
     """A small step from the truth in any direction costs step · information · step, and leads back by Gauss-Newton."""
     likelihood, matrix, bias, gradient = at_truth
     generator = np.random.default_rng(5)
-    information = likelihood.linearize(matrix, bias, None, gradient).information
+    information = likelihood.linearize(matrix, bias, None, gradient).both.information
     for _ in range(5):
         step = 1e-6 * generator.normal(size=len(information))
         rows = step[:48].reshape(4, 3, 4)
@@ -72,8 +72,8 @@ def test_information_is_the_curvature_of_the_energy(at_truth):
         point = likelihood.linearize(*there)
         expected = step @ information @ step
         assert likelihood.energy(there[0], there[1], there[3]).sum() == pytest.approx(expected, rel=1e-3)
-        assert point.differential + point.common_mode == pytest.approx(expected, rel=1e-3)
-        assert_allclose(point.gradient, -information @ step, atol=2e-3 * np.abs(information @ step).max())
+        assert point.between.energy + point.common.energy == pytest.approx(expected, rel=1e-3)
+        assert_allclose(point.both.score, -information @ step, atol=2e-3 * np.abs(information @ step).max())
 
 
 def test_the_common_mode_s_part_is_what_the_intensities_tell(at_truth):
@@ -81,13 +81,15 @@ def test_the_common_mode_s_part_is_what_the_intensities_tell(at_truth):
     likelihood, matrix, bias, gradient = at_truth
     with_it = likelihood.linearize(matrix, bias + 1e-6, None, gradient)
     silent = replace(likelihood, intensity=np.full(40, np.nan)).linearize(matrix, bias + 1e-6, None, gradient)
-    assert not silent.common_information.any() and not silent.common_gradient.any()
-    assert_allclose(with_it.information - with_it.common_information, silent.information, rtol=1e-6, atol=1e-3)
-    assert_allclose(with_it.gradient - with_it.common_gradient, silent.gradient, rtol=1e-6, atol=1e-3)
+    assert not silent.common.information.any() and not silent.common.score.any()
+    assert_allclose(
+        with_it.both.information - with_it.common.information, silent.both.information, rtol=1e-6, atol=1e-3
+    )
+    assert_allclose(with_it.both.score - with_it.common.score, silent.both.score, rtol=1e-6, atol=1e-3)
     alone = replace(likelihood, points=likelihood.points[:, :1], vector_noise=likelihood.vector_noise[:1], turning=None)
     one = alone.linearize(matrix[:1], bias[:1] + 1e-6)
-    assert one.information.tolist() == one.common_information.tolist()
-    assert one.gradient.tolist() == one.common_gradient.tolist()
+    assert one.both.information.tolist() == one.common.information.tolist()
+    assert one.both.score.tolist() == one.common.score.tolist()
 
 
 def test_each_channel_is_weighed_by_its_own_factor(at_truth):
@@ -95,15 +97,15 @@ def test_each_channel_is_weighed_by_its_own_factor(at_truth):
     likelihood, matrix, bias, gradient = at_truth
     whole = likelihood.linearize(matrix, bias + 1e-6, None, gradient)
     weighed = whole.weighed(VarianceFactors(4.0, 9.0))
-    between = whole.information - whole.common_information
-    assert_allclose(weighed.information, between / 4 + whole.common_information / 9, rtol=1e-9, atol=1e-3)
-    towards = whole.gradient - whole.common_gradient
-    assert_allclose(weighed.gradient, towards / 4 + whole.common_gradient / 9, rtol=1e-9, atol=1e-3)
-    assert_allclose(weighed.common_information, whole.common_information / 9)
-    assert_allclose(weighed.common_gradient, whole.common_gradient / 9)
+    between = whole.both.information - whole.common.information
+    assert_allclose(weighed.both.information, between / 4 + whole.common.information / 9, rtol=1e-9, atol=1e-3)
+    towards = whole.both.score - whole.common.score
+    assert_allclose(weighed.both.score, towards / 4 + whole.common.score / 9, rtol=1e-9, atol=1e-3)
+    assert_allclose(weighed.common.information, whole.common.information / 9)
+    assert_allclose(weighed.common.score, whole.common.score / 9)
     assert_allclose(weighed.correction, whole.correction / 9)
-    assert weighed.differential == whole.differential / 4 and weighed.common_mode == whole.common_mode / 9
-    assert weighed.reference_count == whole.reference_count
+    assert weighed.between.energy == whole.between.energy / 4 and weighed.common.energy == whole.common.energy / 9
+    assert weighed.common.count == whole.common.count
 
 
 def test_factors_of_white_noise_change_no_bit(at_truth):
@@ -112,8 +114,9 @@ def test_factors_of_white_noise_change_no_bit(at_truth):
     whole = likelihood.linearize(matrix, bias + 1e-6, None, gradient)
     for factor in (1.0, 7.0):
         weighed = whole.weighed(VarianceFactors(factor, factor))
-        assert weighed.information.tolist() == (whole.information / factor).tolist()
-        assert weighed.gradient.tolist() == (whole.gradient / factor).tolist()
+        for own, before in ((weighed.between, whole.between), (weighed.common, whole.common)):
+            assert own.information.tolist() == (before.information / factor).tolist()
+            assert own.score.tolist() == (before.score / factor).tolist()
 
 
 def test_each_sample_may_have_its_own_scalar_noise(scenario):
@@ -122,7 +125,7 @@ def test_each_sample_may_have_its_own_scalar_noise(scenario):
     matrix, bias = run.errors.matrix + 1e-6, run.errors.bias_T / UNIT_T
     one = likelihood_of(run).linearize(matrix, bias)
     same = likelihood_of(run, np.full(40, 2e-6)).linearize(matrix, bias)
-    assert_allclose(same.information, one.information, rtol=1e-12)
+    assert_allclose(same.both.information, one.both.information, rtol=1e-12)
     noise = np.where(np.arange(40) < 15, 2e-6, 7e-6)
     mixed = likelihood_of(run, noise).linearize(matrix, bias)
     whole = likelihood_of(run)
@@ -132,9 +135,9 @@ def test_each_sample_may_have_its_own_scalar_noise(scenario):
         ).linearize(matrix, bias)
         for chosen in (slice(15), slice(15, None))
     ]
-    assert_allclose(mixed.information, sum(part.information for part in parts), rtol=1e-9)
-    assert_allclose(mixed.gradient, sum(part.gradient for part in parts), rtol=1e-9, atol=1e-3)
-    assert mixed.common_mode == pytest.approx(sum(part.common_mode for part in parts))
+    assert_allclose(mixed.both.information, sum(part.both.information for part in parts), rtol=1e-9)
+    assert_allclose(mixed.both.score, sum(part.both.score for part in parts), rtol=1e-9, atol=1e-3)
+    assert mixed.common.energy == pytest.approx(sum(part.common.energy for part in parts))
 
 
 def test_interpolation_noise_reaches_the_common_mode_across_pieces(scenario, monkeypatch):
@@ -147,11 +150,11 @@ def test_interpolation_noise_reaches_the_common_mode_across_pieces(scenario, mon
     whole = likelihood.linearize(matrix, bias)
     monkeypatch.setattr("tam_calibration.fit.likelihood._PIECE", 7)
     pieces = likelihood.linearize(matrix, bias)
-    assert_allclose(pieces.information, whole.information, rtol=1e-9)
-    assert_allclose(pieces.gradient, whole.gradient, rtol=1e-9)
+    assert_allclose(pieces.both.information, whole.both.information, rtol=1e-9)
+    assert_allclose(pieces.both.score, whole.both.score, rtol=1e-9)
     alone = replace(likelihood, interpolation_noise=None).linearize(matrix, bias)
-    assert whole.common_mode < alone.common_mode
-    assert whole.reference_count == 36
+    assert whole.common.energy < alone.common.energy
+    assert whole.common.count == 36
 
 
 @pytest.mark.parametrize(("noisier", "part"), [(0.0, 0.0), (0.5, 0.25), (3.0, 1.0)])
@@ -171,7 +174,7 @@ def test_the_score_that_noise_makes_is_taken_off_as_far_as_there_is_noise(noisie
     plain, corrected = (
         normal_equations(
             channels, extended @ extended.T, CommonModeSums(columns @ columns.T, taken, count), count
-        ).gradient
+        ).both.score
         for taken in (np.zeros_like(score), score)
     )
     whole = channels.response.reshape(48, -1) @ score

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from tam_calibration.fit.frames import in_first_frame
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.prior import in_first_frame, prior_of
+from tam_calibration.fit.prior import prior_of
 from tam_calibration.model.change_rates import DAY_S, ChangeRates
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -70,7 +71,7 @@ def test_the_prior_pulls_towards_itself(calibration):
     terms = prior.terms(SensorErrors.from_vector(calibration.errors.to_vector() + step))
     assert terms.energy == pytest.approx(step.ravel() @ prior.precision @ step.ravel(), rel=1e-6)
     free = np.delete(np.arange(48), [9, 10, 11])
-    assert_allclose(terms.gradient[free], -(prior.precision @ step.ravel())[free], rtol=1e-4)
+    assert_allclose(terms.score[free], -(prior.precision @ step.ravel())[free], rtol=1e-4)
 
 
 def test_without_scalar_the_scale_is_no_knowledge(recording, cross):

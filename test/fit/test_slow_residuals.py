@@ -15,10 +15,10 @@ from scipy.stats import chi2
 from tam_calibration.core.slow_cosines import BLOCKS, COSINES
 from tam_calibration.core.variance_factors import WHITE, VarianceFactors
 from tam_calibration.fit import calibrate, slow_residuals
+from tam_calibration.fit.frames import in_first_frame
 from tam_calibration.fit.information import keeping, rows_by_unknowns
 from tam_calibration.fit.likelihood import Likelihood
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.prior import in_first_frame
 from tam_calibration.fit.scale import free_scale_gradient
 from tam_calibration.fit.slow_residuals import GROWING, variance_factors, widened
 from tam_calibration.model.array import Array
@@ -245,10 +245,10 @@ def sandwich(calibration, recording):
     free = np.ones(rows.shape[1], dtype=bool)
     free[9:12] = False
     basis = np.eye(len(free))[:, free] if has_scalar else keeping(np.append(free_scale_gradient(errors), 0.0), free)
-    inside = basis.T @ rows.T @ here.information @ rows @ basis
+    inside = basis.T @ rows.T @ here.both.information @ rows @ basis
     weighed = calibration.variance_factors
-    spread = weighed.differential * (here.information - here.common_information)
-    spread += weighed.common_mode * here.common_information
+    spread = weighed.differential * (here.both.information - here.common.information)
+    spread += weighed.common_mode * here.common.information
     bread = basis @ np.linalg.inv(inside) @ basis.T
     return (bread @ rows.T @ spread @ rows @ bread)[:48, :48]
 

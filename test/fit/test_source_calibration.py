@@ -8,7 +8,8 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.source_completion import SourceCalibration, amplitudes_of, calibrate_by_source, complete
+from tam_calibration.fit.source_calibration import SourceCalibration, calibrate_by_source
+from tam_calibration.fit.source_completion import complete
 from tam_calibration.localization.euler import locate_with_baselines
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
@@ -17,6 +18,7 @@ from tam_calibration.results.calibration_yaml import calibration_from_yaml, cali
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 from tam_calibration.sources.dipole import Dipole, Loop
+from tam_calibration.sources.pose_amplitudes import amplitudes_of
 from tam_calibration.sources.poses import Poses
 
 ARRAY = Array.cross(0.21)

@@ -9,8 +9,9 @@ from moved_sensors import SIZES, lone, moved, turn
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.contradiction import Difference, candidates_of
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
-from tam_calibration.fit.posterior import Known, posterior_of
-from tam_calibration.fit.resolved_prior import resolve
+from tam_calibration.fit.posterior import posterior_of
+from tam_calibration.fit.prior_changes import update_prior
+from tam_calibration.fit.problem import Known
 from tam_calibration.fit.unnamed_changes import small_changes
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import from_degrees
@@ -27,7 +28,7 @@ def narrow_turn(scenario, errors, seed):
 def test_other_errors_of_a_sensor_may_have_changed_with_its_scale(wu_scenario, array, prior):
     """A narrow turn leaves that open, and the standard errors hold for it; no other sensor loses by it."""
     errors = moved(wu_scenario.errors, "scale factor", 1)
-    resolved = resolve(narrow_turn(wu_scenario, errors, 3), array, Known(prior))
+    resolved = update_prior(narrow_turn(wu_scenario, errors, 3), array, Known(prior))
     [several] = [each for each in resolved.unnamed if each.name == "several errors of sensor 2"]
     assert several.probability > 0.05
     wider = np.sqrt(np.diag(several.covariance)).reshape(-1, 12)
@@ -38,7 +39,7 @@ def test_a_turn_all_round_leaves_little_open(wu_scenario, array, prior):
     """The other errors of the sensor are told to be as they were, to a fiftieth of what has changed."""
     errors = moved(wu_scenario.errors, "scale factor", 1)
     made = simulate(replace(wu_scenario, errors=errors, seed=3)).recording
-    several, faster = resolve(made, array, Known(prior)).unnamed
+    several, faster = update_prior(made, array, Known(prior)).unnamed
     wider = np.sqrt(np.diag(several.covariance)).reshape(-1, 12)[1, :6]
     assert (wider < SIZES["scale factor"] / 50).all() and faster.probability < 1e-9
 

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.fit.contradiction import Hypothesis
-from tam_calibration.live.change import CLEAR_RATIO, Evidence, Weighing, hypotheses
+from tam_calibration.live.change import CLEAR_RATIO, Before, Evidence, Weighing, hypotheses
 from tam_calibration.model.array import Array
 
 
@@ -37,7 +37,7 @@ def test_without_a_change_the_ratio_is_chi_square(true_errors, cross, samples):
     ratios = []
     for _ in range(800):
         gradient = gradient_of(information, covariance, 0.0, generator)
-        [evidence] = weighing.weigh(information, gradient, covariance, 200, 1.0)
+        [evidence] = weighing.weigh(information, gradient, Before(covariance, 200, 1.0))
         ratios.append(evidence.ratio)
     assert np.mean(ratios) == pytest.approx(3, abs=4 * np.sqrt(6 / 800))
     assert np.var(ratios) == pytest.approx(6, rel=0.4)
@@ -52,11 +52,11 @@ def test_a_change_is_found_with_its_standard_errors(true_errors, cross, samples)
     squares = []
     for _ in range(200):
         gradient = gradient_of(information, covariance, change, generator)
-        [evidence] = weighing.weigh(information, gradient, covariance, 200, 1.0)
+        [evidence] = weighing.weigh(information, gradient, Before(covariance, 200, 1.0))
         error = evidence.size - change[18:21]
         squares.append(error @ np.linalg.solve(evidence.covariance, error))
     assert np.mean(squares) == pytest.approx(3, abs=4 * np.sqrt(6 / 200))
-    [doubtful] = weighing.weigh(information, gradient, covariance, 200, 4.0)
+    [doubtful] = weighing.weigh(information, gradient, Before(covariance, 200, 4.0))
     assert doubtful.ratio == pytest.approx(evidence.ratio / 4)
     assert_allclose(doubtful.covariance, 4 * evidence.covariance)
 
@@ -69,10 +69,10 @@ def test_what_is_alike_is_not_ruled_out(true_errors, cross, samples):
     change = np.zeros(48)
     change[18:21] = 3.0
     gradient = gradient_of(information, covariance, change, np.random.default_rng(4))
-    found = Weighing([other, bias, bias], 1e-6).weigh(information, gradient, covariance, 200, 1.0)
+    found = Weighing([other, bias, bias], 1e-6).weigh(information, gradient, Before(covariance, 200, 1.0))
     assert [each.hypothesis.name for each in found] == ["bias of sensor 2", "bias of sensor 2"]
     assert found[0].score - found[1].score < CLEAR_RATIO
-    assert Weighing([bias], 1e-6).weigh(information, np.zeros(48), covariance, 200, 1.0) == ()
+    assert Weighing([bias], 1e-6).weigh(information, np.zeros(48), Before(covariance, 200, 1.0)) == ()
 
 
 def test_one_sensor_has_neither_misalignment_nor_neighbours(true_errors):

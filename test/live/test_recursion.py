@@ -12,7 +12,8 @@ from tam_calibration.fit.likelihood import UniformLikelihood
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.posterior import posterior_of
 from tam_calibration.fit.scale import Normalized
-from tam_calibration.live.recursion import LARGEST_WALK, Belief, MomentLikelihood, Recursion, SampleMoments, Walk
+from tam_calibration.live.moments import MomentLikelihood, SampleMoments
+from tam_calibration.live.recursion import LARGEST_WALK, Belief, Recursion, Walk
 from tam_calibration.model.change_rates import DAY_S, ChangeRates
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -74,18 +75,18 @@ def test_the_moments_give_the_normal_equations_of_the_samples(far_prior, cross):
     for sensor, block in enumerate(errors.jacobian() * np.array([1, 1, 1, 1 / unit_T])[:, None]):
         jacobian[sensor, :, sensor] = block.reshape(12, 12)
     jacobian = jacobian.reshape(48, 48)
-    scale = np.sqrt(np.diag(here.information))
-    difference = (here.information - jacobian.T @ exact.information @ jacobian) / np.outer(scale, scale)
+    scale = np.sqrt(np.diag(here.both.information))
+    difference = (here.both.information - jacobian.T @ exact.both.information @ jacobian) / np.outer(scale, scale)
     assert np.abs(difference).max() < 1e-3
-    assert np.abs((here.gradient - jacobian.T @ exact.gradient) / scale).max() < 1e-2
-    difference = (here.common_information - jacobian.T @ exact.common_information @ jacobian) / np.outer(scale, scale)
+    assert np.abs((here.both.score - jacobian.T @ exact.both.score) / scale).max() < 1e-2
+    difference = (here.common.information - jacobian.T @ exact.common.information @ jacobian) / np.outer(scale, scale)
     assert np.abs(difference).max() < 1e-3
-    assert np.abs((here.common_gradient - jacobian.T @ exact.common_gradient) / scale).max() < 1e-2
-    assert_allclose([here.differential, here.common_mode], [exact.differential, exact.common_mode], rtol=1e-3)
-    assert here.reference_count == 1000
+    assert np.abs((here.common.score - jacobian.T @ exact.common.score) / scale).max() < 1e-2
+    assert_allclose([here.between.energy, here.common.energy], [exact.between.energy, exact.common.energy], rtol=1e-3)
+    assert here.common.count == 1000
     factors = VarianceFactors(4.0, 90.0)
     weighed = replace(likelihood, factors=factors).linearize(halves[0] + halves[1], errors)
-    assert weighed.information.tolist() == here.weighed(factors).information.tolist()
+    assert weighed.both.information.tolist() == here.weighed(factors).both.information.tolist()
 
 
 def test_what_changes_is_forgotten_as_in_a_kalman_filter(true_errors, cross):
@@ -125,7 +126,7 @@ def test_noise_does_not_pull_what_a_narrow_swing_hardly_determines(true_errors, 
     likelihood = MomentLikelihood(batch.errors, noisy, batch.intensity_T)
     recording = recording_of(rows)
     moments = likelihood.moments(recording.readings_T, recording.scalar_T)
-    gradient = likelihood.linearize(moments, batch.errors).gradient
+    gradient = likelihood.linearize(moments, batch.errors).both.score
     # The covariance times the score is the step to where the moments have their most probable errors.
     step = np.abs(batch.covariance @ gradient)
     assert np.all(step < 0.02 * batch.standard_errors.ravel() + 1e-18)

@@ -8,12 +8,13 @@ from narrow_turns import FINE, NOISE_T, WIDE, array_of, drawn, turned
 from numpy.testing import assert_allclose
 
 from tam_calibration.core.variance_factors import VarianceFactors
-from tam_calibration.fit import calibrate, wide_prior
+from tam_calibration.fit import calibrate, weak_prior
+from tam_calibration.fit.frames import in_first_frame
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
-from tam_calibration.fit.posterior import Known
-from tam_calibration.fit.prior import in_first_frame, prior_of
+from tam_calibration.fit.prior import prior_of
+from tam_calibration.fit.problem import Known
 from tam_calibration.fit.scale import free_scale
-from tam_calibration.fit.wide_prior import beside_wide_prior, is_wide, prior_of_tolerances
+from tam_calibration.fit.weak_prior import calibrate_with_weak_prior, is_weak, prior_of_tolerances
 from tam_calibration.model.change_rates import ChangeRates
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.tolerances import Tolerances
@@ -54,7 +55,7 @@ def test_a_narrow_turn_is_calibrated_beside_tolerances():
 def beside(tolerances, recording, sensors):
     """Return the calibration beside tolerances, none of its samples held out."""
     array = array_of(tolerances, sensors)
-    return beside_wide_prior(recording, array, Known(prior_of_tolerances(recording, array)))[0]
+    return calibrate_with_weak_prior(recording, array, Known(prior_of_tolerances(recording, array)))[0]
 
 
 @pytest.mark.parametrize(("tolerances", "tilt_deg", "sensors"), [(WIDE, 2, 1), (WIDE, 10, 1), (FINE, 2, 4)])
@@ -73,7 +74,7 @@ def test_standard_errors_hold_where_little_is_determined(tolerances, tilt_deg, s
 
 def test_without_curvature_combinations_were_told_too_certain(monkeypatch):
     """At 2° of tilt lengths bend by more than the noise over what stays open: information alone errs threefold."""
-    monkeypatch.setattr(wide_prior, "_curvature", lambda *_: None)
+    monkeypatch.setattr(weak_prior, "_curvature", lambda *_: None)
     combined = []
     for seed in range(10):
         rng = np.random.default_rng([2, seed, 2, 1])
@@ -103,9 +104,9 @@ def test_a_calibration_that_has_aged_is_not_wide():
     errors, array = drawn(WIDE, 1, rng), array_of(WIDE, 1)
     recording = turned(errors, 80, rng)
     whole = prior_of(calibrate(recording, replace(array, tolerances=None)), None, None, ChangeRates(bias_per_day=5e-6))
-    assert whole.standard_errors[0, 6] > 4e-6 and not is_wide(whole)
-    assert is_wide(prior_of(calibrate(turned(errors, 3, rng), array), None, None))
-    assert is_wide(prior_of_tolerances(recording, array_of(FINE, 1)))
+    assert whole.standard_errors[0, 6] > 4e-6 and not is_weak(whole)
+    assert is_weak(prior_of(calibrate(turned(errors, 3, rng), array), None, None))
+    assert is_weak(prior_of_tolerances(recording, array_of(FINE, 1)))
 
 
 @pytest.mark.parametrize("noise_T", [NOISE_T, None])
@@ -170,15 +171,15 @@ def test_the_weight_of_the_readings_comes_from_above(monkeypatch):
     That of each channel falls by itself, and the other stays where it is measured.
     """
     weights = []
-    monkeypatch.setattr(wide_prior, "maximum_a_posteriori", lambda *given: weights.append(given[2].variance_factors))
+    monkeypatch.setattr(weak_prior, "maximum_a_posteriori", lambda *given: weights.append(given[2].variance_factors))
 
     def known(target, common_mode=lambda weight: weight):
         def measured(*_):
             return VarianceFactors(target(weights[-1].differential), common_mode(weights[-1].common_mode))
 
-        monkeypatch.setattr(wide_prior, "variance_factors", measured)
+        monkeypatch.setattr(weak_prior, "variance_factors", measured)
         weights.clear()
-        wide_prior._settled(Known(prior_of_tolerances(recording, array)), recording, array)
+        weak_prior._settled(Known(prior_of_tolerances(recording, array)), recording, array)
         return np.array([weight.differential for weight in weights])
 
     rng = np.random.default_rng(6)
@@ -199,8 +200,8 @@ def test_the_weight_of_the_readings_comes_from_above(monkeypatch):
 def test_a_noise_that_is_not_stated_is_scaled_twice_at_most(monkeypatch):
     """Beside a prior that is contradicted it would grow without end, and refuse nothing."""
     scalings = []
-    scaled = wide_prior.noise_left_in
-    monkeypatch.setattr(wide_prior, "noise_left_in", lambda *given: scalings.append(given) or scaled(*given))
+    scaled = weak_prior.noise_left_in
+    monkeypatch.setattr(weak_prior, "noise_left_in", lambda *given: scalings.append(given) or scaled(*given))
     rng = np.random.default_rng(7)
     errors = replace(drawn(FINE, 1, rng), bias_T=np.array([[5e-6, 0, 0]]))
     with pytest.raises(Refused):
@@ -218,8 +219,8 @@ def test_curvature_is_measured_by_a_hundred_draws_of_a_thousand_samples():
     calibration = maximum_a_posteriori(short, array, known)
     sizes = []
     for recording, weighed in ((short, known), (long, replace(known, variance_factors=VarianceFactors(10.0, 10.0)))):
-        sizes.append(np.sum(calibration.covariance * wide_prior._curvature(calibration, recording, weighed)))
-    assert (wide_prior._DRAWS, wide_prior._SAMPLES) == (100, 1000)
+        sizes.append(np.sum(calibration.covariance * weak_prior._curvature(calibration, recording, weighed)))
+    assert (weak_prior._DRAWS, weak_prior._SAMPLES) == (100, 1000)
     assert_allclose(*sizes, rtol=0.1)
 
 
@@ -230,7 +231,7 @@ def test_curvature_is_nothing_where_lengths_are_straight():
     known = Known(prior_of_tolerances(recording, array))
     calibration = maximum_a_posteriori(recording, array, known)
     assert known.prior.terms(calibration.errors).energy > 1
-    assert np.sum(calibration.covariance * wide_prior._curvature(calibration, recording, known)) < 9e-3
+    assert np.sum(calibration.covariance * weak_prior._curvature(calibration, recording, known)) < 9e-3
 
 
 def test_steps_that_overshoot_are_shortened():

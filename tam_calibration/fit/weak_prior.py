@@ -1,12 +1,11 @@
-"""The calibration beside a prior that leaves errors open, as tolerances of new sensors or a narrow turn before do.
+"""The calibration with a weak prior, which leaves errors open: tolerances of new sensors, or a narrow turn.
 
 Where the turn leaves much to such a prior, a fit that takes residuals for less than they are leaves it by many of its
-deviations, and may not settle. The fit therefore comes from above: it begins as if the readings told hardly anything,
-measures what it leaves, and weighs the readings by that the next time. What it finds in the end is told with the
-curvature that lengths have over errors so uncertain.
+deviations, and may not settle. The fit therefore comes from above: it begins as if the readings contained hardly any
+information, measures its residuals, and weighs the readings by these the next time. At the end the curvature that
+lengths have over errors so uncertain is added to the covariance.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -16,13 +15,15 @@ from tam_calibration.core.noise import complete_noise
 from tam_calibration.core.variance_factors import VarianceFactors
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.correction.update import Update
+from tam_calibration.fit.consistency import Fit
 from tam_calibration.fit.estimate import Estimate, make_calibration, measure_chi_square
+from tam_calibration.fit.frames import in_first_frame
 from tam_calibration.fit.identifiability import open_parameters, require_accurate
 from tam_calibration.fit.information import inverted
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, noise_left_in, update_of
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.posterior import Known, Place, Problem
-from tam_calibration.fit.prior import Prior, in_first_frame
+from tam_calibration.fit.prior import Prior
+from tam_calibration.fit.problem import Known, Place, Problem
 from tam_calibration.fit.slow_residuals import variance_factors
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
@@ -37,7 +38,7 @@ _MOST_WEIGHINGS = 20
 """From above, of the weight of the readings, and of curvature: fourteen were the most that were needed."""
 
 _MOST_SCALINGS = 2
-"""Of a noise that is not stated to what is left: beside a prior that is contradicted it would grow without end."""
+"""Of a noise that is not stated to what is left: with a prior that is contradicted it would grow without end."""
 
 _LARGEST_FALL = 10.0
 """Of the variance from one round to the next: what a fit far above leaves tells too little, and a fit that follows it
@@ -71,19 +72,17 @@ def prior_of_tolerances(recording: SampleSource, array: Array) -> Prior:
     return Prior(nominal, covariance, None, None, None)
 
 
-def is_wide(prior: Prior) -> bool:
+def is_weak(prior: Prior) -> bool:
     """Whether a prior leaves errors open: it is that of tolerances, or of a calibration that would not do alone.
 
-    One that would, and has aged, is not wide: what moved since then is looked for.
+    One that would, and has aged, is not weak: what moved since then is looked for.
     """
     stored = prior.calibration
     return prior.rates is None or bool(open_parameters(stored.standard_errors.ravel(), stored.intensity_T))
 
 
-def beside_wide_prior(
-    recording: SampleSource, array: Array, known: Known
-) -> tuple[Calibration, Callable[[SampleSource, Array], Calibration]]:
-    """Return the calibration of a recording beside a wide prior, and the fit that made it.
+def calibrate_with_weak_prior(recording: SampleSource, array: Array, known: Known) -> tuple[Calibration, Known, Fit]:
+    """Return the calibration of a recording with a weak prior, with the weight of the readings, and the fit.
 
     Parameters
     ----------
@@ -116,8 +115,8 @@ def beside_wide_prior(
     # Directions that the readings tell, which other priors are judged by, are no straight lines here.
     energy, uncertain = prior.terms(calibration.errors).energy, int(np.count_nonzero(prior.standard_errors))
     update = update_of(calibration, prior, prior, energy, uncertain)
-    told = replace(calibration, update=update, warnings=_left_open(calibration, update))
-    return told, lambda samples, _: maximum_a_posteriori(samples, noisy, settled)
+    calibration = replace(calibration, update=update, warnings=_left_open(calibration, update))
+    return calibration, settled, lambda samples, _: maximum_a_posteriori(samples, noisy, settled)
 
 
 def _plain_fit(recording: SampleSource, array: KnownNoiseArray) -> Calibration | None:
@@ -159,22 +158,22 @@ def _curvature(calibration: Calibration, recording: SampleSource, known: Known) 
 
     Errors of the size of tolerances bend lengths by more than the noise. Where a narrow turn leaves them open, this is
     an error of what the readings tell that is the same in all samples: a statistical linear regression of the score
-    over what is known after the fit (García-Fernández et al., posterior linearization filter, 2015) has it beside the
+    over what is known after the fit (García-Fernández et al., posterior linearization filter, 2015) adds it to the
     noise.
     """
     some = recording.thinned(_SAMPLES)
     weight = known.variance_factors.times(some.sample_count / recording.sample_count)
     problem = Problem.of(some, calibration.array, replace(known, variance_factors=weight))
     place = Place(calibration.errors, calibration.intensity_T)
-    basis, (information, score) = problem.basis_at(place), problem.data_at(place)
-    deviates = np.random.default_rng(_SEED).normal(size=(_DRAWS, len(score)))
-    curvature = np.zeros_like(information)
+    basis, here = problem.basis_at(place), problem.data_at(place)
+    deviates = np.random.default_rng(_SEED).normal(size=(_DRAWS, len(basis)))
+    curvature = np.zeros_like(here.information)
     for _ in range(_MOST_WEIGHINGS):
-        covariance = inverted(problem.information_beside(curvature, place), basis)
+        covariance = inverted(problem.information_with(curvature, place), basis)
         values, vectors = np.linalg.eigh(covariance)
         steps = deviates * np.sqrt(np.maximum(values, 0)) @ vectors.T
-        scores = np.array([problem.data_at(problem.moved(place, step))[1] for step in steps])
-        left = scores - score + steps @ information
+        scores = np.array([problem.data_at(problem.moved(place, step)).score for step in steps])
+        left = scores - here.score + steps @ here.information
         before, curvature = curvature, left.T @ left / _DRAWS
         if np.sum(covariance * curvature) <= (1 + SETTLED) * np.sum(covariance * before):
             break

@@ -7,13 +7,14 @@ import pytest
 from moved_sensors import DIRECTION, SIZES, joined, moved, turn
 
 from tam_calibration.correction.update import KINDS
-from tam_calibration.fit import resolved_prior
+from tam_calibration.fit import prior_changes
 from tam_calibration.fit.contradiction import candidates_of
+from tam_calibration.fit.frames import in_first_frame
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, with_noise
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.posterior import Known
-from tam_calibration.fit.prior import in_first_frame, prior_of
-from tam_calibration.fit.resolved_prior import MOST_TIMES, resolve
+from tam_calibration.fit.prior import prior_of
+from tam_calibration.fit.prior_changes import MOST_TIMES, update_prior
+from tam_calibration.fit.problem import Known
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -25,7 +26,7 @@ from tam_calibration.simulation import simulate
 def test_a_change_is_told_as_what_it_is(wu_scenario, array, prior, kind, sensor):
     """Kind and sensor, also of the sensor whose frame all others are told in; size within its standard errors."""
     recording = turn(wu_scenario, moved(wu_scenario.errors, kind, sensor), 5)
-    resolved = resolve(recording, array, Known(prior))
+    resolved = update_prior(recording, array, Known(prior))
     found = resolved.moved[0]
     assert (found.kind, found.sensor) == (kind, sensor + 1)
     assert len(resolved.moved) == 1 and found.since_s is None
@@ -36,7 +37,7 @@ def test_a_change_is_told_as_what_it_is(wu_scenario, array, prior, kind, sensor)
 def test_what_moved_is_learned_anew(wu_scenario, array, prior):
     """The bias is within its standard errors, and these are those of the data."""
     errors = moved(wu_scenario.errors, "bias", 1)
-    resolved = resolve(turn(wu_scenario, errors, 6), array, Known(prior))
+    resolved = update_prior(turn(wu_scenario, errors, 6), array, Known(prior))
     found = maximum_a_posteriori(resolved.recording, array, resolved.known)
     assert (np.abs(found.errors.bias_T - errors.bias_T) < 4.5 * found.standard_errors[:, 6:9]).all()
 
@@ -47,7 +48,7 @@ def test_what_moved_is_learned_anew(wu_scenario, array, prior):
 )
 def test_a_change_within_the_recording_has_a_time(wu_scenario, array, prior, kind, times, first):
     """Also one of 6 µT, beside which no error is a straight line."""
-    resolved = resolve(changed_within(wu_scenario, kind, times, first), array, Known(prior))
+    resolved = update_prior(changed_within(wu_scenario, kind, times, first), array, Known(prior))
     found = resolved.moved[0]
     assert (found.kind, found.sensor, found.since_s) == (kind, 4, resolved.recording.time_s[0])
     assert resolved.recording.sample_count == pytest.approx(600 - first, abs=1)
@@ -64,8 +65,8 @@ def changed_within(scenario, kind, times, first):
 
 def test_what_did_not_move_is_known_from_all_samples(wu_scenario, array, prior):
     """Of a bias that moved after nine tenths of a turn: the others are as certain as after the whole turn without."""
-    found = fitted(resolve(changed_within(wu_scenario, "bias", 1, 540), array, Known(prior)), array)
-    whole = fitted(resolve(turn(wu_scenario, wu_scenario.errors, 9, 600), array, Known(prior)), array)
+    found = fitted(update_prior(changed_within(wu_scenario, "bias", 1, 540), array, Known(prior)), array)
+    whole = fitted(update_prior(turn(wu_scenario, wu_scenario.errors, 9, 600), array, Known(prior)), array)
     others = np.s_[1:3]
     assert (found.standard_errors[others] <= 1.02 * whole.standard_errors[others]).all()
     truth = moved(wu_scenario.errors, "bias", 3).to_vector()
@@ -81,7 +82,7 @@ def fitted(resolved, array):
 def test_what_lasts_does_not_count_twice(wu_scenario, array, prior, twice):
     """Errors of a main field, and of how attitude is mounted, are those of all samples: the first are left out then."""
     known = Known(prior, np.array([0.0, 2e-5, -4.5e-5]) if twice == "main field" else None)
-    resolved = resolve(
+    resolved = update_prior(
         changed_within(wu_scenario, "bias", 1, 350),
         replace(array, mounting_error=1e-4) if twice == "mounting" else array,
         known,
@@ -93,7 +94,7 @@ def test_what_moved_before_and_within_is_told_apart(wu_scenario, array, prior):
     """A bias that moved since the prior, and another during the turn."""
     errors = moved(wu_scenario.errors, "bias", 1)
     recording = joined(turn(wu_scenario, errors, 9, 600), turn(wu_scenario, moved(errors, "bias", 3), 9, 600), 350)
-    resolved = resolve(recording, array, Known(prior))
+    resolved = update_prior(recording, array, Known(prior))
     assert [(each.kind, each.sensor, each.since_s) for each in resolved.moved] == [
         ("bias", 2, None),
         ("bias", 4, recording.time_s[350]),
@@ -106,8 +107,8 @@ def test_what_moved_before_and_within_is_told_apart(wu_scenario, array, prior):
 def test_what_no_sample_before_contradicts_was_so_from_the_start(wu_scenario, array, prior, monkeypatch):
     """Whatever time it is given: the whole recording counts."""
     recording = turn(wu_scenario, moved(wu_scenario.errors, "bias", 1), 5)
-    monkeypatch.setattr(resolved_prior, "time_of_change", lambda *_: recording.time_s[150])
-    resolved = resolve(recording, array, Known(prior))
+    monkeypatch.setattr(prior_changes, "time_of_change", lambda *_: recording.time_s[150])
+    resolved = update_prior(recording, array, Known(prior))
     assert resolved.recording is recording and [each.since_s for each in resolved.moved] == [None]
 
 
@@ -116,7 +117,7 @@ def test_attitudes_that_jump_do_not_pass_for_noise(wu_scenario, prior):
     errors = moved(wu_scenario.errors, "bias", 1)
     recording = simulate(replace(wu_scenario, errors=errors, sample_count=40, seed=4)).recording
     array = Array(wu_scenario.array.positions_m)
-    resolved = resolve(recording, array, Known(prior))
+    resolved = update_prior(recording, array, Known(prior))
     assert [(each.kind, each.sensor) for each in resolved.moved] == [("bias", 2)]
     assert fitted(resolved, array).array.vector_noise_T == pytest.approx(1e-9, rel=0.2)
 
@@ -142,7 +143,7 @@ def test_what_moves_together_is_told_together(wu_scenario, array, prior, name, t
             errors = SensorErrors.from_vector(vector)
         else:
             errors = moved(errors, part[0], part[1] - 1, times)
-    resolved = resolve(turn(wu_scenario, errors, 7, 600, limit_deg), array, Known(prior))
+    resolved = update_prior(turn(wu_scenario, errors, 7, 600, limit_deg), array, Known(prior))
     assert [(each.kind, each.sensor, each.together) for each in resolved.moved] == [
         (*part, (kind, sensor)) for part in parts
     ]
@@ -156,7 +157,7 @@ def test_a_prior_of_which_nothing_is_left_counts_for_nothing(wu_scenario, array,
     vector = errors.to_vector() + rng.normal(size=(4, 12)) * np.repeat([0.01, 0.01, 5e-7, 0.01], 3)
     errors, _ = in_first_frame(SensorErrors.from_vector(vector))
     recording = simulate(replace(wu_scenario, errors=errors, sample_count=1000, seed=2)).recording
-    resolved = resolve(recording, array, Known(prior))
+    resolved = update_prior(recording, array, Known(prior))
     assert {each.together for each in resolved.moved} == {("several errors", 0)} and len(resolved.moved) == 16
     found, plain = fitted(resolved, array), maximum_likelihood(recording, array)
     assert (np.abs(found.errors.to_vector() - plain.errors.to_vector()) <= 0.02 * plain.standard_errors + 1e-12).all()
@@ -170,7 +171,7 @@ def test_without_a_scalar_no_scale_is_told_to_have_changed(wu_scenario, array, p
     vector = wu_scenario.errors.to_vector() + np.random.default_rng(9).normal(size=(4, 12)) * spread
     errors, _ = in_first_frame(SensorErrors.from_vector(vector))
     recording = simulate(replace(wu_scenario, errors=errors, sample_count=1000, seed=2)).recording
-    resolved = resolve(replace(recording, scalar_T=None), array, Known(prior))
+    resolved = update_prior(replace(recording, scalar_T=None), array, Known(prior))
     assert {each.together for each in resolved.moved} == {("several errors", 0)}
     found = fitted(resolved, array)
     assert found.standard_errors[:, :3].max() < 1e-4
@@ -184,7 +185,7 @@ def test_which_of_two_sensors_turned_stays_open(wu_scenario):
     array = pair.with_stated_noise()
     prior = prior_of(maximum_likelihood(simulate(scenario).recording, array), None, None)
     recording = turn(scenario, moved(scenario.errors, "misalignment", 1), 2)
-    found = resolve(recording, array, Known(prior)).moved[0]
+    found = update_prior(recording, array, Known(prior)).moved[0]
     told = {(found.kind, found.sensor), *found.rivals}
     assert {("misalignment", 1), ("misalignment", 2)} <= told
     assert found.probability == pytest.approx(0.5, abs=0.1)
@@ -199,7 +200,7 @@ def test_samples_during_a_change_count_for_neither_side(wu_scenario, array, prio
     )
     part = np.clip((np.arange(600) - 299) / lasts, 0, 1)[:, None, None]
     recording = replace(before, readings_T=(1 - part) * before.readings_T + part * after.readings_T)
-    resolved = resolve(recording, array, Known(prior))
+    resolved = update_prior(recording, array, Known(prior))
     [found] = resolved.moved
     assert (found.kind, found.sensor, found.since_s) == ("bias", 4, resolved.recording.time_s[0])
     assert (np.abs(found.change - times * SIZES["bias"] * DIRECTION) < 4.5 * found.standard_errors).all()
@@ -223,27 +224,27 @@ def there_and_back(scenario, sensors, times):
 def test_a_tool_that_is_picked_up_and_dropped_is_told_as_two_changes(wu_scenario, array, prior, sensors, times):
     """By 20 nT or 2 µT: where it may have moved more than once, each part beside what those before it tell."""
     recording = there_and_back(wu_scenario, sensors, times)
-    resolved = resolve(recording, array, Known(prior), MOST_TIMES)
+    resolved = update_prior(recording, array, Known(prior), MOST_TIMES)
     assert MOST_TIMES == 3
     assert [each.since_s for each in resolved.moved] == list(np.repeat(recording.time_s[[200, 400]], len(sensors)))
     assert {each.kind for each in resolved.moved} == {"bias"}
     found = fitted(resolved, array)
     difference = np.abs(found.errors.to_vector() - wu_scenario.errors.to_vector())
     assert (difference[1:] < 4.5 * found.standard_errors[1:]).all()
-    assert len(resolve(recording, array, Known(prior)).earlier) == 1
+    assert len(update_prior(recording, array, Known(prior)).earlier) == 1
 
 
 def test_a_further_change_after_which_no_fit_settles_is_none(wu_scenario, array, prior, monkeypatch):
     """What was found before it stays."""
-    in_sequence = resolved_prior._in_sequence
+    in_sequence = prior_changes._in_sequence
 
     def refused(parts, *rest):
         found = in_sequence(parts, *rest)
         return found if len(parts) == 2 else replace(found, refusal=Refused("the fit did not settle"))
 
     recording = there_and_back(wu_scenario, (3,), 100)
-    monkeypatch.setattr(resolved_prior, "_in_sequence", refused)
-    resolved = resolve(recording, array, Known(prior), 3)
+    monkeypatch.setattr(prior_changes, "_in_sequence", refused)
+    resolved = update_prior(recording, array, Known(prior), 3)
     assert resolved.refusal is None and len(resolved.earlier) == 1
 
 
@@ -256,10 +257,10 @@ def test_a_time_that_does_not_settle_is_tried_five_times(wu_scenario, array, pri
         return 350 - len(asked), 351
 
     first = []
-    monkeypatch.setattr(resolved_prior, "samples_between", later)
-    taken = resolved_prior.posterior_of
-    monkeypatch.setattr(resolved_prior, "posterior_of", lambda part, *rest: first.append(part) or taken(part, *rest))
-    resolved = resolve(recording, array, Known(prior))
+    monkeypatch.setattr(prior_changes, "samples_between", later)
+    taken = prior_changes.posterior_of
+    monkeypatch.setattr(prior_changes, "posterior_of", lambda part, *rest: first.append(part) or taken(part, *rest))
+    resolved = update_prior(recording, array, Known(prior))
     assert (resolved.earlier[0][0].sample_count, resolved.recording.sample_count) == (345, 249) and len(asked) == 5
     assert {336, 240} <= {each.sample_count for each in first}
 

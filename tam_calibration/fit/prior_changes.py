@@ -4,14 +4,14 @@ Where something moved within the recording, the samples before it are fitted fir
 the prior of those after it: what did not move is known from all samples.
 
 Where a recording shows it, the time of a change is found too. Lengths are no straight lines over a large contradiction:
-each change that may explain it is fitted by itself beside the prior, its own errors all but free, and they are compared
+each change that may explain it is fitted by itself with the prior, its own errors all but free, and they are compared
 by the energy that is left and the number of their unknowns (Schwarz 1978).
 """
 
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import accumulate, pairwise
 
 import numpy as np
 from numpy.linalg import slogdet
@@ -22,8 +22,9 @@ from tam_calibration.fit import contradiction
 from tam_calibration.fit.estimate import sample_energies
 from tam_calibration.fit.information import inverted
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, with_noise
-from tam_calibration.fit.posterior import Known, Place, Posterior, Problem, posterior_of
+from tam_calibration.fit.posterior import Posterior, posterior_of
 from tam_calibration.fit.prior import Prior
+from tam_calibration.fit.problem import Known, Place, Problem
 from tam_calibration.fit.unnamed_changes import Unnamed, unnamed_changes
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import Refused
@@ -37,7 +38,7 @@ _MOST_SAMPLES = 500
 def large_change(
     recording: SampleSource, array: KnownNoiseArray, known: Known, candidates: Sequence[Sequence[contradiction.Change]]
 ) -> list[contradiction.Change]:
-    """Return the most probable change, and after it those that are not improbable beside it; none where no fit settles.
+    """Return the most probable change, and after it those that are not improbable either; none where no fit settles.
 
     Parameters
     ----------
@@ -72,7 +73,7 @@ _BY_CHANCE = 1e-6
 """Probability of a sample's energy beyond which it does not fit: none in most recordings."""
 
 _CONVINCING = 5.0
-"""Logarithm of the evidence, beside that of the number of times tried, for a change within the recording."""
+"""Logarithm of the evidence, in addition to that of the number of times tried, for a change within the recording."""
 
 
 def time_of_change(
@@ -99,24 +100,22 @@ def time_of_change(
     known = replace(known, gyroscope=None)  # its turns reach from one block into the next
     count = min(_MOST_BLOCKS, recording.sample_count)
     starts = np.linspace(0, recording.sample_count, count + 1).astype(int)
-    place = Place(posterior.errors, posterior.intensity_T, posterior.view)
+    place = Place(posterior.errors, posterior.intensity_T, posterior.motion)
     has_scalar = recording.scalar_count is not None
     problems = [Problem.of(recording.take(slice(*span)), array, known, has_scalar) for span in pairwise(starts)]
     parts = [problem.data_at(place) for problem in problems]
-    later = [np.cumsum([part[index] for part in parts[::-1]], axis=0)[::-1] for index in range(2)]
+    later = list(accumulate(parts[::-1]))[::-1]
     basis, (size, unknowns) = problems[0].basis_at(place), change.directions.shape
     directions = np.zeros((len(basis), unknowns))
     directions[:size] = change.directions
-    whole = later[0][0].copy()
-    problems[0].add_known(place, whole, np.zeros(len(whole)))
-    covariance = inverted(whole, basis)
+    covariance = inverted((later[0] + problems[0].known_at(place)).information, basis)
     evidence = []
-    for information, gradient in zip(*later, strict=True):
-        reached = information @ directions
-        told = directions.T @ reached - reached.T @ covariance @ reached
-        score = directions.T @ gradient
-        gain = score @ np.linalg.solve(told + np.diag(1 / change.variance), score)
-        evidence.append((gain - slogdet(np.eye(unknowns) + change.variance[:, None] * told)[1]) / 2)
+    for rest in later:
+        reached = rest.information @ directions
+        information = directions.T @ reached - reached.T @ covariance @ reached
+        score = directions.T @ rest.score
+        gain = score @ np.linalg.solve(information + np.diag(1 / change.variance), score)
+        evidence.append((gain - slogdet(np.eye(unknowns) + change.variance[:, None] * information)[1]) / 2)
     best = int(np.argmax(evidence))
     if evidence[best] - evidence[0] < _CONVINCING + np.log(count):
         return None
@@ -176,7 +175,7 @@ _Found = Sequence[Sequence[contradiction.Change]]
 
 
 @dataclass(frozen=True, eq=False)
-class Resolved:
+class UpdatedPrior:
     """A prior and the recording that it is used with, in no contradiction.
 
     Parameters
@@ -184,7 +183,7 @@ class Resolved:
     recording : SampleSource
         The samples of the array as it is now: those after the last change that the recording shows.
     known : Known
-        What is known beside them: the prior, with what the samples before a change tell, widened where something moved.
+        What else is known: the prior, with what the samples before a change tell, widened where something moved.
     difference : Difference, optional
         Of the data and the prior as given; None without a prior.
     found : sequence of sequence of Change
@@ -192,11 +191,11 @@ class Resolved:
     moved : tuple of Moved
         The same, for people.
     earlier : tuple of (Recording, Known)
-        The samples between changes that the recording shows, and what is known beside them.
+        The samples between changes that the recording shows, and what else is known.
     refusal : Refused, optional
         Why the samples after a change make no calibration; what moved is then not known.
     unnamed : sequence of Unnamed
-        What may have changed beside what was found, where no change has a time: ``known`` allows for it.
+        What may have changed in addition, where no change has a time: ``known`` allows for it.
     """
 
     recording: SampleSource
@@ -213,7 +212,7 @@ class Resolved:
         return _widened(given, self.found)
 
 
-def resolve(recording: SampleSource, array: Array, known: Known, most_times: int = 1) -> Resolved:
+def update_prior(recording: SampleSource, array: Array, known: Known, most_times: int = 1) -> UpdatedPrior:
     """Find what a recording contradicts a prior in, and widen the prior there.
 
     Parameters
@@ -223,7 +222,7 @@ def resolve(recording: SampleSource, array: Array, known: Known, most_times: int
     array : Array
         Geometry and noise; a noise that is not stated is estimated.
     known : Known
-        What is known beside it; without a prior there is nothing to contradict.
+        What else is known; without a prior there is nothing to contradict.
     most_times : int
         How often something may have moved within the recording.
 
@@ -233,35 +232,35 @@ def resolve(recording: SampleSource, array: Array, known: Known, most_times: int
         When the iteration does not settle.
     """
     if known.prior is None:
-        return Resolved(recording, known)
+        return UpdatedPrior(recording, known)
     noisy, posterior, _ = with_noise(recording, array, known)
     difference, found = _contradiction(recording, noisy, known)
     unnamed = unnamed_changes(difference, known.prior, found, _candidates(recording, known))
     if not found:
-        return Resolved(recording, _allowing_for(unnamed, known), difference, unnamed=unnamed)
-    beside = replace(known, prior=_widened(known.prior, found))
-    resolved = Resolved(recording, beside, None, found, _moved(found, None))
+        return UpdatedPrior(recording, _allowing_for(unnamed, known), difference, unnamed=unnamed)
+    widened = replace(known, prior=_widened(known.prior, found))
+    updated = UpdatedPrior(recording, widened, None, found, _moved(found, None))
     parts: list[Recording] = []
-    while resolved.refusal is None and len(parts) <= most_times:
-        # What the first change was told as, another after it may have bent: all parts are gone through again.
-        before = resolved.known if parts else known
-        split = _split(resolved.recording.whole(), noisy, before, posterior, resolved.found[0][0])
+    while updated.refusal is None and len(parts) <= most_times:
+        # A later change may have bent what the first was found to be: all parts are gone through again.
+        before = updated.known if parts else known
+        split = _split(updated.recording.whole(), noisy, before, posterior, updated.found[0][0])
         if split is None:
             break
         parts = [*parts[:-1], *split]
         further = _in_sequence(parts, noisy, known)
-        if further is None or (further.refusal is not None and resolved.earlier):
+        if further is None or (further.refusal is not None and updated.earlier):
             break
-        resolved = further
-        if resolved.refusal is None:
-            posterior = posterior_of(resolved.recording, noisy, resolved.known)
-    if resolved.earlier or resolved.refusal is not None:
-        return replace(resolved, difference=difference)
-    return replace(resolved, known=_allowing_for(unnamed, beside), difference=difference, unnamed=unnamed)
+        updated = further
+        if updated.refusal is None:
+            posterior = posterior_of(updated.recording, noisy, updated.known)
+    if updated.earlier or updated.refusal is not None:
+        return replace(updated, difference=difference)
+    return replace(updated, known=_allowing_for(unnamed, widened), difference=difference, unnamed=unnamed)
 
 
-def _in_sequence(parts: Sequence[Recording], array: KnownNoiseArray, known: Known) -> Resolved | None:
-    """Return the last of some parts of a recording beside those before it; None where nothing moved before that."""
+def _in_sequence(parts: Sequence[Recording], array: KnownNoiseArray, known: Known) -> UpdatedPrior | None:
+    """Return the last part of a recording, with those before it as prior; None where nothing moved before it."""
     earlier: list[tuple[Recording, Known]] = []
     all_found: list[Sequence[contradiction.Change]] = []
     moved: tuple[Moved, ...] = ()
@@ -278,10 +277,10 @@ def _in_sequence(parts: Sequence[Recording], array: KnownNoiseArray, known: Know
         except Refused as refusal:
             if not earlier:
                 raise
-            return Resolved(part, known, earlier=tuple(earlier), refusal=refusal)
+            return UpdatedPrior(part, known, earlier=tuple(earlier), refusal=refusal)
         all_found += found
         moved += _moved(found, float(part.time_s[0]) if part is not parts[0] else None)
-    return Resolved(parts[-1], known, None, all_found, moved, tuple(earlier))
+    return UpdatedPrior(parts[-1], known, None, all_found, moved, tuple(earlier))
 
 
 def _contradiction(
@@ -300,7 +299,7 @@ def _contradiction(
                 break
             used = _widened(prior, [strongest])
             posterior = posterior_of(recording, array, replace(known, prior=used))
-            large.append([contradiction.estimated_beside(strongest[0], prior, posterior), *strongest[1:]])
+            large.append([contradiction.estimated_with(strongest[0], prior, posterior), *strongest[1:]])
             if contradiction.is_everything(strongest[0]):
                 return difference, large
             prior, left = used, contradiction.Difference.of(used, posterior)
@@ -350,7 +349,7 @@ def _split(
 
 
 def _known_after(earlier: Recording, array: KnownNoiseArray, known: Known) -> Known:
-    """Return what is known beside samples that follow others: what these tell too, where nothing counts twice for it.
+    """Return what else is known of samples that follow others: what these tell too, where nothing counts twice for it.
 
     The errors of a main field, and of how attitude is mounted, are the same in both.
     """
@@ -387,7 +386,7 @@ def _moved(found: _Found, since_s: float | None) -> tuple[Moved, ...]:
         values = (hypothesis.directions @ change.estimate).reshape(-1, 4, 3)
         errors = (np.abs(hypothesis.directions) @ change.standard_errors).reshape(-1, 4, 3)
         for sensor, place in np.argwhere(errors.any(axis=2)).tolist():
-            part, told = (KINDS[place], sensor + 1), (values[sensor, place], errors[sensor, place])
+            part, change_in_si = (KINDS[place], sensor + 1), (values[sensor, place], errors[sensor, place])
             together = None if part == own else own
-            moved.setdefault(part, Moved(*part, *told, change.probability, others, since_s, together))
+            moved.setdefault(part, Moved(*part, *change_in_si, change.probability, others, since_s, together))
     return tuple(moved.values())

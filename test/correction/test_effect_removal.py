@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.correction.calibration import EffectSize
-from tam_calibration.correction.partial import Unaffected
+from tam_calibration.correction.partial import EffectRemoval
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
@@ -38,20 +38,20 @@ def plain(recording, cross):
 def test_an_effect_is_taken_off_batch_by_batch(plain, warming):
     """As off the recording; a sample whose temperature is not known is left out."""
     keeping = replace(plain, effects=(DRIFT,), effect_sizes=(SIZE,))
-    unaffected = Unaffected(keeping)
-    parts = [unaffected.of(warming.take(slice(first, first + 20))) for first in range(0, 100, 20)]
+    removal = EffectRemoval(keeping)
+    parts = [removal.of(warming.take(slice(first, first + 20))) for first in range(0, 100, 20)]
     known = np.isfinite(warming.temperature_C)
-    expected = keeping.unaffected(warming.take(known))
+    expected = keeping.readings_without_effects(warming.take(known))
     assert_allclose(np.concatenate([part.readings_T for part in parts]), expected, rtol=1e-12)
     assert np.abs(expected - warming.take(known).readings_T).max() > 3e-9
 
 
 def test_without_effects_samples_stay_as_they_are(plain, warming):
     """Also those whose temperature is not known."""
-    assert Unaffected(plain).of(warming) is warming
+    assert EffectRemoval(plain).of(warming) is warming
 
 
 def test_an_effect_that_needs_later_samples_is_refused(plain):
     """One sentence names it and what would mend it."""
     with pytest.raises(InputError, match=r"time_skew, which needs later samples.*use a calibration without it"):
-        Unaffected(replace(plain, effects=(LATE,), effect_sizes=(SIZE,)))
+        EffectRemoval(replace(plain, effects=(LATE,), effect_sizes=(SIZE,)))

@@ -1,0 +1,265 @@
+"""Baselines, common frame and places of the axes of an array, fitted to the field of a known source.
+
+What the places of the axes have in common with longer baselines counts as scale: Σ p_k · d_ka is zero, p_k the stated
+position of sensor k and d_ka the place of its axis a.
+"""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.linalg import norm
+
+from tam_calibration.core.least_squares import scaled
+from tam_calibration.core.normal_equations import Normal
+from tam_calibration.fit.gauss_newton import descend
+from tam_calibration.fit.information import inverted
+from tam_calibration.model.array import Array, KnownNoiseArray
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
+from tam_calibration.sources.dipole import Source
+from tam_calibration.sources.poses import Poses
+
+
+@dataclass(frozen=True, eq=False)
+class SourceReadings:
+    """What the sensors of an array read of a source.
+
+    Parameters
+    ----------
+    source : Source
+        In the world.
+    poses : Poses
+        Of the array in the world, N.
+    errors : SensorErrors
+        Of the sensors, in the frame of the calibration so far.
+    array : Array
+        As stated.
+    """
+
+    source: Source
+    poses: Poses
+    errors: SensorErrors
+    array: Array
+
+    def predict(self, scale: float, rotation: FloatArray, offsets_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the readings (N, K, 3) in tesla and their derivatives (N, K, 3, 4 + 9 K).
+
+        Parameters
+        ----------
+        scale : float
+            True distances of the sensors from the centre over the stated ones.
+        rotation : (3, 3) array
+            From the array frame into that of the calibration so far.
+        offsets_m : (K, 3, 3) array
+            Places of the elements of axis x, y, z of each sensor from there, metres.
+        """
+        turn, positions = self.poses.matrix, self.array.positions_m
+        elements = scale * positions[:, None] + offsets_m
+        world = self.poses.position_m[:, None, None] + np.einsum("nij,kaj->nkai", turn, elements)
+        field = np.einsum("nji,nkaj->nkai", turn, self.source.field_T(world))
+        gradient = np.einsum("nji,nkajl,nlm->nkaim", turn, self.source.gradient_T_per_m(world), turn, optimize=True)
+        rows = self.errors.matrix
+        turned = field @ rotation.T
+        by_place = np.einsum("kai,ij,nkajm->nkam", rows, rotation, gradient, optimize=True)
+        derivative = np.zeros((*field.shape[:3], 4 + 9 * len(positions)))
+        derivative[..., 0] = np.einsum("nkam,km->nka", by_place, positions)
+        # A further turn by ω adds ω × b, of which the row takes b × row · ω.
+        derivative[..., 1:4] = np.cross(turned, rows)
+        own = derivative[..., 4:].reshape(*field.shape[:3], len(positions), 3, 3)
+        for sensor, axis in np.ndindex(*field.shape[1:3]):
+            own[:, sensor, axis, sensor, axis] = by_place[:, sensor, axis]
+        return np.einsum("kai,nkai->nka", rows, turned), derivative
+
+
+_LARGEST_CONDITION = 1e6
+"""Condition of the scaled design from which a parameter is open: its error is a thousand times the usual."""
+
+_OTHER_SOURCE = (
+    "the readings cannot be those of the stated source: check its position, axis, strength and radius, and the poses"
+)
+_UNDETERMINED = (
+    "these poses do not determine baselines, frame and places of the axes: turn the array through more headings, about "
+    "more than one axis if need be, or nearer to the source"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class SourceCalibration:
+    """What a known source showed of an array.
+
+    Parameters
+    ----------
+    baseline_scale : float
+        True distances of the sensors from the centre over the stated ones.
+    rotation : (3,) array
+        Rotation vector that turns vectors of the array frame into the frame of the calibration before, radians.
+    axis_offsets_m : (K, 3, 3) array
+        Places of the elements of axis x, y, z of each sensor from its scaled position, array frame, metres; one place
+        in common is an error of the array's stated centre.
+    covariance : (4 + 9 K, 4 + 9 K) array
+        Of scale, rotation and offsets, SI: of the noise of the amplitudes, the calibration before and the source taken
+        as exact. Its rank is one less.
+    chi_square : float
+        Sum of the squared residuals over the noise.
+    degrees_of_freedom : int
+        What it is expected to be.
+    """
+
+    baseline_scale: float
+    rotation: FloatArray
+    axis_offsets_m: FloatArray
+    covariance: FloatArray
+    chi_square: float
+    degrees_of_freedom: int
+
+    @property
+    def parameters(self) -> FloatArray:
+        """(4 + 9 K,) scale, rotation and offsets."""
+        return np.concatenate([[self.baseline_scale], self.rotation, self.axis_offsets_m.ravel()])
+
+    @property
+    def standard_errors(self) -> FloatArray:
+        """(4 + 9 K,) standard errors of ``parameters``."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def array_of(self, stated: KnownNoiseArray) -> KnownNoiseArray:
+        """Return the array with its true baselines, and the places of its axes."""
+        return replace(stated, positions_m=self.baseline_scale * stated.positions_m, axis_offsets_m=self.axis_offsets_m)
+
+    def errors_of(self, errors: SensorErrors) -> SensorErrors:
+        """Return errors in the array frame from those in the frame of the calibration before."""
+        return SensorErrors.from_matrix(errors.matrix @ rotation_matrix(self.rotation), errors.bias_T)
+
+
+def calibrate_by_source(
+    amplitudes_T: FloatArray,
+    noise_T: float | FloatArray,
+    source: Source,
+    poses: Poses,
+    errors: SensorErrors,
+    array: Array,
+) -> SourceCalibration:
+    """Fit baseline scale, common rotation and axis offsets.
+
+    Parameters
+    ----------
+    amplitudes_T : (N, K, 3) array
+        Raw readings of the source alone in N poses, such as demodulated amplitudes, tesla; of each pose the sign of all
+        together is open.
+    noise_T : float or (N, K, 3) array
+        Standard deviation of the amplitudes, tesla.
+    source : Source
+        Known, in the world.
+    poses : Poses
+        Of the array in the world.
+    errors : SensorErrors
+        From a calibration in a uniform field.
+    array : Array
+        As stated.
+
+    Returns
+    -------
+    SourceCalibration
+        With standard errors.
+
+    Raises
+    ------
+    InputError
+        When a shape is wrong or a value not finite or positive.
+    Refused
+        When the poses do not determine the parameters.
+    """
+    readings, noise = _check(amplitudes_T, noise_T, poses, array)
+    model, allowed = SourceReadings(source, poses, errors, array), _allowed(array)
+    start = _Point(1.0, np.eye(3), np.zeros((array.sensor_count, 3, 3)))
+
+    def normal_at(point: _Point) -> tuple[FloatArray, FloatArray, Normal]:
+        inside = _linearize(model, point, readings, noise).by(allowed)
+        if not _is_determined(inside):
+            raise InputError(_UNDETERMINED if point is start else _OTHER_SOURCE)
+        return inside.information, inside.score, inside
+
+    try:
+        end, _ = descend(normal_at, lambda point, step: point.moved(allowed @ step), start)
+    except InputError as problem:
+        raise Refused(str(problem)) from None
+    except Refused:
+        raise Refused(_OTHER_SOURCE) from None
+    last = _linearize(model, end, readings, noise)
+    return SourceCalibration(
+        end.scale,
+        _vector(end.rotation),
+        end.offsets_m,
+        inverted(last.information, allowed),
+        last.energy,
+        readings.size - allowed.shape[1],
+    )
+
+
+class _Point(NamedTuple):
+    """Scale of the baselines, turn (3, 3) of the common frame and places (K, 3, 3) of the axes."""
+
+    scale: float
+    rotation: FloatArray
+    offsets_m: FloatArray
+
+    def moved(self, step: FloatArray) -> "_Point":
+        """Return the point after a step (4 + 9 K,)."""
+        offsets = self.offsets_m + step[4:].reshape(-1, 3, 3)
+        return _Point(self.scale + float(step[0]), rotation_matrix(step[1:4]) @ self.rotation, offsets)
+
+
+def _linearize(model: SourceReadings, point: _Point, readings: FloatArray, noise: FloatArray) -> Normal:
+    """Return the normal equations of scale, rotation and offsets."""
+    predicted, derivative = model.predict(*point)
+    signs = np.sign(np.sum(readings * predicted, axis=(1, 2)))[:, None, None]
+    residual = ((signs * readings - predicted) / noise).ravel()
+    design = (derivative / noise[..., None]).reshape(len(residual), -1)
+    return Normal(design.T @ design, design.T @ residual, float(residual @ residual), residual.size)
+
+
+def _is_determined(normal: Normal) -> bool:
+    if normal.count < len(normal.score) or not (np.diag(normal.information) > 0).all():
+        return False
+    values = np.linalg.eigvalsh(scaled(normal.information)[0])
+    return bool(values[0] * _LARGEST_CONDITION**2 >= values[-1])
+
+
+def _allowed(array: Array) -> FloatArray:
+    """Return orthonormal directions (4 + 9 K, 3 + 9 K) of the parameters in which the offsets hold no scale."""
+    scaling = np.repeat(array.positions_m[:, None], 3, axis=1).ravel()
+    basis = np.eye(4 + len(scaling))
+    if norm(scaling) == 0:
+        raise InputError("all sensors sit at the centre: there is no baseline to calibrate")
+    # The complement of the scaling direction: all but the first column of an orthogonal matrix that begins with it.
+    orthogonal, _ = np.linalg.qr(np.column_stack([scaling, np.eye(len(scaling))]))
+    basis[4:, 4:] = orthogonal[:, : len(scaling)]
+    return np.delete(basis, 4, axis=1)
+
+
+def _check(
+    amplitudes_T: FloatArray, noise_T: float | FloatArray, poses: Poses, array: Array
+) -> tuple[FloatArray, FloatArray]:
+    readings = np.asarray(amplitudes_T, dtype=float)
+    shape = (len(poses.attitude), array.sensor_count, 3)
+    if readings.shape != shape:
+        raise InputError(f"the amplitudes must have the shape {shape} of poses and sensors, not {readings.shape}")
+    noise = np.broadcast_to(np.asarray(noise_T, dtype=float), shape)
+    if not (np.isfinite(readings).all() and np.isfinite(noise).all() and (noise > 0).all()):
+        raise InputError("every amplitude must be finite, and its noise a positive number")
+    return readings, noise
+
+
+def rotation_matrix(vector: FloatArray) -> FloatArray:
+    """Return the rotation matrix (3, 3) of a rotation vector."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_rotvec(vector).as_matrix())
+
+
+def _vector(matrix: FloatArray) -> FloatArray:
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_matrix(matrix).as_rotvec())
