@@ -1,19 +1,16 @@
-"""Text files: written completely or not at all, errors with the file's name, numbers that read back exactly."""
+"""Text files: written completely or not at all, and errors with the file's name."""
 
 import json
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from stat import S_ISDIR, S_ISREG
 from typing import Any
 
-import numpy as np
-
 from tam_calibration.files.whole_files import write_set
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla, to_degrees, to_nanotesla
 
 
 @contextmanager
@@ -146,33 +143,3 @@ def _without_nan(content: Any) -> Any:
     if isinstance(content, list | tuple):
         return [_without_nan(value) for value in content]
     return None if isinstance(content, float) and not math.isfinite(content) else content
-
-
-def nanotesla_to_write(tesla: FloatArray) -> FloatArray:
-    """Return nanotesla that `units.from_nanotesla` turns back into the same tesla, to the last bit where it can be."""
-    return _invert(tesla, to_nanotesla, from_nanotesla)
-
-
-def degrees_to_write(radians: FloatArray) -> FloatArray:
-    """Return degrees that `units.from_degrees` turns back into the same radians, to the last bit where it can be."""
-    return _invert(radians, to_degrees, from_degrees)
-
-
-def ppm_to_write(parts: FloatArray) -> FloatArray:
-    """Return parts per million that divided by a million are the same parts, to the last bit where it can be."""
-    return _invert(parts, lambda part: part * 1e6, lambda ppm: ppm / 1e6)
-
-
-def percent_to_write(parts: FloatArray) -> FloatArray:
-    """Return per cent that divided by a hundred are the same parts, to the last bit where it can be."""
-    return _invert(parts, lambda part: part * 100, lambda percent: percent / 100)
-
-
-def _invert(
-    values: FloatArray, forward: Callable[[FloatArray], FloatArray], backward: Callable[[FloatArray], FloatArray]
-) -> FloatArray:
-    best = forward(np.asarray(values, dtype=float))
-    for candidate in (np.nextafter(best, -np.inf), np.nextafter(best, np.inf)):
-        mends = (backward(best) != values) & (backward(candidate) == values)
-        best = np.where(mends, candidate, best)
-    return best

@@ -15,9 +15,9 @@ from tam_calibration.comparison.result import Mend, NoiseTerm
 from tam_calibration.comparison.snippets import gazebo_sdf, mujoco_mjcf, python_plugin
 from tam_calibration.correction.calibration import Provenance
 from tam_calibration.effects.library import check_numbers, effect_named, units_of
-from tam_calibration.files.quantities import Hertz, NanoteslaSize
+from tam_calibration.files.quantities import Hertz, NanoteslaSize, value_to_write
 from tam_calibration.files.schema import Bounds, Document, check, require_schema
-from tam_calibration.files.text_files import in_file, nanotesla_to_write, read_text, to_json, write_text
+from tam_calibration.files.text_files import in_file, read_text, to_json, write_text
 from tam_calibration.files.yaml_document import dump_mapping, parse_mapping
 from tam_calibration.gap.noise import AxisNoise
 from tam_calibration.model.exceptions import InputError
@@ -100,8 +100,8 @@ def _noise_to_mapping(term: NoiseTerm) -> dict[str, Any]:
     return mapping
 
 
-def _nanotesla(tesla: float) -> float:
-    return float(nanotesla_to_write(np.array(tesla)))
+def _nanotesla(tesla: float) -> Any:
+    return value_to_write("_nT", tesla)
 
 
 class _Noise(Document):

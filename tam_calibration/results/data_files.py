@@ -10,7 +10,8 @@ import numpy as np
 from tam_calibration.correction.calibration import Calibration, Corrected
 from tam_calibration.correction.contradiction import ContradictionSearch
 from tam_calibration.correction.partial import PartialCorrection
-from tam_calibration.files.text_files import nanotesla_to_write, write_whole
+from tam_calibration.files.quantities import nanotesla_to_write
+from tam_calibration.files.text_files import write_whole
 from tam_calibration.messages.point_cloud import SampleLayout
 from tam_calibration.messages.samples import Progress, stamps_of
 from tam_calibration.model.array import OUTPUT_NAMES, Array
