@@ -25,7 +25,14 @@ from tam_calibration.model.units import for_people, from_nanotesla, to_nanotesla
 from tam_calibration.results.calibration_schema import calibration_of
 from tam_calibration.results.calibration_yaml import calibration_to_mapping
 from tam_calibration.results.effects_schema import EffectFile, effect_to_mapping
-from tam_calibration.results.results_json import law_to_mapping, numbers_of, rounded, sizes, source_to_mapping
+from tam_calibration.results.results_json import (
+    attributes,
+    law_to_mapping,
+    numbers_of,
+    rounded,
+    sizes,
+    source_to_mapping,
+)
 
 SCHEMA = "tam_calibration/mend/1"
 COMPARISON_SCHEMA = "tam_calibration/compare/1"
@@ -221,14 +228,10 @@ def comparison_to_mapping(comparison: result.Comparison, sources: Sources) -> di
     closing, mend = comparison.closing, comparison.mend
     return {
         "schema": COMPARISON_SCHEMA,
-        "verdict": comparison.verdict,
-        "statement": comparison.statement,
+        **attributes(comparison, "verdict", "statement"),
         "laws": {name: [law_to_mapping(law) for law in laws] for name, laws in comparison.laws_of_one.items()},
         "remarks": list(comparison.remarks),
-        "mistakes": [
-            {"kind": mistake.kind, "what": mistake.what, "where": mistake.where, "mend": mistake.mend}
-            for mistake in comparison.mistakes
-        ],
+        "mistakes": [attributes(each, "kind", "what", "where", "mend") for each in comparison.mistakes],
         "missing_in_simulation": [
             _difference(each) | _shown(by_simulation=each.is_shown_by_other_run, by_recording=True)
             for each in comparison.missing
@@ -257,10 +260,7 @@ def comparison_to_mapping(comparison: result.Comparison, sources: Sources) -> di
 def _difference(difference: result.EffectDifference) -> dict[str, Any]:
     fitted = difference.fitted
     return {
-        "effect": difference.effect,
-        "sensors": list(difference.sensors),
-        "axes": list(difference.axes),
-        **rounded({"probability": difference.probability, "size": difference.size}),
+        **rounded(attributes(difference, "effect", "sensors", "axes", "probability", "size")),
         "parameters": {} if fitted is None else numbers_of(fitted, difference.units),
     }
 
@@ -291,22 +291,17 @@ def _level(side: str, noise: AxisNoise) -> dict[str, float]:
 def _closing(closing: result.Closing) -> dict[str, Any]:
     return {
         **sizes(closing),
-        **rounded(
-            {
-                "source_error_before_m": closing.source_error_before_m,
-                "source_error_after_m": closing.source_error_after_m,
-            }
-        ),
+        **rounded(attributes(closing, "source_error_before_m", "source_error_after_m")),
         "source_error_simulation": _source_error(closing.simulation_source),
         "source_error_recording": _source_error(closing.recording_source),
         "source_error_mended": _source_error(closing.mended_source),
-        "steps": [{"added": step.added, **rounded({"left": step.left})} for step in closing.steps],
+        "steps": [rounded(attributes(step, "added", "left")) for step in closing.steps],
         "left": closing.left,
     }
 
 
 def _source_error(error: result.SourceError | None) -> dict[str, Any] | None:
-    return None if error is None else {"median_m": error.median_m, "interval_m": list(error.interval_m)}
+    return None if error is None else attributes(error, "median_m", "interval_m")
 
 
 def _figure(figure: result.Figure) -> dict[str, Any]:
@@ -318,12 +313,10 @@ def _figure(figure: result.Figure) -> dict[str, Any]:
         "recording_standard_error": figure.recording_error,
     }
     return {
-        "group": figure.group,
-        "name": figure.name,
+        **attributes(figure, "group", "name"),
         "unit": unit,
         **rounded({name: factor * value for name, value in values.items()}),
-        **rounded({"standard_errors": figure.standard_errors}),
-        "standing": figure.standing,
+        **rounded(attributes(figure, "standard_errors", "standing")),
     }
 
 
