@@ -18,6 +18,9 @@ from tam_calibration.model.units import TESLA_PER_FIELD_UNIT
 FieldUnit = Literal["", "T", "mT", "uT", "nT", "G", "mG"]
 """Unit of a field; empty where it is not stated."""
 
+World = Literal["enu", "ned"]
+"""Axes of the world of an attitude or a position."""
+
 CHANNEL_WIDTHS = {"scalar": 1, "attitude": 4, "gyroscope": 3, "temperature": 1, "current": 1, "position": 3}
 """Values of each channel that a recording contains beside its sensors."""
 
@@ -61,7 +64,7 @@ class Pick(Document):
     unit: FieldUnit = ""
     scale_nT: Annotated[float, Bounds(above=0)] | None = None
     type: str = ""
-    world: Literal["enu", "ned"] = "enu"
+    world: World = "enu"
 
     def __post_init__(self) -> None:
         """Check that a unit is stated once."""

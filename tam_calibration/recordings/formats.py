@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from functools import cache
 from importlib.metadata import entry_points
 from os import path as paths
@@ -81,21 +81,24 @@ def open_files(files: list[Path], channel_map: ChannelMap | None = None) -> Iter
     InputError
         When one is missing, damaged or contains no rows.
     """
-    columns = []
-    with ExitStack() as stack:
-        for file in files:
-            source = stack.enter_context(_open_rows(file, channel_map))
-            with in_file(file):
-                columns.append(source.in_memory(file.name))
-        yield MemorySource(files[0].parent, f"{len(files)} files", columns)
-
-
-@contextmanager
-def _open_rows(file: Path, channel_map: ChannelMap | None) -> Iterator[RowSource]:
     alone = None if channel_map is None else ChannelMap(sensors=[Pick()], time=channel_map.time, text=channel_map.text)
-    with open_source(file, alone) as source:
-        if not isinstance(source, RowSource):
-            raise InputError(
-                f"{file} is a {source.format}: several files are joined only where each is a table of rows"
-            )
-        yield source
+    columns = []
+    for file in files:
+        with open_source(file, alone) as source, in_file(file):
+            columns.append(rows_of(source).in_memory(file.name))
+    yield MemorySource(files[0].parent, f"{len(files)} files", columns)
+
+
+def rows_of(source: Source) -> RowSource:
+    """Return a source that is one of several files.
+
+    Raises
+    ------
+    InputError
+        When it is no table of rows.
+    """
+    if not isinstance(source, RowSource):
+        raise InputError(
+            f"{source.path} is a {source.format}: several files are joined only where each is a table of rows"
+        )
+    return source

@@ -15,25 +15,18 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray
 from tam_calibration.recordings.channel_map import ChannelMap, Clock
-from tam_calibration.recordings.choice import (
-    Choice,
-    attitudes_in,
-    choose,
-    is_magnetic,
-    reason,
-    resolve,
-    unit_in,
-    vectors_in,
-)
-from tam_calibration.recordings.formats import open_source
+from tam_calibration.recordings.choice import Choice, choose, reason
+from tam_calibration.recordings.formats import open_source, rows_of
 from tam_calibration.recordings.inspected_map import completed_map, unit_doubt
 from tam_calibration.recordings.inspection_result import Course, InspectedChannel, InspectedTable, Inspection
 from tam_calibration.recordings.intake import field_size, likely_unit
 from tam_calibration.recordings.oddities import missing_of, of_readings, of_times, thinned, without_overlap
 from tam_calibration.recordings.reading import Reading
+from tam_calibration.recordings.resolving import resolve
 from tam_calibration.recordings.series import Series, read_messages, read_rows
 from tam_calibration.recordings.tables import Columns, MemorySource, Source, Wanted
 from tam_calibration.recordings.text_source import RowSource
+from tam_calibration.recordings.vectors import attitudes_in, is_magnetic, unit_in, vectors_in
 
 _STROKES = 1000
 """Parts of a channel's course of which the smallest and the largest value are kept, so that a spike is seen."""
@@ -100,10 +93,7 @@ def inspect(
 def _require_together(files: Sequence[Path], sources: Sequence[Source]) -> None:
     """Check that several files can be one recording."""
     for file, source in zip(files, sources, strict=True):
-        if not isinstance(source, RowSource):
-            raise InputError(
-                f"{file} is a {source.format}: several files are joined only where each is a table of rows"
-            )
+        rows_of(source)
         if file.resolve().parent != files[0].resolve().parent:
             raise InputError(f"{file} lies in another folder than {files[0]}: put the files of a recording into one")
     if len({file.name for file in files}) < len(files):

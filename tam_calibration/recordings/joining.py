@@ -88,12 +88,10 @@ class Streams:
     @cached_property
     def layout(self) -> SampleLayout:
         """The columns of a sample."""
-        sensors = sum(not is_channel(name) for name in self.wanted)
-        channels = [name in self.wanted for name in CHANNEL_WIDTHS]
-        order = ("scalar", "temperature", "current", "attitude", "gyroscope", "position")
-        present = dict(zip(CHANNEL_WIDTHS, channels, strict=True))
-        further = tuple(name for name in self.wanted if is_channel(name) and name not in CHANNEL_WIDTHS)
-        return SampleLayout(sensors, *(present[name] for name in order), further=further)
+        channels = [name for name in self.wanted if is_channel(name)]
+        known = {name: True for name in channels if name in CHANNEL_WIDTHS}
+        further = tuple(name for name in channels if name not in CHANNEL_WIDTHS)
+        return SampleLayout(len(self.wanted) - len(channels), **known, further=further)
 
     @property
     def scalar_is_held(self) -> bool:

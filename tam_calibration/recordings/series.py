@@ -10,9 +10,9 @@ from tam_calibration.messages.message_fields import stamp_fields, stamps_of
 from tam_calibration.messages.samples import Progress
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, IntArray
-from tam_calibration.recordings.choice import is_bookkeeping
 from tam_calibration.recordings.tables import MemorySource, Source, Table, Wanted
 from tam_calibration.recordings.text_source import RowSource, joined_cells
+from tam_calibration.recordings.vectors import is_bookkeeping
 
 _MOST_NUMBERS = 1 << 26
 """Numbers that are kept: 512 MB. They are those of 1.5 GB of messages; the rest of a larger recording is not read."""

@@ -29,8 +29,9 @@ from tam_calibration.recordings import (
 from tam_calibration.recordings.bag_reader import open_bag, raw_blocks, raw_messages
 from tam_calibration.recordings.bag_source import BagSource
 from tam_calibration.recordings.bag_writing import BlockWriter
-from tam_calibration.recordings.choice import choose, resolve
+from tam_calibration.recordings.choice import choose
 from tam_calibration.recordings.joining import PATIENCE_NS
+from tam_calibration.recordings.resolving import resolve
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 FIELD, FLOAT64, TEXT = "sensor_msgs/msg/MagneticField", "std_msgs/msg/Float64", "std_msgs/msg/String"
