@@ -186,15 +186,15 @@ def _one_of(kind: Any, value: Any, place: str, faults: list[str]) -> Any:
         return None
     if len(kinds) > 1 and all(is_dataclass(each) for each in kinds):
         return _of_kind(kinds, value, place, faults)
-    told = []
+    failed = []
     for each in kinds:
         own: list[str] = []
         read = _value(each, value, place, own)
         if not own:
             return read
-        told.append(own)
+        failed.append(own)
     # A list or a mapping was meant for what takes one.
-    faults += told[-1] if isinstance(value, list | Mapping) else told[0]
+    faults += failed[-1] if isinstance(value, list | Mapping) else failed[0]
     return None
 
 

@@ -19,8 +19,8 @@ def in_file(path: Path | str) -> Iterator[None]:
     try:
         yield
     except InputError as problem:
-        told = str(problem)
-        raise InputError(told if told.startswith((f"{path} ", f"{path}:")) else f"{path}: {told}") from None
+        sentence = str(problem)
+        raise InputError(sentence if sentence.startswith((f"{path} ", f"{path}:")) else f"{path}: {sentence}") from None
 
 
 MOST_BYTES = 1 << 26
@@ -35,7 +35,7 @@ def require_regular(path: Path) -> None:
     Parameters
     ----------
     path : Path
-        A link stands for what it leads to.
+        A link is followed.
 
     Raises
     ------
@@ -116,8 +116,8 @@ def write_whole(path: Path) -> Iterator[Path]:
     InputError
         When the target cannot be written.
     """
-    with write_set([path]) as [beside]:
-        yield beside
+    with write_set([path]) as [temporary]:
+        yield temporary
 
 
 def write_text(path: Path, text: str) -> None:
@@ -128,8 +128,8 @@ def write_text(path: Path, text: str) -> None:
     InputError
         When it cannot be written.
     """
-    with write_whole(path) as beside:
-        beside.write_text(text, encoding="utf-8")
+    with write_whole(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
 
 
 def to_json(content: Mapping[str, Any]) -> str:

@@ -201,7 +201,7 @@ class Queue:
 
     @property
     def is_held(self) -> bool:
-        """Whether a message holds until the next."""
+        """Whether a message is valid until the next."""
         return isinstance(self.stream, HeldStream)
 
     @property
@@ -440,11 +440,11 @@ class Between:
     def of(cls, queue: Queue, keys: IntArray, asked: BoolArray) -> "Between":
         """Return what the messages of a queue tell of some of the samples."""
         stamps, order, values = queue.with_past()
-        told, after, weight = interpolated(stamps, values, keys[asked])
+        between, after, weight = interpolated(stamps, values, keys[asked])
         found = asked.copy()
         found[asked] = after < len(stamps)
         arrival = np.append(order, EARLIER)[after]
-        return cls(found, told, arrival, after[after < len(stamps)], weight)
+        return cls(found, between, arrival, after[after < len(stamps)], weight)
 
 
 def width_of(stream: Stream) -> int:

@@ -133,7 +133,7 @@ def interleave(parts: Sequence[RawMessages], places: Sequence[IntArray]) -> RawM
     return join(parts).take(np.argsort(np.concatenate(places), kind="stable"))
 
 
-_BODY = 4
+BODY = 4
 """Bytes before the message, which tell the byte order; alignment counts from here."""
 
 _ByteOrder = Literal["<", ">"]
@@ -144,11 +144,11 @@ _KINDS: dict[_ByteOrder, int] = {"<": 0x0100, ">": 0x0000}
 _HEAD = np.dtype([("seconds", "i4"), ("nanoseconds", "u4"), ("length", "u4")])
 """Stamp, and length of the frame's name."""
 
-FRAME_ID = _BODY + _HEAD.itemsize
+FRAME_ID = BODY + _HEAD.itemsize
 """Where a serialised message has the name of its frame, a zero at its end."""
 
-_HEADS = {_KINDS[order].to_bytes(2, "little"): (order, struct.Struct(f"{order}iII")) for order in _KINDS}
-"""Byte order and head by the first two bytes of a message."""
+_ORDERS = {kind.to_bytes(2, "little"): order for order, kind in _KINDS.items()}
+"""Byte orders by the first two bytes of a message."""
 
 _DAMAGED = "a message is damaged: it is too short, or not in the serialisation CDR"
 
@@ -172,11 +172,11 @@ def read_stamped_doubles(messages: RawMessages, count: int) -> tuple[IntArray, F
     """
     stamps, values = np.empty(len(messages), dtype=np.int64), np.empty((len(messages), count))
     for chosen, part, order in _by_byte_order(messages):
-        head = _take(part, _BODY, _HEAD.itemsize).view(_HEAD.newbyteorder(order))
+        head = _take(part, BODY, _HEAD.itemsize).view(_HEAD.newbyteorder(order))
         seconds, nanoseconds = head["seconds"].astype(np.int64), head["nanoseconds"]
         is_time = (seconds >= 0) & (nanoseconds < 1_000_000_000)
         stamps[chosen] = np.where(is_time, seconds * 1_000_000_000 + nanoseconds, NO_TIME)
-        begin = _BODY + (_HEAD.itemsize + head["length"].astype(np.int64) + 7 & -8)
+        begin = BODY + (_HEAD.itemsize + head["length"].astype(np.int64) + 7 & -8)
         values[chosen] = _take(part, begin, 8 * count).view(f"{order}f8").reshape(-1, count)
     return stamps, values
 
@@ -191,7 +191,7 @@ def read_float64s(messages: RawMessages) -> tuple[None, FloatArray]:
     """
     values = np.empty((len(messages), 1))
     for chosen, part, order in _by_byte_order(messages):
-        values[chosen, 0] = _take(part, _BODY, 8).view(f"{order}f8")
+        values[chosen, 0] = _take(part, BODY, 8).view(f"{order}f8")
     return None, values
 
 
@@ -210,14 +210,32 @@ def read_stamp_and_doubles(message: bytes, count: int) -> tuple[int, tuple[float
     InputError
         When the message is truncated or not plain CDR, or its stamp is no time.
     """
+    seconds, nanoseconds, length = unpack_from(message, "iII", BODY)
+    begin = BODY + (_HEAD.itemsize + length + 7 & -8)
+    return stamp_of(seconds, nanoseconds), unpack_from(message, f"{count}d", begin)
+
+
+def unpack_from(message: bytes, kinds: str, place: int) -> tuple[Any, ...]:
+    """Return the numbers at a place of one message.
+
+    Parameters
+    ----------
+    message : bytes
+        Serialised.
+    kinds : str
+        Of the numbers, as `struct` names them.
+    place : int
+        Bytes before them, the byte order included.
+
+    Raises
+    ------
+    InputError
+        When the message is truncated or not plain CDR.
+    """
     try:
-        order, head = _HEADS[message[:2]]
-        seconds, nanoseconds, length = head.unpack_from(message, _BODY)
-        begin = _BODY + (head.size + length + 7 & -8)
-        values = struct.unpack_from(f"{order}{count}d", message, begin)
+        return struct.unpack_from(_ORDERS[message[:2]] + kinds, message, place)
     except (KeyError, struct.error):
         raise InputError(_DAMAGED) from None
-    return stamp_of(seconds, nanoseconds), values
 
 
 def stamp_of(first: int, nanoseconds: int | None = None) -> int:
@@ -243,10 +261,7 @@ def read_frame_id(message: bytes) -> str:
     InputError
         When the message is truncated or not plain CDR.
     """
-    try:
-        *_, length = _HEADS[message[:2]][1].unpack_from(message, _BODY)
-    except (KeyError, struct.error):
-        raise InputError(_DAMAGED) from None
+    *_, length = unpack_from(message, "iII", BODY)
     return message[FRAME_ID : FRAME_ID + length].rstrip(b"\0").decode(errors="replace")
 
 
@@ -258,11 +273,8 @@ def read_float64(message: bytes) -> float:
     InputError
         When the message is truncated or not plain CDR.
     """
-    try:
-        value: float = struct.unpack_from(f"{_HEADS[message[:2]][0]}d", message, _BODY)[0]
-    except (KeyError, struct.error):
-        raise InputError(_DAMAGED) from None
-    return value
+    (value,) = unpack_from(message, "d", BODY)
+    return float(value)
 
 
 def _by_byte_order(messages: RawMessages) -> Iterator[tuple[slice | NDArray[np.bool_], RawMessages, _ByteOrder]]:
@@ -305,5 +317,5 @@ def fill(template: bytes, from_end: int, values: FloatArray, stamps_ns: IntArray
     copies[:, start : start + 8 * values.shape[1]] = np.ascontiguousarray(values, "<f8").view(np.uint8)
     if stamps_ns is not None:
         stamp = np.column_stack(np.divmod(stamps_ns, 1_000_000_000)).astype("<i4")
-        copies[:, _BODY : _BODY + 8] = stamp.view(np.uint8)
+        copies[:, BODY : BODY + 8] = stamp.view(np.uint8)
     return copies

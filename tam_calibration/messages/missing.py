@@ -168,13 +168,13 @@ class Missing:
 
     def mostly(self) -> dict[str, str]:
         """Return a sentence for each stream that lacks more than half of its readings, with the reasons."""
-        told = {}
+        sentences = {}
         for stream, received in self.received.items():
             if self.of(stream) > MOST_MISSING * received:
                 reasons = "; ".join(self._sentence(*key) for key in self.counts if key[0] == stream)
                 hint = ": do these have another unit?" if 2 * self.counts.get((stream, FAR), 0) > received else ""
-                told[stream] = f"more than half of the readings of {in_words(stream)} are missing: {reasons}{hint}"
-        return told
+                sentences[stream] = f"more than half of the readings of {in_words(stream)} are missing: {reasons}{hint}"
+        return sentences
 
     def require_half(self) -> None:
         """Check that no sensor lacks more than half of its readings.

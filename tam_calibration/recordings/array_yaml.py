@@ -46,8 +46,8 @@ class ArrayFile(Document):
     scalar_position_m : [x, y, z], optional
         Where the scalar magnetometer sits when it is not at the centre.
     axis_offsets_m : list of three [x, y, z], optional
-        For each sensor where the elements of its axes x, y and z sit beside its position; ``tam calibrate --source``
-        finds them.
+        For each sensor the places of the elements of its axes x, y and z relative to its position;
+        ``tam calibrate --source`` finds them.
     intensity_nT : [low, high], optional
         What the intensity of the field can be in which the array is turned, where it is not the Earth's alone: that of
         a coil or a shielded room.
@@ -78,13 +78,14 @@ class ArrayFile(Document):
         Standard deviation of the recorded attitude about each axis; where it is stated, attitude is data of a fit. It
         must not come from an AHRS that uses these magnetometers.
     mounting_error_deg : float, optional
-        Standard deviation of how the attitude's sensor is turned against the array beside what ``imu_rotation_deg``
-        states; left out where that turn may be any.
+        Standard deviation of how the attitude's sensor is turned against the array, apart from what
+        ``imu_rotation_deg`` states; left out where that turn may be any.
     gyroscope : mapping, optional
         Of the gyroscope: ``noise_mdps_per_sqrt_Hz`` and ``bias_deg_per_s``. A recorded angular velocity is data of a
         fit with it or without.
     further_channels : list of str, optional
-        Currents and actuators beside ``current_A`` that the nodes listen to: ``current_2_A``, ``actuator_rudder``.
+        Currents and actuators in addition to ``current_A`` that the nodes subscribe to, such as ``current_2_A`` or
+        ``actuator_rudder``.
     notes, recording
         Anything; not read.
     """

@@ -16,7 +16,7 @@ def gather(messages: Iterable[tuple[int, int, bytes]], size: float = 0.0) -> Ite
     messages : iterable of (int, int, bytes)
         Number of the connection, time of recording in nanoseconds and serialised message.
     size : float
-        Bytes of a message with all that the file contains beside it.
+        Bytes of the file for each message.
     """
     rows: list[tuple[int, int, bytes]] = []
     bytes_gathered = 0

@@ -22,13 +22,13 @@ from tam_calibration.recordings.mcap_records import (
     MAGIC,
     STATISTICS,
     Topics,
+    complete_messages,
     crc_of_data,
     crc_of_summary,
     read_content,
     read_end,
     records,
     seal,
-    whole_messages,
 )
 
 _RECORD = np.dtype(
@@ -40,7 +40,7 @@ _MESSAGE, _CHUNK, _INDEX = 5, 6, 7
 """Kinds of records."""
 
 _SIZE_BEYOND_MESSAGE = 22
-"""Bytes of a record that its size counts beside the message."""
+"""Bytes of a record that its size counts in addition to the message."""
 
 _CHUNK_FIELDS = 40
 _CHECKSUM, _CHUNK_HEAD, _INDEX_HEAD = 9 + 24, 9 + _CHUNK_FIELDS, 15
@@ -73,7 +73,7 @@ class McapFile:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._chunks, topics, told = list[_Chunk](), Topics(), None
+        self._chunks, topics, stated = list[_Chunk](), Topics(), None
         with path.open("rb") as file:
             end = read_end(file)
             for kind, place, size in records(file, end.summary, end.place) if end and end.summary else ():
@@ -81,7 +81,7 @@ class McapFile:
                 if kind == CHUNK_INDEX:
                     self._chunks.append(_parse_chunk(read_content(file, place, size)))
                 elif kind == STATISTICS:
-                    told = int.from_bytes(read_content(file, place, size)[:8], "little")
+                    stated = int.from_bytes(read_content(file, place, size)[:8], "little")
         counts: Counter[int] = Counter()
         for chunk in self._chunks:
             counts.update({channel: length // 16 for channel, (_, length) in chunk.indices.items()})
@@ -90,7 +90,7 @@ class McapFile:
         self.message_count = counts.total()
         self.start_ns = min((chunk.start_ns for chunk in self._chunks if chunk.indices), default=0)
         self.end_ns = max((chunk.end_ns for chunk in self._chunks if chunk.indices), default=0)
-        self.is_indexed = counts.total() == told and counts.keys() <= known.keys()
+        self.is_indexed = counts.total() == stated and counts.keys() <= known.keys()
 
     def blocks(self, position: Mapping[int, int]) -> Iterator[tuple[RawMessages, int]]:
         """Yield the messages of each chunk that come before those of the next, as ``StoredFile`` asks.
@@ -98,7 +98,7 @@ class McapFile:
         Parameters
         ----------
         position : mapping of int to int
-            For the id of each wanted connection the number that stands for it in the messages.
+            For the id of each wanted connection its number in the messages.
         """
         chunks = [chunk for chunk in self._chunks if chunk.indices.keys() & position]
         chunks.sort(key=lambda chunk: (chunk.start_ns, chunk.place))
@@ -197,13 +197,13 @@ def condition_of(path: Path) -> Condition:
         found, written = crc_of_data(file, end)
         if found != written:
             raise Damaged(_named_damage(path))
-    return Condition.WHOLE if McapFile(path).is_indexed else Condition.NOT_INDEXED
+    return Condition.COMPLETE if McapFile(path).is_indexed else Condition.NOT_INDEXED
 
 
 def _named_damage(path: Path) -> str:
     """Return what is damaged in a file whose data do not fit their CRC."""
     faults: list[str] = []
-    deque(whole_messages(path, faults), maxlen=0)
+    deque(complete_messages(path, faults), maxlen=0)
     return "; ".join(faults[:NAMED]) or "it does not fit its CRC, though all messages do"
 
 

@@ -1,4 +1,4 @@
-"""Bags of every storage, folders and single files, opened alike, and their messages as they are stored."""
+"""Bags of every storage, folders and single files, and their serialised messages."""
 
 import logging
 from collections.abc import Iterator, Sequence

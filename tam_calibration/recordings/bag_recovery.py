@@ -73,7 +73,7 @@ class ReadableBag:
     Attributes
     ----------
     files : list of StoredFile
-        Its files, or what stands for them in a temporary folder, which goes with this object.
+        Its files, or their replacements in a temporary folder that is removed with this object.
     is_unfinished : bool
         Whether its recorder did not finish it.
     faults : tuple of str
@@ -89,10 +89,10 @@ class ReadableBag:
                     raise Damaged(f"{file.name} is missing")
             conditions = {storage_for(file).condition_of(file) for file in files}
         self.is_unfinished = Condition.UNFINISHED in conditions or (path.is_dir() and read_metadata(path) is None)
-        if conditions - {Condition.WHOLE}:
+        if conditions - {Condition.COMPLETE}:
             target = self._folder() / "bag"
             with _room_named(path):
-                self.faults = _write_whole(path, files, target, []).faults
+                self.faults = _write_complete(path, files, target, []).faults
             files = data_files(target)
         with damage_named(path):
             if self.faults and not self.is_unfinished:
@@ -169,7 +169,7 @@ def recover(path: Path, target: Path) -> Recovered:
     path : Path
         The bag, which may be unfinished or damaged, and is not changed.
     target : Path
-        The bag to write: a folder of the same storage, or a single file where its storage stands alone.
+        The bag to write: a folder of the same storage, or a single file where its storage has single files.
 
     Raises
     ------
@@ -181,17 +181,17 @@ def recover(path: Path, target: Path) -> Recovered:
     with unfinished(temporary_place()) as folder:
         with _room_named(path):
             files = _unpack(data_files(path), folder, faults)
-        return _write_whole(path, files, target, faults)
+        return _write_complete(path, files, target, faults)
 
 
-def _write_whole(path: Path, files: list[Path], target: Path, faults: list[str]) -> Recovered:
+def _write_complete(path: Path, files: list[Path], target: Path, faults: list[str]) -> Recovered:
     """Write the complete messages of the files of a bag, which may have been unpacked, to a new one."""
     from tam_calibration.recordings.bag_writing import write_bag
 
     faults.extend(f"{file.name} is missing" for file in files if not file.exists())
     count, first_ns, last_ns = 0, sys.maxsize, 0
     with write_bag(target, storage_of(path)) as writer:
-        for block in _whole_blocks(path, [file for file in files if file.exists()], writer, faults):
+        for block in _complete_blocks(path, [file for file in files if file.exists()], writer, faults):
             writer.write_block(block)
             count += len(block)
             first_ns = min(first_ns, int(block.recorded_ns.min()))
@@ -201,7 +201,7 @@ def _write_whole(path: Path, files: list[Path], target: Path, faults: list[str])
     return Recovered(count, first_ns, last_ns, tuple(faults))
 
 
-def _whole_blocks(path: Path, files: list[Path], writer: "BlockWriter", faults: list[str]) -> Iterator[RawMessages]:
+def _complete_blocks(path: Path, files: list[Path], writer: "BlockWriter", faults: list[str]) -> Iterator[RawMessages]:
     """Yield the complete messages of files, their connections made known to a writer."""
     from tam_calibration.recordings.bag_writing import copy_connection
 
@@ -210,7 +210,7 @@ def _whole_blocks(path: Path, files: list[Path], writer: "BlockWriter", faults: 
     others: Counter[str] = Counter()
 
     def usable(file: Path) -> Iterator[tuple[int, int, bytes]]:
-        for one, recorded_ns, content in storage_for(file).whole_messages(file, faults):
+        for one, recorded_ns, content in storage_for(file).complete_messages(file, faults):
             kind = one.topic, one.msgtype, serialisation_of(one)
             if not content:
                 left_out[f"empty messages of {one.topic}"] += 1

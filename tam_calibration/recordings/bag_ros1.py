@@ -46,7 +46,7 @@ class Ros1File:
         Parameters
         ----------
         position : mapping of int to int
-            For the id of each wanted connection the number that stands for it in the messages.
+            For the id of each wanted connection its number in the messages.
         """
         with Reader(self.path) as reader:
             for place, chunk in reader.chunks.items():
@@ -61,10 +61,10 @@ class Ros1File:
 
 def condition_of(path: Path) -> Condition:
     """Return how a file was left, as ``Storage`` asks: opening it tells more."""
-    return Condition.WHOLE
+    return Condition.COMPLETE
 
 
-def whole_messages(path: Path, faults: list[str]) -> Iterator[tuple[Connection, int, bytes]]:
+def complete_messages(path: Path, faults: list[str]) -> Iterator[tuple[Connection, int, bytes]]:
     """Refuse to recover a bag of ROS 1, which has tools of its own."""
     raise InputError(f"it is a bag of ROS 1: `rosbag reindex {path.name}` repairs a missing index")
 

@@ -106,7 +106,7 @@ class BagSource:
         paths, is_stamped = fields.paths, bool(stamp_fields(connection.msgtype, fields.paths))
         frames: tuple[str, ...] = ()
         first = RawMessages.of([], [], [])
-        with suppress(InputError):  # damage is told when the messages are read
+        with suppress(InputError):  # damage is reported when the messages are read
             first = self._first_messages(topic)
             frames = _frames(first) if fields.begins_with_header else ()
             paths = fields.expanded(first) if fields.has_sequences else paths

@@ -1,4 +1,4 @@
-"""The intensity that a base station records, in place of a scalar magnetometer beside the array."""
+"""The intensity that a base station records, in place of a scalar magnetometer on the array."""
 
 from dataclasses import replace
 from functools import lru_cache

@@ -22,7 +22,7 @@ World = Literal["enu", "ned"]
 """Axes of the world of an attitude or a position."""
 
 CHANNEL_WIDTHS = {"scalar": 1, "attitude": 4, "gyroscope": 3, "temperature": 1, "current": 1, "position": 3}
-"""Values of each channel that a recording contains beside its sensors."""
+"""Values of each channel that a recording contains in addition to its sensors."""
 
 
 class Pick(Document):
@@ -249,7 +249,7 @@ def read_map(path: str | Path) -> ChannelMap:
     Parameters
     ----------
     path : str or Path
-        The YAML file; files that it names lie beside the recording.
+        The YAML file; files that it names lie next to the recording.
 
     Raises
     ------

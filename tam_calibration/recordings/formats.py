@@ -20,7 +20,7 @@ GROUP = "tam_calibration.readers"
 log = logging.getLogger(__name__)
 
 _BEGINNING = 64
-"""Bytes by which formats are told."""
+"""Bytes by which a format is recognised."""
 
 
 @cache
@@ -31,14 +31,14 @@ def _readers() -> tuple[Reader, ...]:
         try:
             found.append(point.load()())
         except Exception as problem:  # the code of another package may raise anything when it is imported
-            told = "the reader %s of %s cannot be loaded (%s), and is left out: repair or remove its package"
-            log.warning(told, point.name, point.value, problem)
+            message = "the reader %s of %s cannot be loaded (%s), and is left out: repair or remove its package"
+            log.warning(message, point.name, point.value, problem)
     return (*found, TextReader())
 
 
 @contextmanager
 def open_source(path: Path, channel_map: ChannelMap | None = None) -> Iterator[Source]:
-    """Open a recording of whatever format, or the files that a map names beside it.
+    """Open a recording of whatever format, or the files next to it that a map names.
 
     Parameters
     ----------

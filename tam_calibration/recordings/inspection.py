@@ -203,7 +203,7 @@ class _Inspecting:
         return tuple(dict.fromkeys(filter(None, [*self.choice.doubts, *self._fault, *faults, *units, *apart])))
 
     def _has_sure_unit(self, stream: str) -> bool:
-        """Whether a unit holds as it is stated, by our own names or those of columns, and not by a type alone."""
+        """Whether the stated unit is reliable: stated by our own names or those of columns, not only by a type."""
         chosen = self.choice.channel_map
         return self.choice.is_own or (chosen is not None and chosen.streams[stream].unit != "")
 
@@ -255,7 +255,7 @@ def _chosen(source: Source, array: Array | None) -> Choice:
 
 
 def _resolved(source: Source, channel_map: ChannelMap | None) -> tuple[dict[str, Wanted], Clock, tuple[str, ...]]:
-    """Return the table and the fields of each stream, the clock of all, and why they cannot be told."""
+    """Return the table and the fields of each stream, the clock of all, or why they are not known."""
     if channel_map is None:
         return {}, "stamp", ()
     try:

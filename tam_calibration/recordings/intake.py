@@ -68,7 +68,7 @@ class Intake:
 
     @property
     def is_detected(self) -> bool:
-        """Whether its unit was told by the size of the field."""
+        """Whether its unit was detected by the size of the field."""
         return self.unit not in ("", self._pick.unit, self._doubtful)
 
     @property
@@ -212,10 +212,10 @@ def likely_unit(size: float, stated: str, bounds: FieldBounds) -> str:
 
 def size_doubt(stream: str, size: float) -> str:
     """Return why a field of a size without a unit cannot be read, and what to state."""
-    told = f"{in_words(stream)} reads a field of"
+    subject = f"{in_words(stream)} reads a field of"
     if _is_normalised(size):
-        return f"{told} 1, which seems to be normalised: state scale_nT, the true field, in the map"
-    return f"{told} about {size:.3g}, in no unit the Earth's: state unit or scale_nT in the map"
+        return f"{subject} 1, which seems to be normalised: state scale_nT, the true field, in the map"
+    return f"{subject} about {size:.3g}, in no unit the Earth's: state unit or scale_nT in the map"
 
 
 def _is_normalised(size: float) -> bool:

@@ -164,9 +164,9 @@ class Joining:
 
     def _rows(self, progress: Progress) -> Iterator[tuple[IntArray, FloatArray]]:
         held: tuple[IntArray, FloatArray] | None = None
-        is_told = self.streams.clock == "stamp"
+        is_reported = self.streams.clock == "stamp"
         for batch in self.source.batches(self.streams.wanted, self.streams.clock, progress):
-            is_told = is_told or self._tell_jitter(batch)
+            is_reported = is_reported or self._report_jitter(batch)
             usable = {name: self._usable(name, messages) for name, messages in batch.items()}
             joined = self._kept(*self._synchroniser.push_batch(usable))
             if held is not None and len(joined[0]):
@@ -182,7 +182,7 @@ class Joining:
             held = self._timed(*last)
         if held is not None:
             yield held
-        self._tell()
+        self._report()
 
     def _require_samples(self) -> None:
         synchroniser = self._synchroniser
@@ -195,8 +195,8 @@ class Joining:
             "compare the stamps: do the drivers share one clock?"
         )
 
-    def _tell_jitter(self, batch: Mapping[str, StreamMessages]) -> bool:
-        """Warn that times are those of the recorder, and of how even they are; return whether they tell that."""
+    def _report_jitter(self, batch: Mapping[str, StreamMessages]) -> bool:
+        """Warn that times are those of the recorder, and of how even they are; return whether that was possible."""
         first = batch.get(sensor_stream(1))
         if first is None or first.stamps_ns is None or len(first.stamps_ns) < 3:
             return False
@@ -209,7 +209,7 @@ class Joining:
         )
         return True
 
-    def _tell(self) -> None:
+    def _report(self) -> None:
         """Log the steps of clocks, and what was lost."""
         synchroniser = self._synchroniser
         for step in synchroniser.steps:
@@ -252,15 +252,15 @@ class Joining:
             self._first_ns = int(stamps[0])
         if self._window.is_all:
             return messages
-        inside = self._window.holds(stamps, self._first_ns if self._first_ns is not None else int(stamps[0]))
+        inside = self._window.contains(stamps, self._first_ns if self._first_ns is not None else int(stamps[0]))
         return messages if inside.all() else messages.take(inside)
 
     def _kept(self, stamps_ns: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
         """Return stamps and values of the samples that are wanted: the complete ones, or all."""
         if self._with_partial or not self._synchroniser.partial:
             return stamps_ns, values
-        is_whole = np.isfinite(values[:, : 3 * self._synchroniser.sensor_count]).all(axis=1)
-        return stamps_ns[is_whole], values[is_whole]
+        is_complete = np.isfinite(values[:, : 3 * self._synchroniser.sensor_count]).all(axis=1)
+        return stamps_ns[is_complete], values[is_complete]
 
     def _timed(self, stamps_ns: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
         """Return stamps, and rows that begin with the time in the run: the stamp, without the steps back.

@@ -70,9 +70,9 @@ class Series:
         """Return the values (n, fields) of some fields."""
         places = [self.places[field] for field in fields]
         first = places[0]
-        # Fields beside each other, as those of a vector are, are not copied.
-        beside = places == list(range(first, first + len(places)))
-        return self.values[:, first : first + len(places)] if beside else self.values[:, places]
+        # Neighbouring fields, such as those of a vector, are not copied.
+        are_neighbours = places == list(range(first, first + len(places)))
+        return self.values[:, first : first + len(places)] if are_neighbours else self.values[:, places]
 
 
 def read_rows(source: RowSource, name: str, progress: Progress) -> Series:

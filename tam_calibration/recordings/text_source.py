@@ -44,6 +44,8 @@ _LARGE = 1 << 21
 NO_TIME_RATE_HZ = 1.0
 """Rate that rows without a time are given: a fit of the errors needs none."""
 
+_NO_TIME = "without a time, rows count as 1 s apart and rates mean nothing: state time: {rate_hz: …} in a map"
+
 
 class RowSource:
     """Rows that each hold the readings of one moment.
@@ -77,7 +79,7 @@ class RowSource:
         self.has_header = has_header
         self.time_column, self.time_unit = self._time(time, numeric)
         self.rate_hz = time.rate_hz
-        self._told: set[str] = set()
+        self._reported: set[str] = set()
         fields = tuple(name for name in numeric if name != self.time_column)
         self.tables: Sequence[Table] = [Table("", fields, is_stamped=True, columns=self._columns)]
 
@@ -126,14 +128,8 @@ class RowSource:
             Number of rows.
         """
         if cells is None:
-            remark = (
-                ()
-                if self.rate_hz
-                else (
-                    "without a time, rows count as 1 s apart and rates mean nothing: state time: {rate_hz: …} in a map",
-                )
-            )
-            return Times(even_times(count, self.rate_hz or NO_TIME_RATE_HZ), np.ones(count, dtype=bool), remark)
+            stamps_ns = even_times(count, self.rate_hz or NO_TIME_RATE_HZ)
+            return Times(stamps_ns, np.ones(count, dtype=bool), () if self.rate_hz else (_NO_TIME,))
         if isinstance(cells, np.ndarray) and cells.dtype.kind == "f":
             stamps, unit = stamps_of_numbers(cells, self.time_unit if self.time_unit in PER_SECOND else "")
             self.time_unit = unit
@@ -145,8 +141,8 @@ class RowSource:
     def tell(self, times: Times) -> None:
         """Warn of what was repaired of times, once."""
         for remark in times.remarks:
-            if remark not in self._told:
-                self._told.add(remark)
+            if remark not in self._reported:
+                self._reported.add(remark)
                 log.warning("%s: %s", self.path, remark)
 
     def in_memory(self, name: str) -> Columns:
@@ -196,13 +192,8 @@ class TextSource(RowSource):
     def _is_time(self, column: str, is_numeric: bool) -> bool:
         cells = [row[self._columns.index(column)] for row in self.dialect.sample]
         if is_numeric:
-            values = np.array(
-                [
-                    float(cell.replace(self.dialect.decimal, "."))
-                    for cell in cells
-                    if is_number(cell, self.dialect.decimal)
-                ]
-            )
+            sign = self.dialect.decimal
+            values = np.array([float(cell.replace(sign, ".")) for cell in cells if is_number(cell, sign)])
             return len(values) > 2 and bool((np.diff(values) >= 0).mean() > 0.98) and values[-1] > values[0]
         try:
             stamps_of_words(cells, "")
@@ -300,20 +291,17 @@ def _values_of(column: "pyarrow.DoubleArray") -> FloatArray:
 
 def _by_numpy(text: str, dialect: Dialect, columns: Sequence[int]) -> FloatArray:
     lines = [line for line in text.split("\n") if line.strip()]
-    width = len(dialect.names)
+    cut = None if dialect.delimiter == " " else dialect.delimiter
     if '"' in text:
-        rows = [cells_of(line, dialect.delimiter) for line in lines]
-        is_ragged = any(len(row) != width for row in rows)
+        widths = (len(cells_of(line, dialect.delimiter)) for line in lines)
     else:
-        cut = None if dialect.delimiter == " " else dialect.delimiter
-        is_ragged = any((len(line.split()) if cut is None else line.count(cut) + 1) != width for line in lines)
-    if is_ragged:
+        widths = (len(line.split()) if cut is None else line.count(cut) + 1 for line in lines)
+    if any(width != len(dialect.names) for width in widths):
         raise ValueError
     if dialect.decimal == ",":
         lines = [line.replace(",", ".") for line in lines]
-    delimiter = None if dialect.delimiter == " " else dialect.delimiter
     try:
-        return np.loadtxt(lines, delimiter=delimiter, usecols=columns, ndmin=2, comments=None, quotechar='"')
+        return np.loadtxt(lines, delimiter=cut, usecols=columns, ndmin=2, comments=None, quotechar='"')
     except ValueError:
         return np.array([_row(line, dialect.delimiter, columns) for line in lines])
 
@@ -398,7 +386,7 @@ class TextReader:
     """Opens delimited text: the reader of whatever no other recognises."""
 
     def recognises(self, path: Path, beginning: bytes) -> bool:
-        """Return whether it is a file; what is no text is told when it is opened."""
+        """Return whether it is a file; whether it is text shows when it is opened."""
         return path.is_file()
 
     @contextmanager

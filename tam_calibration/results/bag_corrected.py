@@ -49,7 +49,7 @@ def write_bag_corrected(
         The results and their stamps, piece by piece; one at least.
     source : Path, optional
         Bag of the raw readings, whose storage is kept and whose other topics are carried over unchanged; each
-        result stands behind the reading of sensor 1 that it came from, or of the sensor that stood in for it.
+        result follows the reading of sensor 1 that it came from, or of the sensor that replaced it.
     progress : callable
         Called now and then with the bytes of the source that were carried over, and how many there are.
     how : Reading

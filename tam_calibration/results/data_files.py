@@ -26,7 +26,7 @@ from tam_calibration.recordings.recording_file import read_pieces, read_samples
 
 def _write_blocks(path: Path, names: Sequence[str], blocks: Iterable[FloatArray]) -> None:
     """Write a table of blocks of rows, with the shortest decimals that read back as the same numbers."""
-    with write_whole(path) as beside, beside.open("w", encoding="utf-8", newline="\n") as file:
+    with write_whole(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
         file.write(",".join(names) + "\n")
         for rows in blocks:
             file.writelines(",".join(map(repr, row)) + "\n" for row in np.asarray(rows, dtype=float).tolist())

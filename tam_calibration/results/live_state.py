@@ -60,8 +60,8 @@ def write_live_state(path: Path, state: LiveState, calibration: str) -> None:
     arrays["orientation"] = recursion.begin.errors.orientation
     content = BytesIO()
     np.savez(content, about=np.array(json.dumps(about)), **arrays)
-    with write_whole(path) as beside:
-        beside.write_bytes(_HEAD % crc32(content.getvalue()) + content.getvalue())
+    with write_whole(path) as temporary:
+        temporary.write_bytes(_HEAD % crc32(content.getvalue()) + content.getvalue())
 
 
 def read_live_state(path: Path, sensor_count: int) -> tuple[LiveState, str]:

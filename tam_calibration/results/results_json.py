@@ -163,7 +163,7 @@ def _noise(noise: AxisNoise) -> dict[str, Any]:
 
 
 def _checks(checks: Checks) -> dict[str, Any]:
-    """Return what departs from the twin, and each statistic of each row beside its range in the twin."""
+    """Return what departs from the twin, and each statistic of each row with its range in the twin."""
     last = len(checks.line_hz) - 1
     rows = [
         {
@@ -197,7 +197,7 @@ def _cause(cause: Cause) -> dict[str, Any]:
 
 
 def _sized(sized: Sized) -> dict[str, Any]:
-    """Return a size beside the largest known in nature, and who knows."""
+    """Return a size with the largest known in nature, and its source."""
     factor, unit = for_people(sized.limit.unit)
     values = rounded({"value": factor * abs(sized.value), "largest_known": factor * sized.limit.largest})
     return {"name": sized.name, **values, "unit": unit, "source": sized.limit.source}

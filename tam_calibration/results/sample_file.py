@@ -77,12 +77,14 @@ class SampleFile:
                 self.remark = f"{other} is of another node: this one has {self.path}"
                 return self.read()
             found = self._whole(content[len(self._head) :])
-            is_whole = content.startswith(self._head) and len(found) == (len(content) - len(self._head)) // self._size
-            if content and not is_whole:
+            is_complete = (
+                content.startswith(self._head) and len(found) == (len(content) - len(self._head)) // self._size
+            )
+            if content and not is_complete:
                 self._set_aside(content, found)
         except OSError as problem:
             raise self._cannot(problem) from problem
-        return found, is_whole
+        return found, is_complete
 
     def _content(self) -> bytes:
         if not self.path.exists():
@@ -131,8 +133,8 @@ class SampleFile:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             if self.path.is_file() and not self._is_own():
                 self.path.rename(name_aside(self.path))
-            with write_whole(self.path) as beside:
-                beside.write_bytes(self._head + self._packed(samples))
+            with write_whole(self.path) as temporary:
+                temporary.write_bytes(self._head + self._packed(samples))
         except (OSError, InputError) as problem:
             raise self._cannot(problem) from problem
 
