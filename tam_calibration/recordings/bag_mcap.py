@@ -18,8 +18,11 @@ from tam_calibration.recordings.bag_bounds import check_piece, unpack
 from tam_calibration.recordings.bag_damage import NAMED, Damaged
 from tam_calibration.recordings.bag_storages import Condition
 from tam_calibration.recordings.mcap_records import (
+    CHUNK,
     CHUNK_INDEX,
     MAGIC,
+    MESSAGE,
+    MESSAGE_INDEX,
     STATISTICS,
     Topics,
     complete_messages,
@@ -35,9 +38,6 @@ _RECORD = np.dtype(
     [("kind", "u1"), ("size", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log_ns", "<u8"), ("publish_ns", "<u8")]
 )
 """Fields before the serialised message in the record of a message."""
-
-_MESSAGE, _CHUNK, _INDEX = 5, 6, 7
-"""Kinds of records."""
 
 _SIZE_BEYOND_MESSAGE = 22
 """Bytes of a record that its size counts in addition to the message."""
@@ -130,7 +130,7 @@ class McapFile:
             raise Damaged("the index of a chunk does not fit the chunk")
         heads = windows(block, _RECORD.itemsize)[record].view(_RECORD)
         start, size = record + _RECORD.itemsize, heads["size"].astype(np.int64) - _SIZE_BEYOND_MESSAGE
-        is_message = (heads["kind"] == _MESSAGE) & (heads["channel"] == channel) & (np.diff(record, prepend=-1) > 0)
+        is_message = (heads["kind"] == MESSAGE) & (heads["channel"] == channel) & (np.diff(record, prepend=-1) > 0)
         if not is_message.all() or (size < 0).any() or (start + size > len(block)).any():
             raise Damaged("the index of a chunk does not fit the chunk")
         number = np.zeros(max(position) + 1, dtype=np.int64)
@@ -244,7 +244,7 @@ class McapBlockWriter(McapWriter):
         span = int(messages.recorded_ns.min()), int(messages.recorded_ns.max())
         begin = self.bio.tell()
         size, crc = len(content), crc32(content.data)
-        self.bio.write(struct.pack("<BQQQQIIQ", _CHUNK, _CHUNK_FIELDS + size, *span, size, crc, 0, size))
+        self.bio.write(struct.pack("<BQQQQIIQ", CHUNK, _CHUNK_FIELDS + size, *span, size, crc, 0, size))
         self.bio.write(content.data)
         end = self.bio.tell()
         indices = self._write_index(messages, offsets)
@@ -274,7 +274,7 @@ class McapBlockWriter(McapWriter):
             places.append((channel, self.bio.tell()))
             chosen = messages.connection == channel
             entries = np.column_stack([messages.recorded_ns[chosen], offsets[chosen]]).astype("<u8")
-            self.bio.write(struct.pack("<BQHI", _INDEX, 6 + entries.nbytes, channel, entries.nbytes))
+            self.bio.write(struct.pack("<BQHI", MESSAGE_INDEX, 6 + entries.nbytes, channel, entries.nbytes))
             self.bio.write(entries.data)
             self.channel_stats[channel] += len(entries)
         return places
@@ -283,7 +283,7 @@ class McapBlockWriter(McapWriter):
 def _lay_records(content: ByteArray, places: IntArray, messages: RawMessages) -> None:
     """Put the records of messages at their places in the content of a chunk."""
     heads = np.zeros(len(messages), _RECORD)
-    heads["kind"], heads["size"] = _MESSAGE, messages.size + _SIZE_BEYOND_MESSAGE
+    heads["kind"], heads["size"] = MESSAGE, messages.size + _SIZE_BEYOND_MESSAGE
     heads["channel"], heads["log_ns"] = messages.connection, messages.recorded_ns
     heads["publish_ns"] = messages.recorded_ns
     windows(content, _RECORD.itemsize)[places] = heads.view(f"V{_RECORD.itemsize}")

@@ -8,10 +8,10 @@ import numpy as np
 from rosbags.interfaces import Connection, MessageDefinitionFormat
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 
-from tam_calibration.messages.batch_stream import StreamMessages
 from tam_calibration.messages.cdr import RawMessages, read_float64s, read_stamped_doubles
 from tam_calibration.messages.message_fields import Definitions, MessageFields, stamp_fields
 from tam_calibration.messages.samples import Progress
+from tam_calibration.messages.stream_messages import StreamMessages
 from tam_calibration.messages.topics import FIELD_UNITS, FLOAT64, IMU, MAGNETIC_FIELD, TEMPERATURE
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, IntArray

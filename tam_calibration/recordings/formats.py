@@ -11,8 +11,9 @@ from pathlib import Path
 from tam_calibration.files.text_files import in_file, require_regular
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.recordings.channel_map import ChannelMap, Pick
+from tam_calibration.recordings.row_source import RowSource
 from tam_calibration.recordings.tables import MemorySource, Reader, Source
-from tam_calibration.recordings.text_source import RowSource, TextReader
+from tam_calibration.recordings.text_source import TextReader
 
 GROUP = "tam_calibration.readers"
 """Entry point group: name and class of each reader."""

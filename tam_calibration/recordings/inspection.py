@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from tam_calibration.files.text_files import in_file
-from tam_calibration.messages.missing import in_words
+from tam_calibration.messages.missing import HUGE, in_words
 from tam_calibration.messages.samples import Progress
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
@@ -23,16 +23,13 @@ from tam_calibration.recordings.intake import field_size, likely_unit
 from tam_calibration.recordings.oddities import missing_of, of_readings, of_times, thinned, without_overlap
 from tam_calibration.recordings.reading import Reading
 from tam_calibration.recordings.resolving import resolve
+from tam_calibration.recordings.row_source import RowSource
 from tam_calibration.recordings.series import Series, read_messages, read_rows
 from tam_calibration.recordings.tables import Columns, MemorySource, Source, Wanted
-from tam_calibration.recordings.text_source import RowSource
 from tam_calibration.recordings.vectors import attitudes_in, is_magnetic, unit_in, vectors_in
 
 _STROKES = 1000
 """Parts of a channel's course of which the smallest and the largest value are kept, so that a spike is seen."""
-
-_HUGE = 1e30
-"""Beyond it no number of any unit is a reading, and would leave nothing else to be seen in a picture."""
 
 
 def inspect(
@@ -176,7 +173,7 @@ class _Inspecting:
 
     def _course(self, series: Series, values: FloatArray) -> Course:
         """Return the smallest and the largest of many consecutive values; sentinels beyond any scale are left out."""
-        values = np.where(np.abs(values) < _HUGE, values, np.nan)
+        values = np.where(np.abs(values) < HUGE, values, np.nan)
         times_ns = series.times_ns
         time_s = np.arange(len(values)) * 1.0 if times_ns is None else (times_ns - self._begin_ns) / 1e9
         starts = np.arange(0, len(values), len(values) // _STROKES + 1)

@@ -17,10 +17,7 @@ _COUNTER_BITS = (8, 12, 16, 24)
 """Widths of converters whose readings overflow."""
 
 _JUMP = 0.75
-"""Of a counter's range: a larger step from reading to reading is an overflow, where the others are small."""
-
-_SMALL = 0.25
-"""Of a counter's range: what steps are at most without their overflows."""
+"""Of a counter's range: a larger step between readings is an overflow; other steps are below the rest of the range."""
 
 _OFF_STEP, _COUNTED = 0.05, 0.9
 """Part of a step by which counts may miss it, and least part of readings that are counts: chance makes a tenth."""
@@ -254,7 +251,7 @@ class Counter:
             jumps, span = np.abs(np.diff(raw[:, axis])), float(np.ptp(raw[:, axis])) if len(raw) else 0.0
             is_large = jumps >= _JUMP * span
             # The counter's range is between the span and, but for a step, its 1 / _JUMP: the rest is dear.
-            if is_large.sum() < 2 or jumps[~is_large].max(initial=0.0) > 1.1 * _SMALL / _JUMP * span:
+            if is_large.sum() < 2 or jumps[~is_large].max(initial=0.0) > 1.1 * (1 - _JUMP) / _JUMP * span:
                 continue
             # The steps of one axis alone: another may have a converter of its own. A few readings miss its least step.
             for step, bits in product({_step(raw[:, axis]), _step(raw)}, _COUNTER_BITS):
@@ -265,7 +262,7 @@ class Counter:
                 is_count = np.abs(jumps / step - np.round(jumps / step)) < _OFF_STEP
                 if (
                     is_count.mean() >= _COUNTED
-                    and np.where(is_overflow, np.abs(jumps - size), jumps).max() < _SMALL * size
+                    and np.where(is_overflow, np.abs(jumps - size), jumps).max() < (1 - _JUMP) * size
                 ):
                     axes[axis], sizes[axis] = bits, size
         counter = cls(axes, sizes)

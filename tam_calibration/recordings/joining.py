@@ -9,7 +9,6 @@ import numpy as np
 
 from tam_calibration.core.averaged_rates import AveragedRates
 from tam_calibration.correction.partial import missing_codes
-from tam_calibration.messages.batch_stream import StreamMessages
 from tam_calibration.messages.batch_synchroniser import BatchSynchroniser
 from tam_calibration.messages.cdr import NO_TIME
 from tam_calibration.messages.frames import expected_frames, other_frame
@@ -18,6 +17,7 @@ from tam_calibration.messages.point_cloud import SampleLayout, is_channel
 from tam_calibration.messages.run import Run
 from tam_calibration.messages.samples import Progress, Samples, seconds_of
 from tam_calibration.messages.stream import sensor_stream
+from tam_calibration.messages.stream_messages import StreamMessages
 from tam_calibration.messages.turning import turns_of
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array

@@ -27,9 +27,10 @@ from tam_calibration.recordings.joining import Joining, Streams
 from tam_calibration.recordings.reading import AS_IT_IS, Moment, Reading, Window
 from tam_calibration.recordings.recording_stream import RecordingStream
 from tam_calibration.recordings.resolving import resolve
+from tam_calibration.recordings.row_source import RowSource
 from tam_calibration.recordings.rows import RowJoining
 from tam_calibration.recordings.tables import Source
-from tam_calibration.recordings.text_source import FrameSource, RowSource
+from tam_calibration.recordings.text_source import FrameSource
 
 if TYPE_CHECKING:
     import pandas

@@ -39,8 +39,8 @@ class _Column:
 class RecordingStream:
     """The samples of a recording on disk, a ``SampleSource``.
 
-    No more than a block of them is in memory at once, except in `whole`. The temporary files take 8 bytes a number; their
-    folder is that of the environment variable TMPDIR.
+    No more than a block of them is in memory at once, except in `whole`. The temporary files take 8 bytes a number, in
+    the folder that the environment variable TMPDIR names.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.recordings.joining import Streams, samples_of
 from tam_calibration.recordings.reading import Reading
-from tam_calibration.recordings.text_source import RowSource, joined_cells
+from tam_calibration.recordings.row_source import RowSource, joined_cells
 from tam_calibration.recordings.times import Times
 
 _FEW = 0.5

@@ -10,8 +10,8 @@ from tam_calibration.messages.message_fields import stamp_fields, stamps_of
 from tam_calibration.messages.samples import Progress
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, IntArray
+from tam_calibration.recordings.row_source import RowSource, joined_cells
 from tam_calibration.recordings.tables import MemorySource, Source, Table, Wanted
-from tam_calibration.recordings.text_source import RowSource, joined_cells
 from tam_calibration.recordings.vectors import is_bookkeeping
 
 _MOST_NUMBERS = 1 << 26
