@@ -101,10 +101,8 @@ class _Field(Document):
 
     def to_gradient(self) -> AmbientGradientEstimate | None:
         """Return the gradient of the field in SI, where one was fitted."""
-        tensor, errors = self.gradient_nT_per_m, self.gradient_standard_error_nT_per_m
-        if tensor is None or errors is None:
-            return None
-        return AmbientGradientEstimate(from_nanotesla(np.array(tensor)), from_nanotesla(np.array(errors)))
+        *_, tensor, errors = in_si(self)
+        return None if tensor is None or errors is None else AmbientGradientEstimate(tensor, errors)
 
 
 class ResidualsFile(Document):

@@ -15,13 +15,13 @@ from tam_calibration.comparison.result import Mend, NoiseTerm
 from tam_calibration.comparison.snippets import gazebo_sdf, mujoco_mjcf, python_plugin
 from tam_calibration.correction.calibration import Provenance
 from tam_calibration.effects.library import check_numbers, effect_named, units_of
-from tam_calibration.files.quantities import Hertz, NanoteslaSize, value_to_write
+from tam_calibration.files.quantities import Hertz, NanoteslaSize, in_si, value_to_write
 from tam_calibration.files.schema import Bounds, Document, check, require_schema
 from tam_calibration.files.text_files import in_file, read_text, to_json, write_text
 from tam_calibration.files.yaml_document import dump_mapping, parse_mapping
 from tam_calibration.gap.noise import AxisNoise
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.units import for_people, from_nanotesla, to_nanotesla
+from tam_calibration.model.units import for_people, to_nanotesla
 from tam_calibration.results.calibration_schema import calibration_of
 from tam_calibration.results.calibration_yaml import calibration_to_mapping
 from tam_calibration.results.effects_schema import EffectFile, effect_to_mapping
@@ -130,16 +130,10 @@ class _Noise(Document):
             raise InputError("slow noise is stated by both knee_hz and exponent")
         if self.band_hz is not None and not self.band_hz[0] < self.band_hz[1]:
             raise InputError(f"band_hz must be a lower and a higher frequency, not {list(self.band_hz)}")
-        return NoiseTerm(
-            0 if self.sensor == "scalar" else self.sensor,
-            self.axis or "",
-            from_nanotesla(self.white_nT),
-            from_nanotesla(self.added_white_nT),
-            float("nan") if self.knee_hz is None else self.knee_hz,
-            float("nan") if self.exponent is None else self.exponent,
-            self.band_hz,
-            from_nanotesla(self.band_nT),
-        )
+        _, _, white_T, added_white_T, *_, band_T = in_si(self)
+        knee_hz, exponent = (float("nan") if each is None else each for each in (self.knee_hz, self.exponent))
+        sensor = 0 if self.sensor == "scalar" else self.sensor
+        return NoiseTerm(sensor, self.axis or "", white_T, added_white_T, knee_hz, exponent, self.band_hz, band_T)
 
 
 class _Mend(Document):
