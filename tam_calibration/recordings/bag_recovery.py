@@ -1,40 +1,28 @@
-"""Bags made readable: unpacked, checked, and what a recorder left unfinished written anew to a temporary folder."""
+"""Recovery of bags that are unfinished or damaged: their complete messages, read in place or written to a new bag."""
 
 import logging
 import sys
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
-from functools import lru_cache
-from glob import escape
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
-from weakref import finalize
+
+import numpy as np
 
 from tam_calibration.files.text_files import require_regular
 from tam_calibration.files.whole_files import temporary_place, unfinished
 from tam_calibration.messages.cdr import RawMessages
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.recordings.bag_blocks import gather
-from tam_calibration.recordings.bag_bounds import unpack_bounded, unpack_file
-from tam_calibration.recordings.bag_damage import NAMED, NO_ROOM, Damaged, damage_named
-from tam_calibration.recordings.bag_folder import PACKED, data_files, read_metadata
-from tam_calibration.recordings.bag_storages import (
-    READABLE,
-    Condition,
-    StoredFile,
-    serialisation_of,
-    storage_for,
-    storage_of,
-)
+from tam_calibration.recordings.bag_bounds import unpack_file
+from tam_calibration.recordings.bag_damage import NAMED, NO_ROOM, damage_named
+from tam_calibration.recordings.bag_folder import PACKED, data_files
+from tam_calibration.recordings.bag_storages import READABLE, serialisation_of, storage_for, storage_of
 
-if TYPE_CHECKING:  # bag_writing takes a third of a second to load, and most bags need no recovery
-    from tam_calibration.recordings.bag_writing import BlockWriter
-
-ZSTD_BEGINNING = b"\x28\xb5\x2f\xfd"
-"""First bytes of a message that was compressed by itself; no serialised message of ROS 2 begins so."""
-
+if TYPE_CHECKING:
+    from rosbags.interfaces import Connection
 
 log = logging.getLogger(__name__)
 
@@ -67,71 +55,54 @@ class Recovered:
         return f"{self.messages} complete messages are recovered, {ends}{''.join(f'; {each}' for each in lost)}"
 
 
-class ReadableBag:
-    """A bag as it can be read.
+class RecoveredFile:
+    """The complete messages of a file without an end or an index; each pass finds them anew.
 
-    Attributes
+    Parameters
     ----------
-    files : list of StoredFile
-        Its files, or their replacements in a temporary folder that is removed with this object.
-    is_unfinished : bool
-        Whether its recorder did not finish it.
-    faults : tuple of str
-        Parts that had to be left out then, as clauses.
+    path : Path
+        The file.
+    faults : list of str
+        Takes a clause for each part that is left out.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.faults: tuple[str, ...] = ()
-        with _room_named(path), damage_named(path):
-            files = self._unpacked(path)
-            for file in files:
-                if not file.exists():
-                    raise Damaged(f"{file.name} is missing")
-            conditions = {storage_for(file).condition_of(file) for file in files}
-        self.is_unfinished = Condition.UNFINISHED in conditions or (path.is_dir() and read_metadata(path) is None)
-        if conditions - {Condition.COMPLETE}:
-            target = self._folder() / "bag"
-            with _room_named(path):
-                self.faults = _write_complete(path, files, target, []).faults
-            files = data_files(target)
-        with damage_named(path):
-            if self.faults and not self.is_unfinished:
-                raise Damaged("; ".join(self.faults[:NAMED]))
-            self.files: list[StoredFile] = [storage_for(file).FILE(file) for file in files]
+    def __init__(self, path: Path, faults: list[str]) -> None:
+        self.path, self._storage = path, storage_for(path)
+        found: dict[int, Connection] = {}
+        counts, empty = Counter[int](), Counter[str]()
+        self.start_ns, self.end_ns = sys.maxsize, 0
+        for one, recorded_ns, content in self._storage.complete_messages(path, faults):
+            if not content:
+                empty[one.topic] += 1
+                continue
+            found[one.id] = one
+            counts[one.id] += 1
+            self.start_ns, self.end_ns = min(self.start_ns, recorded_ns), max(self.end_ns, recorded_ns)
+        faults += [f"empty messages of {topic}: {count} left out" for topic, count in empty.items()]
+        self.connections: Sequence[Connection] = [one._replace(msgcount=counts[one.id]) for one in found.values()]
+        self.message_count = counts.total()
 
-    def _unpacked(self, path: Path) -> list[Path]:
-        files = data_files(path)
-        return _unpack(files, self._folder()) if any(file.suffix == PACKED for file in files) else files
+    def blocks(self, position: Mapping[int, int]) -> Iterator[tuple[RawMessages, int]]:
+        """Yield messages as ``StoredFile`` asks.
 
-    def _folder(self) -> Path:
-        """Return a new temporary folder that is removed with this object, or at the end of the process."""
-        stack = ExitStack()
-        finalize(self, stack.close)
-        return stack.enter_context(unfinished(temporary_place()))
-
-
-def readable(path: Path) -> ReadableBag:
-    """Return a bag as it can be opened; it is unpacked and checked once for as long as its files stay as they are.
-
-    Raises
-    ------
-    InputError
-        When it is no bag, damaged, or nothing in it is complete.
-    """
-    require_regular(path)
-    parts = path.iterdir() if path.is_dir() else path.parent.glob(f"{escape(path.name)}*")
-    states = [(part.name, part.stat()) for part in parts if part.is_file()]
-    return _readable(path, tuple(sorted((name, state.st_size, state.st_mtime_ns) for name, state in states)))
-
-
-@lru_cache(maxsize=2)
-def _readable(path: Path, state: tuple[tuple[str, int, int], ...]) -> ReadableBag:
-    return ReadableBag(path)
+        Parameters
+        ----------
+        position : mapping of int to int
+            For the id of each wanted connection its number in the messages.
+        """
+        messages = self._storage.complete_messages(self.path, [])
+        wanted = (
+            (position[one.id], recorded_ns, content)
+            for one, recorded_ns, content in messages
+            if one.id in position and content
+        )
+        for block, size in gather(wanted, self.path.stat().st_size / self.message_count):
+            yield block.take(np.argsort(block.recorded_ns, kind="stable")), size
 
 
 @contextmanager
-def _room_named(path: Path) -> Iterator[None]:
-    """Turn a disk without room for the temporary files of a bag into a sentence."""
+def room_named(path: Path) -> Iterator[None]:
+    """Explain that a disk has no room for the temporary files of a bag."""
     try:
         yield
     except (OSError, InputError) as problem:
@@ -144,8 +115,18 @@ def _room_named(path: Path) -> Iterator[None]:
         ) from cause
 
 
-def _unpack(files: list[Path], folder: Path, faults: list[str] | None = None) -> list[Path]:
-    """Return the files of a bag, packed ones unpacked into a folder; where faults are listed as far as they go."""
+def unpacked(files: list[Path], folder: Path, faults: list[str] | None = None) -> list[Path]:
+    """Return the files of a bag, packed ones unpacked into a folder.
+
+    Parameters
+    ----------
+    files : list of Path
+        As they are in the bag.
+    folder : Path
+        Where they are unpacked.
+    faults : list of str, optional
+        Takes a clause for each file that is damaged and unpacked in part; without it that is an error.
+    """
     targets = []
     for file in files:
         target = folder / file.name.removesuffix(PACKED) if file.suffix == PACKED and file.exists() else file
@@ -176,55 +157,27 @@ def recover(path: Path, target: Path) -> Recovered:
     InputError
         When it is no bag, no message of it is complete, or the new one cannot be written.
     """
+    from tam_calibration.recordings.bag_reader import BagReader, raw_blocks
+    from tam_calibration.recordings.bag_writing import copy_connection, write_bag
+
     require_regular(path)
     faults: list[str] = []
     with unfinished(temporary_place()) as folder:
-        with _room_named(path):
-            files = _unpack(data_files(path), folder, faults)
-        return _write_complete(path, files, target, faults)
-
-
-def _write_complete(path: Path, files: list[Path], target: Path, faults: list[str]) -> Recovered:
-    """Write the complete messages of the files of a bag, which may have been unpacked, to a new one."""
-    from tam_calibration.recordings.bag_writing import write_bag
-
-    faults.extend(f"{file.name} is missing" for file in files if not file.exists())
-    count, first_ns, last_ns = 0, sys.maxsize, 0
-    with write_bag(target, storage_of(path)) as writer:
-        for block in _complete_blocks(path, [file for file in files if file.exists()], writer, faults):
-            writer.write_block(block)
-            count += len(block)
-            first_ns = min(first_ns, int(block.recorded_ns.min()))
-            last_ns = max(last_ns, int(block.recorded_ns.max()))
-        if not count:
+        with room_named(path):
+            files = unpacked(data_files(path), folder, faults)
+        faults += [f"{file.name} is missing" for file in files if not file.exists()]
+        with damage_named(path, may_recover=False):
+            bag = BagReader(path, [RecoveredFile(file, faults) for file in files if file.exists()])
+        readable = [one for one in bag.topics if serialisation_of(one) in READABLE]
+        if not readable:
             raise InputError(f"{path} is damaged or truncated: no message in it is complete")
-    return Recovered(count, first_ns, last_ns, tuple(faults))
-
-
-def _complete_blocks(path: Path, files: list[Path], writer: "BlockWriter", faults: list[str]) -> Iterator[RawMessages]:
-    """Yield the complete messages of files, their connections made known to a writer."""
-    from tam_calibration.recordings.bag_writing import copy_connection
-
-    copies: dict[tuple[str, str, str], int] = {}
-    left_out: Counter[str] = Counter()
-    others: Counter[str] = Counter()
-
-    def usable(file: Path) -> Iterator[tuple[int, int, bytes]]:
-        for one, recorded_ns, content in storage_for(file).complete_messages(file, faults):
-            kind = one.topic, one.msgtype, serialisation_of(one)
-            if not content:
-                left_out[f"empty messages of {one.topic}"] += 1
-            elif kind[2] not in READABLE:
-                others[f"messages of {one.topic} in {kind[2]}"] += 1
-            else:
-                if kind not in copies:
-                    copies[kind] = copy_connection(writer, one).id
-                is_packed = content.startswith(ZSTD_BEGINNING)
-                yield copies[kind], recorded_ns, unpack_bounded(content, "zstd", "a message") if is_packed else content
-
-    with damage_named(path, may_recover=False):
-        for file in files:
-            yield from (block for block, _ in gather(usable(file)))
-    faults.extend(f"{what}: {count} left out" for what, count in left_out.items())
-    for what, count in others.items():
-        log.warning("%s: %d %s are left out", path, count, what)
+        with write_bag(target, storage_of(path)) as writer:
+            ids = np.array([copy_connection(writer, one).id for one in readable])
+            for block in raw_blocks(bag, readable):
+                writer.write_block(replace(block, connection=ids[block.connection]))
+    for one in bag.topics:
+        if one not in readable:
+            what = f"{one.msgcount} messages of {one.topic} in {serialisation_of(one)}"
+            log.warning("%s: %s are left out", path, what)
+    count = sum(one.msgcount for one in readable)
+    return Recovered(count, bag.start_time, bag.start_time + bag.duration, tuple(faults))
