@@ -78,7 +78,7 @@ class Silence:
     def stand_in(self, after: int, horizon: int) -> JoinedStream | None:
         """Return the sensor that sets the pace while sensor 1 is silent: the first that is not dead.
 
-        A second sensor must have come as far: a single one that is ahead of all others has a clock of its own.
+        A second sensor must have come as far: a single one that is ahead of all others has a different clock.
 
         Parameters
         ----------

@@ -342,12 +342,12 @@ def _why_missing(stream: Stream, first: Stream, newest: Stream, patience_ns: int
     if losses.implausible + losses.unusable + losses.duplicate > losses.missing // 2:
         return f"{lacking}, most of whose messages cannot be used: {losses.explain()}"
     limit_ns = max(patience_ns, stream.timeline.reach_ns)
-    mend = "stopped, or their clocks differ; synchronise the clocks, or state delay_s in the array file"
+    advice = "stopped, or their clocks differ; synchronise the clocks, or state delay_s in the array file"
     behind_ns = newest.timeline.newest_ns - stream.timeline.newest_ns
     if behind_ns > limit_ns:
-        return f"{lacking}, whose newest stamp is {behind_ns / 1e9:.3g} s behind that of {newest.name}: it {mend}"
+        return f"{lacking}, whose newest stamp is {behind_ns / 1e9:.3g} s behind that of {newest.name}: it {advice}"
     ahead_ns = stream.timeline.newest_ns - first.timeline.newest_ns
     if ahead_ns > limit_ns:
-        return f"{lacking}, whose newest stamp is {ahead_ns / 1e9:.3g} s ahead of that of {first.name}: that {mend}"
+        return f"{lacking}, whose newest stamp is {ahead_ns / 1e9:.3g} s ahead of that of {first.name}: that {advice}"
     why = f"{losses.lost} were lost on the way" if losses.lost else "they have gaps, or come too late"
     return f"{lacking}, of which {losses.received} messages came: {why}; look at the load"

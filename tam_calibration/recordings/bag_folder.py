@@ -12,7 +12,7 @@ from tam_calibration.recordings.bag_storages import STORAGES
 METADATA = "metadata.yaml"
 
 PACKED = ".zstd"
-"""Suffix behind that of a file that is packed as a whole."""
+"""Suffix behind that of a packed file."""
 
 
 @dataclass(frozen=True)

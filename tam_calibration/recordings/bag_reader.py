@@ -253,10 +253,10 @@ def _unpacked(messages: RawMessages) -> RawMessages:
     for each, size in zip(packed, sizes, strict=True):
         check_piece(len(each), size, "a message")
     check_piece(int(messages.size.sum()), sum(sizes), f"a block of {len(packed)} messages")
-    whole: Any
+    content: Any
     if min(sizes) < 0:
-        whole = [unpack_bounded(each, "zstd", "a message") for each in packed]
+        content = [unpack_bounded(each, "zstd", "a message") for each in packed]
     else:
         segments = np.column_stack([messages.start, messages.size]).astype("<u8").tobytes()
-        whole = ZstdDecompressor().multi_decompress_to_buffer(BufferWithSegments(messages.block.data, segments))
-    return RawMessages.of(messages.connection, messages.recorded_ns, list(whole))
+        content = ZstdDecompressor().multi_decompress_to_buffer(BufferWithSegments(messages.block.data, segments))
+    return RawMessages.of(messages.connection, messages.recorded_ns, list(content))

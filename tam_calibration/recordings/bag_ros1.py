@@ -65,7 +65,7 @@ def condition_of(path: Path) -> Condition:
 
 
 def complete_messages(path: Path, faults: list[str]) -> Iterator[tuple[Connection, int, bytes]]:
-    """Refuse to recover a bag of ROS 1, which has tools of its own."""
+    """Refuse to recover a bag of ROS 1, for which `rosbag reindex` exists."""
     raise InputError(f"it is a bag of ROS 1: `rosbag reindex {path.name}` repairs a missing index")
 
 

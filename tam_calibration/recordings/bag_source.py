@@ -117,7 +117,7 @@ class BagSource:
         return Table(topic, paths, connection.msgtype, 0, count, is_stamped, units, (), publishers, frames, is_bulky)
 
     def _publishers(self, connection: Connection) -> int:
-        """Return how many wrote to a topic: of ROS 1 each has a connection of its own in a file."""
+        """Return the number of publishers of a topic: in ROS 1 each has its connection in a file."""
         kind = connection.topic, connection.msgtype
         return max(sum((one.topic, one.msgtype) == kind for one in file.connections) for file in self.bag.files)
 

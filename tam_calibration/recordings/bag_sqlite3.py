@@ -313,7 +313,7 @@ class Sqlite3BlockWriter(Sqlite3Writer):
     def __init__(self, path: Path, compression: CompressionMode) -> None:
         super().__init__(Path(in_uri(path)), compression)
         self.path = path / f"{path.name}.db3"
-        # What fails is removed as a whole: no journal is needed to take back a part.
+        # A file that fails is removed: no journal is needed.
         self.conn.executescript(
             "PRAGMA journal_mode = OFF; PRAGMA synchronous = OFF; "
             f"DROP INDEX {_INDEX}; ALTER TABLE messages ADD COLUMN {_CRC_COLUMN} INTEGER;"

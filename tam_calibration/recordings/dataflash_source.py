@@ -121,12 +121,12 @@ class _Log:
             number = instances.get(kind, "")
             is_numbered = number in layout and layout[number].kind == "<u1"
             numbers = stored(self._data, places, {number: layout[number]})[number] if is_numbered else 0 * places
-            whole = {each: field for each, field in _with_raw(layout).items() if each != number}
+            fields = {each: field for each, field in _with_raw(layout).items() if each != number}
             for instance in np.unique(numbers).tolist():
                 # Milligauss by ArduPilot's definition of its messages.
-                units = {f"{kind}{axis}": "mG" for kind in ("Mag", "Ofs", "Raw") for axis in "XYZ" if "RawX" in whole}
+                units = {f"{kind}{axis}": "mG" for kind in ("Mag", "Ofs", "Raw") for axis in "XYZ" if "RawX" in fields}
                 table = Table(name, (), instance=instance, units=units)
-                yield records_of(table, self._data, places[numbers == instance], whole, time, _TICKS_NS[time])
+                yield records_of(table, self._data, places[numbers == instance], fields, time, _TICKS_NS[time])
 
 
 def _with_raw(layout: Layout) -> Layout:

@@ -253,7 +253,7 @@ class Counter:
             # The counter's range is between the span and, but for a step, its 1 / _JUMP: the rest is dear.
             if is_large.sum() < 2 or jumps[~is_large].max(initial=0.0) > 1.1 * (1 - _JUMP) / _JUMP * span:
                 continue
-            # The steps of one axis alone: another may have a converter of its own. A few readings miss its least step.
+            # The steps of one axis alone: another may have another converter. A few readings miss its least step.
             for step, bits in product({_step(raw[:, axis]), _step(raw)}, _COUNTER_BITS):
                 size = step * 2.0**bits
                 is_overflow = jumps > _JUMP * size
@@ -273,10 +273,10 @@ class Counter:
 
         A bias is far smaller than a counter's range, so that any other turn would show in the intensity.
         """
-        whole = self.unwrapped(raw, np.ones(len(raw), dtype=bool))
+        continued = self.unwrapped(raw, np.ones(len(raw), dtype=bool))
 
         def variation(turns: tuple[int, ...]) -> float:
-            moved = whole.copy()
+            moved = continued.copy()
             moved[:, list(self.axes)] += np.array(turns) * np.array(list(self.sizes.values()))
             return float(np.std(np.linalg.norm(moved, axis=1)))
 

@@ -141,7 +141,7 @@ class Joining:
     _first_ns: int | None
 
     def pieces(self, progress: Progress) -> Iterator[Samples]:
-        """Yield the samples in the order of time, the last piece with the usage of the whole.
+        """Yield the samples in the order of time, the last piece with the usage of all.
 
         A channel without a value in a complete piece is None in that piece. Steps and losses are logged at the end.
 
@@ -156,7 +156,7 @@ class Joining:
             yield self._samples(stamps_ns, rows)
 
     def whole(self, progress: Progress) -> Samples:
-        """Return the samples of the whole recording, as `pieces` yields them."""
+        """Return the samples of the complete recording, as `pieces` yields them."""
         parts = list(self._rows(progress))
         return self._samples(
             np.concatenate([stamps for stamps, _ in parts]), np.concatenate([rows for _, rows in parts])

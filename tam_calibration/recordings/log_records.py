@@ -133,7 +133,7 @@ def records_of(table: Table, data: mmap, places: IntArray, layout: Layout, time:
     layout : mapping of str to Field
         What they hold.
     time : str
-        The field of the time, of whole numbers.
+        The field of the time, of integers.
     tick_ns : int
         Nanoseconds of one of its units.
     """
@@ -141,8 +141,8 @@ def records_of(table: Table, data: mmap, places: IntArray, layout: Layout, time:
     is_sound = ticks <= _LAST_NS // tick_ns
     fields = tuple(name for name, field in layout.items() if "S" not in field.kind and name != time)
     is_bulky = len(fields) > LONGEST_LISTED
-    whole = replace(table, fields=() if is_bulky else fields, count=int(is_sound.sum()), is_bulky=is_bulky)
-    return Records(whole, ticks[is_sound].astype(np.int64) * tick_ns, {}, data, places[is_sound], layout)
+    described = replace(table, fields=() if is_bulky else fields, count=int(is_sound.sum()), is_bulky=is_bulky)
+    return Records(described, ticks[is_sound].astype(np.int64) * tick_ns, {}, data, places[is_sound], layout)
 
 
 def log_source(path: Path, format: str, columns: Sequence[Columns], lost: int) -> MemorySource:

@@ -153,8 +153,8 @@ class RecordingStream:
         """Return all samples in memory, with all channels."""
         names = list(self._columns)
         parts = zip(*self._read(names), strict=True)
-        whole = Recording.of_values({name: np.concatenate(part) for name, part in zip(names, parts, strict=True)})
-        return whole if self.interpolated_noise is None else whole.with_noise(self.interpolated_noise)
+        recording = Recording.of_values({name: np.concatenate(part) for name, part in zip(names, parts, strict=True)})
+        return recording if self.interpolated_noise is None else recording.with_noise(self.interpolated_noise)
 
     def _places(self, index: "NDArray[np.integer] | list[int]") -> "NDArray[np.integer]":
         """Return where in the files some samples lie."""

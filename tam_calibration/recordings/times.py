@@ -103,10 +103,10 @@ def stamps_of_numbers(values: FloatArray, unit: str) -> tuple[IntArray, str]:
     per_second = PER_SECOND[unit]
     if np.abs(values).max() / per_second >= 9.2e9:
         raise InputError(f"a time is {np.abs(values).max():.3g} {unit}, beyond the year 2262: check its unit")
-    whole = np.floor(values)
+    integers = np.floor(values)
     ticks = 1_000_000_000 // per_second
-    fraction = np.rint((values - whole) * ticks).astype(np.int64)
-    return whole.astype(np.int64) * ticks + fraction, unit
+    fraction = np.rint((values - integers) * ticks).astype(np.int64)
+    return integers.astype(np.int64) * ticks + fraction, unit
 
 
 def detect_time_unit(values: FloatArray) -> str:

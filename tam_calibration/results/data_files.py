@@ -192,13 +192,13 @@ def correct_file(
         else:
             outputs = calibration.apply(samples.recording.readings_T)
             corrected = Corrected(samples.recording.time_s, outputs, calibration.output_standard_errors)
-        whole = calibration.without_effects(samples.recording) if calibration.effects else samples.recording
+        clean = calibration.without_effects(samples.recording) if calibration.effects else samples.recording
         try:
             samples.recording.check_units(calibration.array.field)
             right_units += 1
         except InputError as problem:
             wrong_units.append(problem)
         remarks = (*(() if samples.usage is None else samples.usage.missing), *failing.sentences())
-        yield replace(corrected, scalar_T=whole.scalar_T, remarks=remarks), samples.stamps_ns
+        yield replace(corrected, scalar_T=clean.scalar_T, remarks=remarks), samples.stamps_ns
     if len(wrong_units) > right_units:
         raise wrong_units[0]
