@@ -1,7 +1,7 @@
 """Serialised messages of ROS 2 (CDR): stamps and numbers read and filled in without building objects."""
 
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -89,6 +89,32 @@ class RawMessages:
         block = self.block.tobytes()
         ends = (self.start + self.size).tolist()
         return [block[start:end] for start, end in zip(self.start.tolist(), ends, strict=True)]
+
+
+COUNT, _BYTES = 16_384, 8_000_000
+"""Most messages and bytes of a block: larger ones leave the processor's caches."""
+
+
+def gather(messages: Iterable[tuple[int, int, bytes]], size: float = 0.0) -> Iterator[tuple[RawMessages, int]]:
+    """Yield blocks of messages, and the bytes read for each.
+
+    Parameters
+    ----------
+    messages : iterable of (int, int, bytes)
+        Number of the connection, time of recording in nanoseconds and serialised message.
+    size : float
+        Bytes of the file for each message.
+    """
+    rows: list[tuple[int, int, bytes]] = []
+    bytes_gathered = 0
+    for row in messages:
+        rows.append(row)
+        bytes_gathered += len(row[2])
+        if len(rows) == COUNT or bytes_gathered > _BYTES:
+            yield RawMessages.of(*zip(*rows, strict=True)), round(size * len(rows))
+            rows, bytes_gathered = [], 0
+    if rows:
+        yield RawMessages.of(*zip(*rows, strict=True)), round(size * len(rows))
 
 
 def join(parts: Sequence[RawMessages]) -> RawMessages:

@@ -13,9 +13,8 @@ import numpy as np
 
 from tam_calibration.files.text_files import require_regular
 from tam_calibration.files.whole_files import temporary_place, unfinished
-from tam_calibration.messages.cdr import RawMessages
+from tam_calibration.messages.cdr import RawMessages, gather
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.recordings.bag_blocks import gather
 from tam_calibration.recordings.bag_bounds import unpack_file
 from tam_calibration.recordings.bag_damage import NAMED, NO_ROOM, damage_named
 from tam_calibration.recordings.bag_folder import PACKED, data_files

@@ -9,9 +9,8 @@ from lz4.frame import decompress as decompress_lz4
 from rosbags.interfaces import Connection, ConnectionExtRosbag2
 from rosbags.rosbag1 import Reader
 
-from tam_calibration.messages.cdr import RawMessages
+from tam_calibration.messages.cdr import RawMessages, gather
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.recordings.bag_blocks import gather
 from tam_calibration.recordings.bag_bounds import unpack_bounded
 from tam_calibration.recordings.bag_damage import reason_of
 from tam_calibration.recordings.bag_storages import Condition

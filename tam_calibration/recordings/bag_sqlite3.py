@@ -17,10 +17,9 @@ from rosbags.rosbag2 import CompressionMode
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 
 from tam_calibration.files.whole_files import temporary_place, unfinished
-from tam_calibration.messages.cdr import RawMessages
+from tam_calibration.messages.cdr import RawMessages, gather
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import IntArray
-from tam_calibration.recordings.bag_blocks import gather
 from tam_calibration.recordings.bag_bounds import LARGEST_PIECE, check_topics, quality_of
 from tam_calibration.recordings.bag_damage import Damaged
 from tam_calibration.recordings.bag_storages import Condition

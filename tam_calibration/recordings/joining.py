@@ -11,14 +11,13 @@ from tam_calibration.core.averaged_rates import AveragedRates
 from tam_calibration.correction.partial import missing_codes
 from tam_calibration.messages.batch_synchroniser import BatchSynchroniser
 from tam_calibration.messages.cdr import NO_TIME
-from tam_calibration.messages.frames import expected_frames, other_frame
 from tam_calibration.messages.missing import Missing
+from tam_calibration.messages.mounted import expected_frames, other_frame, turns_of
 from tam_calibration.messages.point_cloud import SampleLayout, is_channel
 from tam_calibration.messages.run import Run
 from tam_calibration.messages.samples import Progress, Samples, seconds_of
 from tam_calibration.messages.stream import sensor_stream
 from tam_calibration.messages.stream_messages import StreamMessages
-from tam_calibration.messages.turning import turns_of
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
 from tam_calibration.model.conversion import RATE_COLUMNS
@@ -152,8 +151,13 @@ class Joining:
         Refused
             When most messages of a sensor cannot be used.
         """
-        for stamps_ns, rows in self._rows(progress):
-            yield self._samples(stamps_ns, rows)
+        last = None
+        for piece in self._rows(progress):  # the last piece has the usage of all, so each waits for the next
+            if last is not None:
+                yield self._samples(*last)
+            last = piece
+        if last is not None:
+            yield self._samples(*last)
 
     def whole(self, progress: Progress) -> Samples:
         """Return the samples of the complete recording, as `pieces` yields them."""
@@ -163,25 +167,15 @@ class Joining:
         )
 
     def _rows(self, progress: Progress) -> Iterator[tuple[IntArray, FloatArray]]:
-        held: tuple[IntArray, FloatArray] | None = None
+        """Yield the stamps and the rows of samples, batch by batch."""
         is_reported = self.streams.clock == "stamp"
         for batch in self.source.batches(self.streams.wanted, self.streams.clock, progress):
             is_reported = is_reported or self._report_jitter(batch)
             usable = {name: self._usable(name, messages) for name, messages in batch.items()}
-            joined = self._kept(*self._synchroniser.push_batch(usable))
-            if held is not None and len(joined[0]):
-                yield held
-            if len(joined[0]):
-                held = self._timed(*joined)
+            yield from self._timed(*self._kept(*self._synchroniser.push_batch(usable)))
         self._missing.require_half()
-        last = self._kept(*self._synchroniser.flush_batch())
+        yield from self._timed(*self._kept(*self._synchroniser.flush_batch()))
         self._require_samples()
-        if len(last[0]):
-            if held is not None:
-                yield held
-            held = self._timed(*last)
-        if held is not None:
-            yield held
         self._report()
 
     def _require_samples(self) -> None:
@@ -262,8 +256,8 @@ class Joining:
         is_complete = np.isfinite(values[:, : 3 * self._synchroniser.sensor_count]).all(axis=1)
         return stamps_ns[is_complete], values[is_complete]
 
-    def _timed(self, stamps_ns: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return stamps, and rows that begin with the time in the run: the stamp, without the steps back.
+    def _timed(self, stamps_ns: IntArray, values: FloatArray) -> Iterator[tuple[IntArray, FloatArray]]:
+        """Yield stamps, and rows that begin with the time in the run: the stamp, without the steps back; none if empty.
 
         Raises
         ------
@@ -271,6 +265,8 @@ class Joining:
             When the first sample comes again.
         """
         synchroniser, run = self._synchroniser, self._run
+        if not len(stamps_ns):
+            return
         if "gyroscope" in self.streams.wanted:
             first = self.streams.layout.columns.index(RATE_COLUMNS[0]) - 1
             values[:, first : first + 3] = self._averaged.means(stamps_ns, values[:, first : first + 3])
@@ -284,7 +280,7 @@ class Joining:
                     "restarted, makes several)"
                 )
             times_ns[index] = run.time_ns(stamp_ns)
-        return stamps_ns, np.column_stack([seconds_of(times_ns), values])
+        yield stamps_ns, np.column_stack([seconds_of(times_ns), values])
 
     def _samples(self, stamps_ns: IntArray, rows: FloatArray) -> Samples:
         usage = replace(
