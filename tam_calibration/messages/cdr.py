@@ -170,7 +170,9 @@ _KINDS: dict[_ByteOrder, int] = {"<": 0x0100, ">": 0x0000}
 _HEAD = np.dtype([("seconds", "i4"), ("nanoseconds", "u4"), ("length", "u4")])
 """Stamp, and length of the frame's name."""
 
-FRAME_ID = BODY + _HEAD.itemsize
+_HEAD_SIZE = _HEAD.itemsize
+
+FRAME_ID = BODY + _HEAD_SIZE
 """Where a serialised message has the name of its frame, a zero at its end."""
 
 _ORDERS = {kind.to_bytes(2, "little"): order for order, kind in _KINDS.items()}
@@ -236,9 +238,14 @@ def read_stamp_and_doubles(message: bytes, count: int) -> tuple[int, tuple[float
     InputError
         When the message is truncated or not plain CDR, or its stamp is no time.
     """
-    seconds, nanoseconds, length = unpack_from(message, "iII", BODY)
-    begin = BODY + (_HEAD.itemsize + length + 7 & -8)
-    return stamp_of(seconds, nanoseconds), unpack_from(message, f"{count}d", begin)
+    try:
+        order = _ORDERS[message[:2]]
+        seconds, nanoseconds, length = struct.unpack_from(f"{order}iII", message, BODY)
+        begin = BODY + (_HEAD_SIZE + length + 7 & -8)
+        values = struct.unpack_from(f"{order}{count}d", message, begin)
+    except (KeyError, struct.error):
+        raise InputError(_DAMAGED) from None
+    return stamp_of(seconds, nanoseconds), values
 
 
 def unpack_from(message: bytes, kinds: str, place: int) -> tuple[Any, ...]:
