@@ -171,7 +171,7 @@ _FEW = 5
 
 def _print(survey: Survey, as_json: bool, report: Path | None, detail: terminal.Detail) -> None:
     if as_json:
-        from tam_calibration.results.results_json import survey_to_mapping
+        from tam_calibration.results.targets_json import survey_to_mapping
 
         say(to_json(survey_to_mapping(survey)))
         return

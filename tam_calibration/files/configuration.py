@@ -8,7 +8,7 @@ from tam_calibration.model.exceptions import InputError
 def configuration_folder() -> Path:
     """Return the folder ``config/`` that belongs to this package, however it was installed.
 
-    In a source tree, to which an editable install and ``colcon build --symlink-install`` lead too, it stands beside the
+    In a source tree, to which an editable install and ``colcon build --symlink-install`` lead too, it is next to the
     package. Any other install has it in ``share/tam_calibration/config`` of a folder above the package, as
     ``/usr/share/tam_calibration/config`` for ``/usr/lib/python3/dist-packages/tam_calibration``.
 

@@ -1,12 +1,13 @@
 """The quantities of our files: what a number can be in the unit of its key; beyond, it is of another unit or damage."""
 
+from collections.abc import Callable, Iterable
 from dataclasses import fields
 from typing import Annotated, Any, Literal
 
 import numpy as np
 
 from tam_calibration.files.schema import Bounds
-from tam_calibration.model.units import from_degrees, from_nanotesla
+from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla, to_degrees, to_nanotesla
 
 Finite = Annotated[float, Bounds()]
 Vector = tuple[Finite, Finite, Finite]
@@ -62,6 +63,20 @@ Ampere = Annotated[float, Bounds(least=-1e6, most=1e6, unit="A")]
 """Of a current on the vehicle."""
 
 
+_UNITS: dict[str, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
+    "nT": (from_nanotesla, to_nanotesla),
+    "deg": (from_degrees, to_degrees),
+    "mdps": (lambda number: from_degrees(number) / 1000, lambda number: to_degrees(1000 * number)),
+    "percent": (lambda number: number / 100, lambda number: number * 100),
+    "ppm": (lambda number: number / 1e6, lambda number: number * 1e6),
+}
+"""Units in keys that are not SI: conversion to SI, and from it."""
+
+
+def _unit_in(key: str) -> str:
+    return next((part for part in key.split("_") if part in _UNITS), "")
+
+
 def in_si(block: Any) -> list[Any]:
     """Return the values of a checked block in SI, in the order of its keys, which name the units; lists become arrays.
 
@@ -70,11 +85,52 @@ def in_si(block: Any) -> list[Any]:
     block : dataclass
         Keys with nT are fields, or fields per metre, those with deg angles; others have SI units, or none.
     """
-    values = [(field.name, getattr(block, field.name)) for field in fields(block)]
-    return [None if value is None else value_in_si(key, value) for key, value in values]
+    return [value_in_si(field.name, getattr(block, field.name)) for field in fields(block)]
 
 
 def value_in_si(key: str, value: Any) -> Any:
-    """Return the value of a key in SI; a list becomes an array."""
+    """Return the value of a key in SI; a list becomes an array, and what is no number stays as it is."""
+    if value is None or isinstance(value, str):
+        return value
     number = np.array(value) if isinstance(value, list | tuple) else value
-    return from_nanotesla(number) if "_nT" in key else from_degrees(number) if "_deg" in key else number
+    return _UNITS[unit][0](number) if (unit := _unit_in(key)) else number
+
+
+def value_to_write(key: str, value: Any) -> Any:
+    """Return a value in SI in the unit of its key; `value_in_si` turns it back, if possible to the last bit.
+
+    Arrays become lists; what is no number stays as it is.
+    """
+    if not isinstance(value, int | float | np.ndarray | np.generic):
+        return value
+    unit = _unit_in(key)
+    return np.asarray(_inverse(np.asarray(value), *_UNITS[unit]) if unit else value).tolist()
+
+
+def block_to_write(schema: type[Any], values: Iterable[Any]) -> dict[str, Any]:
+    """Return keys and values of a block of a file, without those that are None.
+
+    Parameters
+    ----------
+    schema : type
+        Dataclass of the block.
+    values : iterable
+        In SI, in the order of its keys; the first ones are enough.
+    """
+    pairs = zip((field.name for field in fields(schema)), values, strict=False)
+    return {key: value_to_write(key, value) for key, value in pairs if value is not None}
+
+
+def nanotesla_to_write(tesla: FloatArray) -> FloatArray:
+    """Return nanotesla that `units.from_nanotesla` turns back into the same tesla, if possible to the last bit."""
+    return _inverse(tesla, *_UNITS["nT"])
+
+
+def _inverse(
+    values: FloatArray, to_si: Callable[[FloatArray], FloatArray], from_si: Callable[[FloatArray], FloatArray]
+) -> FloatArray:
+    best = from_si(np.asarray(values, dtype=float))
+    for candidate in (np.nextafter(best, -np.inf), np.nextafter(best, np.inf)):
+        is_better = (to_si(best) != values) & (to_si(candidate) == values)
+        best = np.where(is_better, candidate, best)
+    return best

@@ -186,15 +186,15 @@ def _one_of(kind: Any, value: Any, place: str, faults: list[str]) -> Any:
         return None
     if len(kinds) > 1 and all(is_dataclass(each) for each in kinds):
         return _of_kind(kinds, value, place, faults)
-    told = []
+    failed = []
     for each in kinds:
         own: list[str] = []
         read = _value(each, value, place, own)
         if not own:
             return read
-        told.append(own)
+        failed.append(own)
     # A list or a mapping was meant for what takes one.
-    faults += told[-1] if isinstance(value, list | Mapping) else told[0]
+    faults += failed[-1] if isinstance(value, list | Mapping) else failed[0]
     return None
 
 
@@ -216,50 +216,31 @@ _LARGEST_INTEGER = 10**40
 """Size of an integer: no count or seed is larger, and no sentence quotes more digits."""
 
 
-def _number(value: Any) -> float:
-    return float(_no_truth(value))
+def _exactly(value: Any, *kinds: type) -> Any:
+    """Return a value that is of one of some types; a boolean is no number."""
+    if not isinstance(value, kinds) or (isinstance(value, bool) and bool not in kinds):
+        raise ValueError
+    return value
 
 
 def _integer(value: Any) -> int:
-    number = _no_truth(value)
+    number = _exactly(value, int, float)
     if not abs(number) <= _LARGEST_INTEGER or number != int(number):
         raise ValueError
     return int(number)
 
 
-def _no_truth(value: Any) -> Any:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError
-    return value
-
-
-def _exactly(kind: type) -> Callable[[Any], Any]:
-    def convert(value: Any) -> Any:
-        if not isinstance(value, kind):
-            raise ValueError
-        return value
-
-    return convert
-
-
-_text = _exactly(str)
-
-
 def _moment(value: Any) -> datetime:
-    moment = datetime.fromisoformat(_text(value))
+    moment = datetime.fromisoformat(_exactly(value, str))
     return moment if moment.tzinfo is None else moment.astimezone(UTC)
 
 
-def _day(value: Any) -> date:
-    return date.fromisoformat(_text(value))
-
-
 _PLAIN: dict[Any, tuple[Callable[[Any], Any], str]] = {
-    float: (_number, "number"),
+    float: (lambda value: float(_exactly(value, int, float)), "number"),
     int: (_integer, "integer"),
-    bool: (_exactly(bool), "boolean"),
-    str: (_text, "string"),
-    date: (_day, "date"),
+    bool: (lambda value: _exactly(value, bool), "boolean"),
+    str: (lambda value: _exactly(value, str), "string"),
+    date: (lambda value: date.fromisoformat(_exactly(value, str)), "date"),
     datetime: (_moment, "datetime"),
 }
 """Types of single values: what makes one of a value or raises, and their names for people."""

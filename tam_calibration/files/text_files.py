@@ -1,19 +1,16 @@
-"""Text files: written completely or not at all, errors with the file's name, numbers that read back exactly."""
+"""Text files: written completely or not at all, and errors with the file's name."""
 
 import json
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from stat import S_ISDIR, S_ISREG
 from typing import Any
 
-import numpy as np
-
 from tam_calibration.files.whole_files import write_set
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla, to_degrees, to_nanotesla
 
 
 @contextmanager
@@ -22,8 +19,8 @@ def in_file(path: Path | str) -> Iterator[None]:
     try:
         yield
     except InputError as problem:
-        told = str(problem)
-        raise InputError(told if told.startswith((f"{path} ", f"{path}:")) else f"{path}: {told}") from None
+        sentence = str(problem)
+        raise InputError(sentence if sentence.startswith((f"{path} ", f"{path}:")) else f"{path}: {sentence}") from None
 
 
 MOST_BYTES = 1 << 26
@@ -38,7 +35,7 @@ def require_regular(path: Path) -> None:
     Parameters
     ----------
     path : Path
-        A link stands for what it leads to.
+        A link is followed.
 
     Raises
     ------
@@ -119,8 +116,8 @@ def write_whole(path: Path) -> Iterator[Path]:
     InputError
         When the target cannot be written.
     """
-    with write_set([path]) as [beside]:
-        yield beside
+    with write_set([path]) as [temporary]:
+        yield temporary
 
 
 def write_text(path: Path, text: str) -> None:
@@ -131,8 +128,8 @@ def write_text(path: Path, text: str) -> None:
     InputError
         When it cannot be written.
     """
-    with write_whole(path) as beside:
-        beside.write_text(text, encoding="utf-8")
+    with write_whole(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
 
 
 def to_json(content: Mapping[str, Any]) -> str:
@@ -146,33 +143,3 @@ def _without_nan(content: Any) -> Any:
     if isinstance(content, list | tuple):
         return [_without_nan(value) for value in content]
     return None if isinstance(content, float) and not math.isfinite(content) else content
-
-
-def nanotesla_to_write(tesla: FloatArray) -> FloatArray:
-    """Return nanotesla that `units.from_nanotesla` turns back into the same tesla, to the last bit where it can be."""
-    return _invert(tesla, to_nanotesla, from_nanotesla)
-
-
-def degrees_to_write(radians: FloatArray) -> FloatArray:
-    """Return degrees that `units.from_degrees` turns back into the same radians, to the last bit where it can be."""
-    return _invert(radians, to_degrees, from_degrees)
-
-
-def ppm_to_write(parts: FloatArray) -> FloatArray:
-    """Return parts per million that divided by a million are the same parts, to the last bit where it can be."""
-    return _invert(parts, lambda part: part * 1e6, lambda ppm: ppm / 1e6)
-
-
-def percent_to_write(parts: FloatArray) -> FloatArray:
-    """Return per cent that divided by a hundred are the same parts, to the last bit where it can be."""
-    return _invert(parts, lambda part: part * 100, lambda percent: percent / 100)
-
-
-def _invert(
-    values: FloatArray, forward: Callable[[FloatArray], FloatArray], backward: Callable[[FloatArray], FloatArray]
-) -> FloatArray:
-    best = forward(np.asarray(values, dtype=float))
-    for candidate in (np.nextafter(best, -np.inf), np.nextafter(best, np.inf)):
-        mends = (backward(best) != values) & (backward(candidate) == values)
-        best = np.where(mends, candidate, best)
-    return best

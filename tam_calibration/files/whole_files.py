@@ -56,10 +56,10 @@ def write_set(paths: Iterable[Path]) -> Iterator[list[Path]]:
             yield list(moves)
             _put_in_place({place: path for place, path in moves.items() if os.path.lexists(place)})
         except InputError as problem:
-            told = str(problem)
+            sentence = str(problem)
             for place, path in moves.items():
-                told = told.replace(str(place), str(path))
-            raise InputError(told) from problem
+                sentence = sentence.replace(str(place), str(path))
+            raise InputError(sentence) from problem
         except OSError as problem:
             if where := _written_where(problem, moves):
                 raise InputError(f"{where} cannot be written: {problem.strerror or problem}") from problem
@@ -120,7 +120,7 @@ def _remove(folder: Path, holder: int) -> None:
 
 
 def _make_folder(path: Path) -> tuple[Path, int]:
-    """Return a new folder, and the descriptor that holds it."""
+    """Return a new folder, and the descriptor that locks it."""
     while True:
         folder = Path(mkdtemp(prefix=f".{path.name}.", suffix=UNFINISHED, dir=path.parent))
         # Before it is held, another process that writes to the same path may take it for left over.
@@ -147,7 +147,7 @@ def remove_unfinished(path: Path) -> None:
 
 
 def remove_left_over(folder: Path) -> None:
-    """Remove a folder in which a process that is gone has written; one that a process still holds stays.
+    """Remove a folder in which a process that is gone has written; one that a process still locks stays.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ def hold(path: Path) -> int:
     Raises
     ------
     BlockingIOError
-        When another process holds it.
+        When another process has locked it.
     FileNotFoundError
         When it is not there, or was replaced.
     """

@@ -50,7 +50,7 @@ def parse_mapping(text: str) -> dict[str, Any]:
     """Return the mapping that a text contains.
 
     Its keys are short lines of text. Values are None, truths, numbers, text, lists and mappings; a date is text. An
-    alias is what it stands for.
+    alias is replaced by its value.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ class _Reader:
             yield event
 
     def _again(self, event: Any, level: int) -> Any:
-        """Return what an alias stands for, counted as if it were written out."""
+        """Return the value of an alias, counted as if it were written out."""
         if event.anchor not in self._anchored:
             raise _fault(event, f"nothing before it has the anchor {quoted(event.anchor)}")
         value = self._anchored[event.anchor]

@@ -11,20 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from tam_calibration.messages.batch_stream import (
-    EARLIER,
-    LONG_AGO,
-    NEVER,
-    Arrivals,
-    BoolArray,
-    Match,
-    Queue,
-    StreamMessages,
-    width_of,
-)
+from tam_calibration.messages.batch_match import Match
+from tam_calibration.messages.batch_queue import EARLIER, LONG_AGO, Arrivals, Queue, width_of
 from tam_calibration.messages.silence import BEFORE_ALL
 from tam_calibration.messages.stream import InterpolatedStream
+from tam_calibration.messages.stream_messages import BoolArray, StreamMessages
 from tam_calibration.messages.synchroniser import REMEMBERED, Sample, Synchroniser
+from tam_calibration.messages.timeline import NEVER
 from tam_calibration.model.units import FloatArray, IntArray
 
 
@@ -93,7 +86,7 @@ class BatchSynchroniser(Synchroniser):
                 self._advance(stamp_ns)
         keys = pace.keys[: np.searchsorted(pace.keys, self._limit(partners), "right")]
         shortest = self._shortest_intervals(keys)
-        matches = self._without_the_next(keys, shortest, pace, [queue.match(keys, shortest) for queue in partners])
+        matches = self._without_the_next(keys, shortest, pace, [Match.of(queue, keys, shortest) for queue in partners])
         if matches is None:
             self._newest, self._horizon, self._hold_horizon, self._epoch_start = before
             return None

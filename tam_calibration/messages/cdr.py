@@ -1,7 +1,7 @@
 """Serialised messages of ROS 2 (CDR): stamps and numbers read and filled in without building objects."""
 
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -91,6 +91,32 @@ class RawMessages:
         return [block[start:end] for start, end in zip(self.start.tolist(), ends, strict=True)]
 
 
+COUNT, _BYTES = 16_384, 8_000_000
+"""Most messages and bytes of a block: larger ones leave the processor's caches."""
+
+
+def gather(messages: Iterable[tuple[int, int, bytes]], size: float = 0.0) -> Iterator[tuple[RawMessages, int]]:
+    """Yield blocks of messages, and the bytes read for each.
+
+    Parameters
+    ----------
+    messages : iterable of (int, int, bytes)
+        Number of the connection, time of recording in nanoseconds and serialised message.
+    size : float
+        Bytes of the file for each message.
+    """
+    rows: list[tuple[int, int, bytes]] = []
+    bytes_gathered = 0
+    for row in messages:
+        rows.append(row)
+        bytes_gathered += len(row[2])
+        if len(rows) == COUNT or bytes_gathered > _BYTES:
+            yield RawMessages.of(*zip(*rows, strict=True)), round(size * len(rows))
+            rows, bytes_gathered = [], 0
+    if rows:
+        yield RawMessages.of(*zip(*rows, strict=True)), round(size * len(rows))
+
+
 def join(parts: Sequence[RawMessages]) -> RawMessages:
     """Return several as one, one after another."""
     if len(parts) == 1:
@@ -133,7 +159,7 @@ def interleave(parts: Sequence[RawMessages], places: Sequence[IntArray]) -> RawM
     return join(parts).take(np.argsort(np.concatenate(places), kind="stable"))
 
 
-_BODY = 4
+BODY = 4
 """Bytes before the message, which tell the byte order; alignment counts from here."""
 
 _ByteOrder = Literal["<", ">"]
@@ -144,11 +170,13 @@ _KINDS: dict[_ByteOrder, int] = {"<": 0x0100, ">": 0x0000}
 _HEAD = np.dtype([("seconds", "i4"), ("nanoseconds", "u4"), ("length", "u4")])
 """Stamp, and length of the frame's name."""
 
-FRAME_ID = _BODY + _HEAD.itemsize
+_HEAD_SIZE = _HEAD.itemsize
+
+FRAME_ID = BODY + _HEAD_SIZE
 """Where a serialised message has the name of its frame, a zero at its end."""
 
-_HEADS = {_KINDS[order].to_bytes(2, "little"): (order, struct.Struct(f"{order}iII")) for order in _KINDS}
-"""Byte order and head by the first two bytes of a message."""
+_ORDERS = {kind.to_bytes(2, "little"): order for order, kind in _KINDS.items()}
+"""Byte orders by the first two bytes of a message."""
 
 _DAMAGED = "a message is damaged: it is too short, or not in the serialisation CDR"
 
@@ -172,11 +200,11 @@ def read_stamped_doubles(messages: RawMessages, count: int) -> tuple[IntArray, F
     """
     stamps, values = np.empty(len(messages), dtype=np.int64), np.empty((len(messages), count))
     for chosen, part, order in _by_byte_order(messages):
-        head = _take(part, _BODY, _HEAD.itemsize).view(_HEAD.newbyteorder(order))
+        head = _take(part, BODY, _HEAD.itemsize).view(_HEAD.newbyteorder(order))
         seconds, nanoseconds = head["seconds"].astype(np.int64), head["nanoseconds"]
         is_time = (seconds >= 0) & (nanoseconds < 1_000_000_000)
         stamps[chosen] = np.where(is_time, seconds * 1_000_000_000 + nanoseconds, NO_TIME)
-        begin = _BODY + (_HEAD.itemsize + head["length"].astype(np.int64) + 7 & -8)
+        begin = BODY + (_HEAD.itemsize + head["length"].astype(np.int64) + 7 & -8)
         values[chosen] = _take(part, begin, 8 * count).view(f"{order}f8").reshape(-1, count)
     return stamps, values
 
@@ -191,7 +219,7 @@ def read_float64s(messages: RawMessages) -> tuple[None, FloatArray]:
     """
     values = np.empty((len(messages), 1))
     for chosen, part, order in _by_byte_order(messages):
-        values[chosen, 0] = _take(part, _BODY, 8).view(f"{order}f8")
+        values[chosen, 0] = _take(part, BODY, 8).view(f"{order}f8")
     return None, values
 
 
@@ -211,13 +239,36 @@ def read_stamp_and_doubles(message: bytes, count: int) -> tuple[int, tuple[float
         When the message is truncated or not plain CDR, or its stamp is no time.
     """
     try:
-        order, head = _HEADS[message[:2]]
-        seconds, nanoseconds, length = head.unpack_from(message, _BODY)
-        begin = _BODY + (head.size + length + 7 & -8)
+        order = _ORDERS[message[:2]]
+        seconds, nanoseconds, length = struct.unpack_from(f"{order}iII", message, BODY)
+        begin = BODY + (_HEAD_SIZE + length + 7 & -8)
         values = struct.unpack_from(f"{order}{count}d", message, begin)
     except (KeyError, struct.error):
         raise InputError(_DAMAGED) from None
     return stamp_of(seconds, nanoseconds), values
+
+
+def unpack_from(message: bytes, kinds: str, place: int) -> tuple[Any, ...]:
+    """Return the numbers at a place of one message.
+
+    Parameters
+    ----------
+    message : bytes
+        Serialised.
+    kinds : str
+        Of the numbers, as `struct` names them.
+    place : int
+        Bytes before them, the byte order included.
+
+    Raises
+    ------
+    InputError
+        When the message is truncated or not plain CDR.
+    """
+    try:
+        return struct.unpack_from(_ORDERS[message[:2]] + kinds, message, place)
+    except (KeyError, struct.error):
+        raise InputError(_DAMAGED) from None
 
 
 def stamp_of(first: int, nanoseconds: int | None = None) -> int:
@@ -243,10 +294,7 @@ def read_frame_id(message: bytes) -> str:
     InputError
         When the message is truncated or not plain CDR.
     """
-    try:
-        *_, length = _HEADS[message[:2]][1].unpack_from(message, _BODY)
-    except (KeyError, struct.error):
-        raise InputError(_DAMAGED) from None
+    *_, length = unpack_from(message, "iII", BODY)
     return message[FRAME_ID : FRAME_ID + length].rstrip(b"\0").decode(errors="replace")
 
 
@@ -258,11 +306,8 @@ def read_float64(message: bytes) -> float:
     InputError
         When the message is truncated or not plain CDR.
     """
-    try:
-        value: float = struct.unpack_from(f"{_HEADS[message[:2]][0]}d", message, _BODY)[0]
-    except (KeyError, struct.error):
-        raise InputError(_DAMAGED) from None
-    return value
+    (value,) = unpack_from(message, "d", BODY)
+    return float(value)
 
 
 def _by_byte_order(messages: RawMessages) -> Iterator[tuple[slice | NDArray[np.bool_], RawMessages, _ByteOrder]]:
@@ -305,5 +350,5 @@ def fill(template: bytes, from_end: int, values: FloatArray, stamps_ns: IntArray
     copies[:, start : start + 8 * values.shape[1]] = np.ascontiguousarray(values, "<f8").view(np.uint8)
     if stamps_ns is not None:
         stamp = np.column_stack(np.divmod(stamps_ns, 1_000_000_000)).astype("<i4")
-        copies[:, _BODY : _BODY + 8] = stamp.view(np.uint8)
+        copies[:, BODY : BODY + 8] = stamp.view(np.uint8)
     return copies

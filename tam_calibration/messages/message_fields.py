@@ -72,7 +72,7 @@ def stamps_of(parts: Sequence[FloatArray]) -> IntArray:
 
 @dataclass
 class _Cursor:
-    """Places in some messages: (m,) rows of the result, and where each stands in the block."""
+    """Places in some messages: (m,) rows of the result, and the place of each in the block."""
 
     block: NDArray[np.uint8]
     rows: IntArray
@@ -215,7 +215,7 @@ class MessageFields:
         elif kind == _BASE:
             self._walk_base(argument[0], path, cursor, pending)
         elif kind == _ARRAY and argument[0][0] == _BASE and argument[0][1][0] in _NUMBERS:
-            pending.keep_elements(path, cursor, _NUMBERS[argument[0][1][0]], argument[1])
+            pending.keep_list(path, cursor, _NUMBERS[argument[0][1][0]], np.full(len(cursor.rows), argument[1]))
         elif kind == _ARRAY:
             for index in range(argument[1]):
                 self._walk(argument[0], f"{path}[{index}]", cursor, pending)
@@ -272,19 +272,8 @@ class _Pending:
             self._found[path][rows] = values
             self._missing.discard(path)
 
-    def keep_elements(self, path: str, cursor: _Cursor, dtype: str, count: int) -> None:
-        """Keep those elements of an array that are wanted, and move on behind it."""
-        size = int(dtype[1:])
-        cursor.align(size)
-        for index, element in self._elements.get(path, {}).items():
-            if index < count:
-                own = replace(cursor, at=cursor.at + size * index)
-                self.keep(element, cursor.rows, own.peek(dtype)[:, 0])
-            self._missing.discard(element)
-        cursor.skip(size * count)
-
     def keep_list(self, path: str, cursor: _Cursor, dtype: str, length: IntArray) -> None:
-        """Keep those elements of lists of some lengths that are wanted, and move on behind the lists."""
+        """Keep those elements of lists of some lengths (m,) that are wanted, and move on behind the lists."""
         size, before = int(dtype[1:]), cursor.at
         cursor.align(size)
         for index, element in self._elements.get(path, {}).items():

@@ -16,7 +16,7 @@ REASONS = ("there", "NaN or blank", "zero on all axes", "sentinels", "far outsid
 
 NAN, ZERO, SENTINEL, FAR = range(1, len(REASONS))
 
-_HUGE = 1e30
+HUGE = 1e30
 """In any unit: no field is so strong; drivers publish 1e300 for a reading that failed."""
 
 _LEAST_OF_TYPES = (-32768.0, -2147483648.0)
@@ -68,7 +68,7 @@ def codes_of(stream: str, raw: FloatArray) -> NDArray[np.int8]:
     codes = np.zeros(len(raw), dtype=np.int8)
     if is_channel(stream) and stream != "scalar":
         return codes
-    odd = ~(np.abs(raw) < _HUGE) | (raw == _LEAST_OF_TYPES[0]) | (raw == _LEAST_OF_TYPES[1])
+    odd = ~(np.abs(raw) < HUGE) | (raw == _LEAST_OF_TYPES[0]) | (raw == _LEAST_OF_TYPES[1])
     same = raw[:, 0] == raw[:, -1]
     # Few readings are suspect, and only they need a look at all axes.
     suspect = np.flatnonzero(same | odd.any(axis=1) if odd.any() else same)
@@ -76,7 +76,7 @@ def codes_of(stream: str, raw: FloatArray) -> NDArray[np.int8]:
         codes[suspect] = codes_of(stream, raw[suspect])
         return codes
     same = np.all(raw == raw[:, :1], axis=1)
-    is_dummy = (same & np.isin(raw[:, 0], _DUMMIES)) | np.any(np.abs(raw) >= _HUGE, axis=1)
+    is_dummy = (same & np.isin(raw[:, 0], _DUMMIES)) | np.any(np.abs(raw) >= HUGE, axis=1)
     if not is_channel(stream):
         is_dummy |= np.isin(raw, _LEAST_OF_TYPES).any(axis=1)
         codes[np.isnan(raw).any(axis=1)] = NAN
@@ -88,7 +88,7 @@ def codes_of(stream: str, raw: FloatArray) -> NDArray[np.int8]:
 def _may_stand_for_none(raw: Sequence[float]) -> bool:
     """Return whether one reading may have a code other than 0: quicker than `codes_of`, which decides."""
     for value in raw:
-        if not -_HUGE < value < _HUGE or value in _LEAST_OF_TYPES:
+        if not -HUGE < value < HUGE or value in _LEAST_OF_TYPES:
             return True
     return raw[0] in _EQUALS and all(value == raw[0] for value in raw)
 
@@ -168,13 +168,13 @@ class Missing:
 
     def mostly(self) -> dict[str, str]:
         """Return a sentence for each stream that lacks more than half of its readings, with the reasons."""
-        told = {}
+        sentences = {}
         for stream, received in self.received.items():
             if self.of(stream) > MOST_MISSING * received:
                 reasons = "; ".join(self._sentence(*key) for key in self.counts if key[0] == stream)
                 hint = ": do these have another unit?" if 2 * self.counts.get((stream, FAR), 0) > received else ""
-                told[stream] = f"more than half of the readings of {in_words(stream)} are missing: {reasons}{hint}"
-        return told
+                sentences[stream] = f"more than half of the readings of {in_words(stream)} are missing: {reasons}{hint}"
+        return sentences
 
     def require_half(self) -> None:
         """Check that no sensor lacks more than half of its readings.

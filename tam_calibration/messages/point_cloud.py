@@ -37,6 +37,9 @@ CHANNEL_COLUMNS = {
 }
 """Columns of the channels recorded with the sensors, in their order in a sample; those of further channels follow."""
 
+_NAMES = dict(zip(CHANNEL_COLUMNS, CHANNELS, strict=True))
+"""Names of these channels in a `Recording`."""
+
 
 def columns_of(channel: str) -> tuple[str, ...]:
     """Return the columns of a channel; a further one is its own."""
@@ -123,8 +126,8 @@ class SampleLayout:
     @classmethod
     def of(cls, recording: Recording) -> "SampleLayout":
         """Return the layout of the samples of a recording."""
-        channels = [values is not None for values in _channels(recording)]
-        return cls(recording.sensor_count, *channels, further=tuple(recording.further))
+        present = {channel: recording.channel(name) is not None for channel, name in _NAMES.items()}
+        return cls(recording.sensor_count, **present, further=tuple(recording.further))
 
     @classmethod
     def from_columns(cls, columns: Sequence[str]) -> "SampleLayout":
@@ -173,8 +176,9 @@ class SampleLayout:
     def rows(self, recording: Recording) -> FloatArray:
         """Return the (N, columns) rows of a recording."""
         readings = recording.readings_T.reshape(recording.sample_count, -1)
-        present = [values for values in _channels(recording) if values is not None]
-        return np.column_stack([recording.time_s, readings, *present, *recording.further.values()])
+        values = recording.values()
+        channels = [values[_NAMES.get(channel, channel)] for channel in self.channels]
+        return np.column_stack([recording.time_s, readings, *channels])
 
     def recording(self, rows: FloatArray) -> Recording:
         """Return the recording of (N, columns) rows.
@@ -186,31 +190,10 @@ class SampleLayout:
         InputError
             When the rows are none or no recording: see `Recording`.
         """
-        readings = rows[:, 1 : 1 + 3 * self.sensor_count].reshape(len(rows), self.sensor_count, 3)
-        present = {}
-        first = 1 + 3 * self.sensor_count
+        last = 1 + 3 * self.sensor_count
+        values = {"time_s": rows[:, 0], "readings_T": rows[:, 1:last].reshape(len(rows), self.sensor_count, 3)}
         for channel in self.channels:
-            last = first + len(columns_of(channel))
+            first, last = last, last + len(columns_of(channel))
             if not np.isnan(rows[:, first:last]).all():
-                present[channel] = rows[:, first:last]
-            first = last
-        scalar, temperature, current = (
-            present[channel][:, 0] if channel in present else None for channel in ("scalar", "temperature", "current")
-        )
-        further = {name: present[name][:, 0] for name in self.further if name in present}
-        attitude, rates, position = (present.get(channel) for channel in ("attitude", "gyroscope", "position"))
-        return Recording(
-            rows[:, 0],
-            readings,
-            scalar,
-            temperature,
-            current,
-            attitude,
-            further,
-            angular_velocity_rad_s=rates,
-            position_m=position,
-        )
-
-
-def _channels(recording: Recording) -> tuple[FloatArray | None, ...]:
-    return tuple(recording.channel(name) for name in CHANNELS)
+                values[_NAMES.get(channel, channel)] = rows[:, first] if last == first + 1 else rows[:, first:last]
+        return Recording.of_values(values)

@@ -9,11 +9,11 @@ samples no longer wait for it, so that the first after its return may still lack
 from collections.abc import Sequence
 
 from tam_calibration.messages.stream import InterpolatedStream, JoinedStream, Stream
+from tam_calibration.messages.timeline import NEVER
 
 BEFORE_ALL = -(1 << 64)
 """A key before all others."""
 
-_NEVER = 1 << 62
 _FEWEST = 3
 """Sensors of an array that goes on without one of them: a single one does not determine the centre."""
 
@@ -34,7 +34,7 @@ class Silence:
 
     def __init__(self, sensors: Sequence[JoinedStream], silence_ns: int) -> None:
         self._sensors = sensors
-        self.limit_ns = silence_ns if len(sensors) >= _FEWEST else _NEVER
+        self.limit_ns = silence_ns if len(sensors) >= _FEWEST else NEVER
         self._since = BEFORE_ALL
         self.first_missed_after = BEFORE_ALL
 
@@ -78,7 +78,7 @@ class Silence:
     def stand_in(self, after: int, horizon: int) -> JoinedStream | None:
         """Return the sensor that sets the pace while sensor 1 is silent: the first that is not dead.
 
-        A second sensor must have come as far: a single one that is ahead of all others has a clock of its own.
+        A second sensor must have come as far: a single one that is ahead of all others has a different clock.
 
         Parameters
         ----------

@@ -183,7 +183,7 @@ class InterpolatedStream(JoinedStream):
         self.past: deque[Message] = deque(maxlen=BEFORE)
         self.interpolated = self._passed = 0
         self._correlation = Correlation()
-        self._told: list[tuple[int, tuple[float, ...]]] = []
+        self._uncounted: list[tuple[int, tuple[float, ...]]] = []
         self._weights: tuple[float, ...] = ()
 
     def between(self, key: int) -> Message | None:
@@ -205,16 +205,16 @@ class InterpolatedStream(JoinedStream):
             self._drop_oldest()
         else:
             self.interpolated += 1
-            self._told.append((self._passed, self._weights))
-            if len(self._told) == _COUNTED_AT_ONCE:
+            self._uncounted.append((self._passed, self._weights))
+            if len(self._uncounted) == _COUNTED_AT_ONCE:
                 self.correlation()
 
     def correlation(self) -> Correlation:
         """Return that of the noise of the values that were interpolated so far."""
-        if self._told:
-            after, weight = zip(*self._told, strict=True)
+        if self._uncounted:
+            after, weight = zip(*self._uncounted, strict=True)
             self._correlation.add(np.array(after), np.array(weight))
-            self._told.clear()
+            self._uncounted.clear()
         return self._correlation
 
     def _drop_oldest(self) -> None:
@@ -256,7 +256,7 @@ class HeldStream(Stream):
 class OnceStream(HeldStream):
     """A stream without stamps whose messages join one sample each: the next, or of two that came at once the next two.
 
-    So none is lost of a stream at the rate of the samples, whatever the order in which it comes beside the sensors.
+    So a stream at the rate of the samples loses none, in whatever order it and the sensors arrive.
     """
 
     kept = 2

@@ -61,7 +61,7 @@ class Sample(NamedTuple):
     Parameters
     ----------
     stamp_ns : int
-        Stamp of sensor 1, or of the sensor that stands in for it; strictly increasing within an epoch.
+        Stamp of sensor 1, or of the sensor that replaces it; strictly increasing within an epoch.
     epoch : int
         Grows when stamps stepped back: a clock that was set, a driver that restarted, a bag that loops.
     values : tuple of float

@@ -22,7 +22,8 @@ _LONGEST_PERIOD_NS = 10_000_000_000
 _MOST_DOUBTFUL = 16
 """Messages that wait out of order for one that shows whether they are false."""
 
-_ANYWHERE = 1 << 62
+NEVER = 1 << 62
+"""A stamp after all others, nanoseconds."""
 
 Content = TypeVar("Content")
 
@@ -71,7 +72,7 @@ class Timeline(Generic[Content]):
     """
 
     def __init__(self, disorder_ns: int = STEP_NS) -> None:
-        self.newest_ns, self.reach_ns = -1, _ANYWHERE
+        self.newest_ns, self.reach_ns = -1, NEVER
         self.doubtful: list[tuple[int, Content]] = []
         self.jump_ns = self.given_up = 0
         self._disorder_ns, self._period_ns = disorder_ns, 0
@@ -146,7 +147,7 @@ class Timeline(Generic[Content]):
         period = np.diff(stamps_ns[:-1], prepend=self.newest_ns)
         if self.newest_ns < 0:
             period[:1] = _LONGEST_PERIOD_NS
-        reach = np.maximum(STEP_NS, _PERIODS * np.minimum(period, _ANYWHERE // _PERIODS))
+        reach = np.maximum(STEP_NS, _PERIODS * np.minimum(period, NEVER // _PERIODS))
         return np.concatenate([[self.reach_ns], reach])[: len(stamps_ns)]
 
     def _move(self, stamp_ns: int) -> None:

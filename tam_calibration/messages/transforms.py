@@ -1,11 +1,10 @@
 """The static transforms of tf: read from serialised ``tf2_msgs/TFMessage``, and put together from frame to frame."""
 
-import struct
-from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from tam_calibration.messages.cdr import BODY, unpack_from
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray
 
@@ -14,11 +13,6 @@ if TYPE_CHECKING:
 
 STATIC_TRANSFORMS = "/tf_static"
 """Where tf2 publishes the transforms that do not change."""
-
-_BODY = 4
-"""Bytes before the message, which tell the byte order; alignment counts from here."""
-
-_BYTE_ORDERS = {b"\0\1": "<", b"\0\0": ">"}
 
 
 class Transform(NamedTuple):
@@ -38,30 +32,32 @@ def read_transforms(message: bytes) -> list[Transform]:
     InputError
         When the message is truncated or not plain CDR.
     """
-    try:
-        return list(_transforms(memoryview(message)[_BODY:], _BYTE_ORDERS[bytes(message[:2])]))
-    except (KeyError, struct.error, UnicodeDecodeError):
-        raise InputError("a message of transforms is damaged, or not in the serialisation CDR") from None
-
-
-def _transforms(body: memoryview, order: str) -> Iterator[Transform]:
-    (count,), place = struct.unpack_from(f"{order}I", body), 4
+    transforms, (count,), place = [], unpack_from(message, "I", BODY), BODY + 4
     for _ in range(count):
-        place = (place + 3 & -4) + 8  # the stamp, which a static transform does not need
-        parent, place = _string(body, place, order)
-        child, place = _string(body, place, order)
-        place = place + 7 & -8
-        numbers = np.array(struct.unpack_from(f"{order}7d", body, place))
-        place += 56
-        yield Transform(parent, child, numbers[:3], numbers[3:])
+        place = _aligned(place, 4) + 8  # the stamp, which a static transform does not need
+        parent, place = _string(message, place)
+        child, place = _string(message, place)
+        place = _aligned(place, 8)
+        numbers = np.array(unpack_from(message, "7d", place))
+        transforms.append(Transform(parent, child, numbers[:3], numbers[3:]))
+        place += numbers.nbytes
+    return transforms
 
 
-def _string(body: memoryview, place: int, order: str) -> tuple[str, int]:
+def _aligned(place: int, size: int) -> int:
+    """Return the next place at which a number of a size may stand."""
+    return BODY + (place - BODY + size - 1 & -size)
+
+
+def _string(message: bytes, place: int) -> tuple[str, int]:
     """Return a string without its closing zero, and the place behind it."""
-    place = place + 3 & -4
-    (length,) = struct.unpack_from(f"{order}I", body, place)
-    (text,) = struct.unpack_from(f"{length}s", body, place + 4)
-    return text[:-1].decode(), place + 4 + length
+    place = _aligned(place, 4)
+    (length,) = unpack_from(message, "I", place)
+    (text,) = unpack_from(message, f"{length}s", place + 4)
+    try:
+        return text[:-1].decode(), place + 4 + length
+    except UnicodeDecodeError:
+        raise InputError("a message of transforms is damaged: the name of a frame is no text") from None
 
 
 class TransformTree:

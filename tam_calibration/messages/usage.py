@@ -110,13 +110,13 @@ class Usage:
         newest = max([first, *others], key=lambda stream: stream.timeline.newest_ns)
         for stream in (first, *others):
             reasons.append((stream.losses.missing, _why_missing(stream, first, newest, patience_ns)))
-        told = sorted((reason for reason in reasons if reason[0]), key=lambda reason: -reason[0])
+        counted = sorted((reason for reason in reasons if reason[0]), key=lambda reason: -reason[0])
         waiting = len(first.buffer) + len(first.timeline.doubtful)
         interpolated = [stream for stream in others if isinstance(stream, InterpolatedStream)]
         return cls(
             used,
             first.losses.received + first.losses.lost - waiting + first.losses.missing,
-            tuple(text for _, text in told),
+            tuple(text for _, text in counted),
             tuple(stream.losses.received - stream.losses.unusable for stream in (first, *others)),
             (0, *(stream.interpolated for stream in interpolated)),
             lost=tuple(why for stream in channels if (why := why_lost(stream)) is not None),
@@ -179,7 +179,7 @@ class Usage:
     def with_each_reading_once(self, samples: SampleSource) -> SampleSource:
         """Return samples for a fit, thinned where a sensor that is read less often would count more than once.
 
-        Samples with a scalar reading stay, without those beside them, one for each reading of the slowest sensor. All
+        Samples with a scalar reading stay, without their neighbours, one for each reading of the slowest sensor. All
         tell what interpolation made of their noise.
 
         Parameters
@@ -210,8 +210,8 @@ class Usage:
             scalar = np.flatnonzero(np.isfinite(np.concatenate(scalars)))
             with_scalar = np.zeros(count, dtype=bool)
             with_scalar[scalar[np.unique(stretch[scalar], return_index=True)[1]]] = True
-            beside = np.convolve(with_scalar, np.ones(2 * stride - 1), "same") > 0
-            kept = with_scalar | (kept & ~beside)
+            is_near = np.convolve(with_scalar, np.ones(2 * stride - 1), "same") > 0
+            kept = with_scalar | (kept & ~is_near)
         return samples.take(kept).with_noise(self._noise(rates, count / kept.sum()))
 
     def _noise(self, rates: FloatArray, apart: float) -> InterpolatedNoise:
@@ -223,8 +223,8 @@ class Usage:
         as_read = 1 - np.minimum(np.array(self.interpolated) / max(self.used, 1), 1)
         parts = 1 - np.minimum(as_read * values_apart, 1)
         at, places = np.outer(apart / values_apart, np.arange(1, LAGS + 1)), np.arange(LAGS + 1)
-        told = self.correlation or ((0.0,) * LAGS,) * len(rates)
-        known = [np.interp(own, places, [1, *each], right=0) for own, each in zip(at, told, strict=True)]
+        correlation = self.correlation or ((0.0,) * LAGS,) * len(rates)
+        known = [np.interp(own, places, [1, *each], right=0) for own, each in zip(at, correlation, strict=True)]
         return InterpolatedNoise(parts[:, None] * np.array(known), rates * apart)
 
     def interpolation_warnings(self, samples: SampleSource, noise_T: FloatArray) -> tuple[str, ...]:
@@ -320,8 +320,8 @@ def why_lost(stream: Stream) -> str | None:
     if sum(count for count, _ in faults) <= _LOST_FROM * stream.losses.received:
         return None
     zero = ": all its stamps are zero" if stream.timeline.newest_ns == 0 else ""
-    told = ", ".join(f"{count} {fault}" for count, fault in faults)
-    return f"of {stream.losses.received} messages of {stream.name} {told}{zero}"
+    listed = ", ".join(f"{count} {fault}" for count, fault in faults)
+    return f"of {stream.losses.received} messages of {stream.name} {listed}{zero}"
 
 
 def _own_faults(losses: Losses) -> list[tuple[int, str]]:
@@ -342,12 +342,12 @@ def _why_missing(stream: Stream, first: Stream, newest: Stream, patience_ns: int
     if losses.implausible + losses.unusable + losses.duplicate > losses.missing // 2:
         return f"{lacking}, most of whose messages cannot be used: {losses.explain()}"
     limit_ns = max(patience_ns, stream.timeline.reach_ns)
-    mend = "stopped, or their clocks differ; synchronise the clocks, or state delay_s in the array file"
+    advice = "stopped, or their clocks differ; synchronise the clocks, or state delay_s in the array file"
     behind_ns = newest.timeline.newest_ns - stream.timeline.newest_ns
     if behind_ns > limit_ns:
-        return f"{lacking}, whose newest stamp is {behind_ns / 1e9:.3g} s behind that of {newest.name}: it {mend}"
+        return f"{lacking}, whose newest stamp is {behind_ns / 1e9:.3g} s behind that of {newest.name}: it {advice}"
     ahead_ns = stream.timeline.newest_ns - first.timeline.newest_ns
     if ahead_ns > limit_ns:
-        return f"{lacking}, whose newest stamp is {ahead_ns / 1e9:.3g} s ahead of that of {first.name}: that {mend}"
+        return f"{lacking}, whose newest stamp is {ahead_ns / 1e9:.3g} s ahead of that of {first.name}: that {advice}"
     why = f"{losses.lost} were lost on the way" if losses.lost else "they have gaps, or come too late"
     return f"{lacking}, of which {losses.received} messages came: {why}; look at the load"

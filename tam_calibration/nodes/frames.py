@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from tam_calibration.messages.cdr import FRAME_ID, read_frame_id
-from tam_calibration.messages.frames import expected_frames, other_frame
+from tam_calibration.messages.mounted import expected_frames, other_frame
 from tam_calibration.model.mounting import Mounting
 
 

@@ -29,9 +29,10 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import TESLA_PER_FIELD_UNIT
 from tam_calibration.nodes.message_types import type_name
 from tam_calibration.recordings.channel_map import ChannelMap, Pick, TimeColumn, read_map
-from tam_calibration.recordings.choice import unit_in, wanted_of
 from tam_calibration.recordings.intake import in_si
+from tam_calibration.recordings.resolving import wanted_of
 from tam_calibration.recordings.tables import Table
+from tam_calibration.recordings.vectors import unit_in
 
 _Read = Callable[[bytes], tuple[int | None, Sequence[float]]]
 """Returns the stamp of a message, nanoseconds, where it has one, and the values of a stream, in their own unit."""

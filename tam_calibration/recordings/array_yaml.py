@@ -8,17 +8,16 @@ from typing import Any, Literal
 
 import numpy as np
 
+from tam_calibration.files.quantities import value_in_si, value_to_write
 from tam_calibration.files.schema import Document, check
-from tam_calibration.files.text_files import degrees_to_write, nanotesla_to_write, percent_to_write, write_text
+from tam_calibration.files.text_files import write_text
 from tam_calibration.files.yaml_document import dump_mapping, mapping_in
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
-from tam_calibration.model.gyroscope import Gyroscope
 from tam_calibration.model.mounting import Mounting, quaternion_of
-from tam_calibration.model.tolerances import Tolerances
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
-from tam_calibration.recordings.change_rates_schema import RatesFile, rates_to_mapping
+from tam_calibration.recordings.array_parts import GyroscopeFile, RatesFile, TolerancesFile, part_to_mapping
 
 _Vector = tuple[float, float, float]
 _Quaternion = tuple[float, float, float, float]
@@ -29,61 +28,6 @@ LookUp = Callable[[str], tuple[FloatArray, FloatArray]]
 
 _LEAST_DISTANCE_M = 1e-3
 """Of two sensors: no tri-axial magnetometer is smaller than a millimetre."""
-
-
-class TolerancesFile(Document):
-    """The keys of ``tolerances``, all of which are needed: what is left out would be known, or be anything."""
-
-    scale_factor_percent: float
-    non_orthogonality_deg: float
-    bias_nT: float
-    misalignment_deg: float
-
-    def to_tolerances(self) -> Tolerances:
-        """Return the tolerances in SI.
-
-        Raises
-        ------
-        InputError
-            When one is not positive, or beyond what a working sensor has.
-        """
-        return Tolerances(
-            self.scale_factor_percent / 100,
-            from_degrees(self.non_orthogonality_deg),
-            from_nanotesla(self.bias_nT),
-            from_degrees(self.misalignment_deg),
-        )
-
-
-class GyroscopeFile(Document):
-    """The keys of ``gyroscope``; what is left out is estimated, or that of a chip.
-
-    Parameters
-    ----------
-    noise_mdps_per_sqrt_Hz : float, optional
-        One-sided density of the noise, as data sheets state it.
-    bias_deg_per_s : float, optional
-        Standard deviation of a constant bias of each axis about zero.
-    scale_error_percent : float
-        Standard deviation of the scale of each axis, and of the angles between axes; true where it is left out.
-    """
-
-    noise_mdps_per_sqrt_Hz: float | None = None
-    bias_deg_per_s: float | None = None
-    scale_error_percent: float = 0.0
-
-    def to_gyroscope(self) -> Gyroscope:
-        """Return the gyroscope in SI.
-
-        Raises
-        ------
-        InputError
-            When a value is not positive, or no gyroscope has it.
-        """
-        noise, bias = self.noise_mdps_per_sqrt_Hz, self.bias_deg_per_s
-        density = None if noise is None else from_degrees(noise) / 1000
-        own = {} if bias is None else {"bias": from_degrees(bias)}
-        return Gyroscope(density, scale_error=self.scale_error_percent / 100, **own)
 
 
 class ArrayFile(Document):
@@ -102,8 +46,8 @@ class ArrayFile(Document):
     scalar_position_m : [x, y, z], optional
         Where the scalar magnetometer sits when it is not at the centre.
     axis_offsets_m : list of three [x, y, z], optional
-        For each sensor where the elements of its axes x, y and z sit beside its position; ``tam calibrate --source``
-        finds them.
+        For each sensor the places of the elements of its axes x, y and z relative to its position;
+        ``tam calibrate --source`` finds them.
     intensity_nT : [low, high], optional
         What the intensity of the field can be in which the array is turned, where it is not the Earth's alone: that of
         a coil or a shielded room.
@@ -134,13 +78,14 @@ class ArrayFile(Document):
         Standard deviation of the recorded attitude about each axis; where it is stated, attitude is data of a fit. It
         must not come from an AHRS that uses these magnetometers.
     mounting_error_deg : float, optional
-        Standard deviation of how the attitude's sensor is turned against the array beside what ``imu_rotation_deg``
-        states; left out where that turn may be any.
+        Standard deviation of how the attitude's sensor is turned against the array, apart from what
+        ``imu_rotation_deg`` states; left out where that turn may be any.
     gyroscope : mapping, optional
         Of the gyroscope: ``noise_mdps_per_sqrt_Hz`` and ``bias_deg_per_s``. A recorded angular velocity is data of a
         fit with it or without.
     further_channels : list of str, optional
-        Currents and actuators beside ``current_A`` that the nodes listen to: ``current_2_A``, ``actuator_rudder``.
+        Currents and actuators in addition to ``current_A`` that the nodes subscribe to, such as ``current_2_A`` or
+        ``actuator_rudder``.
     notes, recording
         Anything; not read.
     """
@@ -215,31 +160,28 @@ class ArrayFile(Document):
             raise InputError(
                 "scalar_noise_nT must be greater than 0: leave it out where it is unknown or there is no scalar"
             )
-        bounds = EARTH_FIELD
-        if self.intensity_nT is not None:
-            low_nT, high_nT = self.intensity_nT
-            bounds = FieldBounds(from_nanotesla(low_nT), from_nanotesla(high_nT))
+        bounds = EARTH_FIELD if self.intensity_nT is None else FieldBounds(*from_nanotesla(np.array(self.intensity_nT)))
+
+        def own(key: str) -> Any:
+            return value_in_si(key, getattr(self, key))
+
         return Array(
             array.positions_m,
-            None if self.vector_noise_nT is None else from_nanotesla(np.array(self.vector_noise_nT)),
-            None if self.scalar_noise_nT is None else from_nanotesla(self.scalar_noise_nT),
-            None if self.scalar_position_m is None else np.array(self.scalar_position_m),
-            None if self.axis_offsets_m is None else np.array(self.axis_offsets_m),
+            own("vector_noise_nT"),
+            own("scalar_noise_nT"),
+            own("scalar_position_m"),
+            own("axis_offsets_m"),
             bounds,
-            None if self.delay_s is None else np.array(self.delay_s),
+            own("delay_s"),
             self.scalar_delay_s,
             self._mounting(),
-            None if self.change_rates is None else self.change_rates.to_rates(),
-            self._attitude_noise(),
-            None if self.mounting_error_deg is None else from_degrees(self.mounting_error_deg),
+            self.change_rates.to_rates() if self.change_rates else None,
+            inf if self.attitude_noise_deg == "estimate" else own("attitude_noise_deg"),
+            own("mounting_error_deg"),
             tuple(self.further_channels),
-            None if self.tolerances is None else self.tolerances.to_tolerances(),
-            None if self.gyroscope is None else self.gyroscope.to_gyroscope(),
+            self.tolerances.to_tolerances() if self.tolerances else None,
+            self.gyroscope.to_gyroscope() if self.gyroscope else None,
         )
-
-    def _attitude_noise(self) -> float | None:
-        noise = self.attitude_noise_deg
-        return None if noise is None else from_degrees(inf if isinstance(noise, str) else noise)
 
     def _mounting(self) -> Mounting:
         return Mounting(
@@ -315,56 +257,28 @@ def read_array(path: str | Path, look_up: LookUp | None = None) -> Array:
 
 def array_to_mapping(array: Array) -> dict[str, Any]:
     """Return the keys and values of an array file."""
-    mounting, bounds = array.mounting, np.array([array.field.low_T, array.field.high_T])
+    mounting = array.mounting
     content = {
         "positions_m": array.positions_m,
-        "vector_noise_nT": _written(nanotesla_to_write, array.vector_noise_T),
-        "scalar_noise_nT": _written(nanotesla_to_write, array.scalar_noise_T or None),
+        "vector_noise_nT": array.vector_noise_T,
+        "scalar_noise_nT": array.scalar_noise_T or None,
         "scalar_position_m": array.scalar_position_m,
         "axis_offsets_m": array.axis_offsets_m,
         "delay_s": array.delay_s,
-        "scalar_delay_s": float(array.scalar_delay_s) or None,
+        "scalar_delay_s": array.scalar_delay_s or None,
         "rotations_quaternion": mounting.rotations,
         "imu_rotation_quaternion": mounting.imu_rotation,
         "frame_ids": mounting.frame_ids and list(mounting.frame_ids),
         "imu_frame_id": mounting.imu_frame_id,
-        "change_rates": None if array.change_rates is None else rates_to_mapping(array.change_rates),
-        "tolerances": None if array.tolerances is None else _tolerances_to_mapping(array.tolerances),
-        "attitude_noise_deg": "estimate"
-        if array.attitude_noise == inf
-        else _written(degrees_to_write, array.attitude_noise),
-        "mounting_error_deg": _written(degrees_to_write, array.mounting_error),
-        "gyroscope": None if array.gyroscope is None else _gyroscope_to_mapping(array.gyroscope),
+        "change_rates": part_to_mapping(array.change_rates),
+        "tolerances": part_to_mapping(array.tolerances),
+        "attitude_noise_deg": "estimate" if array.attitude_noise == inf else array.attitude_noise,
+        "mounting_error_deg": array.mounting_error,
+        "gyroscope": part_to_mapping(array.gyroscope),
         "further_channels": list(array.further_channels) or None,
-        "intensity_nT": None if array.field == EARTH_FIELD else nanotesla_to_write(bounds),
+        "intensity_nT": None if array.field == EARTH_FIELD else np.array([array.field.low_T, array.field.high_T]),
     }
-    present = {key: value for key, value in content.items() if value is not None}
-    return {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in present.items()}
-
-
-def _written(convert: Callable[[FloatArray], FloatArray], value: FloatArray | float | None) -> FloatArray | None:
-    return None if value is None else convert(np.array(value))
-
-
-def _tolerances_to_mapping(tolerances: Tolerances) -> dict[str, float]:
-    """Return the keys and values of tolerances in a file."""
-    written = {
-        "scale_factor_percent": percent_to_write(np.array(tolerances.scale_factor)),
-        "non_orthogonality_deg": degrees_to_write(np.array(tolerances.non_orthogonality)),
-        "bias_nT": nanotesla_to_write(np.array(tolerances.bias_T)),
-        "misalignment_deg": degrees_to_write(np.array(tolerances.misalignment)),
-    }
-    return {key: float(value) for key, value in written.items()}
-
-
-def _gyroscope_to_mapping(gyroscope: Gyroscope) -> dict[str, float]:
-    """Return the keys and values of a gyroscope in a file."""
-    written = {"bias_deg_per_s": float(degrees_to_write(np.array(gyroscope.bias)))}
-    if gyroscope.noise_density is not None:
-        written["noise_mdps_per_sqrt_Hz"] = float(degrees_to_write(np.array(1000 * gyroscope.noise_density)))
-    if gyroscope.scale_error:
-        written["scale_error_percent"] = float(percent_to_write(np.array(gyroscope.scale_error)))
-    return written
+    return {key: value_to_write(key, value) for key, value in content.items() if value is not None}
 
 
 def write_array(path: Path, array: Array) -> None:

@@ -12,7 +12,7 @@ from tam_calibration.recordings.bag_storages import STORAGES
 METADATA = "metadata.yaml"
 
 PACKED = ".zstd"
-"""Suffix behind that of a file that is packed as a whole."""
+"""Suffix behind that of a packed file."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def _found_in(folder: Path) -> list[Path]:
     suffixes = tuple(storage.suffix for storage in STORAGES.values())
     files = [each for each in folder.iterdir() if each.name.removesuffix(PACKED).endswith(suffixes)]
     names = {each.name for each in files}
-    # The recorder packs a file beside it, and removes it then.
+    # The recorder writes the packed file next to the original, which it then removes.
     files = [each for each in files if each.name == each.name.removesuffix(PACKED) or each.stem not in names]
     if not files:
         kinds = " or ".join(suffixes)

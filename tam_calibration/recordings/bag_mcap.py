@@ -18,17 +18,20 @@ from tam_calibration.recordings.bag_bounds import check_piece, unpack
 from tam_calibration.recordings.bag_damage import NAMED, Damaged
 from tam_calibration.recordings.bag_storages import Condition
 from tam_calibration.recordings.mcap_records import (
+    CHUNK,
     CHUNK_INDEX,
     MAGIC,
+    MESSAGE,
+    MESSAGE_INDEX,
     STATISTICS,
     Topics,
+    complete_messages,
     crc_of_data,
     crc_of_summary,
     read_content,
     read_end,
     records,
     seal,
-    whole_messages,
 )
 
 _RECORD = np.dtype(
@@ -36,11 +39,8 @@ _RECORD = np.dtype(
 )
 """Fields before the serialised message in the record of a message."""
 
-_MESSAGE, _CHUNK, _INDEX = 5, 6, 7
-"""Kinds of records."""
-
 _SIZE_BEYOND_MESSAGE = 22
-"""Bytes of a record that its size counts beside the message."""
+"""Bytes of a record that its size counts in addition to the message."""
 
 _CHUNK_FIELDS = 40
 _CHECKSUM, _CHUNK_HEAD, _INDEX_HEAD = 9 + 24, 9 + _CHUNK_FIELDS, 15
@@ -73,7 +73,7 @@ class McapFile:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._chunks, topics, told = list[_Chunk](), Topics(), None
+        self._chunks, topics, stated = list[_Chunk](), Topics(), None
         with path.open("rb") as file:
             end = read_end(file)
             for kind, place, size in records(file, end.summary, end.place) if end and end.summary else ():
@@ -81,7 +81,7 @@ class McapFile:
                 if kind == CHUNK_INDEX:
                     self._chunks.append(_parse_chunk(read_content(file, place, size)))
                 elif kind == STATISTICS:
-                    told = int.from_bytes(read_content(file, place, size)[:8], "little")
+                    stated = int.from_bytes(read_content(file, place, size)[:8], "little")
         counts: Counter[int] = Counter()
         for chunk in self._chunks:
             counts.update({channel: length // 16 for channel, (_, length) in chunk.indices.items()})
@@ -90,7 +90,7 @@ class McapFile:
         self.message_count = counts.total()
         self.start_ns = min((chunk.start_ns for chunk in self._chunks if chunk.indices), default=0)
         self.end_ns = max((chunk.end_ns for chunk in self._chunks if chunk.indices), default=0)
-        self.is_indexed = counts.total() == told and counts.keys() <= known.keys()
+        self.is_indexed = counts.total() == stated and counts.keys() <= known.keys()
 
     def blocks(self, position: Mapping[int, int]) -> Iterator[tuple[RawMessages, int]]:
         """Yield the messages of each chunk that come before those of the next, as ``StoredFile`` asks.
@@ -98,7 +98,7 @@ class McapFile:
         Parameters
         ----------
         position : mapping of int to int
-            For the id of each wanted connection the number that stands for it in the messages.
+            For the id of each wanted connection its number in the messages.
         """
         chunks = [chunk for chunk in self._chunks if chunk.indices.keys() & position]
         chunks.sort(key=lambda chunk: (chunk.start_ns, chunk.place))
@@ -130,7 +130,7 @@ class McapFile:
             raise Damaged("the index of a chunk does not fit the chunk")
         heads = windows(block, _RECORD.itemsize)[record].view(_RECORD)
         start, size = record + _RECORD.itemsize, heads["size"].astype(np.int64) - _SIZE_BEYOND_MESSAGE
-        is_message = (heads["kind"] == _MESSAGE) & (heads["channel"] == channel) & (np.diff(record, prepend=-1) > 0)
+        is_message = (heads["kind"] == MESSAGE) & (heads["channel"] == channel) & (np.diff(record, prepend=-1) > 0)
         if not is_message.all() or (size < 0).any() or (start + size > len(block)).any():
             raise Damaged("the index of a chunk does not fit the chunk")
         number = np.zeros(max(position) + 1, dtype=np.int64)
@@ -197,13 +197,13 @@ def condition_of(path: Path) -> Condition:
         found, written = crc_of_data(file, end)
         if found != written:
             raise Damaged(_named_damage(path))
-    return Condition.WHOLE if McapFile(path).is_indexed else Condition.NOT_INDEXED
+    return Condition.COMPLETE if McapFile(path).is_indexed else Condition.NOT_INDEXED
 
 
 def _named_damage(path: Path) -> str:
     """Return what is damaged in a file whose data do not fit their CRC."""
     faults: list[str] = []
-    deque(whole_messages(path, faults), maxlen=0)
+    deque(complete_messages(path, faults), maxlen=0)
     return "; ".join(faults[:NAMED]) or "it does not fit its CRC, though all messages do"
 
 
@@ -244,7 +244,7 @@ class McapBlockWriter(McapWriter):
         span = int(messages.recorded_ns.min()), int(messages.recorded_ns.max())
         begin = self.bio.tell()
         size, crc = len(content), crc32(content.data)
-        self.bio.write(struct.pack("<BQQQQIIQ", _CHUNK, _CHUNK_FIELDS + size, *span, size, crc, 0, size))
+        self.bio.write(struct.pack("<BQQQQIIQ", CHUNK, _CHUNK_FIELDS + size, *span, size, crc, 0, size))
         self.bio.write(content.data)
         end = self.bio.tell()
         indices = self._write_index(messages, offsets)
@@ -274,7 +274,7 @@ class McapBlockWriter(McapWriter):
             places.append((channel, self.bio.tell()))
             chosen = messages.connection == channel
             entries = np.column_stack([messages.recorded_ns[chosen], offsets[chosen]]).astype("<u8")
-            self.bio.write(struct.pack("<BQHI", _INDEX, 6 + entries.nbytes, channel, entries.nbytes))
+            self.bio.write(struct.pack("<BQHI", MESSAGE_INDEX, 6 + entries.nbytes, channel, entries.nbytes))
             self.bio.write(entries.data)
             self.channel_stats[channel] += len(entries)
         return places
@@ -283,7 +283,7 @@ class McapBlockWriter(McapWriter):
 def _lay_records(content: ByteArray, places: IntArray, messages: RawMessages) -> None:
     """Put the records of messages at their places in the content of a chunk."""
     heads = np.zeros(len(messages), _RECORD)
-    heads["kind"], heads["size"] = _MESSAGE, messages.size + _SIZE_BEYOND_MESSAGE
+    heads["kind"], heads["size"] = MESSAGE, messages.size + _SIZE_BEYOND_MESSAGE
     heads["channel"], heads["log_ns"] = messages.connection, messages.recorded_ns
     heads["publish_ns"] = messages.recorded_ns
     windows(content, _RECORD.itemsize)[places] = heads.view(f"V{_RECORD.itemsize}")

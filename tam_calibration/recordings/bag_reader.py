@@ -1,39 +1,53 @@
-"""Bags of every storage, folders and single files, opened alike, and their messages as they are stored."""
+"""Bags of every storage, folders and single files, and their serialised messages."""
 
 import logging
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from functools import lru_cache
+from glob import escape
 from itertools import groupby
 from pathlib import Path
 from typing import Any
+from weakref import finalize
 
 import numpy as np
 from rosbags.interfaces import Connection
 from zstandard import BufferWithSegments, ZstdDecompressor, frame_content_size
 
+from tam_calibration.files.text_files import require_regular
+from tam_calibration.files.whole_files import temporary_place, unfinished
 from tam_calibration.messages.cdr import RawMessages
 from tam_calibration.messages.samples import Progress
 from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.recordings.bag_bounds import check_piece, unpack_bounded
-from tam_calibration.recordings.bag_damage import Damaged, damage_named
-from tam_calibration.recordings.bag_folder import read_metadata
-from tam_calibration.recordings.bag_recovery import ZSTD_BEGINNING, Recovered, readable
-from tam_calibration.recordings.bag_storages import READABLE, StoredFile, serialisation_of
+from tam_calibration.recordings.bag_damage import NAMED, Damaged, damage_named
+from tam_calibration.recordings.bag_folder import PACKED, data_files, read_metadata
+from tam_calibration.recordings.bag_recovered import Recovered, RecoveredFile, room_named, unpacked
+from tam_calibration.recordings.bag_storages import READABLE, Condition, StoredFile, serialisation_of, storage_for
 
 log = logging.getLogger(__name__)
+
+_ZSTD = b"\x28\xb5\x2f\xfd"
+"""First bytes of a message that was compressed by itself; no serialised message of ROS 2 begins so."""
 
 
 class BagReader:
     """A bag that can be read.
 
-    Attributes
+    Parameters
     ----------
     path : Path
         The bag, which sentences name.
-    files : list of StoredFile
+    files : sequence of StoredFile
         Its files, in their order.
+
+    Attributes
+    ----------
+    topics : list of Connection
+        One for each topic, type and serialisation.
     connections : list of Connection
-        One for each topic that can be read; its ``ext.serialization_format`` is ``cdr`` or ``ros1``.
+        One for each topic that can be read, of its most frequent type. Its ``ext.serialization_format`` is ``cdr`` or
+        ``ros1``.
     message_count : int
         Messages of all topics.
     start_time, duration : int
@@ -42,9 +56,9 @@ class BagReader:
         What was recovered of a bag that its recorder did not finish, as a clause; empty where it did.
     """
 
-    def __init__(self, path: Path, files: list[StoredFile]) -> None:
+    def __init__(self, path: Path, files: Sequence[StoredFile]) -> None:
         self.path, self.files, self.unfinished = path, files, ""
-        self.connections = _chosen(path, files)
+        self.topics, self.connections = _merged(files), list[Connection]()
         self.message_count = sum(file.message_count for file in files)
         filled = [file for file in files if file.message_count]
         self.start_time = min((file.start_ns for file in filled), default=0)
@@ -55,37 +69,81 @@ class BagReader:
 def open_bag(path: Path) -> Iterator[BagReader]:
     """Open a bag for reading; of one that its recorder did not finish the complete messages, with a warning.
 
+    It is unpacked and checked once for as long as its files stay as they are.
+
     Raises
     ------
     InputError
         When the path is no bag, or the bag is empty or damaged.
     """
-    bag = readable(path)
+    require_regular(path)
+    parts = path.iterdir() if path.is_dir() else path.parent.glob(f"{escape(path.name)}*")
+    states = [(part.name, part.stat()) for part in parts if part.is_file()]
+    bag = _opened(path, tuple(sorted((name, state.st_size, state.st_mtime_ns) for name, state in states)))
+    bag.connections = _chosen(path, bag.topics)
+    if bag.unfinished:
+        log.warning("%s: %s", path, bag.unfinished)
+    yield bag
+
+
+@lru_cache(maxsize=2)
+def _opened(path: Path, state: tuple[tuple[str, int, int], ...]) -> BagReader:
+    """Return a bag; the folder with its unpacked files is removed with it."""
+    with ExitStack() as folder:
+        bag = _checked(path, folder)
+        finalize(bag, folder.pop_all().close)
+    return bag
+
+
+def _checked(path: Path, folder: ExitStack) -> BagReader:
+    """Return a bag, packed files unpacked into a temporary folder.
+
+    Parameters
+    ----------
+    path : Path
+        The bag.
+    folder : ExitStack
+        Removes the folder.
+    """
+    faults: list[str] = []
+    with room_named(path), damage_named(path):
+        files = data_files(path)
+        if any(file.suffix == PACKED for file in files):
+            files = unpacked(files, folder.enter_context(unfinished(temporary_place())))
+        if missing := [file.name for file in files if not file.exists()]:
+            raise Damaged(f"{missing[0]} is missing")
+        conditions = {file: storage_for(file).condition_of(file) for file in files}
+    is_unfinished = Condition.UNFINISHED in conditions.values() or (path.is_dir() and read_metadata(path) is None)
+    incomplete = [file for file, condition in conditions.items() if condition is not Condition.COMPLETE]
+    with room_named(path), damage_named(path, may_recover=False):
+        recovered = {file: RecoveredFile(file, faults) for file in incomplete}
     with damage_named(path):
-        _require_names(bag.files)
-        if not bag.is_unfinished:
-            _require_counted(path, bag.files)
-    reader = BagReader(path, bag.files)
-    if not reader.message_count:
+        if faults and not is_unfinished:
+            raise Damaged("; ".join(faults[:NAMED]))
+        bag = BagReader(path, [recovered.get(file) or storage_for(file).FILE(file) for file in files])
+        _require_names(bag)
+        if not is_unfinished:
+            _require_counted(bag)
+    if incomplete and not bag.message_count:
+        raise InputError(f"{path} is damaged or truncated: no message in it is complete")
+    if not bag.message_count:
         raise InputError(f"{path} contains no message: the recorder wrote nothing, or was killed")
-    if bag.is_unfinished:
-        end_ns = reader.start_time + reader.duration
-        found = Recovered(reader.message_count, reader.start_time, end_ns, bag.faults)
-        reader.unfinished = f"the recording was left unfinished: {found}"
-        log.warning("%s: %s", path, reader.unfinished)
-    yield reader
+    if is_unfinished:
+        found = Recovered(bag.message_count, bag.start_time, bag.start_time + bag.duration, tuple(faults))
+        bag.unfinished = f"the recording was left unfinished: {found}"
+    return bag
 
 
-def _require_names(files: Sequence[StoredFile]) -> None:
-    for each in (one for file in files for one in file.connections):
+def _require_names(bag: BagReader) -> None:
+    for each in bag.topics:
         if not (isinstance(each.topic, str) and isinstance(each.msgtype, str)):
             raise Damaged(f"{quoted(each.topic)} of {quoted(each.msgtype)} is no topic with a type")
 
 
-def _require_counted(path: Path, files: Sequence[StoredFile]) -> None:
+def _require_counted(bag: BagReader) -> None:
     """Check that the files have the topics of which the metadata count messages: a damaged name would lose one."""
-    metadata = read_metadata(path) if path.is_dir() else None
-    topics = {one.topic for file in files for one in file.connections}
+    metadata = read_metadata(bag.path) if bag.path.is_dir() else None
+    topics = {one.topic for one in bag.topics}
     for topic, count in metadata.counts.items() if metadata else ():
         if count and topic not in topics:
             raise Damaged(f"the metadata count {quoted(count)} messages of {topic}, which no file has")
@@ -99,14 +157,19 @@ def _kind(one: Connection) -> _Kind:
     return one.topic, one.msgtype, serialisation_of(one), one.digest
 
 
-def _chosen(path: Path, files: Sequence[StoredFile]) -> list[Connection]:
-    """Return one connection for each topic that can be read, of its most frequent type; others are warned of."""
+def _merged(files: Sequence[StoredFile]) -> list[Connection]:
+    """Return one connection for each topic, type and serialisation, with the number of messages in all files."""
     merged: dict[_Kind, Connection] = {}
     for one in (one for file in files for one in file.connections):
         known = merged.setdefault(_kind(one), one._replace(id=len(merged) + 1, msgcount=0))
         merged[_kind(one)] = known._replace(msgcount=known.msgcount + one.msgcount)
+    return list(merged.values())
+
+
+def _chosen(path: Path, topics: Sequence[Connection]) -> list[Connection]:
+    """Return one connection for each topic that can be read, of its most frequent type; others are warned of."""
     chosen = []
-    for topic, group in groupby(sorted(merged.values(), key=lambda one: one.topic), lambda one: one.topic):
+    for topic, group in groupby(sorted(topics, key=lambda one: one.topic), lambda one: one.topic):
         several = sorted(group, key=lambda one: -one.msgcount)
         usable = [one for one in several if serialisation_of(one) in READABLE]
         for one in several:
@@ -183,17 +246,17 @@ def raw_blocks(
 
 def _unpacked(messages: RawMessages) -> RawMessages:
     """Return messages of which each may be compressed; all by one decompressor: making it takes most of the time."""
-    if bytes(messages.block[messages.start[0] :][: len(ZSTD_BEGINNING)]) != ZSTD_BEGINNING:
+    if bytes(messages.block[messages.start[0] :][: len(_ZSTD)]) != _ZSTD:
         return messages
     packed = messages.messages()
     sizes = [frame_content_size(each) for each in packed]  # -1 where a frame does not tell
     for each, size in zip(packed, sizes, strict=True):
         check_piece(len(each), size, "a message")
     check_piece(int(messages.size.sum()), sum(sizes), f"a block of {len(packed)} messages")
-    whole: Any
+    content: Any
     if min(sizes) < 0:
-        whole = [unpack_bounded(each, "zstd", "a message") for each in packed]
+        content = [unpack_bounded(each, "zstd", "a message") for each in packed]
     else:
         segments = np.column_stack([messages.start, messages.size]).astype("<u8").tobytes()
-        whole = ZstdDecompressor().multi_decompress_to_buffer(BufferWithSegments(messages.block.data, segments))
-    return RawMessages.of(messages.connection, messages.recorded_ns, list(whole))
+        content = ZstdDecompressor().multi_decompress_to_buffer(BufferWithSegments(messages.block.data, segments))
+    return RawMessages.of(messages.connection, messages.recorded_ns, list(content))

@@ -9,9 +9,8 @@ from lz4.frame import decompress as decompress_lz4
 from rosbags.interfaces import Connection, ConnectionExtRosbag2
 from rosbags.rosbag1 import Reader
 
-from tam_calibration.messages.cdr import RawMessages
+from tam_calibration.messages.cdr import RawMessages, gather
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.recordings.bag_blocks import gather
 from tam_calibration.recordings.bag_bounds import unpack_bounded
 from tam_calibration.recordings.bag_damage import reason_of
 from tam_calibration.recordings.bag_storages import Condition
@@ -46,7 +45,7 @@ class Ros1File:
         Parameters
         ----------
         position : mapping of int to int
-            For the id of each wanted connection the number that stands for it in the messages.
+            For the id of each wanted connection its number in the messages.
         """
         with Reader(self.path) as reader:
             for place, chunk in reader.chunks.items():
@@ -61,11 +60,11 @@ class Ros1File:
 
 def condition_of(path: Path) -> Condition:
     """Return how a file was left, as ``Storage`` asks: opening it tells more."""
-    return Condition.WHOLE
+    return Condition.COMPLETE
 
 
-def whole_messages(path: Path, faults: list[str]) -> Iterator[tuple[Connection, int, bytes]]:
-    """Refuse to recover a bag of ROS 1, which has tools of its own."""
+def complete_messages(path: Path, faults: list[str]) -> Iterator[tuple[Connection, int, bytes]]:
+    """Refuse to recover a bag of ROS 1, for which `rosbag reindex` exists."""
     raise InputError(f"it is a bag of ROS 1: `rosbag reindex {path.name}` repairs a missing index")
 
 

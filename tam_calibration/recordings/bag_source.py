@@ -8,10 +8,10 @@ import numpy as np
 from rosbags.interfaces import Connection, MessageDefinitionFormat
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 
-from tam_calibration.messages.batch_stream import StreamMessages
 from tam_calibration.messages.cdr import RawMessages, read_float64s, read_stamped_doubles
 from tam_calibration.messages.message_fields import Definitions, MessageFields, stamp_fields
 from tam_calibration.messages.samples import Progress
+from tam_calibration.messages.stream_messages import StreamMessages
 from tam_calibration.messages.topics import FIELD_UNITS, FLOAT64, IMU, MAGNETIC_FIELD, TEMPERATURE
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, IntArray
@@ -106,7 +106,7 @@ class BagSource:
         paths, is_stamped = fields.paths, bool(stamp_fields(connection.msgtype, fields.paths))
         frames: tuple[str, ...] = ()
         first = RawMessages.of([], [], [])
-        with suppress(InputError):  # damage is told when the messages are read
+        with suppress(InputError):  # damage is reported when the messages are read
             first = self._first_messages(topic)
             frames = _frames(first) if fields.begins_with_header else ()
             paths = fields.expanded(first) if fields.has_sequences else paths
@@ -117,7 +117,7 @@ class BagSource:
         return Table(topic, paths, connection.msgtype, 0, count, is_stamped, units, (), publishers, frames, is_bulky)
 
     def _publishers(self, connection: Connection) -> int:
-        """Return how many wrote to a topic: of ROS 1 each has a connection of its own in a file."""
+        """Return the number of publishers of a topic: in ROS 1 each has its connection in a file."""
         kind = connection.topic, connection.msgtype
         return max(sum((one.topic, one.msgtype) == kind for one in file.connections) for file in self.bag.files)
 

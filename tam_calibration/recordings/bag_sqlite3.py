@@ -17,10 +17,9 @@ from rosbags.rosbag2 import CompressionMode
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 
 from tam_calibration.files.whole_files import temporary_place, unfinished
-from tam_calibration.messages.cdr import RawMessages
+from tam_calibration.messages.cdr import RawMessages, gather
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import IntArray
-from tam_calibration.recordings.bag_blocks import gather
 from tam_calibration.recordings.bag_bounds import LARGEST_PIECE, check_topics, quality_of
 from tam_calibration.recordings.bag_damage import Damaged
 from tam_calibration.recordings.bag_storages import Condition
@@ -29,7 +28,7 @@ ROWS, _BYTES = 8_192, 2_000_000
 """Most rows, and bytes of messages of mean size, that a query gathers: larger blocks leave the processor's caches."""
 
 LOGS = ("-wal", "-journal")
-"""Suffixes of the files that SQLite keeps beside a database while it is written to."""
+"""Suffixes of the files that SQLite keeps next to a database while it is written to."""
 
 _CRC_COLUMN = "crc32"
 """Of the table of messages, in files that this package wrote; other readers ignore it."""
@@ -163,7 +162,7 @@ class Sqlite3File:
         Parameters
         ----------
         position : mapping of int to int
-            For the id of each wanted connection the number that stands for it in the messages.
+            For the id of each wanted connection its number in the messages.
         """
         size = self.path.stat().st_size
         with closing(_open(self.path)) as database:
@@ -215,10 +214,10 @@ def condition_of(path: Path) -> Condition:
             if answer != "ok":
                 raise Damaged(f"SQLite finds {' '.join(str(answer or 'it malformed').split())}")
         topic = "(SELECT name FROM topics WHERE id = topic_id)"
-        query = f"SELECT id, {topic}, timestamp / 1e9 FROM messages WHERE NOT {_is_whole(database)} LIMIT 1"
+        query = f"SELECT id, {topic}, timestamp / 1e9 FROM messages WHERE NOT {_is_intact(database)} LIMIT 1"
         for number, name, recorded_s in database.execute(query):
             raise Damaged(f"message {number} is damaged, of {name} at {recorded_s:.3f} s")
-    return Condition.WHOLE
+    return Condition.COMPLETE
 
 
 def _is_cut(path: Path) -> bool:
@@ -235,7 +234,7 @@ def _is_cut(path: Path) -> bool:
 
 
 def _logs(path: Path) -> list[Path]:
-    """Return what SQLite left beside a file; a journal that begins with zeros is done with."""
+    """Return the journals that SQLite left next to a file; one that begins with zeros is obsolete."""
     logs = [path.with_name(path.name + suffix) for suffix in LOGS]
     return [log for log in logs if log.is_file() and _begin(log, 1) > b"\0"]
 
@@ -245,7 +244,7 @@ def _begin(path: Path, size: int) -> bytes:
         return file.read(size)
 
 
-def _is_whole(database: apsw.Connection) -> str:
+def _is_intact(database: apsw.Connection) -> str:
     """Return SQL that tells whether a row of a database is a message as it was written."""
     has_crc = _CRC_COLUMN in [name for _, name, *_ in database.execute("PRAGMA table_info(messages)")]
     return f"CASE WHEN {_IS_MESSAGE} THEN {_FITS_CRC if has_crc else 1} ELSE 0 END"
@@ -256,7 +255,7 @@ def crc_of(topic: int, recorded_ns: int, message: bytes) -> int:
     return crc32(message, crc32(b"%d %d" % (topic, recorded_ns)))
 
 
-def whole_messages(path: Path, faults: list[str]) -> Iterator[tuple[Connection, int, bytes]]:
+def complete_messages(path: Path, faults: list[str]) -> Iterator[tuple[Connection, int, bytes]]:
     """Yield what SQLite can read of a file, finished or not, as ``Storage`` asks.
 
     The file is copied with its journals, which SQLite then plays back. Rows that it cannot reach are left out.
@@ -277,8 +276,8 @@ def whole_messages(path: Path, faults: list[str]) -> Iterator[tuple[Connection, 
             _require_plain(database)
             connections = {one.id: one for one in _read_connections(database)}
             is_cut = _is_cut(path)
-            for number, topic, recorded_ns, message, is_whole in _rows(database, None if is_cut else faults):
-                if topic in connections and is_whole:
+            for number, topic, recorded_ns, message, is_complete in _rows(database, None if is_cut else faults):
+                if topic in connections and is_complete:
                     yield connections[topic], recorded_ns, message
                 elif is_cut:
                     return
@@ -288,7 +287,7 @@ def whole_messages(path: Path, faults: list[str]) -> Iterator[tuple[Connection, 
 
 def _rows(database: apsw.Connection, faults: list[str] | None) -> Iterator[tuple[int, int, int, bytes, int]]:
     """Yield the rows that SQLite can read, those behind damaged pages too where faults are listed."""
-    query = f"SELECT id, topic_id, timestamp, data, {_is_whole(database)} FROM messages NOT INDEXED WHERE id > ?"
+    query = f"SELECT id, topic_id, timestamp, data, {_is_intact(database)} FROM messages NOT INDEXED WHERE id > ?"
     last, stride = -1, 1
     while last < 1 << 62:
         try:
@@ -307,13 +306,13 @@ def _rows(database: apsw.Connection, faults: list[str] | None) -> Iterator[tuple
 class Sqlite3BlockWriter(Sqlite3Writer):
     """The sqlite3 writer of rosbags that takes many messages at once; their index is made when all are there.
 
-    Beside each message stands its CRC.
+    Each message has its CRC.
     """
 
     def __init__(self, path: Path, compression: CompressionMode) -> None:
         super().__init__(Path(in_uri(path)), compression)
         self.path = path / f"{path.name}.db3"
-        # What fails is removed as a whole: no journal is needed to take back a part.
+        # A file that fails is removed: no journal is needed.
         self.conn.executescript(
             "PRAGMA journal_mode = OFF; PRAGMA synchronous = OFF; "
             f"DROP INDEX {_INDEX}; ALTER TABLE messages ADD COLUMN {_CRC_COLUMN} INTEGER;"

@@ -28,7 +28,7 @@ def serialisation_of(connection: "Connection") -> str:
 class Condition(Enum):
     """How a file was left."""
 
-    WHOLE = auto()
+    COMPLETE = auto()
     UNFINISHED = auto()
     """Its recorder did not end it, or it was cut."""
     NOT_INDEXED = auto()
@@ -63,7 +63,7 @@ class StoredFile(Protocol):
         Parameters
         ----------
         position : mapping of int to int
-            For the id of each connection that is read the number that stands for it in the messages.
+            For the id of each connection that is read its number in the messages.
         """
 
 
@@ -75,7 +75,7 @@ class Storage(Protocol):
     FILE : type of StoredFile
         Reads a complete file, and is made of its path.
     WRITER : type
-        Writes a file, as ``rosbags.rosbag2.Writer`` asks of a plugin; beside that ``write_block(messages)`` writes
+        Writes a file, as ``rosbags.rosbag2.Writer`` asks of a plugin; and ``write_block(messages)`` writes
         ``RawMessages``. A storage that is only read has none.
     """
 
@@ -91,7 +91,7 @@ class Storage(Protocol):
             When it is finished, and not what was written.
         """
 
-    def whole_messages(self, path: Path, faults: list[str]) -> Iterator[tuple["Connection", int, bytes]]:
+    def complete_messages(self, path: Path, faults: list[str]) -> Iterator[tuple["Connection", int, bytes]]:
         """Yield connection, time of recording and serialised message of all that is complete, in the order of writing.
 
         Parameters
@@ -116,7 +116,7 @@ class RegisteredStorage:
     beginning : bytes
         With which its files begin.
     module : str
-        That holds it.
+        That implements it.
     stands_alone : bool
         Whether a single file is written where its suffix is asked for, instead of a folder.
     is_written : bool

@@ -1,4 +1,4 @@
-"""Writing bags: recordings, and corrected data beside what was there."""
+"""Writing of bags: blocks of messages, copied topics, and recordings."""
 
 import sqlite3
 from collections.abc import Iterator, Sequence
@@ -27,7 +27,7 @@ _TYPES = TYPESTORE.types
 
 
 class BlockWriter(Writer):
-    """The writer of rosbags that takes many messages at once beside single ones."""
+    """The writer of rosbags that takes single messages, or many at once."""
 
     def __init__(self, path: Path, storage: str) -> None:
         if storage not in written():
@@ -56,7 +56,7 @@ class BlockWriter(Writer):
 
 @contextmanager
 def write_bag(path: Path, storage: str) -> Iterator[BlockWriter]:
-    """Give a writer of a bag that appears complete: a folder, or a single file where its storage stands alone.
+    """Give a writer of a bag that appears complete: a folder, or a single file where its storage has single files.
 
     Parameters
     ----------
@@ -73,15 +73,15 @@ def write_bag(path: Path, storage: str) -> Iterator[BlockWriter]:
     alone = storage_alone(path)
     if not alone and path.name.encode("utf-8", "replace").decode() != path.name:
         raise InputError(f"{path} is no name for a bag, which must be of UTF-8 characters: choose another")
-    with write_whole(path) as beside:
-        folder = beside.with_name("bag") if alone else beside
+    with write_whole(path) as temporary:
+        folder = temporary.with_name("bag") if alone else temporary
         try:
             with BlockWriter(folder, alone.name if alone else storage) as writer:
                 yield writer
         except sqlite3.Error as problem:
             raise InputError(f"{path} cannot be written: {problem}") from problem
         if alone:
-            next(folder.glob(f"*{alone.suffix}")).rename(beside)
+            next(folder.glob(f"*{alone.suffix}")).rename(temporary)
 
 
 def copy_connection(writer: BlockWriter, connection: Connection) -> Connection:
@@ -103,7 +103,7 @@ def write_bag_recording(path: Path, recording: Recording, storage: str = DEFAULT
     Parameters
     ----------
     path : Path
-        The bag to write: a folder, or a single file where its storage stands alone.
+        The bag to write: a folder, or a single file where its storage has single files.
     recording : Recording
         Its times become stamps; a topic has no message where its values are NaN.
     storage : str

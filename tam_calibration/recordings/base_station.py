@@ -1,4 +1,4 @@
-"""The intensity that a base station records, in place of a scalar magnetometer beside the array."""
+"""The intensity that a base station records, in place of a scalar magnetometer on the array."""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -15,7 +15,7 @@ _LONGEST_GAP_S = 180.0
 """Between values of the station that are interpolated: the field's pulsations and storms take minutes."""
 
 
-def with_base_station(samples: Samples, path: Path) -> Samples:
+def with_base_station(samples: Samples, path: Path | None) -> Samples:
     """Return samples whose intensity is the station's where they have none of their own.
 
     Beside a scalar magnetometer the station's values are shifted by the median of what the two differ.
@@ -24,14 +24,16 @@ def with_base_station(samples: Samples, path: Path) -> Samples:
     ----------
     samples : Samples
         Their times are seconds since 1970.
-    path : Path
-        IAGA-2002 file of the station.
+    path : Path, optional
+        IAGA-2002 file of the station; without one the samples stay as they are.
 
     Raises
     ------
     InputError
         When the station has no value at the time of the recording.
     """
+    if path is None:
+        return samples
     recording = samples.recording
     station_T = _at(path, recording.time_s)
     own_T = recording.scalar_T

@@ -18,8 +18,11 @@ from tam_calibration.model.units import TESLA_PER_FIELD_UNIT
 FieldUnit = Literal["", "T", "mT", "uT", "nT", "G", "mG"]
 """Unit of a field; empty where it is not stated."""
 
+World = Literal["enu", "ned"]
+"""Axes of the world of an attitude or a position."""
+
 CHANNEL_WIDTHS = {"scalar": 1, "attitude": 4, "gyroscope": 3, "temperature": 1, "current": 1, "position": 3}
-"""Values of each channel that a recording contains beside its sensors."""
+"""Values of each channel that a recording contains in addition to its sensors."""
 
 
 class Pick(Document):
@@ -61,7 +64,7 @@ class Pick(Document):
     unit: FieldUnit = ""
     scale_nT: Annotated[float, Bounds(above=0)] | None = None
     type: str = ""
-    world: Literal["enu", "ned"] = "enu"
+    world: World = "enu"
 
     def __post_init__(self) -> None:
         """Check that a unit is stated once."""
@@ -246,7 +249,7 @@ def read_map(path: str | Path) -> ChannelMap:
     Parameters
     ----------
     path : str or Path
-        The YAML file; files that it names lie beside the recording.
+        The YAML file; files that it names lie next to the recording.
 
     Raises
     ------

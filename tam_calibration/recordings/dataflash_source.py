@@ -3,7 +3,7 @@
 pymavlink reads the same numbers, which the tests compare; but 100 MB take it a minute, and some damage for ever.
 
 `MagX`, `MagY`, `MagZ` are readings to which ArduPilot has added its own offsets, `OfsX` and so on. A calibration that
-is to replace those needs the readings without them: `RawX`, `RawY`, `RawZ` beside them, which are what is chosen.
+is to replace those needs the readings without them: `RawX`, `RawY`, `RawZ`, which are added here and preferred.
 """
 
 from collections.abc import Iterator
@@ -65,8 +65,8 @@ class _Format(NamedTuple):
             kind = _KINDS.get(letter, "<S0")
             layout[column] = Field(offset - _HEAD_SIZE, kind, _DIVISORS.get(letter, 1.0))
             offset += int(kind[2:])
-        is_whole = offset == length and len(layout) == len(names) == len(_text(letters))
-        return cls(_text(name), length, layout if is_whole else {})
+        is_complete = offset == length and len(layout) == len(names) == len(_text(letters))
+        return cls(_text(name), length, layout if is_complete else {})
 
 
 def _text(content: bytes) -> str:
@@ -121,12 +121,12 @@ class _Log:
             number = instances.get(kind, "")
             is_numbered = number in layout and layout[number].kind == "<u1"
             numbers = stored(self._data, places, {number: layout[number]})[number] if is_numbered else 0 * places
-            whole = {each: field for each, field in _with_raw(layout).items() if each != number}
+            fields = {each: field for each, field in _with_raw(layout).items() if each != number}
             for instance in np.unique(numbers).tolist():
                 # Milligauss by ArduPilot's definition of its messages.
-                units = {f"{kind}{axis}": "mG" for kind in ("Mag", "Ofs", "Raw") for axis in "XYZ" if "RawX" in whole}
+                units = {f"{kind}{axis}": "mG" for kind in ("Mag", "Ofs", "Raw") for axis in "XYZ" if "RawX" in fields}
                 table = Table(name, (), instance=instance, units=units)
-                yield records_of(table, self._data, places[numbers == instance], whole, time, _TICKS_NS[time])
+                yield records_of(table, self._data, places[numbers == instance], fields, time, _TICKS_NS[time])
 
 
 def _with_raw(layout: Layout) -> Layout:

@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from functools import cache
 from importlib.metadata import entry_points
 from os import path as paths
@@ -11,8 +11,9 @@ from pathlib import Path
 from tam_calibration.files.text_files import in_file, require_regular
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.recordings.channel_map import ChannelMap, Pick
+from tam_calibration.recordings.row_source import RowSource
 from tam_calibration.recordings.tables import MemorySource, Reader, Source
-from tam_calibration.recordings.text_source import RowSource, TextReader
+from tam_calibration.recordings.text_source import TextReader
 
 GROUP = "tam_calibration.readers"
 """Entry point group: name and class of each reader."""
@@ -20,7 +21,7 @@ GROUP = "tam_calibration.readers"
 log = logging.getLogger(__name__)
 
 _BEGINNING = 64
-"""Bytes by which formats are told."""
+"""Bytes by which a format is recognised."""
 
 
 @cache
@@ -31,14 +32,14 @@ def _readers() -> tuple[Reader, ...]:
         try:
             found.append(point.load()())
         except Exception as problem:  # the code of another package may raise anything when it is imported
-            told = "the reader %s of %s cannot be loaded (%s), and is left out: repair or remove its package"
-            log.warning(told, point.name, point.value, problem)
+            message = "the reader %s of %s cannot be loaded (%s), and is left out: repair or remove its package"
+            log.warning(message, point.name, point.value, problem)
     return (*found, TextReader())
 
 
 @contextmanager
 def open_source(path: Path, channel_map: ChannelMap | None = None) -> Iterator[Source]:
-    """Open a recording of whatever format, or the files that a map names beside it.
+    """Open a recording of whatever format, or the files next to it that a map names.
 
     Parameters
     ----------
@@ -81,21 +82,24 @@ def open_files(files: list[Path], channel_map: ChannelMap | None = None) -> Iter
     InputError
         When one is missing, damaged or contains no rows.
     """
-    columns = []
-    with ExitStack() as stack:
-        for file in files:
-            source = stack.enter_context(_open_rows(file, channel_map))
-            with in_file(file):
-                columns.append(source.in_memory(file.name))
-        yield MemorySource(files[0].parent, f"{len(files)} files", columns)
-
-
-@contextmanager
-def _open_rows(file: Path, channel_map: ChannelMap | None) -> Iterator[RowSource]:
     alone = None if channel_map is None else ChannelMap(sensors=[Pick()], time=channel_map.time, text=channel_map.text)
-    with open_source(file, alone) as source:
-        if not isinstance(source, RowSource):
-            raise InputError(
-                f"{file} is a {source.format}: several files are joined only where each is a table of rows"
-            )
-        yield source
+    columns = []
+    for file in files:
+        with open_source(file, alone) as source, in_file(file):
+            columns.append(rows_of(source).in_memory(file.name))
+    yield MemorySource(files[0].parent, f"{len(files)} files", columns)
+
+
+def rows_of(source: Source) -> RowSource:
+    """Return a source that is one of several files.
+
+    Raises
+    ------
+    InputError
+        When it is no table of rows.
+    """
+    if not isinstance(source, RowSource):
+        raise InputError(
+            f"{source.path} is a {source.format}: several files are joined only where each is a table of rows"
+        )
+    return source

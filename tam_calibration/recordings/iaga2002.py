@@ -43,7 +43,8 @@ def read_iaga2002(path: Path) -> ObservatoryRecord:
     """
     lines = read_text(path).splitlines()
     with in_file(path):
-        return _parse(lines)
+        start, time_s, columns = _columns(lines)
+        return ObservatoryRecord(start, time_s, _meridian_components(columns))
 
 
 def read_intensity(path: Path) -> tuple[FloatArray, FloatArray]:
@@ -68,11 +69,6 @@ def read_intensity(path: Path) -> tuple[FloatArray, FloatArray]:
         if known.sum() < 2:
             raise InputError("it has no intensity: F, S or three components are needed")
         return (start.replace(tzinfo=UTC).timestamp() + time_s)[known], intensity_T[known]
-
-
-def _parse(lines: list[str]) -> ObservatoryRecord:
-    start, time_s, columns = _columns(lines)
-    return ObservatoryRecord(start, time_s, _meridian_components(columns))
 
 
 def _columns(lines: list[str]) -> tuple[datetime, FloatArray, dict[str, FloatArray]]:

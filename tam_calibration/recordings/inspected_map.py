@@ -8,8 +8,9 @@ from tam_calibration.messages.missing import in_words
 from tam_calibration.recordings.channel_map import ChannelMap, FieldUnit, Pick, TextFormat, TimeColumn
 from tam_calibration.recordings.inspection_result import InspectedChannel
 from tam_calibration.recordings.intake import size_doubt
+from tam_calibration.recordings.row_source import NO_TIME_RATE_HZ, RowSource
 from tam_calibration.recordings.tables import Source
-from tam_calibration.recordings.text_source import NO_TIME_RATE_HZ, RowSource, TextSource
+from tam_calibration.recordings.text_source import TextSource
 
 
 def unit_doubt(stream: str, channel: InspectedChannel, is_sure: bool) -> str:

@@ -9,37 +9,27 @@ from pathlib import Path
 import numpy as np
 
 from tam_calibration.files.text_files import in_file
-from tam_calibration.messages.missing import in_words
+from tam_calibration.messages.missing import HUGE, in_words
 from tam_calibration.messages.samples import Progress
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray
 from tam_calibration.recordings.channel_map import ChannelMap, Clock
-from tam_calibration.recordings.choice import (
-    Choice,
-    attitudes_in,
-    choose,
-    is_magnetic,
-    reason,
-    resolve,
-    unit_in,
-    vectors_in,
-)
-from tam_calibration.recordings.formats import open_source
+from tam_calibration.recordings.choice import Choice, choose, reason
+from tam_calibration.recordings.formats import open_source, rows_of
 from tam_calibration.recordings.inspected_map import completed_map, unit_doubt
 from tam_calibration.recordings.inspection_result import Course, InspectedChannel, InspectedTable, Inspection
 from tam_calibration.recordings.intake import field_size, likely_unit
 from tam_calibration.recordings.oddities import missing_of, of_readings, of_times, thinned, without_overlap
 from tam_calibration.recordings.reading import Reading
+from tam_calibration.recordings.resolving import resolve
+from tam_calibration.recordings.row_source import RowSource
 from tam_calibration.recordings.series import Series, read_messages, read_rows
 from tam_calibration.recordings.tables import Columns, MemorySource, Source, Wanted
-from tam_calibration.recordings.text_source import RowSource
+from tam_calibration.recordings.vectors import attitudes_in, is_magnetic, unit_in, vectors_in
 
 _STROKES = 1000
 """Parts of a channel's course of which the smallest and the largest value are kept, so that a spike is seen."""
-
-_HUGE = 1e30
-"""Beyond it no number of any unit is a reading, and would leave nothing else to be seen in a picture."""
 
 
 def inspect(
@@ -100,10 +90,7 @@ def inspect(
 def _require_together(files: Sequence[Path], sources: Sequence[Source]) -> None:
     """Check that several files can be one recording."""
     for file, source in zip(files, sources, strict=True):
-        if not isinstance(source, RowSource):
-            raise InputError(
-                f"{file} is a {source.format}: several files are joined only where each is a table of rows"
-            )
+        rows_of(source)
         if file.resolve().parent != files[0].resolve().parent:
             raise InputError(f"{file} lies in another folder than {files[0]}: put the files of a recording into one")
     if len({file.name for file in files}) < len(files):
@@ -186,7 +173,7 @@ class _Inspecting:
 
     def _course(self, series: Series, values: FloatArray) -> Course:
         """Return the smallest and the largest of many consecutive values; sentinels beyond any scale are left out."""
-        values = np.where(np.abs(values) < _HUGE, values, np.nan)
+        values = np.where(np.abs(values) < HUGE, values, np.nan)
         times_ns = series.times_ns
         time_s = np.arange(len(values)) * 1.0 if times_ns is None else (times_ns - self._begin_ns) / 1e9
         starts = np.arange(0, len(values), len(values) // _STROKES + 1)
@@ -213,7 +200,7 @@ class _Inspecting:
         return tuple(dict.fromkeys(filter(None, [*self.choice.doubts, *self._fault, *faults, *units, *apart])))
 
     def _has_sure_unit(self, stream: str) -> bool:
-        """Whether a unit holds as it is stated, by our own names or those of columns, and not by a type alone."""
+        """Whether the stated unit is reliable: stated by our own names or those of columns, not only by a type."""
         chosen = self.choice.channel_map
         return self.choice.is_own or (chosen is not None and chosen.streams[stream].unit != "")
 
@@ -265,7 +252,7 @@ def _chosen(source: Source, array: Array | None) -> Choice:
 
 
 def _resolved(source: Source, channel_map: ChannelMap | None) -> tuple[dict[str, Wanted], Clock, tuple[str, ...]]:
-    """Return the table and the fields of each stream, the clock of all, and why they cannot be told."""
+    """Return the table and the fields of each stream, the clock of all, or why they are not known."""
     if channel_map is None:
         return {}, "stamp", ()
     try:

@@ -78,8 +78,12 @@ class InspectedChannel:
     @property
     def title(self) -> str:
         """Its fields for people: a vector by what its paths have in common."""
-        whole = {path.rpartition(".")[0] for path in self.fields}
-        return whole.pop() if len(self.fields) > 1 and len(whole) == 1 and "" not in whole else ", ".join(self.fields)
+        parents = {path.rpartition(".")[0] for path in self.fields}
+        return (
+            parents.pop()
+            if len(self.fields) > 1 and len(parents) == 1 and "" not in parents
+            else ", ".join(self.fields)
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,10 +17,7 @@ _COUNTER_BITS = (8, 12, 16, 24)
 """Widths of converters whose readings overflow."""
 
 _JUMP = 0.75
-"""Of a counter's range: a larger step from reading to reading is an overflow, where the others are small."""
-
-_SMALL = 0.25
-"""Of a counter's range: what steps are at most without their overflows."""
+"""Of a counter's range: a larger step between readings is an overflow; other steps are below the rest of the range."""
 
 _OFF_STEP, _COUNTED = 0.05, 0.9
 """Part of a step by which counts may miss it, and least part of readings that are counts: chance makes a tenth."""
@@ -68,7 +65,7 @@ class Intake:
 
     @property
     def is_detected(self) -> bool:
-        """Whether its unit was told by the size of the field."""
+        """Whether its unit was detected by the size of the field."""
         return self.unit not in ("", self._pick.unit, self._doubtful)
 
     @property
@@ -212,10 +209,10 @@ def likely_unit(size: float, stated: str, bounds: FieldBounds) -> str:
 
 def size_doubt(stream: str, size: float) -> str:
     """Return why a field of a size without a unit cannot be read, and what to state."""
-    told = f"{in_words(stream)} reads a field of"
+    subject = f"{in_words(stream)} reads a field of"
     if _is_normalised(size):
-        return f"{told} 1, which seems to be normalised: state scale_nT, the true field, in the map"
-    return f"{told} about {size:.3g}, in no unit the Earth's: state unit or scale_nT in the map"
+        return f"{subject} 1, which seems to be normalised: state scale_nT, the true field, in the map"
+    return f"{subject} about {size:.3g}, in no unit the Earth's: state unit or scale_nT in the map"
 
 
 def _is_normalised(size: float) -> bool:
@@ -254,9 +251,9 @@ class Counter:
             jumps, span = np.abs(np.diff(raw[:, axis])), float(np.ptp(raw[:, axis])) if len(raw) else 0.0
             is_large = jumps >= _JUMP * span
             # The counter's range is between the span and, but for a step, its 1 / _JUMP: the rest is dear.
-            if is_large.sum() < 2 or jumps[~is_large].max(initial=0.0) > 1.1 * _SMALL / _JUMP * span:
+            if is_large.sum() < 2 or jumps[~is_large].max(initial=0.0) > 1.1 * (1 - _JUMP) / _JUMP * span:
                 continue
-            # The steps of one axis alone: another may have a converter of its own. A few readings miss its least step.
+            # The steps of one axis alone: another may have another converter. A few readings miss its least step.
             for step, bits in product({_step(raw[:, axis]), _step(raw)}, _COUNTER_BITS):
                 size = step * 2.0**bits
                 is_overflow = jumps > _JUMP * size
@@ -265,7 +262,7 @@ class Counter:
                 is_count = np.abs(jumps / step - np.round(jumps / step)) < _OFF_STEP
                 if (
                     is_count.mean() >= _COUNTED
-                    and np.where(is_overflow, np.abs(jumps - size), jumps).max() < _SMALL * size
+                    and np.where(is_overflow, np.abs(jumps - size), jumps).max() < (1 - _JUMP) * size
                 ):
                     axes[axis], sizes[axis] = bits, size
         counter = cls(axes, sizes)
@@ -276,10 +273,10 @@ class Counter:
 
         A bias is far smaller than a counter's range, so that any other turn would show in the intensity.
         """
-        whole = self.unwrapped(raw, np.ones(len(raw), dtype=bool))
+        continued = self.unwrapped(raw, np.ones(len(raw), dtype=bool))
 
         def variation(turns: tuple[int, ...]) -> float:
-            moved = whole.copy()
+            moved = continued.copy()
             moved[:, list(self.axes)] += np.array(turns) * np.array(list(self.sizes.values()))
             return float(np.std(np.linalg.norm(moved, axis=1)))
 

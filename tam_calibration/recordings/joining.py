@@ -9,16 +9,15 @@ import numpy as np
 
 from tam_calibration.core.averaged_rates import AveragedRates
 from tam_calibration.correction.partial import missing_codes
-from tam_calibration.messages.batch_stream import StreamMessages
 from tam_calibration.messages.batch_synchroniser import BatchSynchroniser
 from tam_calibration.messages.cdr import NO_TIME
-from tam_calibration.messages.frames import expected_frames, other_frame
 from tam_calibration.messages.missing import Missing
+from tam_calibration.messages.mounted import expected_frames, other_frame, turns_of
 from tam_calibration.messages.point_cloud import SampleLayout, is_channel
 from tam_calibration.messages.run import Run
 from tam_calibration.messages.samples import Progress, Samples, seconds_of
 from tam_calibration.messages.stream import sensor_stream
-from tam_calibration.messages.turning import turns_of
+from tam_calibration.messages.stream_messages import StreamMessages
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
 from tam_calibration.model.conversion import RATE_COLUMNS
@@ -88,12 +87,10 @@ class Streams:
     @cached_property
     def layout(self) -> SampleLayout:
         """The columns of a sample."""
-        sensors = sum(not is_channel(name) for name in self.wanted)
-        channels = [name in self.wanted for name in CHANNEL_WIDTHS]
-        order = ("scalar", "temperature", "current", "attitude", "gyroscope", "position")
-        present = dict(zip(CHANNEL_WIDTHS, channels, strict=True))
-        further = tuple(name for name in self.wanted if is_channel(name) and name not in CHANNEL_WIDTHS)
-        return SampleLayout(sensors, *(present[name] for name in order), further=further)
+        channels = [name for name in self.wanted if is_channel(name)]
+        known = {name: True for name in channels if name in CHANNEL_WIDTHS}
+        further = tuple(name for name in channels if name not in CHANNEL_WIDTHS)
+        return SampleLayout(len(self.wanted) - len(channels), **known, further=further)
 
     @property
     def scalar_is_held(self) -> bool:
@@ -143,7 +140,7 @@ class Joining:
     _first_ns: int | None
 
     def pieces(self, progress: Progress) -> Iterator[Samples]:
-        """Yield the samples in the order of time, the last piece with the usage of the whole.
+        """Yield the samples in the order of time, the last piece with the usage of all.
 
         A channel without a value in a complete piece is None in that piece. Steps and losses are logged at the end.
 
@@ -154,37 +151,32 @@ class Joining:
         Refused
             When most messages of a sensor cannot be used.
         """
-        for stamps_ns, rows in self._rows(progress):
-            yield self._samples(stamps_ns, rows)
+        last = None
+        for piece in self._rows(progress):  # the last piece has the usage of all, so each waits for the next
+            if last is not None:
+                yield self._samples(*last)
+            last = piece
+        if last is not None:
+            yield self._samples(*last)
 
     def whole(self, progress: Progress) -> Samples:
-        """Return the samples of the whole recording, as `pieces` yields them."""
+        """Return the samples of the complete recording, as `pieces` yields them."""
         parts = list(self._rows(progress))
         return self._samples(
             np.concatenate([stamps for stamps, _ in parts]), np.concatenate([rows for _, rows in parts])
         )
 
     def _rows(self, progress: Progress) -> Iterator[tuple[IntArray, FloatArray]]:
-        held: tuple[IntArray, FloatArray] | None = None
-        is_told = self.streams.clock == "stamp"
+        """Yield the stamps and the rows of samples, batch by batch."""
+        is_reported = self.streams.clock == "stamp"
         for batch in self.source.batches(self.streams.wanted, self.streams.clock, progress):
-            is_told = is_told or self._tell_jitter(batch)
+            is_reported = is_reported or self._report_jitter(batch)
             usable = {name: self._usable(name, messages) for name, messages in batch.items()}
-            joined = self._kept(*self._synchroniser.push_batch(usable))
-            if held is not None and len(joined[0]):
-                yield held
-            if len(joined[0]):
-                held = self._timed(*joined)
+            yield from self._timed(*self._kept(*self._synchroniser.push_batch(usable)))
         self._missing.require_half()
-        last = self._kept(*self._synchroniser.flush_batch())
+        yield from self._timed(*self._kept(*self._synchroniser.flush_batch()))
         self._require_samples()
-        if len(last[0]):
-            if held is not None:
-                yield held
-            held = self._timed(*last)
-        if held is not None:
-            yield held
-        self._tell()
+        self._report()
 
     def _require_samples(self) -> None:
         synchroniser = self._synchroniser
@@ -197,8 +189,8 @@ class Joining:
             "compare the stamps: do the drivers share one clock?"
         )
 
-    def _tell_jitter(self, batch: Mapping[str, StreamMessages]) -> bool:
-        """Warn that times are those of the recorder, and of how even they are; return whether they tell that."""
+    def _report_jitter(self, batch: Mapping[str, StreamMessages]) -> bool:
+        """Warn that times are those of the recorder, and of how even they are; return whether that was possible."""
         first = batch.get(sensor_stream(1))
         if first is None or first.stamps_ns is None or len(first.stamps_ns) < 3:
             return False
@@ -211,7 +203,7 @@ class Joining:
         )
         return True
 
-    def _tell(self) -> None:
+    def _report(self) -> None:
         """Log the steps of clocks, and what was lost."""
         synchroniser = self._synchroniser
         for step in synchroniser.steps:
@@ -254,18 +246,18 @@ class Joining:
             self._first_ns = int(stamps[0])
         if self._window.is_all:
             return messages
-        inside = self._window.holds(stamps, self._first_ns if self._first_ns is not None else int(stamps[0]))
+        inside = self._window.contains(stamps, self._first_ns if self._first_ns is not None else int(stamps[0]))
         return messages if inside.all() else messages.take(inside)
 
     def _kept(self, stamps_ns: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
         """Return stamps and values of the samples that are wanted: the complete ones, or all."""
         if self._with_partial or not self._synchroniser.partial:
             return stamps_ns, values
-        is_whole = np.isfinite(values[:, : 3 * self._synchroniser.sensor_count]).all(axis=1)
-        return stamps_ns[is_whole], values[is_whole]
+        is_complete = np.isfinite(values[:, : 3 * self._synchroniser.sensor_count]).all(axis=1)
+        return stamps_ns[is_complete], values[is_complete]
 
-    def _timed(self, stamps_ns: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return stamps, and rows that begin with the time in the run: the stamp, without the steps back.
+    def _timed(self, stamps_ns: IntArray, values: FloatArray) -> Iterator[tuple[IntArray, FloatArray]]:
+        """Yield stamps, and rows that begin with the time in the run: the stamp, without the steps back; none if empty.
 
         Raises
         ------
@@ -273,6 +265,8 @@ class Joining:
             When the first sample comes again.
         """
         synchroniser, run = self._synchroniser, self._run
+        if not len(stamps_ns):
+            return
         if "gyroscope" in self.streams.wanted:
             first = self.streams.layout.columns.index(RATE_COLUMNS[0]) - 1
             values[:, first : first + 3] = self._averaged.means(stamps_ns, values[:, first : first + 3])
@@ -286,7 +280,7 @@ class Joining:
                     "restarted, makes several)"
                 )
             times_ns[index] = run.time_ns(stamp_ns)
-        return stamps_ns, np.column_stack([seconds_of(times_ns), values])
+        yield stamps_ns, np.column_stack([seconds_of(times_ns), values])
 
     def _samples(self, stamps_ns: IntArray, rows: FloatArray) -> Samples:
         usage = replace(

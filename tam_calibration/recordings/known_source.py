@@ -41,7 +41,7 @@ class _SourceFile(Document):
     Parameters
     ----------
     recording : str
-        File beside this one: CSV or bag.
+        File next to this one: CSV or bag.
     position_m : [x, y, z]
         Of the centre of the source, in the world of the recorded attitude, from the array's centre.
     axis : [x, y, z]

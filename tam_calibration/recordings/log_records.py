@@ -10,14 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.messages.message_fields import LONGEST_LISTED
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.recordings.tables import Columns, MemorySource, Table
 
 log = logging.getLogger(__name__)
-
-_BULKY_FIELDS = 256
-"""Numbers of a message from which it is counted and not read: those of sensors and estimators have 150 at most."""
 
 _PIECE = 1 << 24
 """Bytes that are searched at once."""
@@ -135,16 +133,16 @@ def records_of(table: Table, data: mmap, places: IntArray, layout: Layout, time:
     layout : mapping of str to Field
         What they hold.
     time : str
-        The field of the time, of whole numbers.
+        The field of the time, of integers.
     tick_ns : int
         Nanoseconds of one of its units.
     """
     ticks = stored(data, places, {time: layout[time]})[time]
     is_sound = ticks <= _LAST_NS // tick_ns
     fields = tuple(name for name, field in layout.items() if "S" not in field.kind and name != time)
-    is_bulky = len(fields) > _BULKY_FIELDS
-    whole = replace(table, fields=() if is_bulky else fields, count=int(is_sound.sum()), is_bulky=is_bulky)
-    return Records(whole, ticks[is_sound].astype(np.int64) * tick_ns, {}, data, places[is_sound], layout)
+    is_bulky = len(fields) > LONGEST_LISTED
+    described = replace(table, fields=() if is_bulky else fields, count=int(is_sound.sum()), is_bulky=is_bulky)
+    return Records(described, ticks[is_sound].astype(np.int64) * tick_ns, {}, data, places[is_sound], layout)
 
 
 def log_source(path: Path, format: str, columns: Sequence[Columns], lost: int) -> MemorySource:

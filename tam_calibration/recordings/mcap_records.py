@@ -16,7 +16,7 @@ from tam_calibration.recordings.bag_bounds import check_piece, check_topics, qua
 
 MAGIC = b"\x89MCAP0\r\n"
 
-FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, CHUNK_INDEX, STATISTICS, DATA_END = 2, 3, 4, 5, 6, 8, 11, 15
+FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX, STATISTICS, DATA_END = 2, 3, 4, 5, 6, 7, 8, 11, 15
 """Kinds of records."""
 
 _HEAD = struct.Struct("<BQ")
@@ -181,7 +181,7 @@ def _crc_of(file: BinaryIO, begin: int, end: int) -> int:
     return crc
 
 
-def whole_messages(path: Path, faults: list[str]) -> Iterator[tuple[Connection, int, bytes]]:
+def complete_messages(path: Path, faults: list[str]) -> Iterator[tuple[Connection, int, bytes]]:
     """Yield what is complete in a file, finished or not, as ``Storage`` asks."""
     topics, end = Topics(), path.stat().st_size
     with path.open("rb") as file:
@@ -204,7 +204,7 @@ def _walk(
         yield from held
         held, reached = [], place + size
         if kind == CHUNK and not in_chunk:
-            content = _whole_part(read_content(stream, place, min(size, end - place)), size, place, faults)
+            content = _complete_part(read_content(stream, place, min(size, end - place)), size, place, faults)
             yield from _walk(BytesIO(content), 0, len(content), topics, faults, in_chunk=True)
         if kind == DATA_END or reached > end:
             return
@@ -218,7 +218,7 @@ def _walk(
         yield from held
 
 
-def _whole_part(record: bytes, size: int, place: int, faults: list[str]) -> bytes:
+def _complete_part(record: bytes, size: int, place: int, faults: list[str]) -> bytes:
     """Return what is complete in the record of a chunk of that size: all, nothing, or the beginning before a cut."""
     stream = BytesIO(record)
     try:

@@ -30,7 +30,7 @@ _RADIUS_M, _FLATTENING = 6_378_137.0, 1 / 298.257223563
 
 
 def axes_of(fields: Sequence[str]) -> Axes:
-    """Return the meaning of the three numbers of a position, told by the names of the first and the last."""
+    """Return the meaning of the three numbers of a position, by the names of the first and the last."""
     if not fields[0].lower().startswith("lat"):
         return "local"
     return "depth" if fields[-1].lower().startswith("depth") else "altitude"

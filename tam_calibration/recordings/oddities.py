@@ -35,7 +35,7 @@ _ALTERNATING = 3.0
 """Median change from reading to reading over that across two: of one sensor, however noisy, it is 1 at most."""
 
 _HELD = 0.2
-"""Part of the readings that repeat the one before from which it is told: chance repeats fewer."""
+"""Least part of the readings that repeat the one before that is reported: chance repeats fewer."""
 
 
 def of_times(series: Series) -> list[str]:
@@ -46,28 +46,28 @@ def of_times(series: Series) -> list[str]:
     series : Series
         What was read of it.
     """
-    told = list(series.remarks)
+    remarks = list(series.remarks)
     if series.fault:
-        told.append(series.fault)
+        remarks.append(series.fault)
     if series.table.publishers > 1:
-        told.append(f"{series.table.publishers} publishers wrote to it")
+        remarks.append(f"{series.table.publishers} publishers wrote to it")
     if len(series.table.frames) > 1:
-        told.append(f"messages are of several frames, {', '.join(series.table.frames[:4])}: two publishers?")
+        remarks.append(f"messages are of several frames, {', '.join(series.table.frames[:4])}: two publishers?")
     stamps_ns, times_ns = series.stamps_ns, series.times_ns
     if times_ns is None or len(times_ns) < _FEWEST:
-        return told
+        return remarks
     if series.are_stamps_zero:
-        return [*told, "all stamps are zero: the recorder's times are used", *_pauses(times_ns, None, times_ns)]
+        return [*remarks, "all stamps are zero: the recorder's times are used", *_pauses(times_ns, None, times_ns)]
     if stamps_ns is None:
-        return told + _pauses(times_ns, None, times_ns)
+        return remarks + _pauses(times_ns, None, times_ns)
     has_stamp = stamps_ns > 0 if series.received_ns is not None else np.ones(len(stamps_ns), dtype=bool)
     if not has_stamp[1:].all():
-        told.append(f"{_of(~has_stamp)} stamps are zero")
+        remarks.append(f"{_of(~has_stamp)} stamps are zero")
     since_ns = times_ns[has_stamp]
     received_ns = None if series.received_ns is None else series.received_ns[has_stamp]
     stamps_ns = stamps_ns[has_stamp]
-    told += _order(stamps_ns, since_ns) + _pauses(stamps_ns, received_ns, since_ns)
-    return told if received_ns is None else told + _clocks(stamps_ns, received_ns)
+    remarks += _order(stamps_ns, since_ns) + _pauses(stamps_ns, received_ns, since_ns)
+    return remarks if received_ns is None else remarks + _clocks(stamps_ns, received_ns)
 
 
 def _of(is_odd: NDArray[np.bool_]) -> str:
@@ -80,16 +80,16 @@ def _at(index: int, times_ns: IntArray) -> str:
 
 def _order(stamps_ns: IntArray, since_ns: IntArray) -> list[str]:
     """Return how often stamps repeat or go back."""
-    told, steps = [], np.diff(stamps_ns)
+    remarks, steps = [], np.diff(stamps_ns)
     if (steps == 0).any():
-        told.append(
+        remarks.append(
             f"{_of(steps == 0)} stamps repeat the one before, first {_at(int(np.argmax(steps == 0)), since_ns)}"
         )
     if (back := steps < 0).any():
         why = ": two publishers on one topic, or readings out of order?" if back.mean() > _MIXED else ""
         most, first = -float(steps.min()) / 1e9, _at(int(np.argmax(back)), since_ns)
-        told.append(f"stamps go back {int(back.sum())} times, by up to {most:.3g} s, first {first}{why}")
-    return told
+        remarks.append(f"stamps go back {int(back.sum())} times, by up to {most:.3g} s, first {first}{why}")
+    return remarks
 
 
 def _pauses(stamps_ns: IntArray, received_ns: IntArray | None, since_ns: IntArray) -> list[str]:
@@ -100,14 +100,14 @@ def _pauses(stamps_ns: IntArray, received_ns: IntArray | None, since_ns: IntArra
     if not usual or not is_long.any():
         return []
     is_jump = np.zeros_like(is_long) if received_ns is None else is_long & (np.diff(received_ns) < 0.5 * steps)
-    told = []
+    remarks = []
     for kind, chosen in (("gaps", is_long & ~is_jump), ("jumps of the stamps without a gap", is_jump)):
         if chosen.any():
             longest = int(np.argmax(np.where(chosen, steps, 0)))
-            told.append(
+            remarks.append(
                 f"{int(chosen.sum())} {kind}, the longest {steps[longest] / 1e9:.3g} s {_at(longest, since_ns)}"
             )
-    return told
+    return remarks
 
 
 def _clocks(stamps_ns: IntArray, received_ns: IntArray) -> list[str]:
@@ -115,15 +115,15 @@ def _clocks(stamps_ns: IntArray, received_ns: IntArray) -> list[str]:
     late_s = (received_ns - stamps_ns) / 1e9
     least = [float(part.min()) for part in np.array_split(late_s, _PARTS)]
     span_s = float(received_ns[-1] - received_ns[0]) / 1e9
-    told, median = [], float(np.median(late_s))
+    remarks, median = [], float(np.median(late_s))
     if abs(median) > _OTHER_CLOCK_S:
-        told.append(
+        remarks.append(
             f"the clock of the stamps is {abs(median):.6g} s {'behind' if median > 0 else 'ahead of'} the recorder's"
         )
     drift = least[-1] - least[0]
     if span_s and abs(drift) > _DRIFT_S and abs(drift) / span_s > _DRIFT_PPM * 1e-6 and np.ptp(least) < 2 * abs(drift):
-        told.append(f"the clock of the stamps drifts by {1e6 * drift / span_s:+.3g} ppm ({drift:+.3g} s)")
-    return told
+        remarks.append(f"the clock of the stamps drifts by {1e6 * drift / span_s:+.3g} ppm ({drift:+.3g} s)")
+    return remarks
 
 
 def thinned(values: FloatArray) -> FloatArray:
@@ -166,22 +166,22 @@ def of_readings(values: FloatArray, is_field: bool, codes: NDArray[np.int8], tim
     times_ns : (n,) array of int, optional
         Their times.
     """
-    told = []
+    remarks = []
     for code in np.unique(codes[codes > 0]).tolist():
         is_odd = codes == code
         first = "" if times_ns is None else f", first {_at(int(np.argmax(is_odd)), times_ns)}"
-        told.append(f"{_of(is_odd)} readings {are(code, int(is_odd.sum()))}{first}")
+        remarks.append(f"{_of(is_odd)} readings {are(code, int(is_odd.sum()))}{first}")
     there = values[codes == 0] if codes.any() else values
     if len(there) < _FEWEST:
-        return told
+        return remarks
     if (there == there[0]).all():
-        return [*told, "readings never change"]
-    return told + _of_vectors(there) if is_field and values.shape[1] == 3 else told
+        return [*remarks, "readings never change"]
+    return remarks + _of_vectors(there) if is_field and values.shape[1] == 3 else remarks
 
 
 def _of_vectors(values: FloatArray) -> list[str]:
     counter = Counter.of(values)
-    told = [
+    remarks = [
         f"axis {'xyz'[axis]} jumps {counter.overflows(values, axis)} times by 2^{bits} counts: its counter of "
         f"{bits} bits overflows; read it with --unwrap"
         for axis, bits in counter.axes.items()
@@ -189,10 +189,12 @@ def _of_vectors(values: FloatArray) -> list[str]:
     values = values[:_LOOKED_AT]
     steps = np.linalg.norm(np.diff(values, axis=0), axis=1)
     if (held := float((steps == 0).mean())) > _HELD:
-        told.append(f"{100 * held:.0f} % of the readings repeat the one before: the sensor is slower than its messages")
-    elif not told and np.median(steps) > _ALTERNATING * np.median(np.linalg.norm(values[2:] - values[:-2], axis=1)):
-        told.append("readings alternate between two values: two publishers on one topic?")
-    return told
+        remarks.append(
+            f"{100 * held:.0f} % of the readings repeat the one before: the sensor is slower than its messages"
+        )
+    elif not remarks and np.median(steps) > _ALTERNATING * np.median(np.linalg.norm(values[2:] - values[:-2], axis=1)):
+        remarks.append("readings alternate between two values: two publishers on one topic?")
+    return remarks
 
 
 def without_overlap(named: Sequence[tuple[str, IntArray]]) -> str:

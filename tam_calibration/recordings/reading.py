@@ -1,7 +1,7 @@
 """How a recording is read: by which map, which part of it, with which tolerance."""
 
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from re import fullmatch
 
@@ -13,6 +13,7 @@ from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
 from tam_calibration.model.units import IntArray
 from tam_calibration.recordings.channel_map import ChannelMap
+from tam_calibration.recordings.times import nanoseconds_of
 
 TOLERANCE_S = 0.0
 """Difference of stamps up to which readings count as of one moment; beyond it they are interpolated."""
@@ -52,8 +53,7 @@ class Moment:
                 raise InputError(
                     f"{quoted(words)} is no time: give seconds from the start such as 12.5, or 2026-06-01T12:00:00"
                 ) from None
-            aware = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
-            return cls(round(aware.timestamp() * 1e6) * 1000, True)
+            return cls(nanoseconds_of(moment), True)
         seconds = float(words)
         if not 0 <= seconds < 9e9:
             raise InputError(f"{seconds:g} s from the start is no time in a recording: give 0 or more")
@@ -91,7 +91,7 @@ class Window:
         """Whether it is the complete recording."""
         return self.start is None and self.end is None
 
-    def holds(self, stamps_ns: IntArray, first_ns: int) -> NDArray[np.bool_]:
+    def contains(self, stamps_ns: IntArray, first_ns: int) -> NDArray[np.bool_]:
         """Return which stamps (n,) lie within; the end belongs to it.
 
         Parameters

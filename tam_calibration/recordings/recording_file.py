@@ -20,15 +20,17 @@ from tam_calibration.recordings.bag_folder import data_files
 from tam_calibration.recordings.bag_storages import is_bag
 from tam_calibration.recordings.base_station import with_base_station
 from tam_calibration.recordings.channel_map import ChannelMap, TimeColumn, map_of, read_map
-from tam_calibration.recordings.choice import choose, resolve
+from tam_calibration.recordings.choice import choose
 from tam_calibration.recordings.formats import open_source
 from tam_calibration.recordings.intake import Intake
 from tam_calibration.recordings.joining import Joining, Streams
 from tam_calibration.recordings.reading import AS_IT_IS, Moment, Reading, Window
 from tam_calibration.recordings.recording_stream import RecordingStream
+from tam_calibration.recordings.resolving import resolve
+from tam_calibration.recordings.row_source import RowSource
 from tam_calibration.recordings.rows import RowJoining
 from tam_calibration.recordings.tables import Source
-from tam_calibration.recordings.text_source import FrameSource, RowSource
+from tam_calibration.recordings.text_source import FrameSource
 
 if TYPE_CHECKING:
     import pandas
@@ -174,7 +176,7 @@ def read_samples(
         if samples is None:  # the sensors are read in turn: no row has all
             source, streams = joining.source, joining.streams
             samples = Joining(source, streams, reading, array, with_partial).whole(progress)
-        return _finished(samples, reading)
+        return with_base_station(samples, reading.base_station)
 
 
 def read_pieces(
@@ -202,7 +204,7 @@ def read_pieces(
     """
     with _joining(path, array, reading, with_partial, sensor_count) as joining:
         for samples in joining.pieces(progress):
-            yield _finished(samples, reading)
+            yield with_base_station(samples, reading.base_station)
 
 
 @contextmanager
@@ -213,10 +215,10 @@ def _joining(
     path = Path(path)
     with open_source(path, reading.channel_map) as source, in_file(path):
         streams = streams_of(source, reading, array, sensor_count)
-        if isinstance(source, RowSource):
-            joining: Joining | RowJoining = RowJoining(source, streams, reading, array, with_partial)
-        else:
-            joining = Joining(source, streams, reading, array, with_partial)
+        own = reading, array, with_partial
+        joining: Joining | RowJoining = (
+            RowJoining(source, streams, *own) if isinstance(source, RowSource) else Joining(source, streams, *own)
+        )
         yield joining
         tell_taken(source, joining.streams, joining.intakes)
 
@@ -266,11 +268,6 @@ def tell_taken(source: Source, streams: Streams, intakes: Mapping[str, Intake]) 
         log.info("%s: %s", source.path, streams.taken)
     if units := [f"{in_words(name)} {intake.unit}" for name, intake in intakes.items() if intake.is_detected]:
         log.info("units by the size of the field: %s", ", ".join(units))
-
-
-def _finished(samples: Samples, reading: Reading) -> Samples:
-    """Return samples with what the base station tells."""
-    return samples if reading.base_station is None else with_base_station(samples, reading.base_station)
 
 
 def is_large(path: Path) -> bool:

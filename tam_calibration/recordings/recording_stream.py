@@ -12,11 +12,8 @@ from numpy.typing import NDArray
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.interpolated_noise import InterpolatedNoise
-from tam_calibration.model.recording import BLOCK, CHANNELS, COMPONENTS, Block, Recording
+from tam_calibration.model.recording import BLOCK, Block, Recording
 from tam_calibration.model.units import FloatArray
-
-_CHANNELS = {name: (COMPONENTS[name],) if name in COMPONENTS else () for name in CHANNELS}
-"""The shape of one value of each channel."""
 
 
 class _Column:
@@ -25,29 +22,25 @@ class _Column:
     def __init__(self, shape: tuple[int, ...]) -> None:
         self.shape, self.count = shape, 0
         self._size = 8 * int(np.prod(shape, dtype=int))
-        self._file = TemporaryFile(buffering=0)  # noqa: SIM115
+        self._file = TemporaryFile()  # noqa: SIM115
         finalize(self, self._file.close)
 
     def append(self, values: FloatArray) -> None:
-        content = memoryview(np.ascontiguousarray(values, dtype=float).tobytes())
-        while content:
-            content = content[self._file.write(content) :]
+        self._file.write(np.asarray(values, dtype=float).tobytes())
+        self._file.flush()
         self.count += len(values)
 
     def read(self, start: int, count: int) -> FloatArray:
-        values = np.empty((count, *self.shape))
-        view, offset = values.view(np.uint8).reshape(-1).data, start * self._size
-        while view:
-            done = os.preadv(self._file.fileno(), [view], offset)
-            view, offset = view[done:], offset + done
+        values = np.full((count, *self.shape), np.nan)  # a channel that later pieces lack ends before the others
+        os.preadv(self._file.fileno(), [values.view(np.uint8).reshape(-1).data], start * self._size)
         return values
 
 
 class RecordingStream:
     """The samples of a recording on disk, a ``SampleSource``.
 
-    It holds no more than a block of them in memory, but for `whole`. The folder of the temporary files is that of the
-    environment variable TMPDIR; they take 8 bytes a number.
+    No more than a block of them is in memory at once, except in `whole`. The temporary files take 8 bytes a number, in
+    the folder that the environment variable TMPDIR names.
 
     Parameters
     ----------
@@ -61,7 +54,7 @@ class RecordingStream:
     """
 
     usage: Usage | None = None
-    """How many of sensor 1's messages are in it; None where they were no messages, or no one told."""
+    """How many of sensor 1's messages are in it; None where they were no messages."""
 
     interpolated_noise: InterpolatedNoise | None = None
     """What interpolation made of the sensors' noise."""
@@ -82,24 +75,16 @@ class RecordingStream:
             raise InputError("the recording contains no sample")
 
     def _append(self, piece: Recording) -> None:
-        if not self._columns:
-            self._columns = {"time_s": _Column(()), "readings_T": _Column((piece.sensor_count, 3))}
-        count = self._columns["time_s"].count
+        count = self._columns["time_s"].count if self._columns else 0
         if count and not piece.time_s[0] > self._columns["time_s"].read(count - 1, 1)[0]:
             raise InputError(
                 f"time repeats or goes backwards at sample {count + 1}, {piece.time_s[0]:.6f} s: "
                 "read one run with --from and --until"
             )
-        self._columns["time_s"].append(piece.time_s)
-        self._columns["readings_T"].append(piece.readings_T)
-        further = dict.fromkeys([*self._columns, *piece.further]).keys() - {"time_s", "readings_T", *CHANNELS}
-        for name, shape in (_CHANNELS | dict.fromkeys(sorted(further), ())).items():
-            values = piece.channel(name)
-            if values is None and name not in self._columns:
-                continue
-            column = self._columns.setdefault(name, _Column(shape))
-            column.append(np.full((count - column.count, *shape), np.nan))
-            column.append(np.full((piece.sample_count, *shape), np.nan) if values is None else values)
+        for name, values in piece.values().items():
+            column = self._columns.setdefault(name, _Column(values.shape[1:]))
+            column.append(np.full((count - column.count, *column.shape), np.nan))
+            column.append(values)
 
     @property
     def sample_count(self) -> int:
@@ -150,9 +135,9 @@ class RecordingStream:
 
     def with_noise(self, noise: InterpolatedNoise) -> "RecordingStream":
         """Return the same samples with what interpolation made of their noise."""
-        told = self.take(np.ones(self.sample_count, dtype=bool))
-        told.interpolated_noise = noise
-        return told
+        other = self.take(np.ones(self.sample_count, dtype=bool))
+        other.interpolated_noise = noise
+        return other
 
     def take(self, index: NDArray[np.bool_]) -> "RecordingStream":
         """Return the samples that a mask (N,) selects; they stay where they are."""
@@ -168,8 +153,8 @@ class RecordingStream:
         """Return all samples in memory, with all channels."""
         names = list(self._columns)
         parts = zip(*self._read(names), strict=True)
-        whole = Recording.of_values({name: np.concatenate(part) for name, part in zip(names, parts, strict=True)})
-        return whole if self.interpolated_noise is None else whole.with_noise(self.interpolated_noise)
+        recording = Recording.of_values({name: np.concatenate(part) for name, part in zip(names, parts, strict=True)})
+        return recording if self.interpolated_noise is None else recording.with_noise(self.interpolated_noise)
 
     def _places(self, index: "NDArray[np.integer] | list[int]") -> "NDArray[np.integer]":
         """Return where in the files some samples lie."""

@@ -15,7 +15,7 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.recordings.joining import Streams, samples_of
 from tam_calibration.recordings.reading import Reading
-from tam_calibration.recordings.text_source import RowSource, joined_cells
+from tam_calibration.recordings.row_source import RowSource, joined_cells
 from tam_calibration.recordings.times import Times
 
 _FEW = 0.5
@@ -114,16 +114,16 @@ class RowJoining:
         self.source.tell(times)
         if self._first_ns is None:
             self._first_ns = int(times.stamps_ns[0])
-        inside = times.is_kept & self._reading.window.holds(times.stamps_ns, self._first_ns)
+        inside = times.is_kept & self._reading.window.contains(times.stamps_ns, self._first_ns)
         stamps_ns, values = times.stamps_ns[inside], values[inside]
         if not len(values):
             return None
         rows = np.column_stack([self._time_s(cells, inside, stamps_ns), self._columns(values, stamps_ns)])
         sensors = self.streams.layout.sensor_count
-        is_whole = ~np.isnan(rows[:, 1 : 1 + 3 * sensors]).any(axis=1)
+        is_complete = ~np.isnan(rows[:, 1 : 1 + 3 * sensors]).any(axis=1)
         self._count += len(rows)
-        self._whole += int(is_whole.sum())
-        rows = rows if self._with_partial else rows[is_whole]
+        self._whole += int(is_complete.sum())
+        rows = rows if self._with_partial else rows[is_complete]
         has_any = ~np.isnan(rows[:, 1 : 1 + 3 * sensors].reshape(len(rows), sensors, 3)).any(axis=2).all(axis=1)
         rows = rows if has_any.all() else rows[~np.isnan(rows[:, 1 : 1 + 3 * sensors]).all(axis=1)]
         if not len(rows):

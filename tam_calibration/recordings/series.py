@@ -10,9 +10,9 @@ from tam_calibration.messages.message_fields import stamp_fields, stamps_of
 from tam_calibration.messages.samples import Progress
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, IntArray
-from tam_calibration.recordings.choice import is_bookkeeping
+from tam_calibration.recordings.row_source import RowSource, joined_cells
 from tam_calibration.recordings.tables import MemorySource, Source, Table, Wanted
-from tam_calibration.recordings.text_source import RowSource, joined_cells
+from tam_calibration.recordings.vectors import is_bookkeeping
 
 _MOST_NUMBERS = 1 << 26
 """Numbers that are kept: 512 MB. They are those of 1.5 GB of messages; the rest of a larger recording is not read."""
@@ -70,9 +70,9 @@ class Series:
         """Return the values (n, fields) of some fields."""
         places = [self.places[field] for field in fields]
         first = places[0]
-        # Fields beside each other, as those of a vector are, are not copied.
-        beside = places == list(range(first, first + len(places)))
-        return self.values[:, first : first + len(places)] if beside else self.values[:, places]
+        # Neighbouring fields, such as those of a vector, are not copied.
+        are_neighbours = places == list(range(first, first + len(places)))
+        return self.values[:, first : first + len(places)] if are_neighbours else self.values[:, places]
 
 
 def read_rows(source: RowSource, name: str, progress: Progress) -> Series:

@@ -8,8 +8,8 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from tam_calibration.messages.batch_stream import StreamMessages
 from tam_calibration.messages.samples import Progress
+from tam_calibration.messages.stream_messages import StreamMessages
 from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.recordings.channel_map import ChannelMap, Clock
 
@@ -34,7 +34,7 @@ class Table:
     count : int, optional
         Number of messages or rows, where that is known.
     is_stamped : bool
-        Whether each has a time of its own, beside the recorder's.
+        Whether each has a stamp, in addition to the recorder's time.
     units : mapping of str to str
         Units of fields that the format states: ``T``, ``G`` and so on.
     columns : tuple of str

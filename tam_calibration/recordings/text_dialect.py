@@ -1,4 +1,4 @@
-"""How a text file of numbers is written, told by its beginning: delimiter, decimal sign, comments, header, encoding."""
+"""Format of a text file, detected from its beginning: delimiter, decimal sign, comments, header, encoding."""
 
 import csv
 import re
@@ -25,7 +25,7 @@ _SAMPLE = 400
 """Lines that are looked at."""
 
 _DELIMITERS = ("\t", ";", ",", "|", " ")
-"""In the order in which they are preferred where several cut the lines alike; the blank is any white space."""
+"""In the order in which they are preferred where several divide the lines equally; the blank is any white space."""
 
 _COMMENTS = ("#", "%", "//", "!")
 """What lines begin with that are not read, where data lines do not."""
@@ -149,8 +149,8 @@ def _beginning(path: Path) -> tuple[str, str]:
         raise InputError(f"{path} is not a text file")
     else:
         encoding = "utf-8-sig"
-    is_whole = len(content) < _BEGINNING
-    if not is_whole:
+    is_complete = len(content) < _BEGINNING
+    if not is_complete:
         end = b"\n\0" if encoding == "utf-16" else b"\n"
         content, _, rest = content.rpartition(end)
         if not content or len(rest) > LONGEST_LINE:

@@ -1,177 +1,28 @@
 """Delimited text of any dialect, and tables of libraries, as rows: columns of numbers with a time each."""
 
-import logging
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tam_calibration.files.text_files import in_file
-from tam_calibration.messages.batch_stream import StreamMessages
-from tam_calibration.messages.samples import Progress
-from tam_calibration.model.exceptions import InputError, quoted
+from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray
-from tam_calibration.recordings.channel_map import ChannelMap, Clock, TextFormat, TimeColumn
+from tam_calibration.recordings.channel_map import ChannelMap, TextFormat, TimeColumn
 from tam_calibration.recordings.own_names import is_own_column
-from tam_calibration.recordings.tables import Columns, MemorySource, Table, Wanted
-from tam_calibration.recordings.text_dialect import LONGEST_LINE, MISSING, Dialect, cells_of, detect_dialect, is_number
-from tam_calibration.recordings.times import (
-    PER_SECOND,
-    Times,
-    even_times,
-    repaired,
-    stamps_of_numbers,
-    stamps_of_words,
-    time_unit,
-)
+from tam_calibration.recordings.row_source import RowSource
+from tam_calibration.recordings.text_dialect import LONGEST_LINE, Dialect, detect_dialect, is_number
+from tam_calibration.recordings.text_numbers import parse, words_of
+from tam_calibration.recordings.times import stamps_of_words
 
 if TYPE_CHECKING:
     import pandas
-    import pyarrow
-
-log = logging.getLogger(__name__)
 
 _PIECE = 1 << 24
 """Characters that are read at once."""
-
-_LARGE = 1 << 21
-"""Characters from which pyarrow, which takes a quarter of a second to load and is ten times as fast, is worth it."""
-
-NO_TIME_RATE_HZ = 1.0
-"""Rate that rows without a time are given: a fit of the errors needs none."""
-
-
-class RowSource:
-    """Rows that each hold the readings of one moment.
-
-    Parameters
-    ----------
-    path : Path
-        Where they lie.
-    format : str
-        For people.
-    columns : sequence of str
-        Names of all columns.
-    numeric : sequence of str
-        Those that hold numbers.
-    time : TimeColumn
-        Where their time is, as far as it is stated.
-    has_header : bool
-        Whether the names stand in the file.
-    """
-
-    def __init__(
-        self,
-        path: Path,
-        format: str,
-        columns: Sequence[str],
-        numeric: Sequence[str],
-        time: TimeColumn,
-        has_header: bool = True,
-    ) -> None:
-        self.path, self.format, self.unfinished, self._columns = path, format, "", tuple(columns)
-        self.has_header = has_header
-        self.time_column, self.time_unit = self._time(time, numeric)
-        self.rate_hz = time.rate_hz
-        self._told: set[str] = set()
-        fields = tuple(name for name in numeric if name != self.time_column)
-        self.tables: Sequence[Table] = [Table("", fields, is_stamped=True, columns=self._columns)]
-
-    def _time(self, time: TimeColumn, numeric: Sequence[str]) -> tuple[str | None, str]:
-        """Return the column of the time, None where there is none, and its unit or format, as far as that is known."""
-        if time.rate_hz is not None:
-            return None, ""
-        if isinstance(time.column, int):
-            if not 1 <= time.column <= len(self._columns):
-                raise InputError(f"{self.path} has {len(self._columns)} columns, none with the number {time.column}")
-            return self._columns[time.column - 1], time.format
-        if time.column is not None:
-            if time.column not in self._columns:
-                raise InputError(
-                    f"{self.path} has no column {quoted(time.column)}: it has {', '.join(self._columns[:12])}"
-                )
-            return time.column, time.format
-        named = {name: unit for name in self._columns if (unit := time_unit(name)) is not None}
-        if not named:
-            first = self._columns[0]
-            return (first, "") if not is_own_column(first) and self._is_time(first, first in numeric) else (None, "")
-        name = next(iter(named))
-        return name, time.format or named[name]
-
-    def _is_time(self, column: str, is_numeric: bool) -> bool:
-        """Whether a column of another name may be the time: it rises from row to row, or contains times of day."""
-        return False
-
-    def rows(self, fields: Sequence[str]) -> Iterator[tuple[Sequence[str] | FloatArray | None, FloatArray]]:
-        """Yield the cells of the time, None where there is no such column, and the (n, fields) numbers of some rows."""
-        raise NotImplementedError
-
-    def times(self) -> Times:
-        """Return the times of all rows, for which they are gone through: what is repaired depends on all."""
-        parts = list(self.rows(()))
-        return self.timed(joined_cells([cells for cells, _ in parts]), sum(len(values) for _, values in parts))
-
-    def timed(self, cells: Sequence[str] | FloatArray | None, count: int) -> Times:
-        """Return the times of rows, repaired.
-
-        Parameters
-        ----------
-        cells : (n,) array, sequence of str or None
-            As `rows` yields them.
-        count : int
-            Number of rows.
-        """
-        if cells is None:
-            remark = (
-                ()
-                if self.rate_hz
-                else (
-                    "without a time, rows count as 1 s apart and rates mean nothing: state time: {rate_hz: …} in a map",
-                )
-            )
-            return Times(even_times(count, self.rate_hz or NO_TIME_RATE_HZ), np.ones(count, dtype=bool), remark)
-        if isinstance(cells, np.ndarray) and cells.dtype.kind == "f":
-            stamps, unit = stamps_of_numbers(cells, self.time_unit if self.time_unit in PER_SECOND else "")
-            self.time_unit = unit
-            return repaired(stamps, unit)
-        if isinstance(cells, np.ndarray):  # times of day that a library has read
-            return repaired(cells.astype(np.int64), "")
-        return repaired(stamps_of_words(cells, self.time_unit), "")
-
-    def tell(self, times: Times) -> None:
-        """Warn of what was repaired of times, once."""
-        for remark in times.remarks:
-            if remark not in self._told:
-                self._told.add(remark)
-                log.warning("%s: %s", self.path, remark)
-
-    def in_memory(self, name: str) -> Columns:
-        """Return all rows with their times as a table of some name."""
-        fields = self.tables[0].fields
-        parts = list(self.rows(fields))
-        values = np.concatenate([part for _, part in parts])
-        times = self.timed(joined_cells([cells for cells, _ in parts]), len(values))
-        self.tell(times)
-        table = Table(name, fields, columns=self._columns, count=len(values))
-        kept = times.is_kept
-        return Columns(table, times.stamps_ns[kept], dict(zip(fields, values[kept].T, strict=True)))
-
-    def batches(
-        self, wanted: Mapping[str, Wanted], clock: Clock, progress: Progress
-    ) -> Iterator[dict[str, StreamMessages]]:
-        """Yield the readings of some streams, as `Source.batches`, each row's at one time."""
-        yield from MemorySource(self.path, self.format, [self.in_memory("")]).batches(wanted, clock, progress)
-
-
-def joined_cells(parts: Sequence[Any]) -> Any:
-    """Return the cells of the time of several pieces as one."""
-    if not parts or parts[0] is None:
-        return None
-    return np.concatenate(parts) if isinstance(parts[0], np.ndarray) else [cell for part in parts for cell in part]
 
 
 class TextSource(RowSource):
@@ -196,13 +47,8 @@ class TextSource(RowSource):
     def _is_time(self, column: str, is_numeric: bool) -> bool:
         cells = [row[self._columns.index(column)] for row in self.dialect.sample]
         if is_numeric:
-            values = np.array(
-                [
-                    float(cell.replace(self.dialect.decimal, "."))
-                    for cell in cells
-                    if is_number(cell, self.dialect.decimal)
-                ]
-            )
+            sign = self.dialect.decimal
+            values = np.array([float(cell.replace(sign, ".")) for cell in cells if is_number(cell, sign)])
             return len(values) > 2 and bool((np.diff(values) >= 0).mean() > 0.98) and values[-1] > values[0]
         try:
             stamps_of_words(cells, "")
@@ -219,13 +65,13 @@ class TextSource(RowSource):
         line = self.dialect.first_line
         for text in self._texts():
             with in_file(self.path):
-                values = _parse(text, self.dialect, wanted, line)
+                values = parse(text, self.dialect, wanted, line)
                 if time is None:
                     yield None, values
                 elif is_numeric:
                     yield values[:, -1], values[:, :-1]
                 else:
-                    yield _words(text, self.dialect, time), values
+                    yield words_of(text, self.dialect, time), values
             line += text.count("\n") + 1
 
     def _texts(self) -> Iterator[str]:
@@ -245,107 +91,6 @@ class TextSource(RowSource):
             raise InputError(f"{self.path} cannot be read: {problem.strerror}") from None
         except UnicodeDecodeError:
             raise InputError(f"{self.path} is not a text file") from None
-
-
-def _parse(text: str, dialect: Dialect, columns: Sequence[int], first_line: int) -> FloatArray:
-    """Return the (n, columns) numbers of lines; NaN where a cell has none.
-
-    Raises
-    ------
-    InputError
-        It names the first line that is no line of the table.
-    """
-    if not text.strip() or not columns:
-        return np.empty((sum(bool(line.strip()) for line in text.split("\n")), len(columns)))
-    try:
-        table = _by_arrow(text, dialect, columns) if len(text) > _LARGE and dialect.delimiter != " " else None
-        if table is None:
-            table = _by_numpy(text, dialect, columns)
-    except ValueError:
-        raise InputError(_fault(text, dialect, columns, first_line)) from None
-    return table
-
-
-def _by_arrow(text: str, dialect: Dialect, columns: Sequence[int]) -> FloatArray | None:
-    """Return the numbers of many lines; None where pyarrow is not installed, or cannot read them."""
-    try:
-        import pyarrow
-        from pyarrow import csv
-    except ModuleNotFoundError:
-        return None
-    names = [str(number) for number in range(len(dialect.names))]
-    chosen = [names[column] for column in columns]
-    try:
-        table = csv.read_csv(
-            BytesIO(text.encode()),
-            csv.ReadOptions(column_names=names),
-            csv.ParseOptions(delimiter=dialect.delimiter),
-            csv.ConvertOptions(
-                include_columns=chosen,
-                column_types=dict.fromkeys(chosen, pyarrow.float64()),
-                null_values=list(MISSING),
-                decimal_point=dialect.decimal,
-            ),
-        )
-    except pyarrow.ArrowException:
-        return None
-    return np.column_stack([_values_of(table[name].combine_chunks()) for name in chosen])
-
-
-def _values_of(column: "pyarrow.DoubleArray") -> FloatArray:
-    """Return the values (n,) of a column, NaN of blanks, without pandas, which ``to_numpy`` loads for half a second."""
-    values: FloatArray = np.frombuffer(column.buffers()[1])[: len(column)]
-    return np.where(np.from_dlpack(column.is_null().cast("uint8")), np.nan, values) if column.null_count else values
-
-
-def _by_numpy(text: str, dialect: Dialect, columns: Sequence[int]) -> FloatArray:
-    lines = [line for line in text.split("\n") if line.strip()]
-    width = len(dialect.names)
-    if '"' in text:
-        rows = [cells_of(line, dialect.delimiter) for line in lines]
-        is_ragged = any(len(row) != width for row in rows)
-    else:
-        cut = None if dialect.delimiter == " " else dialect.delimiter
-        is_ragged = any((len(line.split()) if cut is None else line.count(cut) + 1) != width for line in lines)
-    if is_ragged:
-        raise ValueError
-    if dialect.decimal == ",":
-        lines = [line.replace(",", ".") for line in lines]
-    delimiter = None if dialect.delimiter == " " else dialect.delimiter
-    try:
-        return np.loadtxt(lines, delimiter=delimiter, usecols=columns, ndmin=2, comments=None, quotechar='"')
-    except ValueError:
-        return np.array([_row(line, dialect.delimiter, columns) for line in lines])
-
-
-def _row(line: str, delimiter: str, columns: Sequence[int]) -> list[float]:
-    """Return some cells of a line as numbers, NaN where one has no value."""
-    cells = cells_of(line, delimiter)
-    chosen = [cells[column].strip() for column in columns]
-    return [np.nan if cell in MISSING else float(cell) for cell in chosen]
-
-
-def _words(text: str, dialect: Dialect, column: int) -> list[str]:
-    """Return the cells of a column."""
-    lines = [line for line in text.split("\n") if line.strip()]
-    if dialect.delimiter != " " and '"' not in text:
-        return [line.split(dialect.delimiter, column + 1)[column].strip() for line in lines]
-    return [cells_of(line, dialect.delimiter)[column].strip() for line in lines]
-
-
-def _fault(text: str, dialect: Dialect, columns: Sequence[int], first_line: int) -> str:
-    """Return what is wrong with the first line that is no line of the table."""
-    lines = text.split("\n")
-    for number, line in enumerate(lines, start=first_line):
-        cells = cells_of(line, dialect.delimiter)
-        if line.strip() and len(cells) != len(dialect.names):
-            hint = ": the file seems to be truncated" if number == first_line + len(lines) - 1 else ""
-            return f"line {number} has {len(cells)} values, but the table has {len(dialect.names)} columns{hint}"
-        for column in columns if line.strip() else ():
-            cell = cells[column].strip()
-            if cell not in MISSING and not is_number(cell, dialect.decimal):
-                return f"line {number} column {quoted(dialect.names[column])[1:-1]}: {quoted(cell)} is not a number"
-    return "the lines are no table of numbers"
 
 
 class FrameSource(RowSource):
@@ -398,7 +143,7 @@ class TextReader:
     """Opens delimited text: the reader of whatever no other recognises."""
 
     def recognises(self, path: Path, beginning: bytes) -> bool:
-        """Return whether it is a file; what is no text is told when it is opened."""
+        """Return whether it is a file; whether it is text shows when it is opened."""
         return path.is_file()
 
     @contextmanager

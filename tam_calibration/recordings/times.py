@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from typing import Any
 from warnings import catch_warnings, simplefilter
 
@@ -103,10 +103,10 @@ def stamps_of_numbers(values: FloatArray, unit: str) -> tuple[IntArray, str]:
     per_second = PER_SECOND[unit]
     if np.abs(values).max() / per_second >= 9.2e9:
         raise InputError(f"a time is {np.abs(values).max():.3g} {unit}, beyond the year 2262: check its unit")
-    whole = np.floor(values)
+    integers = np.floor(values)
     ticks = 1_000_000_000 // per_second
-    fraction = np.rint((values - whole) * ticks).astype(np.int64)
-    return whole.astype(np.int64) * ticks + fraction, unit
+    fraction = np.rint((values - integers) * ticks).astype(np.int64)
+    return integers.astype(np.int64) * ticks + fraction, unit
 
 
 def detect_time_unit(values: FloatArray) -> str:
@@ -119,9 +119,9 @@ def detect_time_unit(values: FloatArray) -> str:
         low, high = (limit * per_second for limit in _EPOCH_S)
         if low <= largest <= high and step <= _SLOWEST_S * per_second:
             return unit
-    is_whole = bool((values == np.round(values)).all())
+    is_complete = bool((values == np.round(values)).all())
     for unit, per_second in PER_SECOND.items():
-        if step / per_second <= (_SLOWEST_S if not is_whole or unit != "s" else 1.0):
+        if step / per_second <= (_SLOWEST_S if not is_complete or unit != "s" else 1.0):
             return unit
     return "s"
 
@@ -156,17 +156,14 @@ def stamps_of_words(words: Sequence[str], form: str) -> IntArray:
         except ValueError:
             expected = "an ISO 8601 time" if is_iso else f"a time of the format {form}"
             raise InputError(f"the time of row {number}, {quoted(word)}, is not {expected}") from None
-        aware = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
-        stamps.append(_nanoseconds(aware))
+        stamps.append(nanoseconds_of(moment))
     return np.array(stamps, dtype=np.int64)
 
 
-_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-
-
-def _nanoseconds(moment: datetime) -> int:
-    since = moment - _EPOCH
-    return (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
+def nanoseconds_of(moment: datetime) -> int:
+    """Return a moment in nanoseconds since 1970; one without a zone is UTC."""
+    since = (moment if moment.tzinfo else moment.replace(tzinfo=UTC)) - datetime(1970, 1, 1, tzinfo=UTC)
+    return since // timedelta(microseconds=1) * 1000
 
 
 def repaired(stamps_ns: IntArray, unit: str) -> Times:

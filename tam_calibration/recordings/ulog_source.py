@@ -73,7 +73,7 @@ class _Formats(dict[str, list[tuple[str, int, str]]]):
         return fields
 
     def size(self, fields: list[tuple[str, int, str]]) -> float:
-        """Return the bytes of some fields; infinite where a format is not known or holds itself."""
+        """Return the bytes of some fields; infinite where a format is not known or contains itself."""
         return sum(max(count, 1) * self._size(kind) for kind, count, _ in fields)
 
     def _size(self, kind: str) -> float:
@@ -156,7 +156,7 @@ class _Log:
         return place + taken
 
     def _defines(self, kind: int, content: bytes) -> bool:
-        """Note what a message that holds no readings tells of others; return whether it is such a message."""
+        """Take a message that defines others; return whether it is known and has no readings."""
         if kind == _FORMAT:
             self._formats.define(content.decode(errors="replace"))
         elif kind == _ADDED and len(content) > _SUBSCRIPTION.size:

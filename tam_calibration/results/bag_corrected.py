@@ -8,10 +8,10 @@ import numpy as np
 
 from tam_calibration.correction.calibration import Corrected
 from tam_calibration.messages import point_cloud
-from tam_calibration.messages.batch_stream import BoolArray
 from tam_calibration.messages.cdr import NO_TIME, RawMessages, fill, interleave
 from tam_calibration.messages.samples import Progress
 from tam_calibration.messages.samples import pieces as pieces_of
+from tam_calibration.messages.stream_messages import BoolArray
 from tam_calibration.messages.topics import sensor_topic
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
@@ -49,7 +49,7 @@ def write_bag_corrected(
         The results and their stamps, piece by piece; one at least.
     source : Path, optional
         Bag of the raw readings, whose storage is kept and whose other topics are carried over unchanged; each
-        result stands behind the reading of sensor 1 that it came from, or of the sensor that stood in for it.
+        result follows the reading of sensor 1 that it came from, or of the sensor that replaced it.
     progress : callable
         Called now and then with the bytes of the source that were carried over, and how many there are.
     how : Reading

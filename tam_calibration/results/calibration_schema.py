@@ -101,13 +101,13 @@ class _Field(Document):
 
     def to_gradient(self) -> AmbientGradientEstimate | None:
         """Return the gradient of the field in SI, where one was fitted."""
-        tensor, errors = self.gradient_nT_per_m, self.gradient_standard_error_nT_per_m
-        if tensor is None or errors is None:
-            return None
-        return AmbientGradientEstimate(from_nanotesla(np.array(tensor)), from_nanotesla(np.array(errors)))
+        *_, tensor, errors = in_si(self)
+        return None if tensor is None or errors is None else AmbientGradientEstimate(tensor, errors)
 
 
-class _Residuals(Document):
+class ResidualsFile(Document):
+    """RMS residuals at one stage of a calibration."""
+
     sensor_intensity_nT: list[NanoteslaSize]
     center_intensity_nT: NanoteslaSize
     tensor_nT_per_m: tuple[NanoteslaSize, NanoteslaSize, NanoteslaSize, NanoteslaSize, NanoteslaSize]
@@ -115,10 +115,10 @@ class _Residuals(Document):
 
 
 class _AllResiduals(Document):
-    before: _Residuals
-    in_sample: _Residuals
-    held_out: _Residuals | None
-    noise_floor: _Residuals
+    before: ResidualsFile
+    in_sample: ResidualsFile
+    held_out: ResidualsFile | None
+    noise_floor: ResidualsFile
 
 
 class _Recording(Document):
@@ -154,7 +154,9 @@ class _Effect(EffectFile):
         return EffectSize(self.size.to_tesla(), self.size_standard_error.to_tesla())
 
 
-class _KnownSource(Document):
+class KnownSourceFile(Document):
+    """What a known source of field determined."""
+
     baseline_scale: ScaleFactor
     baseline_scale_standard_error: _StandardError
     rotation_deg: Turns
@@ -186,7 +188,7 @@ class _Calibration(Document):
     residuals: _AllResiduals
     reduced_chi_square: dict[str, Annotated[float, Bounds(least=0, may_be_nan=True)]]
     effects: list[_Effect] = dataclasses.field(default_factory=list)
-    known_source: _KnownSource | None = None
+    known_source: KnownSourceFile | None = None
     update: UpdateFile | None = None
     recording: _Recording
     covariance_order: str
@@ -251,7 +253,7 @@ def calibration_of(content: dict[str, Any]) -> Calibration:
     return calibration
 
 
-def _residuals(stored: _Residuals) -> Residuals:
+def _residuals(stored: ResidualsFile) -> Residuals:
     return Residuals(*in_si(stored)[:3])
 
 

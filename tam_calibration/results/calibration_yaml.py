@@ -1,6 +1,6 @@
 """The calibration file: everything of a calibration, with the formula to apply it by hand."""
 
-from collections.abc import Callable
+from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
@@ -10,14 +10,14 @@ from tam_calibration import __version__
 from tam_calibration.correction.calibration import AmbientGradientEstimate, Calibration, KnownSource
 from tam_calibration.correction.quality import Quality
 from tam_calibration.effects.library import units_of
-from tam_calibration.files.quantities import NOT_TURNED
-from tam_calibration.files.text_files import degrees_to_write, in_file, nanotesla_to_write, read_text, write_text
+from tam_calibration.files.quantities import NOT_TURNED, block_to_write, value_to_write
+from tam_calibration.files.text_files import in_file, read_text, write_text
 from tam_calibration.files.yaml_document import dump_mapping, parse_mapping
 from tam_calibration.model.residuals import Residuals
 from tam_calibration.model.sensor_errors import SensorErrors, orientation_to_axes
-from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
+from tam_calibration.model.units import FloatArray, to_nanotesla
 from tam_calibration.recordings.array_yaml import array_to_mapping
-from tam_calibration.results.calibration_schema import SCHEMA, calibration_of
+from tam_calibration.results.calibration_schema import SCHEMA, KnownSourceFile, ResidualsFile, calibration_of
 from tam_calibration.results.effects_schema import effect_to_mapping
 from tam_calibration.results.update_schema import update_to_mapping
 
@@ -135,13 +135,13 @@ def calibration_to_mapping(calibration: Calibration) -> dict[str, Any]:
         "sensors": sensors_to_mapping(calibration.errors, calibration.standard_errors),
         "array": array_to_mapping(calibration.array) | {"noise_is_estimated": calibration.noise_is_estimated},
         "field": {
-            "intensity_nT": float(nanotesla_to_write(np.array(calibration.intensity_T))),
+            "intensity_nT": value_to_write("_nT", calibration.intensity_T),
             "has_scalar_reference": calibration.has_scalar_reference,
             "coverage_of_sphere": _rounded(calibration.coverage),
             **_gradient(calibration.ambient_gradient),
         },
         "residuals": {
-            name: None if residuals is None else _residuals(residuals)
+            name: _residuals(residuals)
             for name, residuals in (
                 ("before", calibration.before),
                 ("in_sample", calibration.in_sample),
@@ -169,25 +169,15 @@ def calibration_to_mapping(calibration: Calibration) -> dict[str, Any]:
 def _known_source(found: KnownSource | None) -> dict[str, Any]:
     if found is None:
         return {}
-    return {
-        "known_source": {
-            "baseline_scale": found.baseline_scale,
-            "baseline_scale_standard_error": _rounded(found.baseline_scale_standard_error),
-            "rotation_deg": degrees_to_write(found.rotation).tolist(),
-            "rotation_standard_error_deg": _rounded(to_degrees(found.rotation_standard_errors)),
-            "axis_offsets_standard_error_m": _rounded(found.axis_offsets_standard_errors_m),
-            "reduced_chi_square": _rounded(found.reduced_chi_square),
-        }
-    }
+    block = block_to_write(KnownSourceFile, astuple(found))
+    exact = ("baseline_scale", "rotation_deg")
+    return {"known_source": {key: value if key in exact else _rounded(value) for key, value in block.items()}}
 
 
 def _gradient(gradient: AmbientGradientEstimate | None) -> dict[str, Any]:
-    if gradient is None:
-        return {}
-    return {
-        "gradient_nT_per_m": nanotesla_to_write(gradient.tensor_T_per_m).tolist(),
-        "gradient_standard_error_nT_per_m": nanotesla_to_write(gradient.standard_errors_T_per_m).tolist(),
-    }
+    keys = "gradient_nT_per_m", "gradient_standard_error_nT_per_m"
+    values = () if gradient is None else astuple(gradient)
+    return {key: value_to_write(key, value) for key, value in zip(keys, values, strict=False)}
 
 
 def _effects(calibration: Calibration) -> dict[str, Any]:
@@ -217,34 +207,32 @@ def sensors_to_mapping(errors: SensorErrors, standard_errors: FloatArray | None 
     standard_errors : (K, 12) array, optional
         Theirs, SI.
     """
-    columns: tuple[tuple[str, str, FloatArray, Callable[[FloatArray], FloatArray]], ...] = (
-        ("scale_factor", "", errors.scale_factor, np.asarray),
-        ("non_orthogonality", "_deg", degrees_to_write(errors.non_orthogonality), to_degrees),
-        ("bias", "_nT", nanotesla_to_write(errors.bias_T), to_nanotesla),
-        ("misalignment", "_deg", degrees_to_write(errors.misalignment), to_degrees),
+    columns = (
+        ("scale_factor", "", errors.scale_factor),
+        ("non_orthogonality", "_deg", errors.non_orthogonality),
+        ("bias", "_nT", errors.bias_T),
+        ("misalignment", "_deg", errors.misalignment),
     )
     blocks = []
     for index, matrix in enumerate(errors.matrix.tolist()):
         block: dict[str, Any] = {"sensor": index + 1}
-        for place, (name, unit, values, convert) in enumerate(columns):
-            block[name + unit] = values[index].tolist()
+        for place, (name, unit, values) in enumerate(columns):
+            block[name + unit] = value_to_write(unit, values[index])
             if standard_errors is not None:
                 own = standard_errors[index, 3 * place : 3 * place + 3]
-                block[f"{name}_standard_error{unit}"] = _rounded(convert(own))
+                block[f"{name}_standard_error{unit}"] = _rounded(value_to_write(unit, own))
         axes = orientation_to_axes(errors.orientation[index])
         blocks.append(block | ({} if tuple(axes) == NOT_TURNED else {"orientation": axes}) | {"matrix": matrix})
     return blocks
 
 
-def _residuals(residuals: Residuals) -> dict[str, Any]:
-    return {
-        "sensor_intensity_nT": _rounded(to_nanotesla(residuals.sensor_intensity_T)),
-        "center_intensity_nT": _rounded(to_nanotesla(residuals.center_intensity_T)),
-        "tensor_nT_per_m": _rounded(to_nanotesla(residuals.tensor_T_per_m)),
-        "tensor_rmse_nT_per_m": _rounded(to_nanotesla(residuals.tensor_rmse_T_per_m)),
-    }
+def _residuals(residuals: Residuals | None) -> dict[str, Any] | None:
+    if residuals is None:
+        return None
+    block = block_to_write(ResidualsFile, (*astuple(residuals), residuals.tensor_rmse_T_per_m))
+    return {key: _rounded(value) for key, value in block.items()}
 
 
-def _rounded(value: float | FloatArray) -> Any:
+def _rounded(value: Any) -> Any:
     """Return the value, or list of values, to six significant digits."""
     return np.vectorize(lambda number: float(f"{number:.6g}"), otypes=[float])(value).tolist()

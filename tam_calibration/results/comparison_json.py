@@ -16,17 +16,24 @@ from tam_calibration.comparison.mend import Mend, NoiseTerm
 from tam_calibration.comparison.snippets import gazebo_sdf, mujoco_mjcf, python_plugin
 from tam_calibration.correction.calibration import Provenance
 from tam_calibration.effects.library import check_numbers, effect_named, units_of
-from tam_calibration.files.quantities import Hertz, NanoteslaSize
+from tam_calibration.files.quantities import Hertz, NanoteslaSize, in_si, value_to_write
 from tam_calibration.files.schema import Bounds, Document, check, require_schema
-from tam_calibration.files.text_files import in_file, nanotesla_to_write, read_text, to_json, write_text
+from tam_calibration.files.text_files import in_file, read_text, to_json, write_text
 from tam_calibration.files.yaml_document import dump_mapping, parse_mapping
 from tam_calibration.gap.noise import AxisNoise
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.units import for_people, from_nanotesla, to_nanotesla
+from tam_calibration.model.units import for_people, to_nanotesla
 from tam_calibration.results.calibration_schema import calibration_of
 from tam_calibration.results.calibration_yaml import calibration_to_mapping
 from tam_calibration.results.effects_schema import EffectFile, effect_to_mapping
-from tam_calibration.results.results_json import law_to_mapping, numbers_of, rounded, sizes, source_to_mapping
+from tam_calibration.results.results_json import (
+    attributes,
+    law_to_mapping,
+    numbers_of,
+    rounded,
+    sizes,
+    source_to_mapping,
+)
 
 SCHEMA = "tam_calibration/mend/1"
 COMPARISON_SCHEMA = "tam_calibration/compare/1"
@@ -101,8 +108,8 @@ def _noise_to_mapping(term: NoiseTerm) -> dict[str, Any]:
     return mapping
 
 
-def _nanotesla(tesla: float) -> float:
-    return float(nanotesla_to_write(np.array(tesla)))
+def _nanotesla(tesla: float) -> Any:
+    return value_to_write("_nT", tesla)
 
 
 class _Noise(Document):
@@ -124,16 +131,10 @@ class _Noise(Document):
             raise InputError("slow noise is stated by both knee_hz and exponent")
         if self.band_hz is not None and not self.band_hz[0] < self.band_hz[1]:
             raise InputError(f"band_hz must be a lower and a higher frequency, not {list(self.band_hz)}")
-        return NoiseTerm(
-            0 if self.sensor == "scalar" else self.sensor,
-            self.axis or "",
-            from_nanotesla(self.white_nT),
-            from_nanotesla(self.added_white_nT),
-            float("nan") if self.knee_hz is None else self.knee_hz,
-            float("nan") if self.exponent is None else self.exponent,
-            self.band_hz,
-            from_nanotesla(self.band_nT),
-        )
+        _, _, white_T, added_white_T, *_, band_T = in_si(self)
+        knee_hz, exponent = (float("nan") if each is None else each for each in (self.knee_hz, self.exponent))
+        sensor = 0 if self.sensor == "scalar" else self.sensor
+        return NoiseTerm(sensor, self.axis or "", white_T, added_white_T, knee_hz, exponent, self.band_hz, band_T)
 
 
 class _Mend(Document):
@@ -222,14 +223,10 @@ def comparison_to_mapping(comparison: result.Comparison, sources: Sources) -> di
     closing, mend = comparison.closing, comparison.mend
     return {
         "schema": COMPARISON_SCHEMA,
-        "verdict": comparison.verdict,
-        "statement": comparison.statement,
+        **attributes(comparison, "verdict", "statement"),
         "laws": {name: [law_to_mapping(law) for law in laws] for name, laws in comparison.laws_of_one.items()},
         "remarks": list(comparison.remarks),
-        "mistakes": [
-            {"kind": mistake.kind, "what": mistake.what, "where": mistake.where, "mend": mistake.mend}
-            for mistake in comparison.mistakes
-        ],
+        "mistakes": [attributes(each, "kind", "what", "where", "mend") for each in comparison.mistakes],
         "missing_in_simulation": [
             _difference(each) | _shown(by_simulation=each.is_shown_by_other_run, by_recording=True)
             for each in comparison.missing
@@ -258,10 +255,7 @@ def comparison_to_mapping(comparison: result.Comparison, sources: Sources) -> di
 def _difference(difference: result.EffectDifference) -> dict[str, Any]:
     fitted = difference.fitted
     return {
-        "effect": difference.effect,
-        "sensors": list(difference.sensors),
-        "axes": list(difference.axes),
-        **rounded({"probability": difference.probability, "size": difference.size}),
+        **rounded(attributes(difference, "effect", "sensors", "axes", "probability", "size")),
         "parameters": {} if fitted is None else numbers_of(fitted, difference.units),
     }
 
@@ -292,22 +286,17 @@ def _level(side: str, noise: AxisNoise) -> dict[str, float]:
 def _closing(closing: result.Closing) -> dict[str, Any]:
     return {
         **sizes(closing),
-        **rounded(
-            {
-                "source_error_before_m": closing.source_error_before_m,
-                "source_error_after_m": closing.source_error_after_m,
-            }
-        ),
+        **rounded(attributes(closing, "source_error_before_m", "source_error_after_m")),
         "source_error_simulation": _source_error(closing.simulation_source),
         "source_error_recording": _source_error(closing.recording_source),
         "source_error_mended": _source_error(closing.mended_source),
-        "steps": [{"added": step.added, **rounded({"left": step.left})} for step in closing.steps],
+        "steps": [rounded(attributes(step, "added", "left")) for step in closing.steps],
         "left": closing.left,
     }
 
 
 def _source_error(error: result.SourceError | None) -> dict[str, Any] | None:
-    return None if error is None else {"median_m": error.median_m, "interval_m": list(error.interval_m)}
+    return None if error is None else attributes(error, "median_m", "interval_m")
 
 
 def _figure(figure: Figure) -> dict[str, Any]:
@@ -320,12 +309,10 @@ def _figure(figure: Figure) -> dict[str, Any]:
         "recording_standard_error": recording.standard_error,
     }
     return {
-        "group": recording.group,
-        "name": recording.name,
+        **attributes(recording, "group", "name"),
         "unit": unit,
         **rounded({name: factor * value for name, value in values.items()}),
-        **rounded({"standard_errors": figure.standard_errors}),
-        "standing": figure.standing,
+        **rounded(attributes(figure, "standard_errors", "standing")),
     }
 
 

@@ -10,7 +10,8 @@ import numpy as np
 from tam_calibration.correction.calibration import Calibration, Corrected
 from tam_calibration.correction.contradiction import ContradictionSearch
 from tam_calibration.correction.partial import PartialCorrection
-from tam_calibration.files.text_files import nanotesla_to_write, write_whole
+from tam_calibration.files.quantities import nanotesla_to_write
+from tam_calibration.files.text_files import write_whole
 from tam_calibration.messages.point_cloud import SampleLayout
 from tam_calibration.messages.samples import Progress, stamps_of
 from tam_calibration.model.array import OUTPUT_NAMES, Array
@@ -25,7 +26,7 @@ from tam_calibration.recordings.recording_file import read_pieces, read_samples
 
 def _write_blocks(path: Path, names: Sequence[str], blocks: Iterable[FloatArray]) -> None:
     """Write a table of blocks of rows, with the shortest decimals that read back as the same numbers."""
-    with write_whole(path) as beside, beside.open("w", encoding="utf-8", newline="\n") as file:
+    with write_whole(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
         file.write(",".join(names) + "\n")
         for rows in blocks:
             file.writelines(",".join(map(repr, row)) + "\n" for row in np.asarray(rows, dtype=float).tolist())
@@ -191,13 +192,13 @@ def correct_file(
         else:
             outputs = calibration.apply(samples.recording.readings_T)
             corrected = Corrected(samples.recording.time_s, outputs, calibration.output_standard_errors)
-        whole = calibration.without_effects(samples.recording) if calibration.effects else samples.recording
+        clean = calibration.without_effects(samples.recording) if calibration.effects else samples.recording
         try:
             samples.recording.check_units(calibration.array.field)
             right_units += 1
         except InputError as problem:
             wrong_units.append(problem)
         remarks = (*(() if samples.usage is None else samples.usage.missing), *failing.sentences())
-        yield replace(corrected, scalar_T=whole.scalar_T, remarks=remarks), samples.stamps_ns
+        yield replace(corrected, scalar_T=clean.scalar_T, remarks=remarks), samples.stamps_ns
     if len(wrong_units) > right_units:
         raise wrong_units[0]

@@ -16,16 +16,16 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
+from tam_calibration.files.quantities import value_in_si, value_to_write
 from tam_calibration.files.schema import Bounds, Document
-from tam_calibration.files.text_files import degrees_to_write, nanotesla_to_write
 from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
-from tam_calibration.model.units import from_degrees, from_nanotesla
 
 _AXES = "xyz"
 _SPECIAL = {"scalar": SCALAR, "all": ALL}
 _PLAIN_UNITS = frozenset({"1", "T", "rad", "s", "Hz", "K", "°C", "A", "m"})
-_WRITTEN = {"T": ("nT", nanotesla_to_write), "rad": ("deg", degrees_to_write)}
+_WRITTEN = {"T": "nT", "rad": "deg"}
+"""Units of SI, and what is written for them at the beginning of a unit."""
 
 _LARGEST = 1e30
 """Size of a number of an effect in SI: the inverse of a fT²; of larger ones the squares of squares are no numbers."""
@@ -109,8 +109,8 @@ def _quantity(value: float, unit: str | None) -> _Quantity:
         return value
     first, slash, rest = unit.partition("/")
     if first in _WRITTEN and not _powers(rest) & _WRITTEN.keys():
-        first, convert = _WRITTEN[first]
-        value = float(convert(np.array(value)))
+        first = _WRITTEN[first]
+        value = value_to_write(first, value)
     return f"{value!r} {first}{slash}{rest}"
 
 
@@ -138,11 +138,9 @@ def _number(name: str, value: _Quantity) -> float:
     unknown = (_powers(first) - {"nT", "uT", "µT", "deg"} | _powers(rest)) - _PLAIN_UNITS
     if unknown:
         raise InputError(f"{name}: the unit {quoted(unit)} is not known: write T, nT, uT, rad, deg, s, Hz, K, A and m")
-    if first == "nT":
-        return from_nanotesla(plain)
     if first in ("uT", "µT"):
-        return from_nanotesla(plain * 1e3)
-    return from_degrees(plain) if first == "deg" else plain
+        first, plain = "nT", plain * 1e3
+    return float(value_in_si(first, plain))
 
 
 def _powers(product: str) -> set[str]:

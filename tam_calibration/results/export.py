@@ -236,7 +236,7 @@ class Consumer:
     most_sensors : int
         How many sensors it reads.
     is_of_one_sensor : bool
-        Whether each sensor has a file of its own.
+        Whether each sensor has its own file.
     """
 
     suffix: str
@@ -275,17 +275,17 @@ def export(calibration: Calibration, target: str) -> Export:
     """
     consumer = CONSUMERS[target]
     losses = list(_effects(calibration))
-    held = []
+    kept = []
     for number, matrix in enumerate(inv(calibration.errors.matrix), start=1):
-        whole = Sensor(number, matrix, calibration.errors.bias_T[number - 1])
+        exact = Sensor(number, matrix, calibration.errors.bias_T[number - 1])
         if number > consumer.most_sensors:
             steps = [(f"{target} reads only {consumer.most_sensors} sensors", Sensor(number, np.eye(3), np.zeros(3)))]
         else:
-            steps = list(consumer.limits(whole))
-            held.append(steps[-1][1] if steps else whole)
-            steps += consumer.ignores(held[-1])
-        losses += _losses(whole, steps, calibration.intensity_T)
-    groups = [[sensor] for sensor in held] if consumer.is_of_one_sensor else [held]
+            steps = list(consumer.limits(exact))
+            kept.append(steps[-1][1] if steps else exact)
+            steps += consumer.ignores(kept[-1])
+        losses += _losses(exact, steps, calibration.intensity_T)
+    groups = [[sensor] for sensor in kept] if consumer.is_of_one_sensor else [kept]
     sentences = [loss.sentence for loss in losses]
     return Export(tuple(consumer.write(group, sentences) for group in groups), tuple(losses))
 
@@ -297,12 +297,12 @@ def _effects(calibration: Calibration) -> Iterator[Loss]:
             yield Loss(f"the effect {fitted.effect} is left out, {to_nanotesla(rms_T):.2f} nT RMS", rms_T)
 
 
-def _losses(whole: Sensor, steps: Steps, intensity_T: float) -> Iterator[Loss]:
+def _losses(exact: Sensor, steps: Steps, intensity_T: float) -> Iterator[Loss]:
     """Yield the size of each step: the field b makes the reading C⁻¹ b + o, which is corrected before and after it."""
-    before = whole
+    before = exact
     for what, after in steps:
-        of_matrix = norm((after.matrix - before.matrix) @ inv(whole.matrix), 2) * intensity_T
+        of_matrix = norm((after.matrix - before.matrix) @ inv(exact.matrix), 2) * intensity_T
         size_T = float(of_matrix + norm(after.matrix @ (before.bias_T - after.bias_T)))
         before = after
         if size_T > _LEAST_LOSS_T:
-            yield Loss(f"sensor {whole.number}: {what}, up to {to_nanotesla(size_T):.2f} nT", size_T)
+            yield Loss(f"sensor {exact.number}: {what}, up to {to_nanotesla(size_T):.2f} nT", size_T)

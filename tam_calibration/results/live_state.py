@@ -1,6 +1,6 @@
 """What a calibrator has learned, on disk, so that one that is started anew goes on: arrays and a text about them.
 
-A line with a checksum of what follows precedes them; earlier versions had none.
+A line with a checksum of what follows precedes them.
 """
 
 import json
@@ -20,8 +20,8 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.limits import is_covariance
 from tam_calibration.model.sensor_errors import SensorErrors
 
-_HEAD, _ARCHIVE = b"tam live %08x\n", b"PK"
-"""What files begin with, and those of earlier versions."""
+_HEAD = b"tam live %08x\n"
+"""What files begin with."""
 
 _BELIEFS = ("begin", "now", "published")
 
@@ -61,8 +61,8 @@ def write_live_state(path: Path, state: LiveState, calibration: str) -> None:
     arrays["orientation"] = recursion.begin.errors.orientation
     content = BytesIO()
     np.savez(content, about=np.array(json.dumps(about)), **arrays)
-    with write_whole(path) as beside:
-        beside.write_bytes(_HEAD % crc32(content.getvalue()) + content.getvalue())
+    with write_whole(path) as temporary:
+        temporary.write_bytes(_HEAD % crc32(content.getvalue()) + content.getvalue())
 
 
 def read_live_state(path: Path, sensor_count: int) -> tuple[LiveState, str]:
@@ -86,19 +86,17 @@ def read_live_state(path: Path, sensor_count: int) -> tuple[LiveState, str]:
         about = json.loads(str(arrays.pop("about")))
         state = _state(arrays, about, sensor_count)
         calibration = str(about["calibration"])
-    except Exception as problem:  # an archive without checksum fails in any way where it is damaged
+    except Exception as problem:  # an archive of something else fails in any way
         raise InputError(f"{path} contains nothing that was learned of this array, or is damaged: {problem}") from None
     return state, calibration
 
 
 def _checked_content(content: bytes) -> bytes:
-    """Return what follows the checksum, once it is that of it; all of a file that has none."""
+    """Return what follows the checksum, if it fits."""
     rest = content[len(_HEAD % 0) :]
-    if content.startswith(_HEAD % crc32(rest)):
-        return rest
-    if content.startswith(_ARCHIVE):
-        return content
-    raise ValueError("its checksum is not that of its content")
+    if not content.startswith(_HEAD % crc32(rest)):
+        raise ValueError("its checksum is not that of its content")
+    return rest
 
 
 def _state(arrays: dict[str, Any], about: dict[str, Any], sensor_count: int) -> LiveState:

@@ -6,9 +6,8 @@ over that line and itself: damage costs the rows that it hits, and no row is tak
 
 import json
 import os
-import sqlite3
 from collections.abc import Mapping, Sequence
-from contextlib import closing, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 from zlib import crc32
@@ -20,19 +19,14 @@ from tam_calibration.messages.sample_store import StoredSample
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.results.overwriting import name_aside
 
-_BEGIN, _SQLITE = b"tam samples", b"SQLite format 3\0"
-"""What files begin with, and those of earlier versions."""
+_BEGIN = b"tam samples"
+"""What files begin with."""
 
 _MOST_OF_OTHERS = 1 << 28
 """Bytes of a file that does not begin as it should in which complete rows are sought: six times the usual ones."""
 
 _NUMBERS, _CHECK = [(name, "<i8") for name in StoredSample._fields[:3]], 4
 """What precedes the values of a row, and how many bytes of checksum follow them."""
-
-_ROWS, _TYPES = "SELECT number, stamp_ns, time_ns, row FROM samples ORDER BY number", [int, int, int, bytes]
-
-_BESIDE = ("", "-wal", "-shm")
-"""Ends of the names of the files of an earlier version."""
 
 
 class SampleFile:
@@ -59,7 +53,7 @@ class SampleFile:
 
     def __init__(self, path: Path, node: str, about: Mapping[str, Any], columns: int) -> None:
         self.path, self.remark = path, ""
-        self._node, self._earlier = node, to_json(about)
+        self._node = node
         text = json.dumps(json.loads(to_json({"node": node, **about}))).encode()
         self._check = crc32(text)
         self._head = b"%s %08x %s\n" % (_BEGIN, self._check, text)
@@ -83,12 +77,14 @@ class SampleFile:
                 self.remark = f"{other} is of another node: this one has {self.path}"
                 return self.read()
             found = self._whole(content[len(self._head) :])
-            is_whole = content.startswith(self._head) and len(found) == (len(content) - len(self._head)) // self._size
-            if content and not is_whole:
-                found = self._set_aside(content, found)
+            is_complete = (
+                content.startswith(self._head) and len(found) == (len(content) - len(self._head)) // self._size
+            )
+            if content and not is_complete:
+                self._set_aside(content, found)
         except OSError as problem:
             raise self._cannot(problem) from problem
-        return found, is_whole
+        return found, is_complete
 
     def _content(self) -> bytes:
         if not self.path.exists():
@@ -99,21 +95,11 @@ class SampleFile:
             head = file.read(len(self._head))
             return head + file.read(-1 if head == self._head else _MOST_OF_OTHERS)
 
-    def _set_aside(self, content: bytes, found: list[StoredSample]) -> list[StoredSample]:
+    def _set_aside(self, content: bytes, found: list[StoredSample]) -> None:
         why = "is damaged" if found or content.startswith(self._head) else "held no samples of this array"
-        aside = self._rename()
-        if content.startswith(_SQLITE) and (found := self._of_earlier_version(aside)):
-            why = "is of an earlier version"
+        aside = self.path.rename(name_aside(self.path))
         used = f", and {len(found)} samples of it are used" if found else ""
         self.remark = f"{self.path} {why}: it is now {aside}{used}"
-        return found
-
-    def _rename(self) -> Path:
-        aside = name_aside(self.path)
-        for end in _BESIDE:
-            if (part := Path(f"{self.path}{end}")).exists():
-                part.rename(f"{aside}{end}")
-        return aside
 
     def _whole(self, content: bytes) -> list[StoredSample]:
         rows = np.frombuffer(content[: len(content) // self._size * self._size], self._row)
@@ -124,17 +110,6 @@ class SampleFile:
     def _checks(self, content: bytes, count: int) -> list[int]:
         starts = range(0, count * self._size, self._size)
         return [crc32(content[start : start + self._size - _CHECK], self._check) for start in starts]
-
-    def _of_earlier_version(self, path: Path) -> list[StoredSample]:
-        """Return the samples of a database, which had no checksums, up to where it is damaged."""
-        found = []
-        with suppress(sqlite3.Error, ValueError), closing(sqlite3.connect(path)) as file:
-            if file.execute("SELECT text FROM about").fetchone() == (self._earlier,):
-                for cells in file.execute(_ROWS):
-                    number, stamp_ns, time_ns, row = cells
-                    if [*map(type, cells)] == _TYPES and len(row) == self._row["row"].itemsize:
-                        found.append(StoredSample(number, stamp_ns, time_ns, np.frombuffer(row)))
-        return found
 
     def save(self, samples: Sequence[StoredSample], kept: int) -> None:
         """Save samples.
@@ -157,9 +132,9 @@ class SampleFile:
                 return
             self.path.parent.mkdir(parents=True, exist_ok=True)
             if self.path.is_file() and not self._is_own():
-                self._rename()
-            with write_whole(self.path) as beside:
-                beside.write_bytes(self._head + self._packed(samples))
+                self.path.rename(name_aside(self.path))
+            with write_whole(self.path) as temporary:
+                temporary.write_bytes(self._head + self._packed(samples))
         except (OSError, InputError) as problem:
             raise self._cannot(problem) from problem
 

@@ -18,7 +18,8 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import site_field_T
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla, to_nanotesla
-from tam_calibration.recordings.array_yaml import ArrayFile, GyroscopeFile
+from tam_calibration.recordings.array_parts import GyroscopeFile
+from tam_calibration.recordings.array_yaml import ArrayFile
 from tam_calibration.recordings.iaga2002 import read_iaga2002
 from tam_calibration.results.calibration_schema import SensorFile, errors_of
 from tam_calibration.results.calibration_yaml import sensors_to_mapping

@@ -6,12 +6,11 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from tam_calibration.correction.update import Moved, Update
-from tam_calibration.files.quantities import Finite, Seconds, Vector, value_in_si
+from tam_calibration.files.quantities import Finite, Seconds, Vector, value_in_si, value_to_write
 from tam_calibration.files.schema import Bounds, Document
-from tam_calibration.files.text_files import degrees_to_write, nanotesla_to_write
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray
-from tam_calibration.recordings.change_rates_schema import RatesFile, rates_to_mapping
+from tam_calibration.recordings.array_parts import RatesFile, part_to_mapping
 
 _Part = Annotated[float, Bounds(least=0, most=1, may_be_nan=True)]
 _StandardError = Annotated[float, Bounds(least=0, most=1e12)]
@@ -43,9 +42,9 @@ class _MovedFile(Document):
 
     def to_moved(self) -> Moved:
         """Return the change in SI."""
-        rivals = tuple((rival.kind, rival.sensor) for rival in self.rivals)
+        rivals = tuple(map(dataclasses.astuple, self.rivals))
         change, error = self._in_si("change"), self._in_si("standard_error")
-        together = None if self.together is None else (self.together.kind, self.together.sensor)
+        together = dataclasses.astuple(self.together) if self.together else None
         return Moved(self.kind, self.sensor, change, error, self.probability, rivals, self.since_s, together)
 
     def _in_si(self, name: str) -> FloatArray:
@@ -98,7 +97,7 @@ def update_to_mapping(update: Update) -> dict[str, Any]:
     """Return the keys and values of an update in a file."""
     return {
         "prior": update.prior,
-        "change_rates": None if update.rates is None else rates_to_mapping(update.rates),
+        "change_rates": part_to_mapping(update.rates),
         "elapsed_s": update.elapsed_s,
         "warming_K": update.warming_K,
         "prior_standard_errors_SI": update.prior_standard_errors.tolist(),
@@ -115,20 +114,14 @@ def _moved_to_mapping(moved: Moved) -> dict[str, Any]:
     return {
         "kind": moved.kind,
         "sensor": moved.sensor,
-        f"change{unit}": _to_write(moved.kind, moved.change),
-        f"standard_error{unit}": _to_write(moved.kind, moved.standard_errors),
+        f"change{unit}": value_to_write(unit, moved.change),
+        f"standard_error{unit}": value_to_write(unit, moved.standard_errors),
         "probability": moved.probability,
-        "rivals": [_change_to_mapping(*rival) for rival in moved.rivals],
+        "rivals": [_change_to_mapping(rival) for rival in moved.rivals],
         "since_s": moved.since_s,
-        "together": None if moved.together is None else _change_to_mapping(*moved.together),
+        "together": moved.together and _change_to_mapping(moved.together),
     }
 
 
-def _change_to_mapping(kind: str, sensor: int) -> dict[str, Any]:
-    return {"kind": kind, "sensor": sensor}
-
-
-def _to_write(kind: str, values: FloatArray) -> list[float]:
-    unit = _UNIT_OF[kind]
-    written = {"": values, "_nT": nanotesla_to_write(values), "_deg": degrees_to_write(values)}[unit]
-    return [float(value) for value in written]
+def _change_to_mapping(change: tuple[str, int]) -> dict[str, Any]:
+    return dict(zip(("kind", "sensor"), change, strict=True))

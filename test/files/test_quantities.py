@@ -2,14 +2,20 @@
 
 from typing import get_args
 
+import numpy as np
 import pytest
 import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 
 from tam_calibration.files import quantities
 from tam_calibration.files.configuration import configuration_folder
+from tam_calibration.files.quantities import nanotesla_to_write, value_to_write
 from tam_calibration.files.yaml_document import dump_mapping
 from tam_calibration.fit import calibrate
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.units import from_degrees, from_nanotesla
 from tam_calibration.results import calibration_from_yaml, calibration_to_yaml
 from tam_calibration.results.scenario import scenario_of
 
@@ -109,3 +115,19 @@ def test_a_scenario_of_nonsense_is_refused(keys, value, sentence):
     part[last] = value
     with pytest.raises(InputError, match=sentence):
         scenario_of(content, folder)
+
+
+@given(st.lists(st.decimals(-1_000_000, 1_000_000, places=4), min_size=1))
+def test_decimals_in_nanotesla_come_back(decimals):
+    """Decimals in nT that were read are written as the same decimals."""
+    values = np.array([float(value) for value in decimals])
+    assert from_nanotesla(nanotesla_to_write(from_nanotesla(values))).tolist() == from_nanotesla(values).tolist()
+
+
+@given(st.lists(st.floats(-1, 1), min_size=1))
+def test_any_value_comes_back_to_the_last_bits(values):
+    """Where no decimal reads as the very number, the one written differs in the last bit."""
+    assert_allclose(from_nanotesla(nanotesla_to_write(np.array(values))), values, rtol=3e-16, atol=1e-300)
+    assert_allclose(
+        from_degrees(np.array(value_to_write("angle_deg", np.array(values)))), values, rtol=3e-16, atol=1e-300
+    )

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from messages.test_synchroniser import stalled
 from numpy.testing import assert_array_equal
 
-from tam_calibration.messages.batch_stream import StreamMessages
 from tam_calibration.messages.batch_synchroniser import BatchSynchroniser
 from tam_calibration.messages.point_cloud import SampleLayout
+from tam_calibration.messages.stream_messages import StreamMessages
 from tam_calibration.messages.synchroniser import Synchroniser
 
 MS = 1_000_000

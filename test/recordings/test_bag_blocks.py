@@ -14,11 +14,11 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader
 from rosbags.typesys import Stores, get_typestore
 from zstandard import ZstdCompressor
 
+from tam_calibration.messages import cdr
 from tam_calibration.messages.cdr import RawMessages
 from tam_calibration.messages.synchroniser import Synchroniser
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.recordings import (
-    bag_blocks,
     bag_mcap,
     bag_source,
     bag_sqlite3,
@@ -29,8 +29,9 @@ from tam_calibration.recordings import (
 from tam_calibration.recordings.bag_reader import open_bag, raw_blocks, raw_messages
 from tam_calibration.recordings.bag_source import BagSource
 from tam_calibration.recordings.bag_writing import BlockWriter
-from tam_calibration.recordings.choice import choose, resolve
+from tam_calibration.recordings.choice import choose
 from tam_calibration.recordings.joining import PATIENCE_NS
+from tam_calibration.recordings.resolving import resolve
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 FIELD, FLOAT64, TEXT = "sensor_msgs/msg/MagneticField", "std_msgs/msg/Float64", "std_msgs/msg/String"
@@ -54,7 +55,7 @@ def small_blocks(monkeypatch):
     """Cut blocks, chunks and batches so small that a bag of some hundred samples has many of each."""
     monkeypatch.setattr(bag_mcap, "CHUNK_BYTES", 4_000)
     monkeypatch.setattr(bag_sqlite3, "ROWS", 57)
-    monkeypatch.setattr(bag_blocks, "COUNT", 57)
+    monkeypatch.setattr(cdr, "COUNT", 57)
     monkeypatch.setattr(bag_source, "BATCH", 400)
 
 

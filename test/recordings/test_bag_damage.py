@@ -5,7 +5,7 @@ import re
 import resource
 import sqlite3
 import struct
-from contextlib import closing
+from contextlib import closing, contextmanager
 from tempfile import gettempdir
 from zlib import crc32
 
@@ -17,7 +17,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader
 
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
-from tam_calibration.recordings import bag_mcap, bag_recovery, read_recording
+from tam_calibration.recordings import bag_mcap, bag_reader, bag_recovery, read_recording
 from tam_calibration.recordings.bag_writing import TYPESTORE, BlockWriter
 from tam_calibration.results import write_recording
 
@@ -87,7 +87,7 @@ def test_a_changed_byte_is_noticed_or_changes_nothing(tmp_path, caplog, kind):
         content = file.read_bytes()
         place, change = draw.randrange(len(content)), draw.randrange(1, 256)
         file.write_bytes(content[:place] + bytes([content[place] ^ change]) + content[place + 1 :])
-        bag_recovery._readable.cache_clear()  # two changes may fall into one tick of the file system's clock
+        bag_reader._opened.cache_clear()  # two changes may fall into one tick of the file system's clock
         caplog.clear()
         try:
             found = read_recording(path)
@@ -97,7 +97,7 @@ def test_a_changed_byte_is_noticed_or_changes_nothing(tmp_path, caplog, kind):
             refused += 1
         file.write_bytes(content)
     assert refused > CHANGES // 4  # the others changed what nothing is read of
-    bag_recovery._readable.cache_clear()
+    bag_reader._opened.cache_clear()
     assert values_of(read_recording(path)) == values_of(whole)
 
 
@@ -218,19 +218,35 @@ def test_of_a_packed_file_that_is_damaged_the_beginning_is_recovered(tmp_path):
     assert 1_000 < found.messages < 5_000
 
 
-@pytest.mark.parametrize("kind", ["sqlite3, zstd by file", "single mcap file"])
-def test_a_disk_without_room_is_no_damage(tmp_path, kind):
-    """What has to be unpacked, or recovered as the end is missing, says where room is missing."""
-    path = make(tmp_path, kind, 2_000)
-    if path.is_file():
-        path.write_bytes(path.read_bytes()[:-500])
+@contextmanager
+def without_room():
+    """Let no file grow beyond a few pages."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
     try:
-        told = refusal(path)
+        yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.mark.parametrize("kind", ["sqlite3, zstd by file", "sqlite3"])
+def test_a_disk_without_room_is_no_damage(tmp_path, kind):
+    """What has to be unpacked, or copied as its end is missing, says where room is missing."""
+    path = make(tmp_path, kind, 2_000)
+    for file in path.glob("*.db3"):
+        file.write_bytes(file.read_bytes()[:-500])
+    with without_room():
+        told = refusal(path)
     assert f"{path} cannot be unpacked or recovered in {gettempdir()}: File too large; let TMPDIR name" in told
+
+
+def test_an_unfinished_mcap_file_is_read_in_place(tmp_path):
+    """It needs no room on the disk."""
+    path = make(tmp_path, "single mcap file", 2_000)
+    path.write_bytes(path.read_bytes()[:-500])
+    with without_room():
+        recording = read_recording(path)
+    assert_array_equal(recording.readings_T, small_recording(2_000).readings_T)
 
 
 @pytest.mark.parametrize(

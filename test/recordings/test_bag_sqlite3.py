@@ -13,7 +13,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.recordings import bag_recovery, bag_sqlite3, read_recording
+from tam_calibration.recordings import bag_reader, bag_sqlite3, read_recording
 from tam_calibration.recordings.bag_recovery import recover
 from tam_calibration.results import write_recording
 
@@ -116,7 +116,7 @@ def test_a_query_that_takes_more_steps_than_a_recording_ends(tmp_path, recording
     monkeypatch.setattr(bag_sqlite3, "_FREE_STEPS", 0)
     monkeypatch.setattr(bag_sqlite3, "_STEPS_A_BYTE", bag_sqlite3._STEPS_A_BYTE / 10)
     assert_array_equal(read_recording(tmp_path / "bag").readings_T, recording.readings_T)
-    bag_recovery._readable.cache_clear()
+    bag_reader._opened.cache_clear()
     monkeypatch.setattr(bag_sqlite3, "_STEPS_A_BYTE", bag_sqlite3._STEPS_A_BYTE / 100)
     with pytest.raises(InputError, match="bag cannot be read: SQLite needs more steps for it than for any recording"):
         read_recording(tmp_path / "bag")

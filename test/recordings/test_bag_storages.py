@@ -42,7 +42,7 @@ def drawer(monkeypatch):
     """Register a made-up storage: its module, and its one line."""
     module = ModuleType("drawer_storage")
     module.FILE, module.WRITER = File, Writer
-    module.condition_of, module.whole_messages = bag_sqlite3.condition_of, bag_sqlite3.whole_messages
+    module.condition_of, module.complete_messages = bag_sqlite3.condition_of, bag_sqlite3.complete_messages
     monkeypatch.setitem(sys.modules, module.__name__, module)
     storage = RegisteredStorage("drawer", Renamed.SUFFIX, b"SQLite format 3\0", module.__name__, stands_alone=True)
     monkeypatch.setitem(STORAGES, "drawer", storage)

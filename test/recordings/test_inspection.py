@@ -29,9 +29,9 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.mounting import Mounting
 from tam_calibration.recordings import formats, read_recording, series
 from tam_calibration.recordings.channel_map import map_of, read_map
-from tam_calibration.recordings.choice import resolve
 from tam_calibration.recordings.formats import open_source
 from tam_calibration.recordings.oddities import of_times
+from tam_calibration.recordings.resolving import resolve
 from tam_calibration.recordings.series import Series
 from tam_calibration.recordings.tables import Table
 

@@ -3,8 +3,6 @@
 import json
 import os
 import pathlib
-import sqlite3
-from contextlib import closing
 
 import numpy as np
 import pytest
@@ -12,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from tam_calibration.files.text_files import to_json
 from tam_calibration.messages.sample_store import StoredSample
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.results import write_recording
@@ -216,48 +213,6 @@ def test_a_file_that_was_taken_away_is_written_anew(tmp_path):
     file.save(samples(0, 9), 7)
     assert_read(path, samples(0, 9))
     assert (tmp_path / "samples.1").read_text() == "something else"
-
-
-def write_earlier(path, content):
-    """Write samples as earlier versions did."""
-    with closing(sqlite3.connect(path, isolation_level=None)) as file:
-        file.execute("PRAGMA page_size = 512")
-        file.executescript(
-            "CREATE TABLE about (text TEXT);"
-            "CREATE TABLE samples (number INTEGER PRIMARY KEY, stamp_ns INTEGER, time_ns INTEGER, row BLOB);"
-        )
-        file.execute("INSERT INTO about VALUES (?)", (to_json(ABOUT),))
-        rows = [(*sample[:3], sample.row.tobytes()) for sample in content]
-        file.executemany("INSERT INTO samples VALUES (?, ?, ?, ?)", rows)
-
-
-def test_a_file_of_an_earlier_version_is_read(tmp_path):
-    """Its samples are used, it is set aside, and the next time there is a file of this version."""
-    path = tmp_path / "samples"
-    write_earlier(path, samples(0, 20))
-    file = file_at(path)
-    found, is_whole = file.read()
-    assert not is_whole
-    assert_same(found, samples(0, 20))
-    told = f"is of an earlier version: it is now {tmp_path / 'samples.1'}, and 20 samples of it are used"
-    assert file.remark == f"{path} {told}"
-    file.save(found, 0)
-    assert_read(path, samples(0, 20))
-
-
-def test_damage_to_a_file_of_an_earlier_version_ends_nothing(tmp_path):
-    """Each byte in turn: samples are read, or none, and a new file is begun."""
-    path = tmp_path / "samples"
-    write_earlier(path, samples(0, 12))
-    content = path.read_bytes()
-    for place in range(len(content)):
-        damaged = bytearray(content)
-        damaged[place] ^= 0xFF
-        path.write_bytes(damaged)
-        found, is_whole = file_at(path).read()
-        assert not is_whole and len(found) <= 12 and not path.exists()
-        for left in tmp_path.iterdir():
-            left.unlink()
 
 
 def test_what_cannot_be_written_is_refused_with_a_way_out(tmp_path):

@@ -1,7 +1,14 @@
-"""The frames that an array file names, and messages that are of others."""
+"""What the mounting of an array means for each stream: the frame of its messages, and the turn of its values."""
 
 from tam_calibration.messages.stream import sensor_stream
-from tam_calibration.model.mounting import Mounting
+from tam_calibration.model.mounting import Mounting, Turn
+
+
+def turns_of(mounting: Mounting) -> dict[str, Turn]:
+    """Return what turns the values of a message, by stream; the others' are as they are."""
+    turns = {sensor_stream(sensor + 1): turn for sensor, turn in mounting.sensor_turns.items()}
+    of_imu = {"attitude": mounting.attitude_turn, "gyroscope": mounting.rate_turn}
+    return turns | {stream: turn for stream, turn in of_imu.items() if turn is not None}
 
 
 def expected_frames(mounting: Mounting) -> dict[str, str]:

@@ -1,0 +1,231 @@
+"""The messages of a batch, stream by stream, and which of them may join samples: searches in sorted stamps."""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tam_calibration.core.interpolation import BEFORE
+from tam_calibration.messages.point_cloud import columns_of, is_channel
+from tam_calibration.messages.stream import HeldStream, IntensityStream, InterpolatedStream, Stream
+from tam_calibration.messages.stream_messages import BoolArray, StreamMessages
+from tam_calibration.messages.timeline import NEVER, STEP_NS
+from tam_calibration.model.units import FloatArray, IntArray
+
+LONG_AGO = -NEVER
+"""A stamp before all others."""
+
+EARLIER = -1
+"""The moment of arrival of what came before a batch."""
+
+
+@dataclass(frozen=True, eq=False)
+class Arrivals:
+    """When the sensors' messages of a batch arrived, in order and in time, and the newest stamp of any sensor then."""
+
+    order: IntArray
+    newest_ns: IntArray
+    newest_of_earlier_ns: int
+    arrived_ns: IntArray
+
+    @classmethod
+    def of(cls, sensors: Sequence[StreamMessages], newest_ns: int) -> "Arrivals":
+        """Return the arrivals of a batch.
+
+        Parameters
+        ----------
+        sensors : sequence of StreamMessages
+            What came of each sensor in the batch; none of a sensor that was silent.
+        newest_ns : int
+            Newest stamp of any sensor before the batch, nanoseconds; ``LONG_AGO`` before the first.
+        """
+        none = np.zeros(0, dtype=np.int64)
+        order = np.concatenate([none, *(each.order for each in sensors)])
+        stamps = np.concatenate([none, *(each.stamps_ns for each in sensors if each.stamps_ns is not None)])
+        in_order = np.argsort(order, kind="stable")
+        newest = np.maximum(np.maximum.accumulate(stamps[in_order]), newest_ns)
+        arrived = np.concatenate([none, *(each.arrivals_ns for each in sensors)])
+        return cls(order[in_order], newest, newest_ns, arrived[in_order])
+
+    def rises(self) -> tuple[IntArray, IntArray]:
+        """Return the stamps (n,) that are newer than all before, and when they arrived."""
+        rises = np.diff(self.newest_ns, prepend=self.newest_of_earlier_ns) > 0
+        return self.newest_ns[rises], self.arrived_ns[rises]
+
+    def newest_before(self, order: IntArray) -> IntArray:
+        """Return the newest stamp of any sensor before each moment."""
+        return np.concatenate([[self.newest_of_earlier_ns], self.newest_ns])[np.searchsorted(self.order, order)]
+
+    def reach(self, stamps_ns: IntArray) -> IntArray:
+        """Return when the sensors reached each stamp."""
+        moment = np.append(self.order, NEVER)[np.searchsorted(self.newest_ns, stamps_ns)]
+        return np.where(stamps_ns <= self.newest_of_earlier_ns, EARLIER, moment)
+
+
+@dataclass(frozen=True, eq=False)
+class Queue:
+    """The messages of a stream: what came, and what of it and of the messages before may join a sample.
+
+    Parameters
+    ----------
+    stream : Stream
+        Where they wait from one batch to the next.
+    stamps_ns, order : (m,) array of int
+        Stamps of what came, for messages without stamps those that they take, and when it came.
+    is_unstamped : bool
+        Whether what came has no stamps.
+    previous_ns : (m,) array of int
+        The newest stamp of the stream before each.
+    is_new : (m,) array of bool
+        Whether each is neither repeated nor late.
+    keys, order_of_keys : (n,) array of int
+        Stamps of what may join, rising, and when it came.
+    values : (n, width) array
+        Its values.
+    contradicting : int
+        Messages that repeat the stamp before with other values.
+    """
+
+    stream: Stream
+    stamps_ns: IntArray
+    order: IntArray
+    is_unstamped: bool
+    previous_ns: IntArray
+    is_new: BoolArray
+    keys: IntArray
+    order_of_keys: IntArray
+    values: FloatArray
+    contradicting: int
+
+    @classmethod
+    def of(cls, stream: Stream, messages: StreamMessages | None, arrivals: Arrivals) -> "Queue":
+        """Return the queue of a stream with what came of it.
+
+        Parameters
+        ----------
+        stream : Stream
+            Its buffer contains what waits from earlier batches.
+        messages : StreamMessages or None
+            What came of it in this batch; None where nothing did.
+        arrivals : Arrivals
+            Of the sensors in this batch; a message without a stamp takes the sensors' newest stamp at its arrival.
+        """
+        none, width = np.zeros(0, dtype=np.int64), width_of(stream)
+        if messages is None:
+            messages = StreamMessages(none, none, np.zeros((0, width)))
+        is_unstamped = messages.stamps_ns is None
+        stamps = arrivals.newest_before(messages.order) if messages.stamps_ns is None else messages.stamps_ns
+        newest = max(stream.newest, LONG_AGO)
+        previous = np.maximum.accumulate(np.concatenate([[newest], stamps]))[:-1]
+        is_new = stamps > previous if not is_unstamped else np.ones(len(stamps), dtype=bool)
+        new = slice(None) if is_new.all() else is_new
+        waiting = np.array([max(key, LONG_AGO) for key, _ in stream.buffer], dtype=np.int64)
+        values = np.array([values for _, values in stream.buffer]).reshape(len(waiting), width)
+        return cls(
+            stream,
+            stamps,
+            messages.order,
+            is_unstamped,
+            previous,
+            is_new,
+            np.concatenate([waiting, stamps[new]]),
+            np.concatenate([np.full(len(waiting), EARLIER), messages.order[new]]),
+            np.concatenate([values, messages.values[new]]),
+            0 if is_new.all() else _contradicting(stream, messages.values, is_new, stamps == previous),
+        )
+
+    def jumps(self, arrivals: Arrivals) -> bool:
+        """Whether a stamp jumps that the sensors do not make credible, or one before it is doubtful."""
+        timeline, new = self.stream.timeline, self.stamps_ns[self.is_new]
+        if self.is_unstamped or not len(self.stamps_ns):
+            return False
+        is_back = self.stamps_ns <= self.previous_ns - STEP_NS
+        is_far = np.diff(new, prepend=timeline.newest_ns) > timeline.reaches(new)
+        is_alone = new > arrivals.newest_before(self.order[self.is_new]) + STEP_NS
+        return bool(timeline.doubtful) or bool(is_back.any() or (is_far & is_alone).any())
+
+    @property
+    def is_held(self) -> bool:
+        """Whether a message is valid until the next."""
+        return isinstance(self.stream, HeldStream)
+
+    @property
+    def newest_ns(self) -> int:
+        """Stamp of the newest message that ever came."""
+        return int(self.keys[-1]) if self.is_new.any() else self.stream.newest
+
+    @property
+    def decided_until_ns(self) -> int:
+        """Last stamp at which the stream's own messages decide what joins a sample."""
+        if self.is_held or len(self.keys):
+            return self.newest_ns
+        return self.newest_ns - self.stream.window_ns
+
+    def windows_ns(self, shortest_ns: IntArray) -> IntArray:
+        """Return how far a message may be that joins each sample, by the shortest interval of samples before it."""
+        if not isinstance(self.stream, IntensityStream):
+            return np.full(len(shortest_ns), self.stream.window_ns)
+        return np.maximum(self.stream.tolerance_ns, shortest_ns // 2)
+
+    def decided(self, keys: IntArray) -> IntArray:
+        """Return when the stream's own messages decided what joins each sample."""
+        moment = np.append(self.order_of_keys, NEVER)[np.searchsorted(self.keys, keys)]
+        return np.where((moment == NEVER) & (keys <= self.decided_until_ns), EARLIER, moment)
+
+    def with_past(self) -> tuple[IntArray, IntArray, FloatArray]:
+        """Return stamps, arrivals and values of what may join, after those of the last messages that no longer may."""
+        past = self.stream.past if isinstance(self.stream, InterpolatedStream) else ()
+        if not past:
+            return self.keys, self.order_of_keys, self.values
+        stamps = np.array([max(key, LONG_AGO) for key, _ in past], dtype=np.int64)
+        return (
+            np.concatenate([stamps, self.keys]),
+            np.concatenate([np.full(len(past), EARLIER), self.order_of_keys]),
+            np.concatenate([[values for _, values in past], self.values]),
+        )
+
+    def keep(self, first: int, joined: int) -> None:
+        """Count what became of the messages, and let the stream wait with those that may still join a sample.
+
+        Parameters
+        ----------
+        first : int
+            Place in the queue of the first message that is kept.
+        joined : int
+            Number of messages before it that joined samples; not used for a held stream.
+        """
+        stream, losses, count = self.stream, self.stream.losses, len(self.stamps_ns)
+        repeats = int((~self.is_new & (self.stamps_ns == self.previous_ns)).sum())
+        losses.received += count
+        losses.duplicate += repeats
+        losses.contradicting += self.contradicting
+        losses.late += count - int(self.is_new.sum()) - repeats
+        if isinstance(stream, InterpolatedStream):
+            past = zip(
+                self.keys[:first][-BEFORE:].tolist(), map(tuple, self.values[:first][-BEFORE:].tolist()), strict=True
+            )
+            stream.past.extend(past)
+        elif not self.is_held:
+            losses.unmatched += first - joined
+        stream.newest = self.newest_ns
+        if len(self.values):
+            stream.newest_values = self.values[-1].tolist()
+        if not self.is_unstamped:
+            stream.timeline.rise(self.stamps_ns[self.is_new])
+        stream.awaited = stream.awaited or count > 0
+        stream.buffer = deque(zip(self.keys[first:].tolist(), map(tuple, self.values[first:].tolist()), strict=True))
+
+
+def _contradicting(stream: Stream, values: FloatArray, is_new: BoolArray, is_repeat: BoolArray) -> int:
+    """Return how many messages (m, width) that repeat a stamp have other values than the message that they repeat."""
+    repeated = np.maximum.accumulate(np.where(is_new, np.arange(len(values)), -1))
+    before = np.array(stream.newest_values or np.full(values.shape[1], np.nan))
+    kept = np.where(repeated[:, None] >= 0, values[repeated], before)
+    differs = ((values != kept) & ~(np.isnan(values) & np.isnan(kept))).any(axis=1)
+    return int(np.count_nonzero(differs & is_repeat & ~is_new))
+
+
+def width_of(stream: Stream) -> int:
+    """Return the number of columns of a stream."""
+    return len(columns_of(stream.name)) if is_channel(stream.name) else 3
