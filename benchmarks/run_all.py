@@ -10,7 +10,7 @@ Not here, as they take up to hours, or tell accuracy and not speed: ``large.py``
 ``live.py``, ``live_over_dds.py``,
 ``platform_field.py``, ``platform_field_named.py``, ``blind.py``, ``compare_pairs.py``, ``compare_recordings.py``,
 ``wu_table_1.py``, ``ambient_gradient.py``, ``gradient_truth.py``, ``slow_scalar.py``, ``clocks.py``, ``delays.py``,
-``integrity.py``, ``dependent_channels.py`` and ``papers_gap.py``; ``structure.py``, which counts modules and names; and
+``integrity.py``, ``dependent_channels.py`` and ``papers_gap.py``; ``count.py``, which ``make count`` runs; and
 ``mutants.py``: each is a command of its own, named in its docstring.
 """
 
