@@ -1,4 +1,4 @@
-"""Count what a reader of the project meets: code, names, words, and the journey of ``tam calibrate``: ``make count``."""
+"""Count what a reader of the project meets: code, names, words, and the journey of ``tam calibrate``."""
 
 import ast
 import sys
