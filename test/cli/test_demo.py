@@ -20,7 +20,7 @@ def test_demo_reaches_the_noise_floor(ros_domain, tmp_path, monkeypatch):
     monkeypatch.setattr("tam_calibration.cli.demo.PLAY_RATE", 4.0)
     monkeypatch.setattr("tam_calibration.cli.demo.CHECK_SAMPLES", 500)
     output = tmp_path / "output"
-    result = CliRunner().invoke(main, ["demo", "--output-dir", str(output)])
+    result = CliRunner().invoke(main, ["demo", "--output", str(output)])
     assert result.exit_code == 0, result.output
     assert "1700 of 1700 samples synchronised" in " ".join(result.output.split())
     assert (output / "calibration.html").read_text().startswith("<!")
