@@ -76,7 +76,7 @@ def test_json_replaces_no_recording(run):
     run("simulate", "wu_turntable", "-o", "run.csv")
     before = Path("run.csv").read_bytes()
     told = run("inspect", "--json", "run.csv", "other.csv", code=2).stderr
-    assert "--json would replace run.csv" in told and Path("run.csv").read_bytes() == before
+    assert "run.csv would be overwritten: put --json last" in told and Path("run.csv").read_bytes() == before
 
 
 @pytest.mark.parametrize(("command", "old"), [("batch", "--out"), ("demo", "--output-dir")])
