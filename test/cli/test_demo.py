@@ -13,7 +13,7 @@ from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 
 
-def test_demo_reaches_the_noise_floor(ros_domain, tmp_path, monkeypatch):
+def test_demo_reaches_the_noise_floor(ros_domain, tmp_path, monkeypatch, undrawn):
     """A shorter run over DDS ends with exit code 0, a page and a calibration."""
     scenario = replace(read_scenario("tumble_100_hz"), sample_count=1200)
     monkeypatch.setattr("tam_calibration.results.scenario.read_scenario", lambda name: scenario)
