@@ -4,7 +4,6 @@
 """
 
 import sys
-from functools import partial
 from importlib import import_module
 
 from tam_calibration.model.exceptions import InputError, printable
@@ -12,8 +11,36 @@ from tam_calibration.model.processors import use_one_thread
 from tam_calibration.model.signals import Ending
 
 
+def calibrator() -> int:
+    """Run the calibrator until it is told to end."""
+    return _run("Calibrator")
+
+
+def collector() -> int:
+    """Run the collector until it is told to end."""
+    return _run("Collector")
+
+
+def corrector() -> int:
+    """Run the corrector until it is told to end."""
+    return _run("Corrector")
+
+
+def localizer() -> int:
+    """Run the localizer until it is told to end."""
+    return _run("Localizer")
+
+
+def stream() -> int:
+    """Run collector and corrector in one process: a sample that both handle wakes no second process.
+
+    The localizer has its own, so that its fits hold up no sample.
+    """
+    return _run("Collector", "Corrector")
+
+
 def _run(*names: str) -> int:
-    """Load nodes and spin them until they are told to end.
+    """Load nodes and spin them.
 
     Returns
     -------
@@ -32,22 +59,6 @@ def _run(*names: str) -> int:
     return 0
 
 
-collector = partial(_run, "Collector")
-calibrator = partial(_run, "Calibrator")
-corrector = partial(_run, "Corrector")
-localizer = partial(_run, "Localizer")
-stream = partial(_run, "Collector", "Corrector")
-"""Collector and corrector in one process: a sample that both handle wakes no second process.
-
-The localizer has its own, so that its fits hold up no sample.
-"""
-
 if __name__ == "__main__":
-    entry_points = {
-        "collector": collector,
-        "calibrator": calibrator,
-        "corrector": corrector,
-        "localizer": localizer,
-        "stream": stream,
-    }
+    entry_points = {each.__name__: each for each in (calibrator, collector, corrector, localizer, stream)}
     sys.exit(entry_points[sys.argv.pop(1)]())
