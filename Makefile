@@ -8,6 +8,7 @@
 # make mutants  whether a test fails when fit/, live/, localization/, core/ or gap/ is changed in one place: hours; a room or
 #               module: make mutants OF=fit/scale; what has changed since a commit, in 45 s: make mutants SINCE=HEAD~10
 # make bench    every figure of speed beside what it is compared with: a quarter of an hour; writes benchmarks/results/
+# make count    modules, lines, functions and constants of each room; words; modules that tam calibrate enters
 # make colcon   build and test as a ROS 2 machine does, in build/ and install/
 # make clean    remove what these wrote, except the environment .venv
 # Each sets up .venv by itself; another interpreter than python3: make test PYTHON=python3.12
@@ -18,7 +19,7 @@ READY := .venv/ready
 MAKEFLAGS += --no-print-directory
 unexport PYTHONDONTWRITEBYTECODE  # hundreds of processes of the tests would compile the package each for itself
 
-.PHONY: demo test check bytecode docs battery soak mutants bench colcon clean
+.PHONY: demo test check bytecode docs battery soak mutants bench count colcon clean
 
 demo: $(READY)
 	@$(BIN)/tam demo
@@ -63,6 +64,9 @@ bench: $(READY)
 	@$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[bench]' \
 		|| echo "The fits of other packages cannot be installed and are left out"
 	@$(BIN)/python benchmarks/run_all.py
+
+count: $(READY)
+	@$(BIN)/python benchmarks/count.py
 
 colcon: $(READY)
 	@PATH="$(CURDIR)/$(BIN):$$PATH"; colcon build && colcon test && colcon test-result

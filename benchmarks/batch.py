@@ -95,7 +95,7 @@ def nothing_to_do(folder: Path) -> float:
         str(folder / "missions" / "*.mcap"),
         "--array",
         str(folder / "array.yaml"),
-        "--out",
+        "--output",
         str(folder / "out"),
     ]
     run([sys.executable, "-m", "tam_calibration", "batch", *arguments], stdout=DEVNULL, check=True)

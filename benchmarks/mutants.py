@@ -36,7 +36,7 @@ from scipy.stats import binom
 TABLE = ROOT / "benchmarks" / "results" / "mutants.csv"
 OUTCOMES = ["killed", "timeout", "survived", "listed"]
 CI_S, MUTANT_S = 45.0, 20.0
-"""Longest time of all mutants in CI, which has fifteen minutes, and of one, which then is not counted."""
+"""Longest time of all mutants with ``--since``, and of one, which then is not counted."""
 
 DAY_S = 86400.0
 """As good as no limit, of tests without a mutant: how long they take is what is measured."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from tam_calibration.cli.answer import STDOUT, json_option
 from tam_calibration.cli.streams import say
 from tam_calibration.cli.terminal import JOBS, PATH, Number, showing_progress, stdout, write_together
 from tam_calibration.fleet.processes import processes, submit_all
@@ -190,9 +191,9 @@ def _run_quietly(main: click.Command, arguments: list[str]) -> str:
 @command.command()
 @click.argument("folder", metavar="DIR", type=PATH)
 @_keys_option
-@click.option("--json", "json_path", type=PATH, help="Write the figures as JSON.")
 @click.option("--failures", is_flag=True, help="List the cases that went wrong, key against answer, one in a line.")
-def score(folder: Path, keys_path: Path | None, json_path: Path | None, failures: bool) -> None:
+@json_option
+def score(folder: Path, keys_path: Path | None, failures: bool, json_path: Path | None) -> None:
     """Open the keys of DIR, compare them with their commitments, and count the right answers."""
     from tam_calibration.files.text_files import to_json
     from tam_validation.blind.folder import COMMITMENTS, KEYS, TIMES, read_keys, read_outcomes, read_times
@@ -205,10 +206,13 @@ def score(folder: Path, keys_path: Path | None, json_path: Path | None, failures
         raise Refused(f"no case in {folder} has an answer: run tam blind answer {folder} first")
     times = read_times(folder)
     inputs = [keys_path or folder / KEYS, folder / COMMITMENTS, folder / TIMES, *(folder / name for name in keys)]
-    with write_together({"json": json_path}, inputs) as beside:
+    content = to_json(score_to_mapping(result, times))
+    with write_together({"json": None if json_path == STDOUT else json_path}, inputs) as beside:
         if "json" in beside:
-            beside["json"].write_text(to_json(score_to_mapping(result, times)) + "\n", encoding="utf-8")
-    if failures:
+            beside["json"].write_text(content + "\n", encoding="utf-8")
+    if json_path == STDOUT:
+        say(content)
+    elif failures:
         for outcome in result.failures:
             say(outcome.line)
     else:

@@ -24,8 +24,8 @@ _SWEPT = "wu2025"
     help="Follow the text to the letter, also where it cannot give the printed numbers: a constant intensity in Wu's "
     "step 1, Li 2018a's artificial vector as reference, Li 2018b's ten samples of one turn, Chi's sign of ψ.",
 )
-@click.option("--output-dir", type=PATH, help=f"CSV folder.  [default: {RESULTS} if there is one, else here]")
-def command(paper: str, seeds: int, as_published: bool, output_dir: Path | None) -> None:
+@click.option("-o", "--output", type=PATH, help=f"CSV folder.  [default: {RESULTS} if there is one, else here]")
+def command(paper: str, seeds: int, as_published: bool, output: Path | None) -> None:
     """Run the simulations of PAPER again and compare its numbers with ours.
 
     A number is reproduced if it lies within the 95 % range of the seeds: of 40 from the smallest to the largest. A
@@ -40,7 +40,7 @@ def command(paper: str, seeds: int, as_published: bool, output_dir: Path | None)
     from tam_validation.papers.tables import print_not_compared, print_rows, rows_to_csv, summary, sweeps_to_csv
 
     papers = list(PAPERS) if paper == "all" else [paper]
-    folder = output_dir or (RESULTS if RESULTS.is_dir() else Path())
+    folder = output or (RESULTS if RESULTS.is_dir() else Path())
     end, flag = ("_as_published", " --as-published") if as_published else ("", "")
     outputs = {name: folder / f"reproduce_{name}{end}.csv" for name in papers}
     if _SWEPT in papers:

@@ -164,6 +164,12 @@ def undrawn(monkeypatch):
         monkeypatch.setattr(module, "embed", embed)
 
 
+@pytest.fixture
+def undiagnosed(monkeypatch):
+    """Leave out the diagnosis of a residual that a calibration leaves, where the calibration alone is looked at."""
+    monkeypatch.setattr("tam_calibration.cli.calibrate.is_unexplained", lambda calibration: False)
+
+
 @pytest.fixture(scope="session")
 def kept_numbers():
     """Return a function that gives the numbers of a paper in the CSV file that is kept, by name."""

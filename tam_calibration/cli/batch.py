@@ -4,6 +4,7 @@ import os
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -12,6 +13,7 @@ from tam_calibration.cli.terminal import (
     PATH,
     Detail,
     answer_options,
+    array_option,
     print_answer,
     reading_options,
     showing_progress,
@@ -32,6 +34,9 @@ from tam_calibration.model.extras import require
 from tam_calibration.recordings.bag_storages import is_bag
 from tam_calibration.recordings.reading import Reading
 from tam_calibration.report.blocks import Block, Table, Text
+
+if TYPE_CHECKING:
+    from tam_calibration.fleet.batch import Run
 
 
 def _blocks(results: Sequence[Result], drifts: Sequence[ParameterDrift], missions: Sequence[str]) -> list[Block]:
@@ -56,14 +61,14 @@ def _answer(results: Sequence[Result], points: Sequence[str]) -> str:
 
 @click.command()
 @click.argument("recordings", nargs=-1, required=True)
-@click.option("--array", "array_path", type=PATH, required=True, help="Array YAML: positions and noise of the sensors.")
+@array_option
 @click.option(
     "--calibration",
     "calibration_path",
     type=PATH,
     help="Calibration YAML to correct with; its effects are removed first. By default each recording's own.",
 )
-@click.option("--out", type=PATH, required=True, help="Folder of the results.")
+@click.option("-o", "--output", type=PATH, required=True, help="Folder of the results.")
 @click.option("--jobs", type=JOBS, help="Number of processes on this machine; by default one for each core.")
 @click.option("--scheduler", help="Address of a Dask scheduler, such as tcp://host:8786, whose workers do the work.")
 @reading_options
@@ -74,7 +79,7 @@ def command(
     recordings: tuple[str, ...],
     array_path: Path,
     calibration_path: Path | None,
-    out: Path,
+    output: Path,
     jobs: int | None,
     scheduler: str | None,
     how: Reading,
@@ -88,26 +93,38 @@ def command(
     """
     require("report", "the summary of a batch")
     from tam_calibration.fleet.batch import find_recordings, require_separate_folder, run_batch
-    from tam_calibration.fleet.processes import run_here, run_on_cluster
-    from tam_calibration.fleet.summary import SUMMARIES
     from tam_calibration.fleet.task import read_options
 
-    if jobs is not None and scheduler is not None:
-        raise InputError("give either --jobs, for this machine, or --scheduler, for a cluster")
     options = read_options(array_path, calibration_path, how)
-    paths = find_recordings(recordings, without=out)
-    require_separate_folder(out, [*paths, *(path for path in (array_path, calibration_path) if path is not None)])
-    if scheduler is None:
-        if any(is_bag(path) for path in paths):
-            require("bags", "reading bags")
-        run = partial(run_here, jobs=jobs or len(os.sched_getaffinity(0)))
-    else:
-        run = partial(run_on_cluster, scheduler=scheduler)
+    paths = find_recordings(recordings, without=output)
+    inputs = [*paths, *(path for path in (array_path, calibration_path) if path is not None)]
+    require_separate_folder(output, inputs)
+    run = _runner(paths, jobs, scheduler)
     with showing_progress() as progress:
         task = progress.add_task("recordings", total=len(paths))
         results = run_batch(
-            paths, out, options, run, lambda done, total: progress.update(task, completed=done, total=total)
+            paths, output, options, run, lambda done, total: progress.update(task, completed=done, total=total)
         )
+    _print(results, output, detail)
+    ctx.exit(0 if all(result.is_settled for result in results) else 1)
+
+
+def _runner(paths: Sequence[Path], jobs: int | None, scheduler: str | None) -> "Run":
+    """Return what does the tasks: processes of this machine, or the workers of a cluster."""
+    from tam_calibration.fleet.processes import run_here, run_on_cluster
+
+    if scheduler is not None:
+        if jobs is not None:
+            raise InputError("give either --jobs, for this machine, or --scheduler, for a cluster")
+        return partial(run_on_cluster, scheduler=scheduler)
+    if any(is_bag(path) for path in paths):
+        require("bags", "reading bags")
+    return partial(run_here, jobs=jobs or len(os.sched_getaffinity(0)))
+
+
+def _print(results: Sequence[Result], output: Path, detail: Detail) -> None:
+    from tam_calibration.fleet.summary import SUMMARIES
+
     drifts, points = largest(all_drifts(results)), open_points(results)
     without = [f"{each.platform}: {each.no_drift}" for each in all_missions(results) if each.no_drift]
     blocks = _blocks(results, drifts, without)
@@ -116,6 +133,5 @@ def command(
         [*map(Text, points[1:_FEW]), *blocks],
         [*blocks, *map(Text, points)],
         detail,
-        (out / name for name in SUMMARIES),
+        (output / name for name in SUMMARIES),
     )
-    ctx.exit(0 if all(result.is_settled for result in results) else 1)

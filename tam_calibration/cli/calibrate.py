@@ -1,29 +1,29 @@
 """`tam calibrate`: from a recording to a calibration."""
 
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 import numpy as np
 from rich.progress import Progress
 
 from tam_calibration.cli import terminal
-from tam_calibration.cli.streams import say
+from tam_calibration.cli.answer import Answer, answering
 from tam_calibration.correction.calibration import AmbientGradientEstimate, Calibration
-from tam_calibration.files.text_files import to_json
+from tam_calibration.effects.library import installed_effects
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
 from tam_calibration.fit.doubts import is_unexplained
 from tam_calibration.fit.recorded_attitude import as_if_uniform
-from tam_calibration.integrity import ACCEPTABLE
+from tam_calibration.integrity.fault import names_in
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import OUTPUT_NAMES, Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import field_at
 from tam_calibration.model.recording import SKETCH, Recording, SampleSource
-from tam_calibration.model.units import FloatArray, from_degrees, to_nanotesla
+from tam_calibration.model.units import from_degrees, to_nanotesla
 from tam_calibration.recordings import provenance, read_array
 from tam_calibration.recordings.bag_transforms import transforms_in
 from tam_calibration.recordings.fit_with_usage import fit_with_usage
@@ -42,6 +42,34 @@ from tam_calibration.results import FORMULA, calibration_to_mapping, calibration
 
 if TYPE_CHECKING:
     from tam_calibration.gap.delays import Delays
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What the options ask of a calibration, each as it was given."""
+
+    method: str
+    place: str | None
+    prior_path: Path | None
+    attitude_noise_deg: float | None
+    ambient_gradient: bool
+    effects: str | None
+    estimate_delays: bool
+    accept: tuple[str, ...]
+
+    @property
+    def is_joint(self) -> bool:
+        """Whether the fit uses a field or attitude with its error: the place then gives that field."""
+        return self.prior_path is not None or self.attitude_noise_deg is not None
+
+
+class Found(NamedTuple):
+    """A calibration, the samples to show without the fitted gradient, how many were used, and the delays found."""
+
+    calibration: Calibration
+    shown: Recording
+    usage: Usage | None
+    delays: "Delays | None"
 
 
 def _summary(calibration: Calibration, remarks: Sequence[str]) -> list[Block]:
@@ -67,16 +95,13 @@ def _tables(calibration: Calibration, remarks: Sequence[str]) -> list[Block]:
     ]
 
 
-def _remarks(calibration: Calibration, recording: Recording, usage: Usage | None, delays: "Delays | None") -> list[str]:
+def _remarks(found: Found) -> list[str]:
     """Return what the recording leaves badly determined, what was used of it, and the delays that were found."""
     from tam_calibration.fit.identifiability import find_weakness
 
-    weakness = "" if calibration.update else str(find_weakness(recording, calibration))
-    return [
-        *([weakness] if weakness else []),
-        *([] if usage is None else [str(usage)]),
-        *([] if delays is None else [_delays_in_words(delays)]),
-    ]
+    weakness = "" if found.calibration.update else str(find_weakness(found.shown, found.calibration))
+    delays = "" if found.delays is None else _delays_in_words(found.delays)
+    return [each for each in (weakness, str(found.usage or ""), delays) if each]
 
 
 def _gradient(gradient: AmbientGradientEstimate) -> str:
@@ -88,14 +113,17 @@ def _gradient(gradient: AmbientGradientEstimate) -> str:
     return f"Gradient of the field in the world of the attitude (nT/m): {', '.join(parts)}."
 
 
-_Fit = Callable[[SampleSource, Array], Calibration]
-
-
 @click.command()
 @click.argument("recording", type=terminal.PATH)
-@click.option("--array", type=terminal.PATH, required=True, help="Array YAML: positions and noise of the sensors.")
+@terminal.array_option
 @click.option("-o", "--output", type=terminal.PATH, help="Calibration YAML to write.")
-@click.option("--method", default=DEFAULT_METHOD, show_default=True, help=f"One of {', '.join(METHODS)}.")
+@click.option(
+    "--method",
+    default=DEFAULT_METHOD,
+    show_default=True,
+    shell_complete=terminal.completed(lambda: METHODS),
+    help=f"One of {', '.join(METHODS)}.",
+)
 @click.option(
     "--place",
     help="LAT,LON,DATE: take the intensity from IGRF if the recording has no scalar; with --prior or "
@@ -120,6 +148,7 @@ _Fit = Callable[[SampleSource, Array], Calibration]
 )
 @click.option(
     "--effects",
+    shell_complete=terminal.completed(lambda: ("auto", *installed_effects())),
     help="Also fit effects and keep them in the calibration: names such as temperature_drift,current_interference, or "
     "auto for those that tam diagnose finds.",
 )
@@ -134,86 +163,54 @@ _Fit = Callable[[SampleSource, Array], Calibration]
     help="First estimate the delays of the other sensors' stamps against sensor 1, and remove them.",
 )
 @terminal.reading_options
-@terminal.answer_options
-@click.option(
-    "--json", "json_path", type=terminal.PATH, help="Write the result as JSON; - is stdout, instead of the tables."
-)
+@answering
 @click.option("--report", type=terminal.PATH, help="Write an HTML page with residuals, coverage and parameters.")
-@click.option(
-    "--accept", multiple=True, metavar="NAME", help=f"Overrule a finding; may be repeated: {', '.join(ACCEPTABLE)}."
-)
+@terminal.accept_option
 @click.pass_context
 def command(
     ctx: click.Context,
+    /,
     recording: Path,
-    array: Path,
+    array_path: Path,
     output: Path | None,
-    method: str,
-    place: str | None,
-    prior_path: Path | None,
-    attitude_noise_deg: float | None,
-    ambient_gradient: bool,
-    effects: str | None,
     source: Path | None,
-    estimate_delays: bool,
     how: Reading,
-    detail: terminal.Detail,
-    json_path: Path | None,
+    answer: Answer,
     report: Path | None,
-    accept: tuple[str, ...],
+    **asked: Any,
 ) -> None:
     """Estimate the errors of an array's sensors from RECORDING, of any format.
 
     The first line says whether the calibration is good, doubtful or bad, and why. Exits 0 when it is good or doubtful,
     1 when it is bad (nothing is written, unless --accept names the finding), 2 on bad input.
     """
-    to_stdout = json_path == Path("-")
-    outputs = {"yaml": output, "json": None if to_stdout else json_path, "report": report}
-    inputs = [recording, array, *([prior_path] if prior_path else []), *_files_of(source), *how.files]
-    with terminal.graded(to_stdout), terminal.write_together(outputs, inputs) as beside:
-        is_joint = prior_path is not None or attitude_noise_deg is not None
-        model_T = field_at(place) if place is not None and is_joint else None
-        fit = _fit_of(method, ambient_gradient, effects, accept, prior_path, model_T)
-        if attitude_noise_deg is not None:
-            fit = _with_attitude(fit)
+    wanted = Wanted(**asked)
+    inputs = [recording, array_path, wanted.prior_path, *_files_of(source), *how.files]
+    with terminal.graded(answer.is_json), answer.files(inputs, yaml=output, report=report) as places:
         with terminal.showing_progress() as progress:
-            found = read_array(array, transforms_in(recording))
-            if attitude_noise_deg is not None:
-                found = replace(found, attitude_noise=from_degrees(attitude_noise_deg))
-            delays = _delays(recording, found, place, how, progress) if estimate_delays else None
-            if delays is not None:
-                found = replace(found, delay_s=delays.delay_s)
-            taken = None if is_joint else place
-            calibration, data, usage = _calibrate(recording, found, fit, taken, how, accept, progress)
+            found = _calibrate(recording, array_path, wanted, how, progress)
             if source is not None:
-                calibration = _complete(calibration, source, how, progress)
-        if "yaml" in beside:
-            beside["yaml"].write_text(calibration_to_yaml(calibration), encoding="utf-8")
-        if "json" in beside:
-            beside["json"].write_text(to_json(_to_mapping(calibration, delays)), encoding="utf-8")
-        if "report" in beside:
+                found = found._replace(calibration=_complete(found.calibration, source, how, progress))
+        if "yaml" in places:
+            places["yaml"].write_text(calibration_to_yaml(found.calibration), encoding="utf-8")
+        if "report" in places:
             from tam_calibration.report.calibration_report import write_calibration_report
 
-            write_calibration_report(beside["report"], calibration, data)
-    if to_stdout:
-        say(to_json(_to_mapping(calibration, delays)))
-    else:
-        remarks = _remarks(calibration, data, usage, delays)
-        advice = f"tam correct {recording} --calibration {output} -o corrected.csv" if output else ""
-        terminal.print_answer(
-            f"{calibration.quality}.",
-            _summary(calibration, remarks),
-            _tables(calibration, remarks),
-            detail,
-            outputs.values(),
-            advice,
+            write_calibration_report(places["report"], found.calibration, found.shown)
+        remarks = _remarks(found)
+        answer.give(
+            _to_mapping(found),
+            f"{found.calibration.quality}.",
+            _summary(found.calibration, remarks),
+            _tables(found.calibration, remarks),
+            f"tam correct {recording} --calibration {output} -o corrected.csv" if output else "",
         )
-    if calibration.quality.grade == "bad":
+    if found.calibration.quality.grade == "bad":
         ctx.exit(1)
 
 
-def _to_mapping(calibration: Calibration, delays: "Delays | None") -> dict[str, Any]:
-    content = calibration_to_mapping(calibration)
+def _to_mapping(found: Found) -> dict[str, Any]:
+    content, delays = calibration_to_mapping(found.calibration), found.delays
     if delays is not None:
         content["delays"] = {"delay_s": delays.delay_s.tolist(), "standard_error_s": delays.standard_error_s.tolist()}
     return content
@@ -239,68 +236,60 @@ def _delays_in_words(delays: "Delays") -> str:
     return f"Stamped after sensor 1: {words}. For the array file, live too: delay_s: [{stated}]."
 
 
-def _fit_of(
-    method: str,
-    ambient_gradient: bool,
-    effects: str | None,
-    accept: Collection[str],
-    prior_path: Path | None,
-    main_field_T: FloatArray | None,
-) -> _Fit:
+def _fit_of(wanted: Wanted) -> Callable[[SampleSource, Array], Calibration]:
     """Return the fit that the options ask for: of the errors alone, with a prior, or together with effects."""
-    if effects is None:
-        prior = None if prior_path is None else read_calibration(prior_path)
+    field_T = field_at(wanted.place) if wanted.place is not None and wanted.is_joint else None
+    if wanted.effects is None:
         return partial(
             calibrate,
-            method=method,
-            ambient_gradient=ambient_gradient,
-            accept=accept,
-            prior=prior,
-            main_field_T=main_field_T,
+            method=wanted.method,
+            ambient_gradient=wanted.ambient_gradient,
+            accept=wanted.accept,
+            prior=None if wanted.prior_path is None else read_calibration(wanted.prior_path),
+            main_field_T=field_T,
         )
-    if prior_path is not None or main_field_T is not None:
+    if wanted.prior_path is not None or field_T is not None:
         raise InputError("--prior and --attitude-noise-deg do not go with --effects: take one after the other")
-    if method != DEFAULT_METHOD:
-        raise InputError(f"{method} cannot fit effects: {DEFAULT_METHOD} can")
-    if ambient_gradient:
+    if wanted.method != DEFAULT_METHOD:
+        raise InputError(f"{wanted.method} cannot fit effects: {DEFAULT_METHOD} can")
+    if wanted.ambient_gradient:
         raise InputError("name the gradient among the effects instead: --effects ambient_gradient")
-    names = [name.strip() for name in effects.split(",") if name.strip()]
+    names = names_in(wanted.effects)
     if not names:
         raise InputError("--effects names none: give names such as temperature_drift, or auto")
     from tam_calibration.gap.calibration_with_effects import calibrate_with_effects
 
-    return lambda samples, array: calibrate_with_effects(samples.whole(), array, names, accept=accept)
+    return lambda samples, array: calibrate_with_effects(samples.whole(), array, names, accept=wanted.accept)
 
 
-def _with_attitude(fit: _Fit) -> _Fit:
-    def fit_with_attitude(samples: SampleSource, array: Array) -> Calibration:
-        if samples.whole().attitude is None:
-            raise InputError("the recording has no attitude: leave out --attitude-noise-deg")
-        return fit(samples, array)
-
-    return fit_with_attitude
-
-
-def _calibrate(
-    path: Path, array: Array, fit: _Fit, place: str | None, how: Reading, accept: Collection[str], progress: Progress
-) -> tuple[Calibration, Recording, Usage | None]:
-    """Return the calibration, what is shown of the recording, without the gradient that was fitted, and the usage.
+def _calibrate(path: Path, array_path: Path, wanted: Wanted, how: Reading, progress: Progress) -> Found:
+    """Return the calibration of a recording.
 
     A large recording is kept in files and read anew for each pass; every n-th of its samples is shown.
     """
+    fit = _fit_of(wanted)
+    array, delays = read_array(array_path, transforms_in(path)), None
+    if wanted.attitude_noise_deg is not None:
+        array = replace(array, attitude_noise=from_degrees(wanted.attitude_noise_deg))
+    if wanted.estimate_delays:
+        delays = _delays(path, array, wanted.place, how, progress)
+        array = replace(array, delay_s=delays.delay_s)
     samples, usage = read_source(path, array, how, terminal.reading(progress))
-    if place is not None:
-        samples = _with_intensity(samples.whole(), place)
+    if wanted.attitude_noise_deg is not None and samples.whole().attitude is None:
+        raise InputError("the recording has no attitude: leave out --attitude-noise-deg")
+    if wanted.place is not None and not wanted.is_joint:
+        samples = _with_intensity(samples.whole(), wanted.place)
     progress.add_task(f"fitting {samples.sample_count} samples", total=None)
     calibration = fit_with_usage(samples, usage, lambda seen: fit(seen, array))
     if is_unexplained(calibration):
         from tam_calibration.gap.explained import explained  # takes as long to load as a calibration
 
         going_on = terminal.progress_of(progress, "diagnosing")
-        calibration = explained(calibration, samples, array, progress=going_on, accept=accept)
+        calibration = explained(calibration, samples, array, progress=going_on, accept=wanted.accept)
     calibration = replace(calibration, source=provenance(path))
     shown = samples if isinstance(samples, Recording) else samples.thinned(SKETCH)
-    return calibration, as_if_uniform(shown, calibration.errors, array, calibration.ambient_gradient).whole(), usage
+    shown = as_if_uniform(shown, calibration.errors, array, calibration.ambient_gradient).whole()
+    return Found(calibration, shown, usage, delays)
 
 
 def _files_of(source: Path | None) -> list[Path]:

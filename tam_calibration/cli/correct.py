@@ -10,12 +10,12 @@ from typing import Any
 import click
 import numpy as np
 
+from tam_calibration.cli.answer import Answer, answering
 from tam_calibration.cli.streams import say
 from tam_calibration.cli.terminal import PATH, reading, reading_options, showing_progress, working
 from tam_calibration.correction.acceptance import ScalarAgreement
 from tam_calibration.correction.calibration import Calibration, Corrected
 from tam_calibration.correction.partial import sensors_of
-from tam_calibration.files.text_files import to_json
 from tam_calibration.model.array import OUTPUT_NAMES
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.units import IntArray, to_nanotesla
@@ -39,7 +39,7 @@ RESIDUAL = "residual"
 @click.option("-o", "--output", type=PATH, required=True, help="A .csv or .mcap file, or the folder of a bag.")
 @reading_options
 @click.option("--accept", type=click.Choice([RESIDUAL]), multiple=True, help="Overrule the refusal of this name.")
-@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+@answering
 def command(
     recording: Path,
     calibration_path: Path,
@@ -47,11 +47,25 @@ def command(
     output: Path,
     how: Reading,
     accept: tuple[str, ...],
-    as_json: bool,
+    answer: Answer,
 ) -> None:
     """Correct RECORDING, of any format. From bag to bag, other topics are copied."""
-    inputs = [recording, calibration_path, *([] if array_path is None else [array_path]), *how.files]
+    inputs = [path for path in (recording, calibration_path, array_path, *how.files) if path is not None]
     require_separate([output], inputs)
+    with answer.files([*inputs, output]):
+        summary = _correct(recording, calibration_path, array_path, output, how, accept)
+        answer.give(summary, _sentence(summary))
+
+
+def _correct(
+    recording: Path,
+    calibration_path: Path,
+    array_path: Path | None,
+    output: Path,
+    how: Reading,
+    accept: tuple[str, ...],
+) -> dict[str, Any]:
+    """Write the corrected samples, and return what was corrected."""
     calibration = read_calibration(calibration_path)
     if array_path is not None:
         _check_array(calibration, array_path, recording)
@@ -62,10 +76,9 @@ def command(
         counted = _counted(corrected, intensity, agreement)
         agreeing = counted if RESIDUAL in accept else _agreeing(counted, agreement, calibration)
         write_corrected_pieces(output, agreeing, recording, written, how, calibration.array)
-    summary = _summarise(intensity, agreement, calibration, output)
     if agreement.is_doubtful(calibration):
         say(f"warning: {agreement.sentence(calibration)}", err=True)
-    say(to_json(summary) if as_json else _sentence(summary))
+    return _summarise(intensity, agreement, calibration, output)
 
 
 @dataclass

@@ -6,13 +6,11 @@ from pathlib import Path
 import click
 
 from tam_calibration.cli import terminal
-from tam_calibration.cli.streams import say
-from tam_calibration.effects.library import effect_named
-from tam_calibration.files.text_files import to_json
+from tam_calibration.cli.answer import Answer, answering
+from tam_calibration.effects.library import effect_named, installed_effects
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.diagnose import in_stretches
 from tam_calibration.gap.result import Gap
-from tam_calibration.integrity import ACCEPTABLE
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
@@ -54,12 +52,15 @@ _ANSWERS = ("no_gap", "explained")
 
 @click.command()
 @click.argument("recording", type=terminal.PATH)
-@click.option("--array", type=terminal.PATH, required=True, help="Array YAML: positions and noise of the sensors.")
-@click.option(
-    "--json", "json_path", type=terminal.PATH, help="Write the result as JSON; - is stdout, instead of the tables."
-)
+@terminal.array_option
 @click.option("--report", type=terminal.PATH, help="Write an HTML page: where the gap is, its causes, and the rest.")
-@click.option("--without", multiple=True, metavar="EFFECT", help="Do not try this effect; may be repeated.")
+@click.option(
+    "--without",
+    multiple=True,
+    metavar="EFFECT",
+    shell_complete=terminal.completed(installed_effects),
+    help="Do not try this effect; may be repeated.",
+)
 @click.option(
     "--calibration",
     "calibration_path",
@@ -72,22 +73,19 @@ _ANSWERS = ("no_gap", "explained")
     "reference that contradicts it is bad input.",
 )
 @terminal.reading_options
-@terminal.answer_options
-@click.option(
-    "--accept", multiple=True, metavar="NAME", help=f"Overrule a finding; may be repeated: {', '.join(ACCEPTABLE)}."
-)
+@answering
+@terminal.accept_option
 @click.pass_context
 def command(
     ctx: click.Context,
     recording: Path,
-    array: Path,
-    json_path: Path | None,
+    array_path: Path,
     report: Path | None,
     without: tuple[str, ...],
     calibration_path: Path | None,
     place: str | None,
     how: Reading,
-    detail: terminal.Detail,
+    answer: Answer,
     accept: tuple[str, ...],
 ) -> None:
     """Find what RECORDING, of any format, contains beyond model and noise, where, and why.
@@ -95,33 +93,24 @@ def command(
     Exits 0 when there is no gap or its causes are found, 1 when some of it stays unexplained or the recording is too
     short to tell, 2 on bad input.
     """
-    to_stdout = json_path == Path("-")
-    outputs = {"json": None if to_stdout else json_path, "report": report}
-    inputs = [*(path for path in (recording, array, calibration_path) if path is not None), *how.files]
-    with terminal.graded(to_stdout), terminal.write_together(outputs, inputs) as beside:
-        found = _read_array(array, recording, place)
-        gap, usage = _diagnose(recording, found, without, calibration_path, how, accept)
+    inputs = [recording, array_path, calibration_path, *how.files]
+    with terminal.graded(answer.is_json), answer.files(inputs, report=report) as places:
+        array = _read_array(array_path, recording, place)
+        gap, usage = _diagnose(recording, array, without, calibration_path, how, accept)
         source = provenance(recording)
-        content = to_json(gap_to_mapping(gap, source))
-        if "json" in beside:
-            beside["json"].write_text(content, encoding="utf-8")
-        if "report" in beside:
+        if "report" in places:
             from tam_calibration.report.gap_report import write_gap_report
 
-            write_gap_report(beside["report"], gap, source)
-    if to_stdout:
-        say(content)
-    else:
-        effects = ",".join(cause.fitted.effect for cause in gap.causes)
-        advice = f"tam calibrate {recording} --array {array} --effects {effects}" if effects else ""
+            write_gap_report(places["report"], gap, source)
         used = [] if usage is None else [Text(sentence(str(usage)))]
-        summary, tables = (
-            [*summary_of_laws(gap, len(gap.residue.floor_T) // 3), *summary_blocks(gap), *used],
+        effects = ",".join(cause.fitted.effect for cause in gap.causes)
+        answer.give(
+            gap_to_mapping(gap, source),
+            " ".join(filter(None, (first_sentence(gap, array.sensor_count), gap.headline, *gap.remarks[:1]))),
+            [*summary_of_laws(gap, array.sensor_count), *summary_blocks(gap), *used],
             [*_blocks(gap), *used],
+            f"tam calibrate {recording} --array {array_path} --effects {effects}" if effects else "",
         )
-        law = first_sentence(gap, len(gap.residue.floor_T) // 3)
-        answer = " ".join(filter(None, (law, gap.headline, *gap.remarks[:1])))
-        terminal.print_answer(answer, summary, tables, detail, outputs.values(), advice)
     ctx.exit(0 if gap.verdict in _ANSWERS else 1)
 
 

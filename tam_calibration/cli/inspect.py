@@ -4,9 +4,8 @@ from pathlib import Path
 
 import click
 
-from tam_calibration.cli.streams import say
-from tam_calibration.cli.terminal import PATH, print_blocks, reading, say_written, showing_progress, write_together
-from tam_calibration.files.text_files import to_json
+from tam_calibration.cli.answer import Answer, answering
+from tam_calibration.cli.terminal import PATH, reading, showing_progress
 from tam_calibration.recordings import read_array
 from tam_calibration.recordings.bag_transforms import transforms_in
 from tam_calibration.recordings.inspection import inspect
@@ -25,49 +24,43 @@ _CLAUSES = 30
 @click.command()
 @click.argument("recording", type=PATH, nargs=-1, required=True)
 @click.option("--array", "array_path", type=PATH, help="Array YAML: its number of sensors helps to choose.")
-@click.option("--json", "json_path", type=PATH, help="Write everything as JSON; - prints it instead of the tables.")
 @click.option("--write-map", "map_path", type=PATH, help="Write the choice, or the best guess, as a map to edit.")
 @click.option("--report", type=PATH, help="Write an HTML page that draws every channel over time.")
+@answering
 @click.pass_context
 def command(
     ctx: click.Context,
     recording: tuple[Path, ...],
     array_path: Path | None,
-    json_path: Path | None,
     map_path: Path | None,
     report: Path | None,
+    answer: Answer,
 ) -> None:
     """Show what RECORDING contains, what is odd, and what is taken as sensors and channels.
 
     Several files make one recording, such as one file for each sensor. Exits 0 when a choice can be made, 1 when it is
     ambiguous or not enough (it says what to add), 2 on bad input.
     """
-    to_stdout = json_path == Path("-")
-    outputs = {"json": None if to_stdout else json_path, "map": map_path, "report": report}
-    with write_together(outputs, [*recording, *([array_path] if array_path else [])]) as beside:
+    with answer.files([*recording, array_path], map=map_path, report=report) as places:
         with showing_progress() as progress:
             array = None if array_path is None else read_array(array_path, transforms_in(recording[0]))
             found = inspect(recording, array, reading(progress))
-        content = to_json(inspection_to_mapping(found))
-        if "json" in beside:
-            beside["json"].write_text(content, encoding="utf-8")
-        if "map" in beside:
-            beside["map"].write_text(found.map_yaml(), encoding="utf-8")
-        if "report" in beside:
+        if "map" in places:
+            places["map"].write_text(found.map_yaml(), encoding="utf-8")
+        if "report" in places:
             from tam_calibration.report.inspection_report import write_inspection_report
 
-            write_inspection_report(beside["report"], found)
-    if to_stdout:
-        say(content)
-    else:
-        print_blocks(_blocks(found))
-        say_written(outputs.values())
+            write_inspection_report(places["report"], found)
+        names = " ".join(map(str, recording))
+        settled = f"tam calibrate {names} --array {array_path or 'array.yaml'} -o calibration.yaml"
+        advice = settled if found.is_certain else f"tam inspect {names} --write-map map.yaml"
+        answer.give(inspection_to_mapping(found), headline(found), _blocks(found), advice=advice)
     ctx.exit(0 if found.is_certain else 1)
 
 
 def _blocks(found: Inspection) -> list[Block]:
     table = Table(HEADER, list(rows_of(found, _CHANNELS)), numeric=False)
-    blocks: list[Block] = [Text(headline(found), "good"), table]
+    blocks: list[Block] = [table]
     more = [f"… and {len(found.oddities) - _CLAUSES} more: --json has all"] if len(found.oddities) > _CLAUSES else []
     for title, clauses in (
         ("Taken:", found.reasons),

@@ -11,6 +11,7 @@ from types import TracebackType
 from typing import Any
 
 import click
+from click.shell_completion import CompletionItem
 
 from tam_calibration import __version__
 from tam_calibration.cli.streams import GradedBad, on_one_line, say, tell, usable_streams
@@ -133,6 +134,20 @@ class LazyGroup(click.Group):
             ctx.obj.loaded()
         return command
 
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        """Return the names that begin so, without importing the subcommands.
+
+        Parameters
+        ----------
+        ctx : Context
+            Of the group.
+        incomplete : str
+            What is typed.
+        """
+        names = {name: words for name, words in subcommands().items() if name.startswith(incomplete)}
+        options = click.Command.shell_complete(self, ctx, incomplete)
+        return [*(CompletionItem(name, help=words) for name, words in names.items()), *options]
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the list of subcommands without importing them.
 
@@ -182,7 +197,12 @@ def _end(ctx: click.Context, sentence: str, code: int) -> None:
     ctx.exit(code)
 
 
-@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+def _today(option: str) -> str:
+    """Return the present name of an option that had another one."""
+    return {"out": "output", "output-dir": "output"}.get(option, option)
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "token_normalize_func": _today})
 @click.version_option(__version__, prog_name="tam")
 def main() -> None:
     """Calibrate arrays of tri-axial magnetometers, offline and over ROS 2.

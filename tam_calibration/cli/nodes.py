@@ -1,7 +1,7 @@
 """`tam nodes`: start the nodes and show what they say."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tam_calibration.cli.streams import say
-from tam_calibration.cli.terminal import MAP_HELP, NamedPath
+from tam_calibration.cli.terminal import MAP_HELP, NamedPath, completed
 from tam_calibration.files.text_files import check_writable, require_regular
 from tam_calibration.nodes.children import Children, node_commands
 from tam_calibration.nodes.session import ros_session
@@ -20,6 +20,12 @@ if TYPE_CHECKING:
     from tam_calibration.nodes.monitor import Monitor
 
 
+def _methods() -> Iterable[str]:
+    from tam_calibration.fit import METHODS  # a signal ends the nodes well while nothing else is loaded
+
+    return METHODS
+
+
 @click.command()
 @click.option("--array", type=NamedPath(exists=True, path_type=Path), help="Array YAML; without it the cross of 0.5 m.")
 @click.option(
@@ -27,7 +33,7 @@ if TYPE_CHECKING:
     type=NamedPath(dir_okay=False, path_type=Path),
     help="Calibration YAML: loaded if it exists, written by calibrator/save.",
 )
-@click.option("--method", help="Method of the fit.")
+@click.option("--method", shell_complete=completed(_methods), help="Method of the fit.")
 @click.option("--map", "map_file", type=NamedPath(exists=True, path_type=Path), help=MAP_HELP)
 @click.option("--params-file", type=NamedPath(exists=True, path_type=Path), help="ROS parameters of the nodes.")
 def command(

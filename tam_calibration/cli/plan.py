@@ -9,14 +9,14 @@ import click
 import numpy as np
 from rich.progress import Progress
 
+from tam_calibration.cli.answer import Answer, answering
 from tam_calibration.cli.streams import say
-from tam_calibration.cli.terminal import PATH, Number, print_blocks, reading, reading_options, showing_progress
-from tam_calibration.files.text_files import to_json
+from tam_calibration.cli.terminal import PATH, Number, array_option, reading, reading_options, showing_progress
 from tam_calibration.fit.coverage import ENOUGH_STANDARD_ERROR, describe
 from tam_calibration.fit.plan import Plan, Reach, make_plan, reach_of_turntable, reach_of_vehicle
 from tam_calibration.fit.plan_start import PlanStart, start_from_calibration, start_from_nothing, start_from_recording
 from tam_calibration.fit.plan_turns import Turn, Vehicle, best_turns, excess_of
-from tam_calibration.fit.prior import Prior, prior_of
+from tam_calibration.fit.prior import prior_of
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import field_at
@@ -26,7 +26,7 @@ from tam_calibration.recordings import read_array
 from tam_calibration.recordings.reading import Reading
 from tam_calibration.recordings.recording_file import read_source
 from tam_calibration.report.blocks import Block, Table, Text
-from tam_calibration.report.formatting import number, sentence
+from tam_calibration.report.formatting import KINDS, number, sentence
 from tam_calibration.report.update_rows import age_in_words
 from tam_calibration.results import read_calibration
 
@@ -34,8 +34,8 @@ _MOST_SHOWN = 8
 """Turns that are shown: later ones gain less."""
 
 
-def plan_turns(path: Path, array: Array, vehicle: Vehicle, inclination: float, as_json: bool) -> None:
-    """Print which turns add most to a calibration at its present age.
+def plan_turns(path: Path, array: Array, vehicle: Vehicle, inclination: float, answer: Answer) -> None:
+    """Answer which turns add most to a calibration at its present age.
 
     Raises
     ------
@@ -48,17 +48,15 @@ def plan_turns(path: Path, array: Array, vehicle: Vehicle, inclination: float, a
     prior = prior_of(calibration, time(), None, array.change_rates)
     turns = best_turns(prior, vehicle, inclination, array.gyroscope)
     before = excess_of(prior, prior.covariance)
-    if as_json:
-        say(to_json({"excess_before": before, "turns": [_to_mapping(turn) for turn in turns]}))
-        return
-    _print(prior, before, turns[:_MOST_SHOWN])
-
-
-def _print(prior: Prior, before: float, turns: list[Turn]) -> None:
-    now = (
+    first = (
         f"Now, with a prior {age_in_words(prior.elapsed_s)}: the uncertainty of the calibration adds "
         f"{_percent(before)} to the noise variance of field and tensor."
     )
+    content = {"excess_before": before, "turns": [_to_mapping(turn) for turn in turns]}
+    answer.give(content, first, [_table_of(turns[:_MOST_SHOWN])], advice=f"tam calibrate RECORDING --prior {path}")
+
+
+def _table_of(turns: list[Turn]) -> Table:
     rows = []
     for turn in turns:
         yaw, pitch, roll = (to_degrees(angle) for angle in (turn.yaw, turn.pitch, turn.roll))
@@ -66,7 +64,7 @@ def _print(prior: Prior, before: float, turns: list[Turn]) -> None:
         gain = _percent(turn.gain_per_minute)
         rows.append([number(yaw), *swings, number(turn.duration_s), _percent(turn.excess), gain])
     header = ("heading turns by (°)", "pitch (°)", "roll (°)", "takes (s)", "adds then", "less per minute")
-    print_blocks([Text(now), Table(header, rows, "Turns, the one that gains most per minute first")])
+    return Table(header, rows, "Turns, the one that gains most per minute first")
 
 
 def _percent(part: float) -> str:
@@ -83,14 +81,6 @@ def _to_mapping(turn: Turn) -> dict[str, Any]:
         "gain_per_minute": turn.gain_per_minute,
     }
 
-
-_GROUPS = (
-    ("scale factor", "", 1.0),
-    ("non-orthogonality", "deg", to_degrees(1.0)),
-    ("bias", "nT", to_nanotesla(1.0)),
-    ("misalignment", "deg", to_degrees(1.0)),
-)
-"""Name, unit and factor from SI of each three parameters of a sensor."""
 
 _HOW_TO_TURN = (
     "From level and facing magnetic north: yaw to the left, then pitch the nose down, then roll the right side down. "
@@ -131,22 +121,22 @@ class Proposal:
         return bool(self.plan.worst[-1] <= ENOUGH_STANDARD_ERROR)
 
 
-def _print_proposal(proposal: Proposal) -> None:
-    """Print the poses, the standard errors before and after, and whether they are enough."""
+def _give(proposal: Proposal, answer: Answer) -> None:
+    """Answer with the poses, the standard errors before and after, and whether they are enough."""
     plan, start = proposal.plan, proposal.start
     field = f"{number(to_nanotesla(start.model.intensity_T), 6)} nT, {_angle(proposal.inclination)}° down"
     verdict = "enough" if proposal.is_enough else "not yet enough: plan more poses or samples, or allow larger angles"
     worst = f"{_size(start.worst)} before, {_size(plan.worst[-1])} after all poses"
     limit = number(ENOUGH_STANDARD_ERROR, 1)
+    first = f"Worst standard error: {worst} (× the sensor noise, at most {limit} wanted): {verdict}."
     blocks: list[Block] = [Text(sentence(start.note))] if start.note else []
     blocks += (
         _poses(proposal),
         Text(_HOW_TO_TURN),
         _standard_errors(proposal),
         Text(f"Field: {field} ({proposal.inclination_source})."),
-        Text(f"Worst standard error: {worst} (× the sensor noise, at most {limit} wanted): {verdict}."),
     )
-    print_blocks(blocks)
+    answer.give(_proposal_to_mapping(proposal), first, blocks, advice="record them, then tam calibrate RECORDING")
 
 
 def _poses(proposal: Proposal) -> Table:
@@ -160,10 +150,11 @@ def _poses(proposal: Proposal) -> Table:
 
 
 def _standard_errors(proposal: Proposal) -> Table:
-    rows = []
-    for index, (name, unit, factor) in enumerate(_GROUPS):
-        columns = (_worst(errors, index, factor) for errors in _before_and_after(proposal))
-        rows.append([f"{name} ({unit})".replace(" ()", "").replace("deg", "°"), *columns])
+    states = _before_and_after(proposal)
+    rows = [
+        [f"{kind.name} ({kind.sign})".removesuffix(" ()"), *(_worst(errors, index, kind.factor) for errors in states)]
+        for index, kind in enumerate(KINDS)
+    ]
     return Table(("worst of", "before", "after"), rows, "Standard errors")
 
 
@@ -221,11 +212,11 @@ def _proposal_to_mapping(proposal: Proposal) -> dict[str, Any]:
 
 
 def _sensors(standard_errors: FloatArray) -> list[dict[str, Any]]:
-    keys = [f"{name.replace('-', '_').replace(' ', '_')}_{unit}".rstrip("_") for name, unit, _ in _GROUPS]
+    keys = [f"{kind.name.replace('-', '_').replace(' ', '_')}_{kind.unit}".rstrip("_") for kind in KINDS]
     blocks = []
     for sensor, twelve in enumerate(standard_errors, start=1):
-        parts = zip(keys, twelve.reshape(4, 3), (factor for _, _, factor in _GROUPS), strict=True)
-        blocks.append({"sensor": sensor} | {key: (factor * part).tolist() for key, part, factor in parts})
+        parts = zip(keys, twelve.reshape(4, 3), KINDS, strict=True)
+        blocks.append({"sensor": sensor} | {key: (kind.factor * part).tolist() for key, part, kind in parts})
     return blocks
 
 
@@ -238,7 +229,7 @@ _ASSUMED_INCLINATION_DEG, _ASSUMED_INTENSITY_NT = 60.0, 50_000.0
 
 @click.command()
 @click.argument("recording", type=PATH, required=False)
-@click.option("--array", "array_path", type=PATH, required=True, help="Array YAML: positions and noise of the sensors.")
+@array_option
 @click.option("--calibration", "calibration_path", type=PATH, help="Calibration YAML instead of a recording.")
 @click.option(
     "--prior",
@@ -259,7 +250,7 @@ _ASSUMED_INCLINATION_DEG, _ASSUMED_INTENSITY_NT = 60.0, 50_000.0
 @click.option("--poses", type=click.IntRange(1, 200), default=12, show_default=True, help="Number of attitudes.")
 @click.option("--samples-per-pose", type=click.IntRange(1, 1_000_000), default=100, show_default=True)
 @reading_options
-@click.option("--json", "as_json", is_flag=True, help="Print the plan as JSON.")
+@answering
 def command(
     recording: Path | None,
     array_path: Path,
@@ -276,45 +267,46 @@ def command(
     poses: int,
     samples_per_pose: int,
     how: Reading,
-    as_json: bool,
+    answer: Answer,
 ) -> None:
     """Propose the attitudes that reduce the worst standard error most, and predict the standard errors.
 
     The plan adds to what RECORDING or a calibration determines; without either, it is a complete calibration.
     """
     if place is not None:
-        if inclination_deg is not None or intensity_nT is not None:
-            raise InputError("--place gives inclination and intensity: leave out --inclination-deg and --intensity-nT")
-        field_T = field_at(place)
-        intensity_nT = to_nanotesla(float(np.linalg.norm(field_T)))
-        inclination_deg = to_degrees(float(np.arcsin(-to_nanotesla(field_T[2]) / intensity_nT)))
+        inclination_deg, intensity_nT = _field_at(place, inclination_deg, intensity_nT)
     array = read_array(array_path)
     if prior_path is not None:
         if recording is not None or calibration_path is not None or turntable is not None:
             raise InputError("--prior plans the turns of a vehicle: leave out recording, --calibration and --turntable")
-        vehicle = Vehicle(
-            from_degrees(pitch_limit_deg or 0.0),
-            from_degrees(roll_limit_deg or 0.0),
-            from_degrees(turn_rate_deg_s or _TURN_RATE_DEG_S),
-            sample_rate_hz or _SAMPLE_RATE_HZ,
-        )
+        limits = from_degrees(pitch_limit_deg or 0.0), from_degrees(roll_limit_deg or 0.0)
+        rates = from_degrees(turn_rate_deg_s or _TURN_RATE_DEG_S), sample_rate_hz or _SAMPLE_RATE_HZ
         steep = _ASSUMED_INCLINATION_DEG if inclination_deg is None else inclination_deg
-        plan_turns(prior_path, array, vehicle, from_degrees(steep), as_json)
+        with answer.files([prior_path, array_path]):
+            plan_turns(prior_path, array, Vehicle(*limits, *rates), from_degrees(steep), answer)
         return
     if turn_rate_deg_s is not None or sample_rate_hz is not None:
         raise InputError("--turn-rate-deg-s and --sample-rate-hz go with --prior")
-    with showing_progress() as progress:
-        start = _start(recording, calibration_path, array, intensity_nT, how, progress)
-        inclination, source = _inclination(inclination_deg, start)
-        reach = _reach(turntable, pitch_limit_deg, roll_limit_deg, inclination)
-        field_T = start.model.intensity_T * reach.directions
-        task = progress.add_task(f"choosing among {len(field_T)} attitudes", total=poses)
-        plan = make_plan(start, field_T, poses, samples_per_pose, lambda done: progress.update(task, completed=done))
-    proposal = Proposal(plan, start, reach, inclination, source, samples_per_pose)
-    if as_json:
-        say(to_json(_proposal_to_mapping(proposal)))
-    else:
-        _print_proposal(proposal)
+    with answer.files([recording, calibration_path, array_path, *how.files]):
+        with showing_progress() as progress:
+            start = _start(recording, calibration_path, array, intensity_nT, how, progress)
+            inclination, source = _inclination(inclination_deg, start)
+            reach = _reach(turntable, pitch_limit_deg, roll_limit_deg, inclination)
+            field_T = start.model.intensity_T * reach.directions
+            task = progress.add_task(f"choosing among {len(field_T)} attitudes", total=poses)
+            plan = make_plan(
+                start, field_T, poses, samples_per_pose, lambda done: progress.update(task, completed=done)
+            )
+        _give(Proposal(plan, start, reach, inclination, source, samples_per_pose), answer)
+
+
+def _field_at(place: str, inclination_deg: float | None, intensity_nT: float | None) -> tuple[float, float]:
+    """Return inclination, degrees, and intensity, nT, of the field of IGRF at a place."""
+    if inclination_deg is not None or intensity_nT is not None:
+        raise InputError("--place gives inclination and intensity: leave out --inclination-deg and --intensity-nT")
+    field_T = field_at(place)
+    intensity_T = float(np.linalg.norm(field_T))
+    return to_degrees(float(np.arcsin(-field_T[2] / intensity_T))), to_nanotesla(intensity_T)
 
 
 def _start(

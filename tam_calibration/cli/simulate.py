@@ -1,6 +1,5 @@
 """`tam simulate`: make a recording of a known array and field."""
 
-import json
 import shlex
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,13 +10,14 @@ import click
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.cli.streams import say
+from tam_calibration.cli.answer import Answer, answering
 from tam_calibration.cli.terminal import PATH, write_together
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.further_channels import channel_in_words
 from tam_calibration.model.recording import CHANNELS, Recording
 from tam_calibration.model.units import FloatArray, to_nanotesla
 from tam_calibration.recordings.bag_storages import DEFAULT, storage_alone, written
+from tam_calibration.report.blocks import Block, Points
 
 if TYPE_CHECKING:
     from tam_calibration.comparison.mend import Mend
@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="Storage of a bag's folder.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print what was made as JSON.")
+@answering
 def command(
     scenario: str | None,
     calibration_path: Path | None,
@@ -64,7 +64,7 @@ def command(
     output: Path,
     seed: int | None,
     storage: str,
-    as_json: bool,
+    answer: Answer,
 ) -> None:
     """Make the recording of SCENARIO, a file or the name of a shipped one, with array file and truth.
 
@@ -74,22 +74,20 @@ def command(
     """
     if calibration_path is not None and mend_path is not None:
         raise InputError("--from-calibration and --from-comparison exclude each other")
-    if run_path is not None:
-        if scenario is not None or (calibration_path is None and mend_path is None):
-            raise InputError(
-                "--recording takes the place of a scenario, and needs --from-calibration or --from-comparison"
-            )
-        if mend_path is not None:
+    if run_path is not None and (scenario is not None or (calibration_path is None and mend_path is None)):
+        raise InputError("--recording takes the place of a scenario, and needs --from-calibration or --from-comparison")
+    with answer.files([calibration_path, mend_path, run_path, output]):
+        if scenario is not None:
+            result = _simulate(scenario, calibration_path, mend_path, output, seed, storage)
+        elif run_path is not None and mend_path is not None:
             result = _mend(mend_path, run_path, output, seed or 0, storage)
-        elif calibration_path is not None:
+        elif run_path is not None and calibration_path is not None:
             result = _twin(calibration_path, run_path, output, seed or 0, storage)
-    elif scenario is not None:
-        result = _simulate(scenario, calibration_path, mend_path, output, seed, storage)
-    else:
-        raise InputError(
-            "say what to simulate: a scenario, or --from-calibration or --from-comparison with --recording"
-        )
-    say(json.dumps(result) if as_json else sentences(result))
+        else:
+            raise InputError(
+                "say what to simulate: a scenario, or --from-calibration or --from-comparison with --recording"
+            )
+        answer.give(result, *_in_words(result))
 
 
 def _simulate(
@@ -217,8 +215,8 @@ def _summary(recording: Recording, intensity_T: FloatArray, rate_hz: float, seed
     }
 
 
-def sentences(result: dict[str, Any]) -> str:
-    """Return what was made and what to type next, for people."""
+def _in_words(result: dict[str, Any]) -> tuple[str, list[Block], None, str]:
+    """Return what was made in a line, its files, and the command that uses them."""
     recording, array = (shlex.quote(result[name]) for name in ("recording", "array"))
     if "mend" in result:
         source, following = f"{result['mend']}  what was added", f"tam compare {recording} RECORDING --array {array}"
@@ -227,11 +225,9 @@ def sentences(result: dict[str, Any]) -> str:
         source = f"{result['truth']}  their true errors"
         following = f"tam calibrate {recording} --array {array} -o {calibration}"
     channels = f" with {', '.join(result['channels'])}" if result["channels"] else ""
-    return (
+    first = (
         f"{result['samples']} samples of {result['sensors']} sensors{channels} in {result['duration_s']:.6g} s, "
-        f"field {result['intensity_nT']:.2f} nT, seed {result['seed']}\n"
-        f"  {result['recording']}  the recording\n"
-        f"  {result['array']}  positions and noise of the sensors\n"
-        f"  {source}\n"
-        f"next: {following}"
+        f"field {result['intensity_nT']:.2f} nT, seed {result['seed']}"
     )
+    described = (f"{result['recording']}  the recording", f"{result['array']}  positions and noise of the sensors")
+    return first, [Points((*described, source))], None, following

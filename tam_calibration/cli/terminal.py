@@ -17,6 +17,7 @@ from rich.text import Text as RichText
 
 from tam_calibration.cli.streams import GradedBad, say
 from tam_calibration.files.whole_files import write_set
+from tam_calibration.integrity.fault import ACCEPTABLE
 from tam_calibration.messages.samples import Progress as ProgressCallback
 from tam_calibration.model.exceptions import InputError, Refused, printable
 from tam_calibration.model.extras import require
@@ -49,6 +50,36 @@ class NamedPath(click.Path):
 
 PATH = NamedPath(path_type=Path, readable=False)
 """A path that is checked where it is used, in one sentence."""
+
+
+ARRAY_HELP = "Array YAML: positions and noise of the sensors."
+
+array_option = click.option("--array", "array_path", type=PATH, required=True, help=ARRAY_HELP)
+
+
+def completed(names: Callable[[], Iterable[str]]) -> Callable[[click.Context, click.Parameter, str], list[str]]:
+    """Return how a shell completes an option that takes names, or several that commas separate.
+
+    Parameters
+    ----------
+    names : callable
+        Returns the names; called when a shell asks.
+    """
+
+    def complete(ctx: click.Context, parameter: click.Parameter, incomplete: str) -> list[str]:
+        before, comma, last = incomplete.rpartition(",")
+        return [f"{before}{comma}{name}" for name in names() if name.startswith(last)]
+
+    return complete
+
+
+accept_option = click.option(
+    "--accept",
+    multiple=True,
+    metavar="NAME",
+    shell_complete=completed(lambda: ACCEPTABLE),
+    help=f"Overrule a finding; may be repeated: {', '.join(ACCEPTABLE)}.",
+)
 
 
 JOBS = click.IntRange(1, 256)
@@ -162,7 +193,7 @@ def answer_options(function: Callable[..., Any]) -> Callable[..., Any]:
 def print_answer(
     answer: str,
     summary: Iterable[Block],
-    tables: Iterable[Block],
+    tables: Iterable[Block] | None,
     detail: Detail,
     written: Iterable[Path | None] = (),
     advice: str = "",
@@ -174,7 +205,7 @@ def print_answer(
     answer : str
         The first line.
     summary, tables : iterable of Block
-        What is printed behind it: by default, and where all is asked for.
+        What is printed behind it: by default, and where all is asked for; None where the summary is all there is.
     detail : Detail
         How much to print.
     written : iterable of Path or None
@@ -187,7 +218,9 @@ def print_answer(
     if detail == "answer":
         return
     paths = list(filter(None, written))
-    if detail == "tables":
+    if tables is None:
+        print_blocks(summary)
+    elif detail == "tables":
         print_blocks(tables, _MOST_ROWS)
     else:
         with console.capture() as captured:

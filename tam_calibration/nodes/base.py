@@ -4,6 +4,7 @@ from abc import abstractmethod
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -14,7 +15,7 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.nodes.answering import AnsweringNode
 from tam_calibration.nodes.message_types import type_name
 from tam_calibration.nodes.node_parameters import Rule, array_name, declare, require_quality, unknown_parameters
-from tam_calibration.nodes.sole_name import take_name
+from tam_calibration.nodes.process import take_name
 
 OK, WARN, ERROR, STALE = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 
@@ -108,6 +109,19 @@ class TamNode(AnsweringNode):
             By the name of the parameter; each raises `InputError` where a value cannot be used.
         """
         self._takes |= takes
+
+    def write_files(self, **writers: Callable[[Path], object]) -> str:
+        """Write the files that parameters name, and return which, for the end of an answer.
+
+        Parameters
+        ----------
+        **writers : callable
+            By the name of the parameter; each writes to the path that it is given.
+        """
+        named = {name: path for name in writers if (path := self.value(name))}
+        for name, path in named.items():
+            writers[name](Path(path))
+        return f"; written to {' and '.join(named.values())}" if named else ""
 
     @abstractmethod
     def health(self) -> Health:

@@ -21,15 +21,15 @@ from tam_calibration.integrity.fault import names_in, require_names
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.extras import require
+from tam_calibration.nodes.answering import Work
 from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health, TamNode
-from tam_calibration.nodes.calibration_figures import figures, introduce
+from tam_calibration.nodes.calibrated import figures, introduce
 from tam_calibration.nodes.cloud import CloudReader, Rows, from_stamp, layout_of
 from tam_calibration.nodes.comparing import COMPARED, WRITTEN_OF_COMPARISON, compare_with_simulation, require_comparable
 from tam_calibration.nodes.kept_samples import KEPT, SAVE_S, KeptSamples
 from tam_calibration.nodes.listening import LATCHED, RELIABLE_STREAM
 from tam_calibration.nodes.live_update import UPDATED, LiveUpdate
 from tam_calibration.nodes.node_parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
-from tam_calibration.nodes.work import Work
 from tam_calibration.recordings.compared_recordings import remarks_on
 from tam_calibration.recordings.fit_with_usage import fit_with_usage
 from tam_calibration.report.update_rows import update_sentences
@@ -247,14 +247,12 @@ class Calibrator(TamNode):
             raise Refused(f"the node ended while it was {stage}")
 
     def _write(self, gap: Gap) -> str:
-        paths = [path for name in ("gap_file", "gap_report_file") if (path := self.value(name))]
-        if path := self.value("gap_file"):
-            write_gap(Path(path), gap)
-        if path := self.value("gap_report_file"):
+        def write_page(path: Path) -> None:
             from tam_calibration.report.gap_report import write_gap_report
 
-            write_gap_report(Path(path), gap)
-        return f"; written to {' and '.join(paths)}" if paths else ""
+            write_gap_report(path, gap)
+
+        return self.write_files(gap_file=lambda path: write_gap(path, gap), gap_report_file=write_page)
 
     def _save(self) -> str:
         if self._calibration is None:

@@ -37,8 +37,8 @@ from tam_calibration.nodes.inputs import Input, map_of_topics, own_map
 from tam_calibration.nodes.listening import RELIABLE_STREAM, STREAM
 from tam_calibration.nodes.markers import Shown, coverage_markers
 from tam_calibration.nodes.message_types import message_class
-from tam_calibration.nodes.node_parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
-from tam_calibration.nodes.scheduling import REAL_TIME, precede
+from tam_calibration.nodes.node_parameters import ARRAY_FILE, FRAME_ID, REAL_TIME, Rule, array_of
+from tam_calibration.nodes.process import precede
 from tam_calibration.recordings.channel_map import Pick
 from tam_calibration.recordings.reading import TOLERANCE_S
 

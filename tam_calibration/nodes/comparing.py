@@ -88,16 +88,14 @@ def compare_with_simulation(
 
 
 def _write(node: TamNode, comparison: Comparison, sources: Sources) -> str:
-    written = []
-    if path := node.value("comparison_file"):
-        write_comparison(Path(path), comparison, sources)
-        written.append(path)
-    if path := node.value("comparison_report_file"):
+    def write_page(path: Path) -> None:
         from tam_calibration.report.comparison_report import write_comparison_report
 
-        write_comparison_report(Path(path), comparison, sources)
-        written.append(path)
-    if (path := node.value("mend_file")) and comparison.mend is not None:
-        write_mend(Path(path), comparison.mend)
-        written.append(path)
-    return f"; written to {' and '.join(written)}" if written else ""
+        write_comparison_report(path, comparison, sources)
+
+    mend = comparison.mend
+    return node.write_files(
+        comparison_file=lambda path: write_comparison(path, comparison, sources),
+        comparison_report_file=write_page,
+        **({} if mend is None else {"mend_file": lambda path: write_mend(path, mend)}),
+    )

@@ -26,12 +26,12 @@ from tam_calibration.messages.point_cloud import (
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health
-from tam_calibration.nodes.calibrated import CALIBRATED, SILENCE_S, CalibratedNode
-from tam_calibration.nodes.calibration_figures import figures
+from tam_calibration.nodes.calibrated import CALIBRATED, SILENCE_S, CalibratedNode, figures
 from tam_calibration.nodes.cloud import CloudReader, MessageWriter, Rows, cloud_writer, from_stamp, layout_of
 from tam_calibration.nodes.listening import RELIABLE_STREAM
 from tam_calibration.nodes.markers import Shown, field_marker
-from tam_calibration.nodes.scheduling import REAL_TIME, precede
+from tam_calibration.nodes.node_parameters import REAL_TIME
+from tam_calibration.nodes.process import precede
 
 RULES = (*CALIBRATED, REAL_TIME)
 

@@ -13,7 +13,7 @@ from tam_calibration.messages.point_cloud import FRAME_ID as DEFAULT_FRAME_ID
 from tam_calibration.messages.transforms import STATIC_TRANSFORMS
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, quoted
-from tam_calibration.nodes.static_transforms import StaticTransforms
+from tam_calibration.nodes.frames import StaticTransforms
 from tam_calibration.recordings import read_array
 
 
@@ -55,6 +55,7 @@ class Rule:
 
 ARRAY_FILE = Rule("array_file", "", "Path of the array YAML; empty for the cross with a baseline of 0.5 m.")
 FRAME_ID = Rule("frame_id", DEFAULT_FRAME_ID, "Frame of all that is published: the array frame.")
+REAL_TIME = Rule("real_time", True, "Whether the process comes before all that is not real-time, where its user may.")
 
 
 _OF_ROS = ("use_sim_time", "start_type_description_service")

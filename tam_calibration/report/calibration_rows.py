@@ -9,10 +9,7 @@ from tam_calibration.model.residuals import Residuals
 from tam_calibration.model.sensor_errors import PARAMETER_NAMES, orientation_to_axes
 from tam_calibration.model.units import to_degrees, to_nanotesla
 from tam_calibration.report.blocks import Block, Table, Text
-from tam_calibration.report.formatting import count, join, number, ratio, with_error
-
-_KINDS = (("", 1.0, 6), (" (°)", to_degrees(1.0), 5), (" (nT)", to_nanotesla(1.0), 2), (" (°)", to_degrees(1.0), 5))
-"""Unit, factor from SI and decimals of scale factor, non-orthogonality, bias and misalignment."""
+from tam_calibration.report.formatting import KINDS, count, join, number, ratio, with_error
 
 _MODEL = (
     "Value ± standard error. The model is yᵢ = Dᵢ Λᵢ bᵢ + oᵢ: D contains scale factors and non-orthogonality, "
@@ -49,9 +46,10 @@ def parameter_rows(calibration: Calibration) -> list[list[str]]:
     values, standard_errors = calibration.errors.to_vector(), calibration.standard_errors
     rows = []
     for index, name in enumerate(PARAMETER_NAMES):
-        unit, factor, decimals = _KINDS[index // 3]
-        pairs = zip(values[:, index] * factor, standard_errors[:, index] * factor, strict=True)
-        rows.append([name + unit, *(with_error(float(value), float(error), decimals) for value, error in pairs)])
+        kind = KINDS[index // 3]
+        pairs = zip(values[:, index] * kind.factor, standard_errors[:, index] * kind.factor, strict=True)
+        cells = (with_error(float(value), float(error), kind.decimals) for value, error in pairs)
+        rows.append([f"{name} ({kind.sign})".removesuffix(" ()"), *cells])
     mounted = [" ".join(orientation_to_axes(orientation)) for orientation in calibration.errors.orientation]
     if set(mounted) != {"x y z"}:
         rows.append(["mounted with its axes along the array's", *mounted])
@@ -95,20 +93,14 @@ def summary_blocks(calibration: Calibration) -> list[Block]:
     worst = np.argmax(calibration.best_residuals.sensor_intensity_T / calibration.floor.sensor_intensity_T)
     names = [name for name in figures[0] if name.startswith((f"|B|, sensor {worst + 1} ", "|B|, centre", "tensor"))]
     rows = [[name, *(number(values[name]) for values in figures)] for name in names]
-    factors = [factor for _, factor, _ in _KINDS]
-    kinds = zip(
-        ("scale factor", "non-orthogonality", "bias", "misalignment"), factors, ("", "°", " nT", "°"), strict=True
-    )
     largest = np.nanmax(calibration.standard_errors.reshape(-1, 4, 3), axis=(0, 2), initial=0)
-    errors = join(
-        [
-            f"{name} {number(factor * float(error), 2)}{unit}"
-            for (name, factor, unit), error in zip(kinds, largest, strict=True)
-        ]
-    )
+    errors = [
+        f"{kind.name} {number(kind.factor * float(error), 2)}{kind.sign.replace('nT', ' nT')}"
+        for kind, error in zip(KINDS, largest, strict=True)
+    ]
     return [
         Table(["RMS residual", *states], rows),
-        Text(f"Largest standard errors: {errors}."),
+        Text(f"Largest standard errors: {join(errors)}."),
         Text(_field(calibration)),
     ]
 

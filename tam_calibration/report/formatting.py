@@ -1,10 +1,32 @@
 """Numbers for people: as many digits as they are worth, true minus signs, gaps between thousands."""
 
 import math
+from typing import NamedTuple
+
+from tam_calibration.model.units import to_degrees, to_nanotesla
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _UNKNOWN = "–"
 _THIN_SPACE = "\u202f"
+
+
+class Kind(NamedTuple):
+    """Three errors of a sensor: their name, unit in keys and for people, factor from SI, decimals to show."""
+
+    name: str
+    unit: str
+    sign: str
+    factor: float
+    decimals: int
+
+
+KINDS = (
+    Kind("scale factor", "", "", 1.0, 6),
+    Kind("non-orthogonality", "deg", "°", to_degrees(1.0), 5),
+    Kind("bias", "nT", "nT", to_nanotesla(1.0), 2),
+    Kind("misalignment", "deg", "°", to_degrees(1.0), 5),
+)
+"""The errors of a sensor in the order of their vector."""
 
 
 def number(value: float, digits: int = 3) -> str:

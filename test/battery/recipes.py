@@ -186,7 +186,7 @@ _RECIPES = (
     ),
     Recipe(
         "batch",
-        ("batch", "missions/*/*", *_ARRAY, "--out", "new", "--jobs", "1"),
+        ("batch", "missions/*/*", *_ARRAY, "--output", "new", "--jobs", "1"),
         ("array.yaml",),
         ("new",),
         in_steps=True,
@@ -198,7 +198,7 @@ _RECIPES = (
     Recipe("play", ("play", "run.mcap", "--rate", "1000"), ("run.mcap",)),
     Recipe("play sqlite3", ("play", "run_sqlite3", "--rate", "1000"), ("run_sqlite3",)),
     Recipe("call", ("call", "calibrator/calibrate"), needs_nodes=True),
-    Recipe("demo", ("demo", "--output-dir", "new"), (), ("new",), True, in_steps=True, repeats=False),
+    Recipe("demo", ("demo", "--output", "new"), (), ("new",), True, in_steps=True, repeats=False),
     Recipe("blind inject", _INJECT, ("run.csv", "array.yaml"), ("new.csv", "new.key.json")),
     Recipe(
         "blind make",
@@ -210,7 +210,7 @@ _RECIPES = (
     Recipe("blind score", ("blind", "score", "cases", "--json", "new.json"), ("cases",), ("new.json",)),
     Recipe(
         "reproduce",
-        ("reproduce", "chi2017", "--output-dir", "."),
+        ("reproduce", "chi2017", "--output", "."),
         (),
         ("reproduce_chi2017.csv",),
         tells_after_writing=True,

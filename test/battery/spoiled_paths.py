@@ -11,7 +11,7 @@ from numpy.random import Generator
 from battery.recipes import Recipe
 from battery.trial import May, Trial, pick
 
-_OUTPUT_OPTIONS = ("-o", "--output", "--json", "--report", "--out", "--output-dir")
+_OUTPUT_OPTIONS = ("-o", "--output", "--json", "--report")
 
 
 def _link(folder: Path, path: Path, target: str) -> str:

@@ -2,6 +2,7 @@
 
 import os
 import resource
+import shutil
 import subprocess
 import sys
 
@@ -19,15 +20,22 @@ from tam_calibration.recordings.bag_writing import TYPESTORE, serialise, write_b
 from tam_calibration.results import write_calibration, write_recording
 
 
+@pytest.fixture(scope="module")
+def good_files(tmp_path_factory, recording, cross):
+    """Return a folder with good files: recording, bag, array and calibration."""
+    folder = tmp_path_factory.mktemp("good")
+    for name in ("run.csv", "run", "run.mcap"):
+        write_recording(folder / name, recording)
+    write_array(folder / "array.yaml", cross)
+    write_calibration(folder / "c.yaml", calibrate(recording, cross))
+    return folder
+
+
 @pytest.fixture
-def folder(tmp_path, monkeypatch, recording, cross):
-    """Give a working folder with good files: recording, bag, array and calibration."""
+def folder(tmp_path, monkeypatch, good_files):
+    """Give a working folder with copies of the good files."""
     monkeypatch.chdir(tmp_path)
-    write_recording("run.csv", recording)
-    write_recording("run", recording)
-    write_recording("run.mcap", recording)
-    write_array("array.yaml", cross)
-    write_calibration("c.yaml", calibrate(recording, cross))
+    shutil.copytree(good_files, tmp_path, dirs_exist_ok=True)
     return tmp_path
 
 
@@ -146,7 +154,7 @@ def test_a_malformed_line(folder):
     refuse_recording(folder, "run.csv", "line 42 column b1x_nT", "is not a number")
 
 
-def test_not_a_number(folder):
+def test_not_a_number(folder, undrawn):
     """A reading that is NaN is left out, and named with its sensor and time."""
     edit(
         folder / "run.csv", lambda lines: lines.__setitem__(41, ",".join([*lines[41].split(",")[:-2], "nan", "50000"]))
@@ -155,7 +163,7 @@ def test_not_a_number(folder):
     assert done.exit_code == 0 and "1 of 600 readings of sensor 4 is NaN or blank, first at" in done.output
 
 
-def test_times_that_repeat_or_go_back(folder):
+def test_times_that_repeat_or_go_back(folder, undrawn):
     """Duplicated stamps and unsorted time."""
     edit(folder / "run.csv", lambda lines: lines.insert(41, lines[41]))
     done = CliRunner().invoke(main, calibrate_arguments("run.csv"))

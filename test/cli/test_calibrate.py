@@ -123,7 +123,7 @@ def test_a_report_is_written(folder):
     assert "<html" in (folder / "page.html").read_text()
 
 
-def test_a_place_gives_the_intensity_of_a_recording_without_scalar(folder, recording):
+def test_a_place_gives_the_intensity_of_a_recording_without_scalar(folder, recording, undiagnosed):
     """Without a scalar the scale is unknown; with a place it is that of the geomagnetic model."""
     write_recording("bare.csv", replace(recording, scalar_T=None))
     unknown = json.loads(run("bare.csv", "--array", "array.yaml", "--json", "-").stdout)
@@ -135,7 +135,7 @@ def test_a_place_gives_the_intensity_of_a_recording_without_scalar(folder, recor
     assert_allclose(known["field"]["intensity_nT"], 51_800, rtol=0.02)
 
 
-def test_a_gradient_of_the_site_is_fitted_with_the_flag(folder, undrawn):
+def test_a_gradient_of_the_site_is_fitted_with_the_flag(folder, undrawn, undiagnosed):
     """With attitude the flag gives gradient and errors at the floor, in table, file and report; without, a reason."""
     gradient = 1e-9 * np.array([[120, -80, 60], [-80, -200, 90], [60, 90, 80]])
     scenario = replace(read_scenario("wu_table_1"), site_gradient_T_per_m=gradient, attitude=AttitudeChannel(0.01))
@@ -183,7 +183,7 @@ def write_apart(path, delays_s=(0.0, 0.0, 0.0, 0.0), periods_ms=(10, 10, 10, 10)
     write_array("array.yaml", made.scenario.array)
 
 
-def test_sensors_that_stamp_apart_are_interpolated(folder):
+def test_sensors_that_stamp_apart_are_interpolated(folder, undiagnosed):
     """A bag whose sensors are read 1 ms after each other needs no option; the residual is that of the noise."""
     write_apart(folder / "apart")
     run("apart", "--array", "array.yaml", "-o", "c.yaml")
@@ -196,10 +196,9 @@ def test_sensors_that_stamp_apart_are_interpolated(folder):
     assert nearest.in_sample.tensor_rmse_T_per_m > 10 * calibration.floor.tensor_rmse_T_per_m
 
 
-@pytest.mark.parametrize("periods_ms", [(10, 10, 10, 10), (10, 20, 20, 20)])
-def test_sensors_that_are_interpolated_show_no_gap(folder, periods_ms):
+def test_sensors_that_are_interpolated_show_no_gap(folder):
     """What is left of them is as white as the noise of readings, also where each of a slower sensor counts once."""
-    write_apart(folder / "apart", periods_ms=periods_ms)
+    write_apart(folder / "apart", periods_ms=(10, 20, 20, 20))
     answer = CliRunner().invoke(main, ["diagnose", "apart", "--array", "array.yaml"])
     assert answer.stdout.startswith("No gap"), answer.output
 

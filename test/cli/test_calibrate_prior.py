@@ -44,7 +44,7 @@ def run(*arguments, code=0):
     return " ".join(result.output.split())
 
 
-def test_an_update_is_told_and_kept(folder):
+def test_an_update_is_told_and_kept(folder, undrawn):
     """Age, what moved, the shares; the file says it again, and the page has a section."""
     told = run(
         *("calibrate", "dive.csv", "--array", "array.yaml", "--prior", "pier.yaml"),
@@ -58,7 +58,7 @@ def test_an_update_is_told_and_kept(folder):
     assert "Prior and data" in (folder / "dive.html").read_text()
 
 
-def test_tolerances_are_a_prior_and_what_they_made_is_the_next(folder, wu_scenario):
+def test_tolerances_are_a_prior_and_what_they_made_is_the_next(folder, wu_scenario, undrawn):
     """A dive that is refused alone; what is left to the tolerances is told; the file is read, and is a prior itself."""
     assert "do not determine" in run("calibrate", "dive.csv", "--array", "array.yaml", code=2)
     tolerances = Tolerances(0.05, from_degrees(1.0), 3e-6, from_degrees(3.0))

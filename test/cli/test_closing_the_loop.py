@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from tam_calibration.cli.main import main
 from tam_calibration.fit import calibrate
-from tam_calibration.recordings import read_recording, write_array
+from tam_calibration.recordings import read_array, read_recording, write_array
 from tam_calibration.results import read_calibration, write_calibration, write_recording
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
@@ -36,26 +36,25 @@ def folder(tmp_path, monkeypatch):
 
 def test_a_drift_is_found_kept_taken_off_and_shown_by_the_twin(folder, undrawn):
     """Simulate, diagnose, calibrate with the effect, correct, diagnose what is left, simulate the twin, diagnose it."""
-    run("simulate", "warming_up", "-o", "run.csv")
-    gap = diagnosed("run.csv", "--array", "run.array.yaml")
+    truth = write_drifting(folder, 1200).center_field_T
+    gap = diagnosed("run.csv", "--array", "array.yaml")
     assert gap["verdict"] == "explained"
     assert [cause["effect"] for cause in gap["causes"]] == ["temperature_drift"]
 
-    run("calibrate", "run.csv", "--array", "run.array.yaml", "--effects", "auto", "-o", "c.yaml", "--report", "c.html")
+    run("calibrate", "run.csv", "--array", "array.yaml", "--effects", "auto", "-o", "c.yaml", "--report", "c.html")
     assert [fitted.effect for fitted in read_calibration("c.yaml").effects] == ["temperature_drift"]
     assert "temperature_drift" in (folder / "c.html").read_text()
 
     run("correct", "run.csv", "--calibration", "c.yaml", "-o", "corrected.csv")
-    truth = simulate(read_scenario("warming_up")).center_field_T
     corrected = np.loadtxt("corrected.csv", delimiter=",", skiprows=1)[:, 1:4] / 1e9
-    run("calibrate", "run.csv", "--array", "run.array.yaml", "-o", "plain.yaml")
-    plain = read_calibration("plain.yaml").correct(read_recording("run.csv")).outputs[:, :3]
+    recording = read_recording("run.csv")
+    plain = calibrate(recording, read_array("array.yaml")).correct(recording).outputs[:, :3]
     left, left_by_plain = (np.sqrt(np.mean((field[:, 0] - truth[:, 0]) ** 2)) for field in (corrected, plain))
     noise = 1e-9 / 2  # of the mean of four sensors
     assert left < 1.1 * noise
     assert left_by_plain > 1.5 * noise
 
-    rest = diagnosed("run.csv", "--array", "run.array.yaml", "--calibration", "c.yaml")
+    rest = diagnosed("run.csv", "--array", "array.yaml", "--calibration", "c.yaml")
     assert rest["verdict"] == "no_gap"
 
     run("simulate", "--from-calibration", "c.yaml", "--recording", "run.csv", "--seed", "7", "-o", "twin.csv")
@@ -106,7 +105,7 @@ def test_effects_belong_to_the_default_method(folder):
 
 def test_a_recording_without_the_channel_is_not_corrected(folder):
     """A calibration that keeps a drift refuses a recording without temperature, and names what is missing."""
-    recording = write_drifting(folder, 600)
+    recording = write_drifting(folder, 600).recording
     run("calibrate", "run.csv", "--array", "array.yaml", "--effects", "temperature_drift", "-o", "c.yaml")
     write_recording("bare.csv", replace(recording, temperature_C=None))
     result = run("correct", "bare.csv", "--calibration", "c.yaml", "-o", "out.csv", code=2)
@@ -115,8 +114,7 @@ def test_a_recording_without_the_channel_is_not_corrected(folder):
 
 def test_bags_and_tables_are_corrected_alike(folder):
     """The temperature of a bag's topic and that of a table's column give the same results."""
-    recording = write_drifting(folder, 600)
-    write_recording("run", recording)
+    write_recording("run", write_drifting(folder, 600).recording)
     run("calibrate", "run.csv", "--array", "array.yaml", "--effects", "temperature_drift", "-o", "c.yaml")
     tables = []
     for source in ("run.csv", "run"):
@@ -140,9 +138,9 @@ def test_a_twin_does_not_overwrite_its_run(folder, recording, cross):
 
 
 def write_drifting(folder, count):
-    """Write run.csv and array.yaml of so many samples of a sensor that drifts; return the recording."""
+    """Write run.csv and array.yaml of so many samples of a sensor that drifts; return the simulation."""
     scenario = read_scenario("warming_up")
     made = simulate(replace(scenario, sample_count=count, rate_hz=count / 200))
     write_recording(folder / "run.csv", made.recording)
     write_array(folder / "array.yaml", scenario.array)
-    return made.recording
+    return made

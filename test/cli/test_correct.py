@@ -1,6 +1,7 @@
 """`tam correct`: CSV and bags in, CSV and bags out, all with the same numbers."""
 
 import json
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -16,14 +17,22 @@ from tam_calibration.recordings.bag_reader import open_bag, raw_messages
 from tam_calibration.results import read_calibration, write_calibration, write_recording
 
 
+@pytest.fixture(scope="module")
+def files(tmp_path_factory, recording, cross):
+    """Return a folder with a recording as CSV and as a bag, its array file and its calibration."""
+    folder = tmp_path_factory.mktemp("files")
+    write_recording(folder / "run.csv", recording)
+    write_recording(folder / "run", recording)
+    write_array(folder / "array.yaml", cross)
+    write_calibration(folder / "c.yaml", calibrate(recording, cross))
+    return folder
+
+
 @pytest.fixture
-def folder(tmp_path, monkeypatch, recording, cross):
-    """Give a working folder with a recording as CSV and as a bag, its array file and its calibration."""
+def folder(tmp_path, monkeypatch, files):
+    """Give a working folder with copies of the files."""
     monkeypatch.chdir(tmp_path)
-    write_recording("run.csv", recording)
-    write_recording("run", recording)
-    write_array("array.yaml", cross)
-    write_calibration("c.yaml", calibrate(recording, cross))
+    shutil.copytree(files, tmp_path, dirs_exist_ok=True)
     return tmp_path
 
 

@@ -13,14 +13,14 @@ from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 
 
-def test_demo_reaches_the_noise_floor(ros_domain, tmp_path, monkeypatch):
+def test_demo_reaches_the_noise_floor(ros_domain, tmp_path, monkeypatch, undrawn):
     """A shorter run over DDS ends with exit code 0, a page and a calibration."""
     scenario = replace(read_scenario("tumble_100_hz"), sample_count=1200)
     monkeypatch.setattr("tam_calibration.results.scenario.read_scenario", lambda name: scenario)
     monkeypatch.setattr("tam_calibration.cli.demo.PLAY_RATE", 4.0)
     monkeypatch.setattr("tam_calibration.cli.demo.CHECK_SAMPLES", 500)
     output = tmp_path / "output"
-    result = CliRunner().invoke(main, ["demo", "--output-dir", str(output)])
+    result = CliRunner().invoke(main, ["demo", "--output", str(output)])
     assert result.exit_code == 0, result.output
     assert "1700 of 1700 samples synchronised" in " ".join(result.output.split())
     assert (output / "calibration.html").read_text().startswith("<!")

@@ -86,7 +86,7 @@ def test_a_passed_dipole_is_found_from_the_whole_track(folder):
     assert_allclose(np.sqrt(np.diag(overall["position_covariance_m2"])), overall["position_standard_errors_m"])
 
 
-def test_a_velocity_is_not_exact_unless_it_is_said_to_be(folder):
+def test_a_velocity_is_not_exact(folder):
     """A tenth of the speed is its error: 3 % that it is off are found, and the source stays within its errors."""
     found = result_of(folder, "pass.csv", "--velocity", "1.455,0,0")
     assert agrees(found["overall"], PASSED)
@@ -97,8 +97,6 @@ def test_a_velocity_is_not_exact_unless_it_is_said_to_be(folder):
     )
     assert max(track["velocity_standard_errors_m_per_s"]) < 0.01
     assert found["further_sources"] == []
-    tight = run(folder, "pass.csv", "--velocity", "1.455,0,0", "--velocity-error", "0", "--json")
-    assert tight.exit_code == 1 and "larger error of the velocity" in tight.stdout
 
 
 def test_each_sample_of_a_pass_counts_from_the_array(folder, passing):

@@ -48,11 +48,13 @@ def test_nodes_start_together_and_end_together(bench, recording, tmp_path):
     assert not processes_of(bench.logs)
 
 
-def test_every_node_starts_with_the_calibration(bench, recording, cross, tmp_path):
-    """Calibrator, corrector and localizer load the file that is there, each by itself."""
+def test_nodes_take_their_files_and_a_second_command_is_refused(bench, recording, cross, tmp_path):
+    """Three nodes load the calibration, the collector the map; the first command goes on, and SIGTERM ends it well."""
     path = tmp_path / "calibration.yaml"
     write_calibration(path, calibrate(recording, cross))
-    children = bench.start({"tam": [*COMMAND, "--calibration", str(path)]})
+    (tmp_path / "map.yaml").write_text("sensors: [{topic: /a}, {topic: /b}, {topic: /c}, {topic: /d}]\n")
+    options = ["--calibration", str(path), "--map", str(tmp_path / "map.yaml")]
+    children = bench.start({"tam": [*COMMAND, *options]})
 
     def loaded():
         logs = "".join(log.read_text() for log in bench.logs.glob("tam_nodes_*/*.log"))
@@ -60,15 +62,12 @@ def test_every_node_starts_with_the_calibration(bench, recording, cross, tmp_pat
         return [name for name in ("calibrator", "corrector", "localizer") if f"[{name}{said}" in logs]
 
     bench.spin_until(lambda: len(loaded()) == 3, "all have loaded it")
-    assert ended(bench, children, signal.SIGINT) == 0
-
-
-def test_the_collector_takes_the_map(bench, tmp_path):
-    """It waits for the topics that the map names."""
-    (tmp_path / "map.yaml").write_text("sensors: [{topic: /a}, {topic: /b}, {topic: /c}, {topic: /d}]\n")
-    children = bench.start({"tam": [*COMMAND, "--map", str(tmp_path / "map.yaml")]})
     bench.spin_until(lambda: "no message yet on /a, /b, /c, /d: " in children.log("tam"), "it waits for these topics")
-    assert ended(bench, children, signal.SIGINT) == 0
+    result = CliRunner().invoke(main, ["nodes"])
+    assert result.exit_code == 2
+    assert " runs already in ROS domain" in result.output.splitlines()[-1]
+    bench.health("collector", lambda *_: True, "the first collector goes on")
+    assert ended(bench, children, signal.SIGTERM) == 0
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGHUP])
@@ -79,15 +78,6 @@ def test_nodes_end_with_the_command(bench, number):
     signal.signal(signal.SIGHUP, before)
     assert ended(bench, children, number) == (-number if number == signal.SIGKILL else 0)
     bench.spin_until(lambda: not processes_of(bench.logs), "all have ended")
-
-
-def test_second_command_is_refused(bench):
-    """It says that the nodes run already, with exit code 2, and the first goes on."""
-    start_all(bench)
-    result = CliRunner().invoke(main, ["nodes"])
-    assert result.exit_code == 2
-    assert " runs already in ROS domain" in result.output.splitlines()[-1]
-    bench.health("collector", lambda *_: True, "the first collector goes on")
 
 
 def test_nodes_end_with_a_command_that_is_killed_while_it_starts_them(bench):
@@ -113,13 +103,12 @@ def test_nodes_stay_when_the_terminal_of_nohup_is_gone(bench):
     assert ended(bench, children, signal.SIGINT) == 0
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_impatience_leaves_no_node_behind(bench, number):
-    """Signal after signal, the nodes end in their order, and the command with exit code 0."""
+def test_impatience_leaves_no_node_behind(bench):
+    """Ctrl-C after Ctrl-C, the nodes end in their order, and the command with exit code 0."""
     children = start_all(bench)
 
     def ends():
-        os.kill(children.pids["tam"], number)
+        os.kill(children.pids["tam"], signal.SIGINT)
         return not children.is_running("tam")
 
     limit = time.monotonic() + 60

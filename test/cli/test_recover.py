@@ -41,11 +41,11 @@ def run(*arguments, code=0):
 @pytest.mark.parametrize("name", ["run.mcap", "run"])
 @pytest.mark.parametrize("output", ["new", "new.mcap"])
 def test_a_clean_bag_is_written(folder, recording, name, output):
-    """Which is read without a word, holds what the other held, and is said in one line; the other is as it was."""
+    """Which is read without a word and holds what the other held; its line is followed by the next command."""
     before = {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()}
     told = run("recover", name, "-o", output).stdout
     assert told.startswith(f"{output}: ") and "complete messages are recovered, the recording ends at 170000000" in told
-    assert told.count("\n") == 1
+    assert told.splitlines()[1:] == [f"next: tam inspect {output}"]
     assert all(file.read_bytes() == content for file, content in before.items())
     new = read_recording(output)
     assert 400 < new.sample_count < 600

@@ -11,10 +11,17 @@ from tam_validation.papers import wu2025_sweeps
 
 
 @pytest.fixture
-def run(tmp_path, monkeypatch):
+def run_in_processes(tmp_path, monkeypatch):
     """Return a function that runs `tam reproduce` in an empty folder."""
     monkeypatch.chdir(tmp_path)
     return lambda *words: CliRunner().invoke(main, ["reproduce", *words])
+
+
+@pytest.fixture
+def run(run_in_processes, monkeypatch):
+    """Return that function, which simulates in this process: settings may be changed, and no other is started."""
+    monkeypatch.setattr("tam_validation.papers.seeds.processes", in_this_process)
+    return run_in_processes
 
 
 def read(path):
@@ -23,9 +30,9 @@ def read(path):
     return first, list(csv.DictReader(lines))
 
 
-def test_numbers_are_printed_counted_and_written(run):
+def test_numbers_are_printed_counted_and_written(run_in_processes):
     """Every number is in the table and in the file, which names its command; forty seeds are the default."""
-    result = run("chi2017")
+    result = run_in_processes("chi2017")
     assert result.exit_code == 0, result.stderr
     assert result.stdout.splitlines()[-1] == (
         "chi2017: 106 numbers, 92 reproduced, 10 not reproduced, 4 paper in error"
@@ -72,7 +79,7 @@ def test_results_go_where_the_repository_keeps_them(run):
     Path("other").mkdir()
     words = ["li2018a", "--seeds", "2"]
     assert "written: benchmarks/results/reproduce_li2018a.csv" in run(*words).stdout
-    assert "written: other/reproduce_li2018a.csv" in run(*words, "--output-dir", "other").stdout
+    assert "written: other/reproduce_li2018a.csv" in run(*words, "-o", "other").stdout
 
 
 def test_a_folder_that_is_not_there_exits_2(run):
@@ -86,7 +93,6 @@ def test_a_folder_that_is_not_there_exits_2(run):
 def test_all_papers_with_the_curves_of_figures(run, monkeypatch):
     """One command writes every number and the curves of Wu's figures."""
     monkeypatch.setattr(wu2025_sweeps, "RUNS", 2)
-    monkeypatch.setattr("tam_validation.papers.seeds.processes", in_this_process)
     result = run("all", "--seeds", "2")
     assert result.exit_code == 0, result.stderr
     assert [line.split(":")[0] for line in result.stdout.splitlines()[-4:]] == [

@@ -1,7 +1,6 @@
 """Standard errors hold what residuals that last for many samples do to a fit, channel by channel; white ones stay."""
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -270,13 +269,13 @@ def test_a_field_that_lasts_is_no_change_of_the_sensors(wu_scenario):
     array, found = replace(wu_scenario.array.with_stated_noise(), change_rates=UNCHANGING), []
     prior = calibrate(turned(wu_scenario, 40), array)
     limit, bias_T = np.radians(20), wu_scenario.errors.bias_T
-    for seed in range(40, 52):
+    for seed in range(40, 46):
         turn = replace(wu_scenario, motion=Manoeuvre(limit, limit, 60.0), sample_count=2000, rate_hz=5.0, seed=seed)
         recording = simulate(turn).recording
         off = 40e-9 * lasting(np.random.default_rng(seed).normal(size=(2000, 1, 1)), 10) / prior.intensity_T
         readings_T = bias_T + (recording.readings_T - bias_T) * (1 + off)
         found.append(calibrate(replace(recording, readings_T=readings_T, scalar_T=None), array, prior=prior))
-    assert [calibration.update.moved for calibration in found] == [()] * 12
+    assert [calibration.update.moved for calibration in found] == [()] * 6
     assert np.sqrt(np.mean(np.square([pulls(one, wu_scenario.errors) for one in found]))) < 1.3
 
 
@@ -372,22 +371,20 @@ def of_slow_prior(errors, seed):
     return calibrate(on_vehicle(errors, seed, 20, start_s=1e4), CROSS, prior=prior)
 
 
-def beside_tolerances(tilt, errors, seed):
-    """Return a calibration by circles beside the tolerances."""
-    return calibrate(on_vehicle(errors, seed, tilt), replace(CROSS, tolerances=TOLERANCES))
+def beside_tolerances(errors, seed):
+    """Return a calibration by ±10° beside the tolerances."""
+    return calibrate(on_vehicle(errors, seed, 10), replace(CROSS, tolerances=TOLERANCES))
 
 
-@pytest.mark.parametrize(
-    "make", [alone, of_prior, of_slow_prior, partial(beside_tolerances, 10), partial(beside_tolerances, 30)]
-)
+@pytest.mark.parametrize("make", [alone, of_prior, of_slow_prior, beside_tolerances])
 def test_a_slow_scalar_is_noise_of_the_intensity_alone(make):
-    """40 nT that last for ten samples, between sensors of 1 nT: errors of a dozen runs are one standard error.
+    """40 nT that last for ten samples, between sensors of 1 nT: errors of six runs are one standard error.
 
     So are those of their principal directions, of which the relative ones are known 300 times as well. The variance of
     the common mode is that of noise of this size and duration; the differences count as white.
     """
     found, principal, common = [], [], []
-    for seed in range(12):
+    for seed in range(6):
         errors = drawn(seed)
         calibration = make(errors, seed)
         assert calibration.variance_factors.differential == 1

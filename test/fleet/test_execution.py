@@ -77,9 +77,9 @@ def content(folder):
 
 
 def test_a_cluster_gives_what_this_machine_gives(folder, options, scheduler, workers):
-    """Byte for byte, for every format, and with the failure in its place."""
+    """Byte for byte, of a table and of a bag, and with the failure in its place."""
     assert workers == {"one", "two"}
-    names = ["auv_1/dive_0.csv", "auv_1/dive_1.mcap", "auv_2/dive_2", "auv_2/dive_3", "auv_2/damaged.mcap"]
+    names = ["auv_1/dive_0.csv", "auv_2/dive_2", "auv_2/damaged.mcap"]
     here, there = (
         [Task.of(folder / "missions" / name, folder / out, options) for name in names] for out in ("here", "there")
     )

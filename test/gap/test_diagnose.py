@@ -117,9 +117,9 @@ def test_a_noise_that_is_not_stated_is_estimated(run):
         assert gap.size.floor_T == pytest.approx(1e-9, rel=0.1)
 
 
-def test_a_drift_of_one_of_thirty_sensors_is_found(run):
+def test_a_drift_of_one_of_twenty_sensors_is_found(run):
     """In a recording of twice as many samples as sensors."""
-    made = run(60, 30)
+    made = run(40, 20)
     made = made.with_row(40, 8e-9 * (made.recording.temperature_C - 20))
     without = set(installed_effects()) - {"temperature_drift"}
     (cause,) = diagnose(made.recording, made.array, without=without).causes

@@ -182,9 +182,9 @@ def test_where_no_bias_follows_the_current_the_fit_starts_where_it_is_off(run):
 
 def test_a_scale_step_of_two_is_found_from_the_steady_half(run):
     """A gain that doubles tilts the fit to the whole; from the half before it stands alone, at its sensor and time."""
-    made = run(900, 2, has_scalar=False)
+    made = run(500, 2, has_scalar=False)
     readings = made.recording.readings_T.copy()
-    readings[450:, 1] *= 2
+    readings[250:, 1] *= 2
     recording = replace(made.recording, readings_T=readings)
     nominal = Model.nominal(recording, made.array)
     steady = nominal.steady()

@@ -125,7 +125,7 @@ def test_several_sensors_in_one_place_have_no_tensor(make, write, undrawn):
     assert len(page.references) == 4
 
 
-def test_without_scalar_covariance_and_held_out_samples(make, write):
+def test_without_scalar_covariance_and_held_out_samples(make, write, undrawn):
     """What is missing is said."""
     page = write(*make(scalar=False, covariance=None, held_out=None, reduced_chi_square={}, source=None))
     assert "|B| − the fitted constant intensity" in page.text
@@ -135,7 +135,7 @@ def test_without_scalar_covariance_and_held_out_samples(make, write):
     assert "not from a file" in page.text
 
 
-def test_scalar_reference_with_gaps(make, write):
+def test_scalar_reference_with_gaps(make, write, undrawn):
     """Samples without a reference are left out of the |B| residual."""
     calibration, recording = make(samples=5000)
     recording.scalar_T[100:2500] = np.nan

@@ -29,7 +29,7 @@ def along_axis(run, sensor, axis):
     return readings[:, axis]
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_nothing_is_said_of_noise(run, seed):
     """White noise of the stated size has no law, whether the sheet is right or off by a tenth."""
     assert signature(run(seed=seed)) == ()

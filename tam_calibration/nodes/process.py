@@ -1,9 +1,11 @@
-"""One name, one node: on a machine the name of a node is taken until its process ends, however that ends."""
+"""The process of a node: no second one has its name, and it precedes those that only compute."""
 
+import os
 import socket
 import struct
 import sys
 from hashlib import sha256
+from pathlib import Path
 
 from tam_calibration.model.exceptions import InputError
 
@@ -54,3 +56,23 @@ def _holder(address: str) -> str:
             return "unknown"
         credentials = asking.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
     return str(_CREDENTIALS.unpack(credentials)[0])
+
+
+LOWEST_PRIORITY = 1
+"""Of the real-time priorities (1 to 99): above all that is not real-time, below all else that is."""
+
+
+def precede() -> str:
+    """Have the threads of this process, and those that they start, run before all that are not real-time.
+
+    Returns
+    -------
+    str
+        How the process is scheduled, for /diagnostics: as before where its user has no right to more.
+    """
+    try:
+        for thread in Path("/proc/self/task").iterdir():
+            os.sched_setscheduler(int(thread.name), os.SCHED_RR, os.sched_param(LOWEST_PRIORITY))
+    except PermissionError:
+        return "normal: this user may not use real-time priorities"
+    return f"real-time, priority {LOWEST_PRIORITY}"
