@@ -288,13 +288,15 @@ class LinearEffect(Effect):
         """
         return ({},)
 
-    def shapes_at(self, shape: Shape) -> Sequence[Shape]:
-        """Return the shapes in which it comes and goes when another effect does; by default none.
+    def shapes_at(self, times_s: Sequence[float], covariates: Covariates) -> Sequence[Shape]:
+        """Return the shapes of an effect that comes and goes at some times, at which a law does; by default none.
 
         Parameters
         ----------
-        shape : Shape
-            Of the other effect.
+        times_s : sequence of float
+            At which it begins, ends, begins again and so on, seconds.
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
         """
         return ()
 

@@ -104,10 +104,9 @@ class _CauseSearch:
             for number, one in enumerate(possible):
                 left = self._left_by([one], law, others)
                 if left is not None:
-                    rest = [*possible[number + 1 :], *self._offers.at_times_of(base, one, law.signature)]
                     as_good = [
                         other.effect
-                        for other in rest
+                        for other in possible[number + 1 :]
                         if _is_near(other, one) and self._left_by([other], law, others) is not None
                     ]
                     self._accept([one], law, as_good)
@@ -163,9 +162,11 @@ class _CauseSearch:
         effect = effect_named(chain[0].effect)
         if not effect.may_repeat or len(self._steps) + len(chain) == MOST_CAUSES:
             return None
-        base = self._with(chain).base()
+        model = self._with(chain)
+        base = model.base()
         steps = [*self._steps, *(Step(one, law.signature) for one in chain)]
-        again = examine(base, effect, sensors_for(effect, law.signature, base))
+        times = law.times_in(residual_of(model))
+        again = examine(base, effect, sensors_for(effect, law.signature, base), times)
         if isinstance(again, str) or again.delta_bic < LEAST_EVIDENCE or not is_new(again, steps, base):
             return None
         return again if is_plausible(base, again, law.signature) else None

@@ -2,13 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.excess_variance import LARGEST_NOISE
 from tam_calibration.effects.grades import FEWEST, NOTABLE
 from tam_calibration.effects.quantization import find_lattices
+from tam_calibration.effects.spread import LARGEST_NOISE
+from tam_calibration.effects.states import Times
 from tam_calibration.gap.laws.candidates import Candidate
 from tam_calibration.gap.laws.curve import curve_of
 from tam_calibration.gap.laws.decisions import (
@@ -25,6 +27,7 @@ from tam_calibration.gap.laws.law import FREE, SCALAR, Place, Signature
 from tam_calibration.gap.laws.patterns import AXES
 from tam_calibration.gap.laws.places import places_of, within
 from tam_calibration.gap.laws.scatter import Scatter, place_of, repeated, scatter_of, spikes
+from tam_calibration.gap.laws.states import change_times
 from tam_calibration.gap.laws.whitened import Residual
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.nominal import outlying_samples
@@ -52,6 +55,27 @@ class Law:
     def predicted(self) -> float:
         """Energy that it predicts out of sample, in units of the noise."""
         return sum(one.predicted for one in self.found)
+
+    @cached_property
+    def times(self) -> Times:
+        """Times at which it may come and go, seconds: of each course of an offset or gain that jumps."""
+        return self.times_in(None)
+
+    def times_in(self, residual: Residual | None) -> Times:
+        """Return the same times as another residual of the recording tells them.
+
+        Parameters
+        ----------
+        residual : Residual, optional
+            Of a model with more causes; by default that in which the law was found.
+        """
+        if self.signature.law not in ("offset", "gain"):
+            return ()
+        return tuple(
+            times
+            for one in self.found
+            for times in change_times(one.residual if residual is None else one.alike(residual), one.best.pattern)
+        )
 
     def is_gone_from(self, residual: Residual, others: Sequence["Law"]) -> bool:
         """Say whether the residual of a model with one more cause has too little of the law for a law of its own.

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from tam_calibration.effects.states import Times
 from tam_calibration.gap.laws.candidates import Candidate
 from tam_calibration.gap.laws.decisions import BINS, MOST_STEPS, ROUNDS
 from tam_calibration.gap.laws.evidence import Bins, Sums, course, of_normal
@@ -24,6 +25,34 @@ def jumping(residual: Residual, pattern: Pattern) -> Iterator[Candidate]:
         candidate = _two_states(pattern, sums, bins, _parted(mean @ along))
         if candidate is not None:
             yield candidate
+
+
+def change_times(residual: Residual, pattern: Pattern) -> Times:
+    """Return the times of courses of a pattern that jump: in one step to a few, and between two states.
+
+    Parameters
+    ----------
+    residual : Residual
+        In which the pattern is a law.
+    pattern : Pattern
+        That comes and goes.
+    """
+    bins = Bins.of(residual.time_s, residual.count)
+    steps = _steps(pattern, Sums.of(pattern.columns(residual), residual.z, residual.nuisance, bins), bins)
+    coarse = (one for one in jumping(residual, pattern) if one.begins_on is not None)
+    states = (sharpened(residual, one) for one in coarse)
+    found = (_times_of(one, residual.time_s) for one in (*steps, *states) if one is not None)
+    return tuple(dict.fromkeys(found))
+
+
+def _times_of(one: Candidate, time_s: FloatArray) -> tuple[float, ...]:
+    """Return the times between the samples at which a course changes, from the begin of the rarer of two states on."""
+    edges = np.array(one.steps)
+    middle = (time_s[edges - 1] + time_s[edges]) / 2
+    on = np.searchsorted(middle, time_s, side="right") % 2 == 1
+    if one.begins_on is not None and on.mean() > 1 / 2:
+        middle = np.append(time_s[0] - (time_s[1] - time_s[0]) / 2, middle)
+    return tuple(middle.tolist())
 
 
 def sharpened(residual: Residual, one: Candidate) -> Candidate | None:
