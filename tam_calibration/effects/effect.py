@@ -108,8 +108,6 @@ class Effect(ABC):
         Whether it may happen more than once, each time in another form.
     is_of_lone_samples : bool
         Whether it strikes samples here and there, of which there must be few, however often it happens.
-    is_of_extremes : bool
-        Whether it shows in extreme readings, so that a few flagged samples may as well be another such effect.
     shows_as : tuple of str
         Names of the faults of channels that it makes, as the check before a fit has them (``integrity``).
     output_stage : int
@@ -125,7 +123,6 @@ class Effect(ABC):
     limits: ClassVar[Mapping[str, Limit]] = {}
     may_repeat: ClassVar[bool] = False
     is_of_lone_samples: ClassVar[bool] = False
-    is_of_extremes: ClassVar[bool] = False
     shows_as: ClassVar[tuple[str, ...]] = ()
     output_stage: ClassVar[int] = 0
 

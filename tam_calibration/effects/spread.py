@@ -16,7 +16,7 @@ from functools import cached_property
 
 import numpy as np
 
-from tam_calibration.effects.term import WhitenedResiduals, row_scores
+from tam_calibration.effects.term import WhitenedResiduals, normal_of
 from tam_calibration.model.units import FloatArray
 
 LARGEST_NOISE = 1.2
@@ -71,14 +71,11 @@ class Spread:
         index = np.flatnonzero(residuals.is_counted)
         stride = -(-len(index) // _MOST)
         index = index[::stride]
-        chosen = np.array(rows)
-        slope = residuals.row_slope[index][:, chosen] * np.isfinite(residuals.common_mode[index, None])
-        own = np.vstack([residuals.directions, np.zeros((1, residuals.directions.shape[1]))])[chosen]
-        information: FloatArray = own @ own.T + slope[:, :, None] * slope[:, None, :]
+        information, scores = normal_of(residuals, index, rows)
         along = directions if directions.ndim == 2 else directions[index]
         turned: FloatArray = np.swapaxes(along, -1, -2)
         values, vectors = np.linalg.eigh(turned @ information @ along)
-        score = (turned @ row_scores(residuals)[index][:, chosen, None])[:, :, 0]
+        score = (turned @ scores[:, :, None])[:, :, 0]
         return cls(
             np.maximum(values, 0.0),
             (np.swapaxes(vectors, 1, 2) @ score[:, :, None])[:, :, 0],

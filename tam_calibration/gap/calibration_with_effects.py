@@ -19,8 +19,7 @@ from tam_calibration.fit.identifiability import refuse_open, require_determined
 from tam_calibration.gap.conclude import conclude
 from tam_calibration.gap.hypothesis import EVERYWHERE, Hypothesis, refined
 from tam_calibration.gap.joint import NO_SIZE, Joint
-from tam_calibration.gap.laws.signature import laws_of
-from tam_calibration.gap.laws.whitened import residual_of
+from tam_calibration.gap.laws.signature import times_of
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.part import Part
 from tam_calibration.gap.result import Gap
@@ -152,8 +151,7 @@ def _with_named(model: Model, names: Collection[str]) -> tuple[Model, tuple[str,
         raise Refused(f"{effect.name} cannot be told from this recording: {reason.why}; {effect.excitation}")
     while waiting:
         base = model.base()
-        residual = residual_of(model)
-        times = tuple(time for law in laws_of(model, residual, residual.excess) for time in law.times)
+        times = times_of(model)
         examined = {name: examine(base, effect, EVERYWHERE, times) for name, effect in waiting.items()}
         visible = [one for one in examined.values() if isinstance(one, Evidence)]
         if not visible:

@@ -95,7 +95,7 @@ class Offers:
         jump = self._gross
         if is_first and jump is not None and jump.effect == effect.name and isinstance(effect, LinearEffect):
             return evidence_of(base, given_form(base, effect, jump))
-        times = law.times if law.signature.course in _FREE else ()
+        times = law.times if law.signature.course in FREE else ()
         evidence = examine(base, effect, sensors_for(effect, law.signature, base), times)
         if isinstance(evidence, str):
             self._reasons.setdefault(effect.name, Considered(effect.name, "not_supported", evidence))

@@ -28,7 +28,7 @@ from tam_calibration.gap.laws.patterns import AXES
 from tam_calibration.gap.laws.places import places_of, within
 from tam_calibration.gap.laws.scatter import Scatter, place_of, repeated, scatter_of, spikes
 from tam_calibration.gap.laws.states import change_times
-from tam_calibration.gap.laws.whitened import Residual
+from tam_calibration.gap.laws.whitened import Residual, residual_of
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.nominal import outlying_samples
 
@@ -120,6 +120,18 @@ def laws_of(model: Model, residual: Residual, gap: float) -> tuple[Law, ...]:
     share = min(whole / max(gap, 1.0), 1.0)
     ranked = sorted(_merged(kept), key=lambda one: -one.signature.energy)
     return tuple(replace(law, signature=replace(law.signature, energy=share * law.signature.energy)) for law in ranked)
+
+
+def times_of(model: Model) -> Times:
+    """Return the times at which the laws of what a model leaves may come and go, seconds.
+
+    Parameters
+    ----------
+    model : Model
+        The nominal fit, or one with causes.
+    """
+    residual = residual_of(model)
+    return tuple(times for law in laws_of(model, residual, residual.excess) for times in law.times)
 
 
 def _signatures(model: Model, residual: Residual, whole: float) -> tuple[list[Signature], list[Found]]:
