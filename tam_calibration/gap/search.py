@@ -104,9 +104,10 @@ class _CauseSearch:
             for number, one in enumerate(possible):
                 left = self._left_by([one], law, others)
                 if left is not None:
+                    rest = [*possible[number + 1 :], *_at_times_of(one, offers)]
                     as_good = [
                         other.effect
-                        for other in possible[number + 1 :]
+                        for other in rest
                         if _is_near(other, one) and self._left_by([other], law, others) is not None
                     ]
                     self._accept([one], law, as_good)
@@ -193,6 +194,15 @@ def _is_open_at_poses(effect: LinearEffect, before: Model, after: Model) -> bool
         return True
     part = NOTABLE if goes_with_the_rate(effect.name) else SLIGHT
     return not effect.is_free_in_time and again.energy(last) > part * again.energy(first) > 0
+
+
+def _at_times_of(accepted: Evidence, offers: Sequence[Evidence]) -> list[Evidence]:
+    """Return the other effects that come and go with an accepted one, as leakage does with a gain."""
+    form = accepted.form
+    if not isinstance(form, Hypothesis) or not form.effect.is_free_in_time:
+        return []
+    others = (one for one in offers if isinstance(one.form, Hypothesis) and one.effect != accepted.effect)
+    return [one for one in others if one.form.shape.items() & form.shape.items()]
 
 
 def _is_near(other: Evidence, accepted: Evidence) -> bool:
