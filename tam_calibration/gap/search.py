@@ -201,8 +201,13 @@ def _at_times_of(accepted: Evidence, offers: Sequence[Evidence]) -> list[Evidenc
     form = accepted.form
     if not isinstance(form, Hypothesis) or not form.effect.is_free_in_time:
         return []
-    others = (one for one in offers if isinstance(one.form, Hypothesis) and one.effect != accepted.effect)
-    return [one for one in others if one.form.shape.items() & form.shape.items()]
+    return [
+        one
+        for one in offers
+        if one.effect != accepted.effect
+        and isinstance(one.form, Hypothesis)
+        and one.form.shape.items() & form.shape.items()
+    ]
 
 
 def _is_near(other: Evidence, accepted: Evidence) -> bool:
