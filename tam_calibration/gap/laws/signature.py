@@ -45,11 +45,14 @@ class Law:
         Part that it has of the residual's energy, with that of the noise.
     found : tuple of Found
         Of a law in several sensors more than one; none of a law that predicts no sample from others.
+    whole : Residual, optional
+        In which it was found, with the samples that lie far off.
     """
 
     signature: Signature
     part: float
     found: tuple[Found, ...] = ()
+    whole: Residual | None = None
 
     @property
     def predicted(self) -> float:
@@ -71,10 +74,13 @@ class Law:
         """
         if self.signature.law not in ("offset", "gain"):
             return ()
+        whole = residual or self.whole
+        if whole is None:
+            return ()
         return tuple(
             times
             for one in self.found
-            for times in change_times(one.residual if residual is None else one.alike(residual), one.best.pattern)
+            for times in change_times(one.alike(whole), one.best.pattern, whole.scaled(one.residual.noise**-0.5))
         )
 
     def is_gone_from(self, residual: Residual, others: Sequence["Law"]) -> bool:
@@ -111,7 +117,7 @@ def laws_of(model: Model, residual: Residual, gap: float) -> tuple[Law, ...]:
     whole, total = max(residual.excess, 1.0), float((residual.z**2).sum())
     laws, found = _signatures(model, residual, whole)
     fits = [*((one,) for one in found), *(() for _ in laws[len(found) :])]
-    each = [Law(law, law.energy * whole / total, own) for law, own in zip(laws, fits, strict=True)]
+    each = [Law(law, law.energy * whole / total, own, residual) for law, own in zip(laws, fits, strict=True)]
     kept = [
         one
         for one in each
@@ -284,7 +290,9 @@ def _merged(laws: list[Law]) -> list[Law]:
         if first is None:
             merged.append(law)
         else:
-            joined = Law(_joined(first.signature, law.signature), first.part + law.part, first.found + law.found)
+            joined = Law(
+                _joined(first.signature, law.signature), first.part + law.part, first.found + law.found, law.whole
+            )
             merged[merged.index(first)] = joined
     return merged
 

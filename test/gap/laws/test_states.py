@@ -20,7 +20,7 @@ def test_changes_are_found_to_the_sample(run, edges):
     time_s = clean.recording.time_s
     on = np.searchsorted(edges, time_s, side="right") % 2
     residual = residual_of(clean.with_row(7, 6e-9 * on).model())
-    found = change_times(residual, offset_of(residual, 3, "y"))
+    found = change_times(residual, offset_of(residual, 3, "y"), residual)
     near = [one for one in found if len(one) == len(edges)]
     step_s = float(np.median(np.diff(time_s)))
     assert min(np.abs(np.subtract(one, edges)).max() for one in near) < 1.5 * step_s
@@ -32,5 +32,5 @@ def test_the_rarer_state_is_the_one_that_comes_and_goes(run):
     time_s = clean.recording.time_s
     off = ((time_s > 8) & (time_s < 10)) | ((time_s > 30) & (time_s < 31))
     residual = residual_of(clean.with_row(7, 6e-9 * ~off).model())
-    found = change_times(residual, offset_of(residual, 3, "y"))
+    found = change_times(residual, offset_of(residual, 3, "y"), residual)
     assert any(np.abs(np.subtract(one, (8, 10, 30, 31))).max() < 0.1 for one in found if len(one) == 4)
