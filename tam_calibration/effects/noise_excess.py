@@ -8,8 +8,14 @@ from tam_calibration.effects.effect import ALL, Contribution, Covariates, Findin
 from tam_calibration.effects.grades import LEAST_SAMPLES, MINOR
 from tam_calibration.effects.spikes import without_spikes
 from tam_calibration.effects.spread import LARGEST_NOISE, Spread
-from tam_calibration.effects.term import Place, WhitenedResiduals, places
+from tam_calibration.effects.term import Place, WhitenedResiduals, places, row_deviations
 from tam_calibration.model.units import FloatArray
+
+_HEAVY = 3.0
+"""Excess kurtosis, within blocks of samples, from which an excess consists of spikes."""
+
+_BLOCK = 50
+"""Samples of a block, within which the variance is taken as constant."""
 
 
 class NoiseExcess(FoundEffect):
@@ -27,6 +33,10 @@ class NoiseExcess(FoundEffect):
             bic = finding.gain - finding.parameter_count * float(np.log(residuals.channel_count.sum()))
             if bic > best_bic:
                 best, best_bic = finding, bic
+        if isinstance(best, Finding) and best.variance is not None:
+            row = int(np.argmax(best.variance * residuals.row_information.mean(axis=0)))
+            if _kurtosis(row_deviations(residuals)[residuals.is_counted, row]) > _HEAVY:
+                return "the excess comes as spikes"
         return best
 
     def _of_places(self, residuals: WhitenedResiduals) -> Iterator[Finding]:
@@ -78,6 +88,14 @@ class NoiseExcess(FoundEffect):
     def put(self, rows_T: FloatArray, part: Contribution, run: Covariates, source: np.random.Generator) -> FloatArray:
         """Return the readings (N, n) of the n rows that a contribution acts on with the effect; see `FoundEffect`."""
         return rows_T + source.normal(0, part.values["standard deviation"], rows_T.shape)
+
+
+def _kurtosis(deviation: FloatArray) -> float:
+    """Return the excess kurtosis within blocks of samples, so that intermittent noise has none."""
+    blocks = max(1, len(deviation) // _BLOCK)
+    square = deviation[: len(deviation) // blocks * blocks].reshape(blocks, -1) ** 2
+    ratio = np.mean(square**2, axis=1) / np.maximum(np.mean(square, axis=1) ** 2, np.finfo(float).tiny)
+    return float(np.mean(ratio)) - 3.0
 
 
 def _stated_variance(covariates: Covariates) -> FloatArray:

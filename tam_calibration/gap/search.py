@@ -15,7 +15,7 @@ from tam_calibration.gap.model import Model
 from tam_calibration.gap.offers import Offers, candidates, is_plausible, sensors_for
 from tam_calibration.gap.repeats import pose_of, repeats
 from tam_calibration.gap.search_result import Search, is_elsewhere
-from tam_calibration.gap.size import Evidence, examine
+from tam_calibration.gap.size import Evidence, energy_explained, examine
 from tam_calibration.gap.steps import LEAST_EVIDENCE, MOST_CAUSES, Step, absorbed, is_new
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
@@ -127,8 +127,12 @@ class _CauseSearch:
         """Return the residual beside an effect, or several forms of it; None where it leaves something of a law."""
         model = self._with(chain)
         left = residual_of(model)
-        if not isinstance(chain[-1].form, Hypothesis):
-            return left
+        form = chain[-1].form
+        if not isinstance(form, Hypothesis):
+            # A variance would take what an open law leaves for noise.
+            base, is_variance = self._model.base(), form.variance is not None or form.spread_T is not None
+            is_more = energy_explained(chain[-1], base) * MOST > law.part * base.energy
+            return None if is_variance and is_more and not form.is_certain else left
         channels, part = model.channels(model.signal()), model.parts[-1]
         if part.effect.oversize(channels.covariates, part.fitted(part.terms(channels))) is not None:
             return None
