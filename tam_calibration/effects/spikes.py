@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.core.noise import noise_deviation
 from tam_calibration.effects.grades import LONGEST_BURST, MINOR
 from tam_calibration.effects.term import WhitenedResiduals, row_deviations
 
@@ -14,11 +15,8 @@ A_DOZEN = 12
 _FAR = 5.0
 """Standard deviations from which a row is far off: one of a million values of white noise is."""
 
-_MEDIAN = 0.6745
-"""Median of the absolute values of normal noise of unit variance."""
-
-_AROUND = 51
-"""Samples around a spike, of which the median tells the local noise."""
+_BLOCK = 50
+"""Samples of a block, of which the median tells the local noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,22 +37,21 @@ class Spikes:
 
 def find_spikes(residuals: WhitenedResiduals) -> Spikes | str:
     """Return the isolated outliers, or why there are none, in one clause."""
-    from scipy.ndimage import median_filter
-
     usable = residuals.channel_count > 0
     deviation = np.abs(row_deviations(residuals)) * usable[:, None]
     # The row that explains most, not the largest residual: noise of one row affects all.
     worst = deviation.argmax(axis=1)
-    local = median_filter(deviation, (_AROUND, 1), mode="reflect") / _MEDIAN
-    here = np.arange(len(worst)), worst
-    far = deviation[here] > _FAR * np.maximum(local[here], 1.0)
+    blocks = max(len(worst) // _BLOCK, 1)
+    local = noise_deviation(deviation[: blocks * _BLOCK].reshape(blocks, -1, deviation.shape[1]), axis=1)
+    samples = np.arange(len(worst))
+    scale = np.maximum(local[np.minimum(samples // _BLOCK, blocks - 1), worst], 1.0)
+    far = deviation[samples, worst] > _FAR * scale
     far &= _run_lengths(far) <= LONGEST_BURST
     if not far.any():
         return f"no reading is far off for at most {LONGEST_BURST} samples"
     if far.sum() > max(MINOR * usable.sum(), A_DOZEN):
         return f"{far.sum()} of {usable.sum()} samples are too many for spikes"
-    samples = np.flatnonzero(far)
-    return Spikes(samples, worst[samples])
+    return Spikes(np.flatnonzero(far), worst[far])
 
 
 def without_spikes(residuals: WhitenedResiduals) -> WhitenedResiduals:

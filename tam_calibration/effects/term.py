@@ -135,11 +135,6 @@ def rows_of(part: Contribution, covariates: Covariates) -> list[int]:
     return [3 * sensor + axis for sensor in sensors for axis in axes]
 
 
-def row_scores(residuals: WhitenedResiduals) -> FloatArray:
-    """Return the score (N, 3K + 1) of a shift of each row in each sample, 1/T."""
-    return residuals.row_shift_T * residuals.row_information
-
-
 def row_deviations(residuals: WhitenedResiduals) -> FloatArray:
     """Return the (N, 3K + 1) shift of each row alone in its standard errors: its square is the energy it explains."""
     return residuals.row_shift_T * np.sqrt(residuals.row_information)
@@ -163,7 +158,7 @@ def normal_of(
     slope = residuals.row_slope[samples][:, chosen] * np.isfinite(residuals.common_mode[samples, None])
     own = np.vstack([residuals.directions, np.zeros((1, residuals.directions.shape[1]))])[chosen]
     information: FloatArray = own @ own.T + slope[:, :, None] * slope[:, None, :]
-    return information, row_scores(residuals)[samples][:, chosen]
+    return information, (residuals.row_shift_T[samples] * residuals.row_information[samples])[:, chosen]
 
 
 def explained_energy(residuals: WhitenedResiduals, samples: NDArray[np.intp], place: Place) -> FloatArray:
