@@ -129,10 +129,11 @@ class _CauseSearch:
         left = residual_of(model)
         form = chain[-1].form
         if not isinstance(form, Hypothesis):
-            # A variance would take what an open law leaves for noise.
+            # A variance takes what open laws leave for noise, which is far more than a law of a small share.
             base, is_variance = self._model.base(), form.variance is not None or form.spread_T is not None
             is_more = energy_explained(chain[-1], base) * MOST > law.part * base.energy
-            return None if is_variance and is_more and not form.is_certain else left
+            is_small = law.signature.energy < NOTABLE
+            return None if is_variance and is_small and is_more and not form.is_certain else left
         channels, part = model.channels(model.signal()), model.parts[-1]
         if part.effect.oversize(channels.covariates, part.fitted(part.terms(channels))) is not None:
             return None
