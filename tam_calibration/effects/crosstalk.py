@@ -1,6 +1,6 @@
 """Readings of one channel that bleed into another."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, ClassVar
 from weakref import WeakKeyDictionary
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from tam_calibration.effects.effect import Coefficient, Covariates, LinearEffect, Shape, Term, WhitenedResiduals
 from tam_calibration.effects.motion import jumps
-from tam_calibration.effects.switching import WINDOW_UNITS, Level, Switching, in_windows, settled_strongest, windows_of
+from tam_calibration.effects.states import WINDOW_UNITS, in_windows, windows_at
 from tam_calibration.model.units import FloatArray
 
 if TYPE_CHECKING:
@@ -19,9 +19,6 @@ _LATE = (1.0, 2.0, 4.0, 7.0, 10.0)
 
 _SHAPES = {"late_x_s": 0, "late_y_s": 1, "late_z_s": 2}
 """Axis of the array along which the delayed channel reads, by the name of the delay parameter."""
-
-_BLOCK = 16
-"""Samples over which the response of a row is averaged: shorter than a window, long enough against noise."""
 
 _BLEED = Coefficient("bleed", "1")
 
@@ -40,24 +37,22 @@ class Crosstalk(LinearEffect):
     shape_units: ClassVar[Mapping[str, str]] = dict.fromkeys(_SHAPES, "s") | WINDOW_UNITS
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
-        """Return how late it is, where there is continuous motion, and the windows in which an axis bleeds most.
+        """Return how late it is, where there is continuous motion.
 
         Parameters
         ----------
         covariates : Covariates
             Time, field in the array frame and recorded channels of the N samples.
         residuals : WhitenedResiduals
-            Of the same N samples.
+            Not used: the delays follow from the time step.
         """
-        is_continuous = jumps(covariates) is None
-        late = [{name: steps * covariates.step_s} for name in _SHAPES for steps in _LATE if is_continuous]
-        windows = _windows(covariates, residuals)
-        on = {} if windows is None else windows.shape(covariates)
-        return [*late, *({name: 0.0, **on} for name in _SHAPES if on)]
+        if jumps(covariates) is not None:
+            return []
+        return [{name: steps * covariates.step_s} for name in _SHAPES for steps in _LATE]
 
-    def shapes_at(self, shape: Shape) -> list[Shape]:
+    def shapes_at(self, times_s: Sequence[float], covariates: Covariates) -> list[Shape]:
         """Return what bleeds at once from each axis in the windows: a gain, where all sensors read the same field."""
-        windows = windows_of(shape)
+        windows = windows_at(times_s)
         return [{name: 0.0, **windows} for name in _SHAPES if windows]
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
@@ -110,30 +105,3 @@ def _turned(course: "CubicSpline", time_s: FloatArray) -> FloatArray:
     speed = max(float(np.linalg.norm(rate) / np.linalg.norm(field)), np.finfo(float).tiny)
     phase = speed * (time_s - begin)[:, None]
     return np.asarray(np.cos(phase) * field + np.sin(phase) * rate / speed)
-
-
-def _windows(covariates: Covariates, residuals: WhitenedResiduals) -> Switching | None:
-    """Return the windows of the axis in which an intermittent response to the field explains most."""
-    levels = [
-        Level.of_row(residuals, row, covariates.field_T @ _bleeding(covariates, residuals, row))
-        for row in range(covariates.scalar_row)
-    ]
-    states, level, _ = settled_strongest(levels)
-    return states if level.is_switching(states) else None
-
-
-def _bleeding(covariates: Covariates, residuals: WhitenedResiduals, row: int) -> FloatArray:
-    """Return the intermittent response (3,) of a row to the field.
-
-    The calibration absorbs the mean of the responses in blocks of time. Where one response is switched on and off, the
-    responses of all blocks lie along one direction.
-    """
-    count = covariates.sample_count // _BLOCK
-    blocks = slice(count * _BLOCK)
-    field = (covariates.field_T[blocks] / np.median(covariates.intensity_T)).reshape(count, _BLOCK, 3)
-    information = (residuals.is_counted * residuals.row_information[:, row])[blocks].reshape(count, _BLOCK, 1)
-    shift = residuals.row_shift_T[blocks, row].reshape(count, _BLOCK)
-    size = np.einsum("bni,bnj->bij", information * field, field)
-    score = np.einsum("bni,bn->bi", information * field, shift)
-    response = np.einsum("bij,bj->bi", np.linalg.pinv(size + size.mean(axis=0), hermitian=True), score)
-    return np.linalg.eigh(response.T @ response)[1][:, -1]

@@ -13,13 +13,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.linalg import norm
 from numpy.typing import NDArray
 
 from tam_calibration.core.noise import noise_energy
 from tam_calibration.core.normal_equations import ridged
 from tam_calibration.effects.effect import Contribution, Finding, FittedEffect, WhitenedResiduals
-from tam_calibration.effects.motion import is_chance, rates
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray
 
@@ -72,13 +70,6 @@ class AgainstOthers:
     def usable(self) -> NDArray[np.bool_]:
         """(N,) samples whose channels are told."""
         return self.residuals.channel_count > 0
-
-    @cached_property
-    def rate(self) -> FloatArray:
-        """(N, 3) time derivative of the expected reading, T/s."""
-        covariates, matrix = self.residuals.covariates, self.residuals.covariates.errors.matrix[self.sensor]
-        field = np.linalg.solve(matrix, self.expected_T.T).T
-        return np.asarray(rates(replace(covariates, field_T=field)) @ matrix.T)
 
     def energy(self, shift_T: FloatArray) -> FloatArray:
         """Return the energy (...) of shifts (..., 3) of its readings, in units of the noise stated."""
@@ -159,66 +150,29 @@ def samples_in(part: Contribution, name: str, sample_count: int) -> int:
 NOWHERE_T = 1.0
 """An impossible displacement, for samples that cannot be displaced, tesla."""
 
-_MOST = 0.5
-"""Part of the samples that may be displaced: more would be the sensor's usual behaviour."""
 
-
-@dataclass(frozen=True, eq=False)
-class Displaced:
-    """A search for samples of one sensor that are displaced.
+def displaced(against: AgainstOthers, displacement_T: FloatArray) -> NDArray[np.intp]:
+    """Return which displacement each sample (N,) of a sensor has, -1 for none.
 
     Parameters
     ----------
     against : AgainstOthers
         The sensor, calibrated by the better half of the samples.
-    beyond_T : (N, 3) array
-        Residual of its readings, which is to be explained, tesla.
     displacement_T : (k, N, 3) array
-        Residual that each displacement would cause, tesla; NaN where it is impossible.
+        Residual that each displacement would cause, tesla.
     """
+    from scipy.special import chdtri
 
-    against: AgainstOthers
-    beyond_T: FloatArray
-    displacement_T: FloatArray
-
-    @cached_property
-    def which(self) -> NDArray[np.intp]:
-        """(N,) index of the displacement, -1 for none."""
-        which = np.full(len(self.beyond_T), -1)
-        samples, best, _ = self._claims(np.arange(len(which)))
-        which[samples] = best
-        return which
-
-    @property
-    def is_found(self) -> bool:
-        """Whether some samples are displaced, significantly by a permutation test."""
-        if not 0 < np.sum(self.which >= 0) < _MOST * len(self.which):
-            return False
-        return not is_chance(lambda dealt: float(np.sum(self._claims(dealt)[2])), norm(self.against.rate, axis=1))
-
-    @cached_property
-    def _energy(self) -> FloatArray:
-        """(N,) energy of the readings as they are, in units of the noise of most of them."""
-        energy = self.against.energy(self.beyond_T)
-        return np.where(self.against.usable, energy / self._floor, 0.0)
-
-    @cached_property
-    def _floor(self) -> float:
-        return self.against.floor(self.against.energy(self.beyond_T))
-
-    def _claims(self, dealt: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp], FloatArray]:
-        """Return the displaced samples of permuted residuals, their displacements, and the energies explained."""
-        from scipy.special import chdtri
-
-        price = 2 * np.log(self.displacement_T[..., 0].size)
-        samples = np.flatnonzero((self._energy[dealt] > price) & self.against.usable)
-        shift = self.beyond_T[dealt[samples]] - self.displacement_T[:, samples]
-        left = self.against.energy(shift) / self._floor
-        best = np.argmin(left, axis=0)
-        least = left[best, np.arange(len(samples))]
-        saved = self._energy[dealt[samples]] - least
-        claimed = (saved > price) & (least < chdtri(3, 1 / len(dealt)))
-        return samples[claimed], best[claimed], saved[claimed]
+    energy = against.energy(against.beyond_T)
+    floor, price = against.floor(energy), 2 * np.log(displacement_T[..., 0].size)
+    samples = np.flatnonzero((energy > price * floor) & against.usable)
+    left = against.energy(against.beyond_T[samples] - displacement_T[:, samples]) / floor
+    best = np.argmin(left, axis=0)
+    least = left[best, np.arange(len(samples))]
+    claimed = (energy[samples] / floor - least > price) & (least < chdtri(3, 1 / len(energy)))
+    which = np.full(len(energy), -1)
+    which[samples[claimed]] = best[claimed]
+    return which
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,3 +221,18 @@ def finding_of(
         flagged=flagged,
         is_certain=is_certain,
     )
+
+
+def position_nats(sample_count: int, chosen: int) -> float:
+    """Return ln C(N, k), the code length of the flagged samples, in nats.
+
+    Parameters
+    ----------
+    sample_count : int
+        Number of samples N.
+    chosen : int
+        Number of flagged samples k.
+    """
+    from scipy.special import gammaln
+
+    return float(gammaln(sample_count + 1) - gammaln(chosen + 1) - gammaln(sample_count - chosen + 1))

@@ -108,8 +108,6 @@ class Effect(ABC):
         Whether it may happen more than once, each time in another form.
     is_of_lone_samples : bool
         Whether it strikes samples here and there, of which there must be few, however often it happens.
-    is_of_extremes : bool
-        Whether it shows in extreme readings, so that a few flagged samples may as well be another such effect.
     shows_as : tuple of str
         Names of the faults of channels that it makes, as the check before a fit has them (``integrity``).
     output_stage : int
@@ -125,7 +123,6 @@ class Effect(ABC):
     limits: ClassVar[Mapping[str, Limit]] = {}
     may_repeat: ClassVar[bool] = False
     is_of_lone_samples: ClassVar[bool] = False
-    is_of_extremes: ClassVar[bool] = False
     shows_as: ClassVar[tuple[str, ...]] = ()
     output_stage: ClassVar[int] = 0
 
@@ -288,13 +285,15 @@ class LinearEffect(Effect):
         """
         return ({},)
 
-    def shapes_at(self, shape: Shape) -> Sequence[Shape]:
-        """Return the shapes in which it comes and goes when another effect does; by default none.
+    def shapes_at(self, times_s: Sequence[float], covariates: Covariates) -> Sequence[Shape]:
+        """Return the shapes of an effect that comes and goes at some times, at which a law does; by default none.
 
         Parameters
         ----------
-        shape : Shape
-            Of the other effect.
+        times_s : sequence of float
+            At which it begins, ends, begins again and so on, seconds.
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
         """
         return ()
 

@@ -2,8 +2,7 @@
 
 Where the field is in motion the line cuts its curve short: the residual is the error of linear interpolation, up to
 h²/8 |d²b/dt²| for a gap of duration h. Noise never goes straight in three axes at once: the second differences of what
-was filled vanish, to the last digit that is written. Where noise came behind the filling, the field's curvature is
-missed in rows of samples.
+was filled vanish, to the last digit that is written.
 """
 
 from collections.abc import Sequence
@@ -11,9 +10,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.displaced import NOWHERE_T, AgainstOthers, Displaced, Explained, drawn_bursts, finding_of
+from tam_calibration.effects.displaced import AgainstOthers, Explained, drawn_bursts, finding_of
 from tam_calibration.effects.effect import Contribution, Covariates, Finding, FoundEffect
-from tam_calibration.effects.grades import FEWEST, NEGLIGIBLE
+from tam_calibration.effects.grades import NEGLIGIBLE
 from tam_calibration.effects.term import WhitenedResiduals
 from tam_calibration.model.units import FloatArray
 
@@ -32,17 +31,14 @@ class InterpolatedSamples(FoundEffect):
 
     def find(self, residuals: WhitenedResiduals) -> Finding | str:
         """Return the samples that were filled, flagged, or why there are none."""
-        found, is_certain = [], False
+        found = []
         for sensor in range(residuals.covariates.sensor_count):
-            against = AgainstOthers.of(residuals, sensor).recalibrated()
-            exact = _exact(residuals.recording.readings_T[:, sensor], residuals.covariates)
-            is_certain |= bool(exact)
-            windows = exact or _curved(against)
+            windows = _lines(residuals.recording.readings_T[:, sensor], residuals.covariates)
             if windows:
-                found.append(_explained(against, windows))
+                found.append(_explained(AgainstOthers.of(residuals, sensor).recalibrated(), windows))
         if not found:
             return "no sensor reads along straight lines where the others see the field turn"
-        return finding_of(self.name, residuals, found, len(found), is_certain=is_certain)
+        return finding_of(self.name, residuals, found, len(found), is_certain=True)
 
     def put(self, rows_T: FloatArray, part: Contribution, run: Covariates, source: np.random.Generator) -> FloatArray:
         """Return the readings (N, n) of the n rows that a contribution acts on with the effect; see `FoundEffect`."""
@@ -54,7 +50,7 @@ class InterpolatedSamples(FoundEffect):
         return rows
 
 
-def _exact(readings_T: FloatArray, covariates: Covariates) -> list[NDArray[np.intp]]:
+def _lines(readings_T: FloatArray, covariates: Covariates) -> list[NDArray[np.intp]]:
     """Return the samples of each row that goes straight in all axes and is longer than chance lets one be.
 
     Chance is that of the samples of which some axes go straight, and others do not.
@@ -77,30 +73,6 @@ def _digit(values: FloatArray) -> float:
     """Return the smallest step between values (N,) that differ by more than the rounding of the computer."""
     steps = np.diff(np.unique(values))
     return float(np.min(steps[steps > _ROUNDING * np.abs(values).max()], initial=np.ptp(values)))
-
-
-def _curved(against: AgainstOthers) -> list[NDArray[np.intp]]:
-    """Return the samples of each row that lacks the curvature of the field, and is long enough."""
-    straight = Displaced(against, *_curvatures(against))
-    if not straight.is_found:
-        return []
-    samples = np.flatnonzero(straight.which >= 0)
-    rows = np.split(samples, np.flatnonzero(np.diff(samples) >= FEWEST) + 1)
-    filled = [np.arange(row[0], row[-1] + 1) for row in rows]  # the field itself may go straight for a sample or two
-    readings = against.residuals.recording.readings_T[:, against.sensor]
-    # A reading that is held follows no line between two others.
-    return [row for row in filled if len(row) >= FEWEST and np.ptp(readings[row], axis=0).any()]
-
-
-def _curvatures(against: AgainstOthers) -> tuple[FloatArray, FloatArray]:
-    """Return by how much the curvature of the readings (N, 3) is off, and by how much (1, N, 3) that of a line is."""
-    beyond, bent = np.zeros_like(against.beyond_T), np.full_like(against.beyond_T, NOWHERE_T)
-    for stretch in against.residuals.covariates.stretches:
-        inner = slice(stretch.start + 1, stretch.stop - 1)
-        if inner.stop > inner.start:
-            beyond[inner] = np.diff(against.beyond_T[stretch], 2, axis=0)
-            bent[inner] = -np.diff(against.expected_T[stretch], 2, axis=0)
-    return beyond, bent[None]
 
 
 def _explained(against: AgainstOthers, windows: Sequence[NDArray[np.intp]]) -> Explained:

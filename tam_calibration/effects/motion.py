@@ -1,6 +1,5 @@
-"""The motion of the field in the array frame: its rate of change, and a permutation test among similar rates."""
+"""The motion of the field in the array frame: its rate of change, and whether it is continuous."""
 
-from collections.abc import Callable
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -11,25 +10,6 @@ from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.grades import NOTABLE
 from tam_calibration.model.recording import BLOCK
 from tam_calibration.model.units import FloatArray
-
-MOST_NEIGHBOURS = 20_000
-"""Samples at most among which neighbours on the sphere are searched: they lie about a degree apart."""
-
-
-def sum_around(values: FloatArray, span: int) -> FloatArray:
-    """Return the sums (N, ...) of values (N, ...) over span samples on either side, without the sample itself.
-
-    Parameters
-    ----------
-    values : (N, ...) array
-        Values of N samples; beyond the ends they count as zero.
-    span : int
-        Number of samples on either side.
-    """
-    padding = [(span + 1, span), *[(0, 0)] * (values.ndim - 1)]
-    total = np.cumsum(np.pad(values, padding), axis=0)
-    return total[2 * span + 1 :] - total[: -2 * span - 1] - values
-
 
 _NEIGHBOURS = 6
 """Samples on both sides through which a polynomial (of fifth degree) predicts one, as turns are smooth."""
@@ -117,35 +97,3 @@ def _combined(weight: FloatArray, values: FloatArray, nodes: NDArray[np.intp]) -
     for position in range(nodes.shape[1]):
         combined += weight[:, position, None] * values[nodes[:, position]]
     return combined
-
-
-PERMUTATIONS = 200
-"""Permutations of the residuals: a statistic that none of them reaches has p = 1/201."""
-
-_PERMUTED = 200
-"""Samples of similar rate among which residuals are permuted."""
-
-Statistic = Callable[[NDArray[np.intp]], float]
-"""A test statistic as a function of the permutation (N,) of the residuals; large where a law holds."""
-
-
-def is_chance(statistic: Statistic, rate: FloatArray) -> bool:
-    """Return whether any permutation among samples of similar rate (N,) reaches the statistic.
-
-    Parameters
-    ----------
-    statistic : callable
-        Test statistic of a permutation (N,) of the samples; large where a law holds.
-    rate : (N,) array
-        Rate of change of the expected reading, T/s; only the order of the samples by it matters.
-    """
-    generator, dealt = np.random.default_rng(0), np.arange(len(rate))
-    size = min(_PERMUTED, len(rate))
-    blocks = np.argsort(rate)[len(rate) % size :].reshape(-1, size)  # without a few of the slowest
-    observed = statistic(dealt)
-    for _ in range(PERMUTATIONS):
-        near = generator.permuted(blocks, axis=1)
-        dealt[near[:, 1:]], dealt[near[:, 0]] = near[:, :-1], near[:, -1]  # in a cycle: no sample keeps its own
-        if statistic(dealt) >= observed:
-            return True
-    return False

@@ -1,27 +1,21 @@
-"""Noise excess: an axis, a sensor or the scalar magnetometer that is noisier than the others.
+"""Noise excess: an axis, a sensor or the scalar magnetometer that is noisier than the others."""
 
-Noise is what has no regular cause: an excess that is smooth in time, stands in a line of the spectrum, follows the
-direction of the field or comes as spikes is left to other effects. White excess counts, also where it comes and goes,
-and so does the 1/f noise of a sensor up to a slope of about 0.9: neighbouring samples are alike by less than 0.75.
-"""
-
-from dataclasses import replace
+from collections.abc import Iterator
 
 import numpy as np
 
 from tam_calibration.effects.effect import ALL, Contribution, Covariates, Finding, FittedEffect, FoundEffect
-from tam_calibration.effects.excess_variance import LARGEST_NOISE, ChannelMoments, Excess, best_excess
-from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, NOTABLE
-from tam_calibration.effects.quantization import find_lattices
-from tam_calibration.effects.regularity import neighbour_covariance, objection_to
-from tam_calibration.effects.saturation import inside_range
+from tam_calibration.effects.grades import LEAST_SAMPLES, MINOR
 from tam_calibration.effects.spikes import without_spikes
-from tam_calibration.effects.term import WhitenedResiduals, row_deviations
-from tam_calibration.model.fitted_effect import SCALAR
+from tam_calibration.effects.spread import LARGEST_NOISE, Spread
+from tam_calibration.effects.term import Place, WhitenedResiduals, places, row_deviations
 from tam_calibration.model.units import FloatArray
 
-_OF_AXIS, _OF_SCALAR = 4, 9
-"""Numbers of the calibration that are fitted to the noise of an axis, and to that of the intensity: an ellipsoid."""
+_HEAVY = 3.0
+"""Excess kurtosis, within blocks of samples, from which an excess consists of spikes."""
+
+_BLOCK = 50
+"""Samples of a block, within which the variance is taken as constant."""
 
 
 class NoiseExcess(FoundEffect):
@@ -31,29 +25,47 @@ class NoiseExcess(FoundEffect):
 
     def find(self, residuals: WhitenedResiduals) -> Finding | str:
         """Return the rows with more noise and how much, or why there is none."""
-        residuals = without_spikes(inside_range(residuals))
+        residuals = without_spikes(residuals)
         if residuals.is_counted.sum() < LEAST_SAMPLES:
-            return f"a variance needs {LEAST_SAMPLES} samples or more, spikes and the end of the range left out"
-        moments = ChannelMoments.of(residuals)
-        excess = best_excess(moments, residuals.covariates)
-        if excess is None:
-            return self._shared(residuals)
-        spent = _OF_SCALAR if excess.place.sensor == SCALAR else _OF_AXIS
-        count = moments.sample_count
-        excess = replace(excess, part=excess.part * count / max(count - spent, 1))
-        variance = np.zeros(moments.row_count)
-        variance[list(excess.place.rows)] = excess.variance_T2
-        objection = (
-            "the readings are whole steps" if _is_rounding(residuals, variance) else objection_to(residuals, excess)
-        )
-        if objection is not None:
-            return objection
-        return Finding(
-            FittedEffect(self.name, {}, _contributions(moments, excess)),
-            gain=excess.gain,
-            parameter_count=excess.parameter_count,
-            variance=variance,
-        )
+            return f"a variance needs {LEAST_SAMPLES} samples or more, spikes left out"
+        best, best_bic = self._shared(residuals), 0.0
+        for finding in self._of_places(residuals):
+            bic = finding.gain - finding.parameter_count * float(np.log(residuals.channel_count.sum()))
+            if bic > best_bic:
+                best, best_bic = finding, bic
+        if isinstance(best, Finding) and best.variance is not None:
+            row = int(np.argmax(best.variance * residuals.row_information.mean(axis=0)))
+            if _kurtosis(row_deviations(residuals)[residuals.is_counted, row]) > _HEAVY:
+                return "the excess comes as spikes"
+        return best
+
+    def _of_places(self, residuals: WhitenedResiduals) -> Iterator[Finding]:
+        """Yield an excess at each place that may have one, with one variance for its rows or one for each."""
+        covariates, row_count = residuals.covariates, residuals.row_slope.shape[1]
+        single = np.array([Spread.of(residuals, [row], np.ones((1, 1))).part for row in range(row_count)])
+        # A smaller excess is within the differences of sensors of a kind; the scalar's sheet may err the other way.
+        least = MINOR * _stated_variance(covariates)
+        least[-1] *= (LARGEST_NOISE**4 - 1) / MINOR
+        for place in places(covariates.sensor_count):
+            rows = list(place.rows)
+            # The floor and the excess must be separable.
+            if len(rows) >= residuals.channel_count.mean() or (single[rows] <= least[rows] / 2).any():
+                continue
+            for weight in (np.ones(len(rows)), single[rows] / single[rows].max())[: len(rows)]:
+                spread = Spread.of(residuals, rows, np.diag(np.sqrt(weight)))
+                if (spread.part * weight >= least[rows]).all():
+                    yield self._finding(place, spread, weight, row_count)
+
+    def _finding(self, place: Place, spread: Spread, weight: FloatArray, row_count: int) -> Finding:
+        variance = np.zeros(row_count)
+        variance[list(place.rows)] = spread.variance * weight
+        is_alike = bool(np.ptp(weight) == 0)
+        sizes, parts = (spread.size * np.sqrt(weight)).tolist(), []
+        for (sensor, axis), size in zip(place.contribution_keys(is_alike), sizes, strict=False):
+            values, errors = {"standard deviation": size}, {"standard deviation": size * spread.relative_error}
+            parts.append(Contribution(sensor, axis, "noise", values, errors))
+        count = 1 + (1 if is_alike else len(weight))
+        return Finding(FittedEffect(self.name, {}, tuple(parts)), spread.gain, count, variance=variance)
 
     def _shared(self, residuals: WhitenedResiduals) -> Finding | str:
         """Return the noise of all sensors beyond what a data sheet may be wrong by, or that there is none."""
@@ -61,15 +73,8 @@ class NoiseExcess(FoundEffect):
         count = float(residuals.channel_count[counted].sum())
         variance = float(residuals.energy[counted].sum()) / count
         if variance <= LARGEST_NOISE**2 or noise_T is None:
-            return "no row is noisier than the others, spikes and readings at the end of the range left out"
-        deviations = row_deviations(residuals)[counted]
-        surplus, chance = variance - 1, CERTAIN * variance / float(np.sqrt(len(deviations)))
-        if any(neighbour_covariance(deviation) > max(NOTABLE * surplus, chance) for deviation in deviations.T):
-            return "the excess follows a course in time"
-        shared = np.append(surplus * np.repeat(noise_T**2, 3), 0.0)
-        if _is_rounding(residuals, shared):
-            return "the readings are whole steps"
-        beyond = variance / LARGEST_NOISE**2
+            return "no row is noisier than the others, spikes left out"
+        surplus, beyond = variance - 1, variance / LARGEST_NOISE**2
         size = float(np.sqrt(surplus * np.mean(noise_T**2)))
         error = size * variance / surplus / float(np.sqrt(2 * count))
         values, errors = {"standard deviation": size}, {"standard deviation": error}
@@ -77,7 +82,7 @@ class NoiseExcess(FoundEffect):
             FittedEffect(self.name, {}, (Contribution(ALL, None, "noise", values, errors),)),
             gain=count * (beyond - 1 - float(np.log(beyond))),
             parameter_count=1,
-            variance=shared,
+            variance=np.append(surplus * np.repeat(noise_T**2, 3), 0.0),
         )
 
     def put(self, rows_T: FloatArray, part: Contribution, run: Covariates, source: np.random.Generator) -> FloatArray:
@@ -85,19 +90,16 @@ class NoiseExcess(FoundEffect):
         return rows_T + source.normal(0, part.values["standard deviation"], rows_T.shape)
 
 
-def _is_rounding(residuals: WhitenedResiduals, variance_T2: FloatArray) -> bool:
-    """Return whether half of the variance beyond the floor (3K + 1,) is what rounding to whole steps makes."""
-    rounding = np.zeros(len(variance_T2))
-    for lattice in find_lattices(residuals):
-        rounding[lattice.row] = lattice.step_T**2 / 12
-    return bool(np.sum(np.minimum(rounding, variance_T2)) > np.sum(variance_T2) / 2)
+def _kurtosis(deviation: FloatArray) -> float:
+    """Return the excess kurtosis within blocks of samples, so that intermittent noise has none."""
+    blocks = max(1, len(deviation) // _BLOCK)
+    square = deviation[: len(deviation) // blocks * blocks].reshape(blocks, -1) ** 2
+    ratio = np.mean(square**2, axis=1) / np.maximum(np.mean(square, axis=1) ** 2, np.finfo(float).tiny)
+    return float(np.mean(ratio)) - 3.0
 
 
-def _contributions(moments: ChannelMoments, excess: Excess) -> tuple[Contribution, ...]:
-    deviation = np.sqrt(excess.variance_T2)
-    errors = deviation * moments.relative_error(excess) / 2
-    parts = []
-    for index, (sensor, axis) in enumerate(excess.place.contribution_keys(is_whole=np.ptp(deviation) == 0)):
-        value, error = {"standard deviation": float(deviation[index])}, {"standard deviation": float(errors[index])}
-        parts.append(Contribution(sensor, axis, "noise", value, error))
-    return tuple(parts)
+def _stated_variance(covariates: Covariates) -> FloatArray:
+    """Return the (3K + 1,) variance of the rows as the array states it, T²."""
+    stated = covariates.array.vector_noise_T
+    vector = np.zeros(covariates.scalar_row) if stated is None else np.repeat(stated, 3) ** 2
+    return np.append(vector, (covariates.array.scalar_noise_T or 0.0) ** 2)

@@ -5,12 +5,13 @@ penalised by their code length: k positions among N samples take ln C(N, k) nats
 where BIC takes ½ ln n per parameter; that is about two parameters for a single spike, fewer for each of many.
 """
 
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Iterator
 
-from tam_calibration.effects.displaced import drawn_bursts
+import numpy as np
+
+from tam_calibration.effects.displaced import drawn_bursts, position_nats
 from tam_calibration.effects.effect import Covariates, Finding, FoundEffect, WhitenedResiduals
-from tam_calibration.effects.spikes import Spikes, come_with_motion, find_spikes
+from tam_calibration.effects.spikes import Spikes, find_spikes
 from tam_calibration.effects.term import Place, everywhere, explained_energy, places, row_deviations
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
 from tam_calibration.model.units import FloatArray
@@ -26,14 +27,13 @@ class Outliers(FoundEffect):
         spikes = find_spikes(residuals)
         if isinstance(spikes, str):
             return spikes
-        if come_with_motion(residuals, spikes):
-            return "the spikes come where the field changes fastest, or where it stands still"
         flagged = np.zeros(len(residuals.energy), dtype=bool)
         flagged[spikes.samples] = True
         used = residuals.is_counted | flagged
         before, count = float(residuals.energy[used].sum()), float(residuals.channel_count[used].sum())
-        scale = _floor(residuals, flagged)
-        place, saved, value_cost = _best_place(residuals, spikes, scale)
+        rest = ~flagged & (residuals.channel_count > 0)
+        floor = float(residuals.energy[rest].sum() / residuals.channel_count[rest].sum())
+        place, saved, value_cost = _best_place(residuals, spikes, floor)
         left = max(before - saved, np.finfo(float).tiny)
         paid = 2 * position_nats(len(flagged), len(spikes.samples)) + value_cost
         return Finding(
@@ -51,54 +51,35 @@ class Outliers(FoundEffect):
         return rows_T
 
 
-def _floor(residuals: WhitenedResiduals, flagged: NDArray[np.bool_]) -> float:
-    """Return the variance of the whitened channels of the samples that are not flagged."""
-    rest = ~flagged & (residuals.channel_count > 0)
-    return float(residuals.energy[rest].sum() / residuals.channel_count[rest].sum())
-
-
 def _best_place(residuals: WhitenedResiduals, spikes: Spikes, floor: float) -> tuple[Place, float, float]:
     """Return where the spikes are, the energy that they explain there, and twice the nats of their values.
 
     Spikes are Gaussian of one variance v of the whitened shift: twice the log likelihood ratio against the floor is
     the energy less d (1 + ln v) for each of d shifts, at the best v.
     """
-    samples, count = spikes.samples, residuals.covariates.sensor_count
-    candidates = [(place, explained_energy(residuals, samples, place), len(place.rows)) for place in places(count)]
-    if count > 1:
-        whole = everywhere(count)
-        candidates.append((whole, residuals.energy[samples], int(np.median(residuals.channel_count[samples]))))
-        # Each spike in a row of its own, whose index adds to the code length.
-        single = row_deviations(residuals)[samples]
-        candidates.append((whole, np.max(single**2, axis=1), 1))
-    else:
-        candidates = candidates[1:]
     found = []
-    for number, (place, energy, freedom) in enumerate(candidates):
-        total = len(samples) * freedom
-        variance = max(float(energy.sum()) / floor / total, 1.0)
-        cost = total * float(np.log(variance))
-        if count > 1 and number == len(candidates) - 1:
-            cost += 2 * len(samples) * float(np.log(3 * count + 1))
-        cost += total
-        found.append((float(energy.sum()) / floor - cost, place, float(energy.sum()), cost))
+    for place, energy, freedom, choices in _offers(residuals, spikes):
+        total = len(spikes.samples) * freedom
+        variance = max(energy / floor / total, 1.0)
+        cost = total * float(1 + np.log(variance)) + 2 * len(spikes.samples) * float(np.log(choices))
+        found.append((energy / floor - cost, place, energy, cost))
     _, place, saved, cost = max(found, key=lambda item: item[0])
     return place, saved, cost
 
 
-def position_nats(sample_count: int, chosen: int) -> float:
-    """Return ln C(N, k), the code length of the flagged samples, in nats.
+def _offers(residuals: WhitenedResiduals, spikes: Spikes) -> Iterator[tuple[Place, float, int, int]]:
+    """Yield places with the energy that spikes explain there, the shifts of a sample, and among how many rows each is.
 
-    Parameters
-    ----------
-    sample_count : int
-        Number of samples N.
-    chosen : int
-        Number of flagged samples k.
+    Of several sensors, spikes may be in all rows at once, or each in a row of its own.
     """
-    from scipy.special import gammaln
-
-    return float(gammaln(sample_count + 1) - gammaln(chosen + 1) - gammaln(sample_count - chosen + 1))
+    samples, count = spikes.samples, residuals.covariates.sensor_count
+    for place in places(count)[count == 1 :]:
+        yield place, float(explained_energy(residuals, samples, place).sum()), len(place.rows), 1
+    if count > 1:
+        whole, channels = everywhere(count), int(np.median(residuals.channel_count[samples]))
+        yield whole, float(residuals.energy[samples].sum()), channels, 1
+        single = row_deviations(residuals)[samples]
+        yield whole, float(np.max(single**2, axis=1).sum()), 1, 3 * count + 1
 
 
 def _contributions(residuals: WhitenedResiduals, spikes: Spikes, place: Place) -> tuple[Contribution, ...]:

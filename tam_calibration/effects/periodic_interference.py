@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from tam_calibration.effects.effect import Covariates, FittedEffect, LinearEffect, Shape, Sized
-from tam_calibration.effects.grades import NEGLIGIBLE, NOTABLE, SLIGHT
+from tam_calibration.effects.grades import NEGLIGIBLE
 from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
 from tam_calibration.model.units import FloatArray
 
@@ -30,8 +30,8 @@ _SUBSTEPS = 4
 _LARGEST_LATTICE = 16
 """Points of the lattice per sample at most."""
 
-_MOST_STEPS = 1 << 18
-"""Steps of time that one transform spans, of some tens of megabytes: holes of a record that is longer are closed up."""
+_MOST_STEPS = 1 << 21
+"""Steps of time that a transform spans, of some hundred megabytes."""
 
 _ROUNDS = 3
 """Parabolas through the top of a line, each of a quarter of the width."""
@@ -49,7 +49,7 @@ class PeriodicInterference(LinearEffect):
         return None
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
-        """Return the frequencies of the strongest lines above the band of the motion and of drifts.
+        """Return the frequencies of the strongest lines above the band of drifts; none of a record too long.
 
         Parameters
         ----------
@@ -58,7 +58,8 @@ class PeriodicInterference(LinearEffect):
         residuals : WhitenedResiduals
             Of the same N samples.
         """
-        if covariates.sample_count <= 2 * _LEAST_PERIODS:
+        span_s = float(np.ptp(covariates.time_s))
+        if covariates.sample_count <= 2 * _LEAST_PERIODS or span_s > _MOST_STEPS * covariates.step_s:
             return []
         start = float(covariates.time_s[0])
         return [{"frequency_hz": frequency, "start_s": start} for frequency in _lines(residuals)]
@@ -122,9 +123,7 @@ def _lines(residuals: WhitenedResiduals) -> list[float]:
     if not score.shape[1]:
         return []
     time = covariates.time_s - covariates.time_s[0]
-    is_long = time[-1] > _MOST_STEPS * covariates.step_s
-    seen = _without_holes(covariates) if is_long else time
-    index, spacing = _lattice(seen, covariates.step_s)
+    index, spacing = _lattice(time, covariates.step_s)
     length = _FINER * int(index[-1] + 1)
     power = np.zeros(length // 2 + 1)
     row_of = np.zeros(len(power), dtype=int)
@@ -134,36 +133,13 @@ def _lines(residuals: WhitenedResiduals) -> list[float]:
         row_of[of_row > power] = row
         power = np.maximum(power, of_row)
     frequency = np.arange(len(power)) / (length * spacing)
-    lowest = max(_motion_band(covariates), _LEAST_PERIODS / seen[-1])
-    power[(frequency <= lowest) | (frequency >= 0.5 / covariates.step_s)] = 0
+    power[(frequency <= _LEAST_PERIODS / time[-1]) | (frequency >= 0.5 / covariates.step_s)] = 0
     found: list[float] = []
     while len(found) < _LINES and power.max() > 0:
         best = int(power.argmax())
-        own, line, width = score[:, row_of[best]], float(frequency[best]), float(frequency[1])
-        if is_long:
-            line, width = _through_holes(own, time, line, len(covariates.stretches) / seen[-1]), 1 / (_FINER * time[-1])
-        found.append(_refined(own, time, line, width))
+        found.append(_refined(score[:, row_of[best]], time, float(frequency[best]), float(frequency[1])))
         power[max(best - 3 * _FINER, 0) : best + 3 * _FINER + 1] = 0
     return found
-
-
-def _without_holes(covariates: Covariates) -> FloatArray:
-    """Return the times (N,) from 0 of a record whose stretches follow each other one step apart."""
-    steps = np.diff(covariates.time_s)
-    steps[[stretch.start - 1 for stretch in covariates.stretches[1:]]] = covariates.step_s
-    return np.concatenate([[0.0], np.cumsum(steps)])
-
-
-def _through_holes(score: FloatArray, time: FloatArray, frequency: float, reach: float) -> float:
-    """Return the frequency, within reach of one, whose phase fits the stretches on all sides of the holes."""
-    cell = max(1 / (_FINER * reach), time[-1] / _MOST_STEPS)
-    index = (time / cell).astype(int)
-    length = _FINER * int(index[-1] + 1)
-    turned = score * np.exp(-2j * np.pi * frequency * time)
-    on_lattice = np.bincount(index, turned.real, length) + 1j * np.bincount(index, turned.imag, length)
-    power, offset = np.abs(np.fft.fft(on_lattice)) ** 2, np.fft.fftfreq(length, cell)
-    power[np.abs(offset) > reach] = 0
-    return frequency + float(offset[power.argmax()])
 
 
 def _lattice(time: FloatArray, step: float) -> tuple[FloatArray, float]:
@@ -188,16 +164,3 @@ def _refined(score: FloatArray, time: FloatArray, frequency: float, width: float
         frequency += width * float(np.clip((power[0] - power[2]) / (2 * bend), -1, 1))
         width /= 4
     return frequency
-
-
-def _motion_band(covariates: Covariates) -> float:
-    """Return the frequency, hertz, above which the motion is at rest; 0 where it fills the whole band."""
-    longest = max(covariates.stretches, key=lambda stretch: stretch.stop - stretch.start)
-    field = covariates.field_T[longest]
-    centred = (field - field.mean(axis=0)) * np.hanning(len(field))[:, None]
-    power = np.sum(np.abs(np.fft.rfft(centred, axis=0)) ** 2, axis=1)
-    above = power.sum() - np.cumsum(power)
-    edge = int(np.argmax(above <= SLIGHT**2 * power.sum())) + 2
-    if edge >= NOTABLE * len(power):
-        return 0.0
-    return edge / (len(field) * covariates.step_s)

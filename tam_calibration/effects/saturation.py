@@ -2,12 +2,12 @@
 
 The converter or the amplifier of a sensor has a range; what lies beyond it is read as its end. Readings then repeat
 at the largest or smallest value, where the other sensors say that the axis should have read more. Source: IEEE Std
-1241-2010, Standard for Terminology and Test Methods for Analog-to-Digital Converters, on overload. Where a correction
-follows, the readings do not repeat; see ``clipped_core``.
+1241-2010, Standard for Terminology and Test Methods for Analog-to-Digital Converters, on overload. A core
+that ends before a factory correction is only simulated, as ``core limit``: its readings do not repeat.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 from weakref import WeakKeyDictionary
 
@@ -15,10 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.core.noise import noise_deviation
-from tam_calibration.effects.clipped_core import ClippedCore, find_clipped_cores
-from tam_calibration.effects.displaced import Explained, finding_of
 from tam_calibration.effects.effect import Contribution, Covariates, Finding, FittedEffect, FoundEffect
-from tam_calibration.effects.grades import CERTAIN, FEWEST, MOST, NEGLIGIBLE, NOTABLE
+from tam_calibration.effects.grades import CERTAIN, FEWEST, NOTABLE
 from tam_calibration.effects.term import WhitenedResiduals, rows_of
 from tam_calibration.model.units import FloatArray
 
@@ -49,15 +47,9 @@ class Saturation(FoundEffect):
 
     def find(self, residuals: WhitenedResiduals) -> Finding | str:
         """Return the limits, and as flagged the samples at them, or why there is none."""
-        limits, cores = find_limits(residuals), find_clipped_cores(residuals)
-        found = [self._of_limits(residuals, limits)] if limits else []
-        found += [self._of_cores(residuals, cores)] if cores else []
-        if not found:
+        limits = find_limits(residuals)
+        if not limits:
             return "no axis stays at its largest or smallest reading where the others say that it should read more"
-        return max(found, key=lambda one: one.gain - one.parameter_count * np.log(residuals.channel_count.sum()))
-
-    def _of_limits(self, residuals: WhitenedResiduals, limits: list[_Limit]) -> Finding:
-        """Return the limits at which readings stay."""
         flagged = np.zeros(len(residuals.energy), dtype=bool)
         saved = 0.0
         for limit in limits:
@@ -73,13 +65,6 @@ class Saturation(FoundEffect):
             flagged=flagged,
             is_certain=True,
         )
-
-    def _of_cores(self, residuals: WhitenedResiduals, cores: list[ClippedCore]) -> Finding:
-        """Return the limits of cores in front of a correction."""
-        samples = np.arange(len(residuals.energy))
-        found = [Explained(np.isin(samples, core.samples), core.left_T, _core_contribution(core)) for core in cores]
-        parameter_count = sum(len(core.limits_T) + 4 for core in cores)
-        return finding_of(self.name, residuals, found, parameter_count, is_certain=True)
 
     def add(
         self, rows_T: FloatArray, covariates: Covariates, fitted: FittedEffect, generator: np.random.Generator
@@ -128,14 +113,6 @@ def _find_limits(residuals: WhitenedResiduals) -> list[_Limit]:
     return found
 
 
-def inside_range(residuals: WhitenedResiduals) -> WhitenedResiduals:
-    """Return a residual in which samples at the end of an axis' range do not count."""
-    is_inside = residuals.is_counted.copy()
-    for limit in find_limits(residuals):
-        is_inside[limit.samples] = False
-    return replace(residuals, is_counted=is_inside)
-
-
 def _limit_of(residuals: WhitenedResiduals, row: int, end: str, sign: float, reading: FloatArray) -> _Limit | None:
     """Return the limit at one end of a row: where readings repeat, or where they pile up within their noise."""
     information = residuals.row_information[:, row]
@@ -152,14 +129,12 @@ def _limit_of(residuals: WhitenedResiduals, row: int, end: str, sign: float, rea
     if len(at_limit) == 1 or not is_repeated:
         piled = _pile(outward, sign * residuals.row_shift_T[:, row], noise)
         at_limit = piled if len(piled) or not is_repeated else at_limit
-    if not len(at_limit):
+    if len(at_limit) < 2:
         return None
     shortfall = -sign * residuals.row_shift_T[at_limit, row]
     sure = np.sqrt(information[at_limit])
     excess = shortfall @ sure / (CERTAIN * np.sqrt(len(at_limit)))
-    if not excess > 1 or not excess > (scale := max(1.0, _scale(residuals, row))):
-        return None
-    if len(at_limit) == 1 and not _is_lone(residuals, row, int(at_limit[0]), scale):
+    if not excess > max(1.0, _scale(residuals, row)):
         return None
     spread = float(np.std(outward[at_limit]))
     return _Limit(row, end, sign * float(np.mean(outward[at_limit])), spread / np.sqrt(len(at_limit)), at_limit)
@@ -183,13 +158,6 @@ def _pile(outward: FloatArray, shift: FloatArray, noise: float) -> NDArray[np.in
     return chosen if is_flat and np.std(did) < 2 * noise else chosen[:0]
 
 
-def _is_lone(residuals: WhitenedResiduals, row: int, sample: int, scale: float) -> bool:
-    """Return whether a single reading is off: a spike at just the outermost reading has the probability 1/N."""
-    deviation = np.abs(residuals.row_shift_T[:, row]) * np.sqrt(residuals.row_information[:, row]) / scale
-    others = np.delete(deviation, sample)
-    return bool(len(others) >= 1 / NEGLIGIBLE and deviation[sample] > max(2 * CERTAIN, others.max() / MOST))
-
-
 def _scale(residuals: WhitenedResiduals, row: int) -> float:
     """Return the robust standard deviation of a row's shifts in standard errors."""
     deviation = residuals.row_shift_T[:, row] * np.sqrt(residuals.row_information[:, row])
@@ -211,14 +179,6 @@ def _contributions(limits: list[_Limit], covariates: Covariates) -> list[Contrib
             Contribution(sensor, axis, "limit", values, {limit.end: limit.standard_error_T for limit in of_row})
         )
     return parts
-
-
-def _core_contribution(core: ClippedCore) -> Contribution:
-    """Return the limits of a core, with the directions u and w of its hinge."""
-    values = dict(core.limits_T)
-    values |= {f"of {axis}": float(value) for axis, value in zip("xyz", core.direction, strict=True)}
-    values |= {f"into {axis}": float(value) for axis, value in zip("xyz", core.fall, strict=True)}
-    return Contribution(core.sensor, core.axis, "core limit", values)
 
 
 def _vector(part: Contribution, way: str) -> FloatArray:

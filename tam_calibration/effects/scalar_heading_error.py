@@ -1,7 +1,6 @@
 """A scalar magnetometer whose reading depends on the direction of the field."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
@@ -20,20 +19,8 @@ _DEGREES = (3, 4, 5, 6)
 _AXIS_ORDERS = ((3,), (4,), (5, 6), (7, 8), (9, 10), (11, 12))
 """Of the polynomials about one axis that stand or fall together; dead zones are sharp."""
 
-_GRID = 400
-"""Axes of the first grid, seven degrees apart on half the sphere."""
-
-_AXES = 3
-"""Axes of the grid that are refined, as the best one need not lead to the optimum."""
-
-_APART = 0.3
-"""Least angle between two axes that are tried, radians."""
-
-_CAPS = (0.1, 0.04, 0.016, 0.006)
-"""Radii of the caps in which an axis is refined, rad: each is the spacing of the axes of the previous one."""
-
-_CAP_GRID = 30
-"""Axes in each cap."""
+_GRID = 96
+"""Axes that are tried, fourteen degrees apart on half the sphere; the best is refined."""
 
 _PRECISE = 1e-9
 """Rounding error of normal equations, relative."""
@@ -57,16 +44,18 @@ class ScalarHeadingError(LinearEffect):
         return None
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
-        """Return any function of the direction, and functions of the angle to the axes that explain most.
+        """Return any function of the direction, and functions of the angle to axes in all directions.
 
         Parameters
         ----------
         covariates : Covariates
-            Not used: those of the residuals are taken.
+            Time, field in the array frame and recorded channels of the N samples.
         residuals : WhitenedResiduals
-            Of N samples of the recording.
+            Not used: the directions are fixed.
         """
-        return [{}, *({"azimuth_rad": azimuth, "elevation_rad": elevation} for azimuth, elevation in _axes(residuals))]
+        azimuth, elevation = np.arctan2(_AXES[:, 1], _AXES[:, 0]).tolist(), np.arcsin(_AXES[:, 2]).tolist()
+        names = "azimuth_rad", "elevation_rad"
+        return [{}, *(dict(zip(names, angles, strict=True)) for angles in zip(azimuth, elevation, strict=True))]
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
         """Return spherical harmonics of degrees 3 to 6, or Legendre polynomials about an axis of degrees 3 to 12.
@@ -107,77 +96,20 @@ def _axis(azimuth: float, elevation: float) -> FloatArray:
     return np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
 
 
-@dataclass(frozen=True, eq=False)
-class _AxisSearch:
-    """Normal equations of the harmonics of degree 3 and more in the common mode, the lower ones eliminated."""
-
-    information: FloatArray
-    score: FloatArray
-
-    def gain(self, axes: FloatArray) -> FloatArray:
-        """Return the gain (A,) of Legendre polynomials about axes (A, 3).
-
-        By the addition theorem that of degree l is the sum of the harmonics of degree l, each times its own value at
-        the axis.
-        """
-        values = harmonics(axes, _DEGREES[-1])[:, _NUISANCE_COUNT:]
-        degree = np.repeat(_DEGREES, [2 * degree + 1 for degree in _DEGREES])
-        polynomials = np.where(degree == np.array(_DEGREES)[:, None], values[:, None], 0.0)
-        score = polynomials @ self.score
-        information = polynomials @ self.information @ np.swapaxes(polynomials, 1, 2)
-        step = np.linalg.pinv(information, rcond=_PRECISE, hermitian=True) @ score[:, :, None]
-        return np.asarray(np.sum(score * step[:, :, 0], axis=1))
-
-
-def _axes(residuals: WhitenedResiduals) -> list[tuple[float, float]]:
-    """Return azimuth and elevation of the axes that explain most, best first."""
-    used = residuals.is_counted & np.isfinite(residuals.common_mode)
-    if used.sum() < 2 * _NUISANCE_COUNT:
-        return []
-    covariates = residuals.covariates
-    direction = covariates.field_T[used] / covariates.intensity_T[used, None]
-    functions = harmonics(direction, _DEGREES[-1]) * residuals.row_slope[used, -1:]
-    score = functions.T @ residuals.common_mode[used]
-    information = functions.T @ functions
-    left = _without_lower(np.column_stack([information, score]))
-    search = _AxisSearch(left[:, :-1], left[:, -1])
-    grid = _spiral(_GRID, 1.0)
-    found: list[FloatArray] = []
-    for best in np.argsort(-search.gain(grid)):
-        if all(abs(grid[best] @ axis) < np.cos(_APART) for axis in found):
-            found.append(_climbed(search, grid[best]))
-        if len(found) == _AXES:
-            break
-    return [(float(np.arctan2(axis[1], axis[0])), float(np.arcsin(axis[2]))) for axis in found]
-
-
-def _climbed(search: _AxisSearch, axis: FloatArray) -> FloatArray:
-    """Return the axis near another that explains most."""
-    for size in _CAPS:
-        cap = _spiral(_CAP_GRID, 1 - np.cos(size))
-        # Any rotation that brings the z axis to the axis so far.
-        basis, _ = np.linalg.qr(np.column_stack([axis, np.eye(3)[np.argsort(np.abs(axis))[:2]].T]))
-        near = np.vstack([axis, cap @ np.column_stack([basis[:, 1:], axis]).T])
-        axis = near[np.argmax(search.gain(near))]
-    return axis
-
-
-def _spiral(count: int, height: float) -> FloatArray:
-    """Return directions (count, 3) evenly over the cap of a height about z; that of 1 is half the sphere.
-
-    Legendre polynomials about opposite axes are the same but for signs.
-    """
-    z = 1 - height * (np.arange(count) + 0.5) / count
-    azimuth = np.pi * (1 + np.sqrt(5)) * np.arange(count)
+def _directions() -> FloatArray:
+    """Return directions (D, 3) evenly over half the sphere: opposite axes have the same polynomials but for signs."""
+    z = 1 - (np.arange(_GRID) + 0.5) / _GRID
+    azimuth = np.pi * (1 + np.sqrt(5)) * np.arange(_GRID)
     flat = np.sqrt(1 - z**2)
     return np.column_stack([flat * np.cos(azimuth), flat * np.sin(azimuth), z])
 
 
 def _without_lower(information: FloatArray) -> FloatArray:
-    """Return normal equations (P, P) or (P, P + 1) with the harmonics up to degree 2 eliminated."""
+    """Return normal equations (P, P) of harmonics with those up to degree 2 eliminated."""
     count = _NUISANCE_COUNT
     own, other = information[:count, :count], information[count:, :count]
-    return (
-        information[count:, count:]
-        - other @ np.linalg.pinv(own, rcond=_PRECISE, hermitian=True) @ (information[:count, count:])
-    )
+    eliminated = other @ np.linalg.pinv(own, rcond=_PRECISE, hermitian=True) @ information[:count, count:]
+    return np.asarray(information[count:, count:] - eliminated)
+
+
+_AXES = _directions()

@@ -11,14 +11,15 @@ from numpy.typing import NDArray
 from tam_calibration.effects.displaced import (
     NOWHERE_T,
     AgainstOthers,
-    Displaced,
     Explained,
+    displaced,
     drawn_bursts,
     finding_of,
+    position_nats,
     samples_in,
 )
 from tam_calibration.effects.effect import Contribution, Covariates, Finding, FoundEffect
-from tam_calibration.effects.outliers import position_nats
+from tam_calibration.effects.grades import MOST
 from tam_calibration.effects.term import WhitenedResiduals
 from tam_calibration.model.units import FloatArray
 
@@ -40,9 +41,10 @@ class StaleSamples(FoundEffect):
         found = []
         for sensor in range(residuals.covariates.sensor_count):
             against = AgainstOthers.of(residuals, sensor).recalibrated()
-            displaced = Displaced(against, against.beyond_T, _ways_back(against))
-            if displaced.is_found:
-                found.append(_explained(sensor, displaced))
+            back = _ways_back(against)
+            which = displaced(against, back)
+            if 0 < np.sum(which >= 0) < MOST * len(which):
+                found.append(_explained(against, which, back))
         if not found:
             return "no sensor reads at some times what it should have read just before"
         count = residuals.covariates.sample_count
@@ -71,16 +73,16 @@ def _ways_back(against: AgainstOthers) -> FloatArray:
     return back
 
 
-def _explained(sensor: int, displaced: Displaced) -> Explained:
+def _explained(against: AgainstOthers, which: NDArray[np.intp], back: FloatArray) -> Explained:
     """Return how often and how long readings are stale, and by how much: a value is held, or packets are late."""
-    is_stale, samples = displaced.which >= 0, np.flatnonzero(displaced.which >= 0)
-    late, left = displaced.which[samples] + 1, displaced.beyond_T.copy()
-    left[samples] -= displaced.displacement_T[late - 1, samples]
+    is_stale, samples = which >= 0, np.flatnonzero(which >= 0)
+    late, left = which[samples] + 1, against.beyond_T.copy()
+    left[samples] -= back[late - 1, samples]
     rate, runs = len(samples) / len(is_stale), 1 + int(np.sum(np.diff(samples) > 1))
     is_held = _held(samples, late) > len(samples) / 2
     values = {"rate": rate, "burst": len(samples) / runs, "samples late": 1.0 if is_held else float(np.median(late))}
     errors = {"rate": float(np.sqrt(rate * (1 - rate) / len(is_stale)))}
-    part = Contribution(sensor, None, "repeats" if is_held else "late packets", values, errors)
+    part = Contribution(against.sensor, None, "repeats" if is_held else "late packets", values, errors)
     return Explained(is_stale, left, part)
 
 

@@ -70,18 +70,12 @@ class WhitenedResiduals:
         information = self.row_information
         return np.divide(score, information, out=np.zeros_like(score), where=information > 0)
 
-    def channels_without(self, shift_T: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the channels, differential and common (N,), without shifts (N, 3K) of the readings, tesla.
-
-        The common mode is 0 where there is no reference.
-        """
-        common = self.common_mode - np.sum(self.row_slope[:, :-1] * shift_T, axis=1)
-        return self.differential - shift_T @ self.directions, np.nan_to_num(common)
-
     def energy_without(self, shift_T: FloatArray) -> FloatArray:
         """Return the residual energy (N,) after subtracting shifts (N, 3K) from the readings, tesla."""
-        differential, common = self.channels_without(shift_T)
-        return np.asarray(np.sum(differential**2, axis=1) + common**2)
+        common = self.common_mode - np.sum(self.row_slope[:, :-1] * shift_T, axis=1)
+        return np.asarray(
+            np.sum((self.differential - shift_T @ self.directions) ** 2, axis=1) + np.nan_to_num(common) ** 2
+        )
 
 
 @dataclass(frozen=True)
@@ -141,17 +135,33 @@ def rows_of(part: Contribution, covariates: Covariates) -> list[int]:
     return [3 * sensor + axis for sensor in sensors for axis in axes]
 
 
-def row_scores(residuals: WhitenedResiduals) -> FloatArray:
-    """Return the score (N, 3K + 1) of a shift of each row in each sample, 1/T."""
-    return residuals.row_shift_T * residuals.row_information
-
-
 def row_deviations(residuals: WhitenedResiduals) -> FloatArray:
     """Return the (N, 3K + 1) shift of each row alone in its standard errors: its square is the energy it explains."""
     return residuals.row_shift_T * np.sqrt(residuals.row_information)
 
 
-def explained_energy(residuals: WhitenedResiduals, samples: np.ndarray, place: Place) -> FloatArray:
+def normal_of(
+    residuals: WhitenedResiduals, samples: NDArray[np.intp], rows: Sequence[int]
+) -> tuple[FloatArray, FloatArray]:
+    """Return the information (S, r, r), 1/T², and the score (S, r), 1/T, of shifts of some rows in each sample.
+
+    Parameters
+    ----------
+    residuals : WhitenedResiduals
+        Of all samples.
+    samples : (S,) array of int
+        Indices of the chosen samples.
+    rows : sequence of int
+        Indices of the r rows.
+    """
+    chosen = np.array(rows)
+    slope = residuals.row_slope[samples][:, chosen] * np.isfinite(residuals.common_mode[samples, None])
+    own = np.vstack([residuals.directions, np.zeros((1, residuals.directions.shape[1]))])[chosen]
+    information: FloatArray = own @ own.T + slope[:, :, None] * slope[:, None, :]
+    return information, (residuals.row_shift_T[samples] * residuals.row_information[samples])[:, chosen]
+
+
+def explained_energy(residuals: WhitenedResiduals, samples: NDArray[np.intp], place: Place) -> FloatArray:
     """Return the energy (S,) of chosen samples that shifts of the rows of a place explain.
 
     Parameters
@@ -163,15 +173,8 @@ def explained_energy(residuals: WhitenedResiduals, samples: np.ndarray, place: P
     place : Place
         Rows that are shifted, in each sample by its own amounts.
     """
-    rows = np.array(place.rows)
-    slope = residuals.row_slope[np.ix_(samples, rows)] * np.isfinite(residuals.common_mode[samples])[:, None]
-    differential = np.vstack([residuals.directions, np.zeros((1, residuals.directions.shape[1]))])[rows]
-    gram = ridged(differential @ differential.T + slope[:, :, None] * slope[:, None, :])
-    score = (
-        residuals.differential[samples] @ differential.T
-        + np.nan_to_num(residuals.common_mode[samples])[:, None] * slope
-    )
-    return np.asarray(np.sum(score * np.linalg.solve(gram, score[:, :, None])[:, :, 0], axis=1))
+    information, score = normal_of(residuals, samples, place.rows)
+    return np.asarray(np.sum(score * np.linalg.solve(ridged(information), score[:, :, None])[:, :, 0], axis=1))
 
 
 Key = tuple[int, int | None, str]

@@ -10,12 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from tam_calibration.core.noise import fast_noise
-from tam_calibration.effects.bias_jump import LEAST_FALL, BiasJump
-from tam_calibration.effects.change_points import Path, is_on, shape_of, without
+from tam_calibration.effects.bias_jump import BiasJump
+from tam_calibration.effects.gross_jump import LEAST_FALL, Cuts, best_cuts, shape_of
+from tam_calibration.effects.states import is_on
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.gap.world import World, turns
-from tam_calibration.model.fitted_effect import Contribution, FittedEffect
+from tam_calibration.model.fitted_effect import Contribution, FittedEffect, Shape
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
@@ -86,15 +87,23 @@ class _Linear:
         return cls(matrix, values[:3], values[3:].reshape(-1, 3), energy)
 
 
-def _gross_jump(time_s: FloatArray, readings: FloatArray, products: FloatArray) -> dict[str, float] | None:
+def _gross_jump(time_s: FloatArray, readings: FloatArray, products: FloatArray) -> Shape | None:
     """Return the times of a jump, or of one on and off, so large that no calibration fits without it; else None."""
-    values = np.linalg.lstsq(products, readings, rcond=_OPEN)[0]
-    energy = float(np.sum((readings - products @ values) ** 2))
-    path = Path.of(*without(readings, products), np.ones((len(readings), 1)))
-    best = max(path.best(), key=lambda jump: jump.gain)
-    if energy < LEAST_FALL * (energy - best.gain):
+    left, singular, _ = np.linalg.svd(products, full_matrices=False)
+    basis = left[:, singular > _OPEN * singular[0]]
+    residual = readings - basis @ (basis.T @ readings)
+    energy, sums = float(np.sum(residual**2)), np.zeros((len(time_s) + 1, 3 + basis.shape[1]))
+    np.cumsum(np.column_stack([residual, basis]), axis=0, out=sums[1:])
+
+    def energies(cuts: Cuts) -> FloatArray:
+        between = sums[cuts[:, 1]] - sums[cuts[:, 0]]
+        free = np.diff(cuts, axis=1)[:, 0] - np.sum(between[:, 3:] ** 2, axis=1)
+        return np.asarray(energy - np.sum(between[:, :3] ** 2, axis=1) / np.maximum(free, _OPEN * len(time_s)))
+
+    best = best_cuts(energies, len(time_s))
+    if best is None or energy < LEAST_FALL * float(energies(best[None])[0]):
         return None
-    return shape_of(time_s, best.cuts)
+    return shape_of(time_s, best)
 
 
 def _factor(products: FloatArray) -> FloatArray:
@@ -106,7 +115,7 @@ def _factor(products: FloatArray) -> FloatArray:
     return np.asarray(matrix * np.sign(np.linalg.det(matrix)))
 
 
-def _jump(shape: dict[str, float], offset_T: FloatArray) -> FittedEffect:
+def _jump(shape: Shape, offset_T: FloatArray) -> FittedEffect:
     contributions = (Contribution(0, axis, "offset", {"offset": value}) for axis, value in enumerate(offset_T.tolist()))
     return FittedEffect(BiasJump.name, shape, tuple(contributions))
 

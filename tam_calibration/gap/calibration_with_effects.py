@@ -17,8 +17,9 @@ from tam_calibration.fit import calibrate
 from tam_calibration.fit.estimate import Estimate, make_calibration
 from tam_calibration.fit.identifiability import refuse_open, require_determined
 from tam_calibration.gap.conclude import conclude
-from tam_calibration.gap.hypothesis import Hypothesis, refined
+from tam_calibration.gap.hypothesis import EVERYWHERE, Hypothesis, refined
 from tam_calibration.gap.joint import NO_SIZE, Joint
+from tam_calibration.gap.laws.signature import times_of
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.part import Part
 from tam_calibration.gap.result import Gap
@@ -150,7 +151,8 @@ def _with_named(model: Model, names: Collection[str]) -> tuple[Model, tuple[str,
         raise Refused(f"{effect.name} cannot be told from this recording: {reason.why}; {effect.excitation}")
     while waiting:
         base = model.base()
-        examined = {name: examine(base, effect) for name, effect in waiting.items()}
+        times = times_of(model)
+        examined = {name: examine(base, effect, EVERYWHERE, times) for name, effect in waiting.items()}
         visible = [one for one in examined.values() if isinstance(one, Evidence)]
         if not visible:
             name, why = next((name, why) for name, why in examined.items() if isinstance(why, str))

@@ -7,8 +7,8 @@ import numpy as np
 
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Finding, LinearEffect
-from tam_calibration.effects.grades import FEWEST, MINOR, MOST, NEARLY_ALL, NOTABLE
-from tam_calibration.effects.library import effect_named, installed_effects, units_of
+from tam_calibration.effects.grades import MINOR, MOST, NEARLY_ALL, NOTABLE
+from tam_calibration.effects.library import effect_named, units_of
 from tam_calibration.gap.checks import checks_of
 from tam_calibration.gap.hypothesis import Hypothesis, Place, sensors_of
 from tam_calibration.gap.joint import Joint
@@ -194,7 +194,7 @@ def _causes(found: Search, model: Model, size: Size, chances: Mapping[str, float
                 float(weight),
                 step.accepted.delta_bic,
                 float(size.closed * weight),
-                _indistinguishable(step, effect, found),
+                _indistinguishable(step, found),
                 is_drift(effect.effect, model.recording),
                 tuple(effect_named(effect.effect).sizes(covariates, effect)),
             )
@@ -220,7 +220,7 @@ def is_drift(effect: str, recording: Recording) -> bool:
     return any(abs(spearmanr(recording.time_s, course).statistic) > NEARLY_ALL for course in courses)
 
 
-def _indistinguishable(step: Step, effect: FittedEffect, found: Search) -> tuple[str, ...]:
+def _indistinguishable(step: Step, found: Search) -> tuple[str, ...]:
     """Return the effects that the data do not separate from a cause, or whose channel is not recorded."""
     cause = step.accepted
     names = [*step.others]
@@ -228,9 +228,6 @@ def _indistinguishable(step: Step, effect: FittedEffect, found: Search) -> tuple
         names += [
             one.effect for one in found.considered if one.status == "channel_missing" and agrees(one.effect, step.law)
         ]
-    is_few = isinstance(cause.form, Finding) and cause.form.flagged is not None and cause.form.flagged.sum() < FEWEST
-    if is_few and effect_named(effect.effect).is_of_extremes:
-        names += [one.name for one in installed_effects().values() if one.is_of_extremes and one.name != effect.effect]
     return tuple(dict.fromkeys(names))
 
 

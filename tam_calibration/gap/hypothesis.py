@@ -8,6 +8,7 @@ import numpy as np
 
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Finding, LinearEffect
+from tam_calibration.effects.states import Times
 from tam_calibration.effects.term import Key, Term, chosen
 from tam_calibration.gap.regression import Base, Choice, Selection, columns_of, evidence, twice_log_likelihood_ratio
 from tam_calibration.model.fitted_effect import SCALAR, FittedEffect, Shape
@@ -78,7 +79,9 @@ EVERYWHERE: frozenset[int] = frozenset()
 """No restriction of the sensors in which an effect may act."""
 
 
-def best_form(base: Base, effect: LinearEffect, sensors: frozenset[int] = EVERYWHERE) -> Hypothesis | None:
+def best_form(
+    base: Base, effect: LinearEffect, sensors: frozenset[int] = EVERYWHERE, times: Times = ()
+) -> Hypothesis | None:
     """Return the form of an effect with the most evidence among its shapes, or None when no part of it is visible.
 
     Parameters
@@ -89,8 +92,12 @@ def best_form(base: Base, effect: LinearEffect, sensors: frozenset[int] = EVERYW
         Its shapes are those to try at the covariates of the base.
     sensors : frozenset of int
         In which it may act, indices, ``SCALAR`` or ``ALL``; empty for everywhere.
+    times : tuple of tuple of float
+        At which it may come and go, seconds: of each course that a law may have.
     """
-    shapes = tuple(effect.shapes(base.channels.covariates, base.channels.residuals))
+    covariates = base.channels.covariates
+    at_times = (shape for own in times for shape in effect.shapes_at(own, covariates))
+    shapes = (*effect.shapes(covariates, base.channels.residuals), *at_times)
     offers = (offer for shape in shapes for offer in _offers(base, effect, shape, sensors))
     promising = nlargest(_FULLY_SELECTED, offers, key=lambda offer: offer.evidence)
     selected = (_selected(effect, offer) for offer in promising)
@@ -100,23 +107,6 @@ def best_form(base: Base, effect: LinearEffect, sensors: frozenset[int] = EVERYW
     best = replace(max(forms, key=lambda form: form.selection.delta_bic), tried=shapes)
     price = _searched(base, best) * float(np.log(base.channels.count))
     return replace(best, selection=replace(best.selection, delta_bic=best.selection.delta_bic - price))
-
-
-def form_at(base: Base, effect: LinearEffect, shape: Shape, sensors: frozenset[int]) -> Hypothesis | None:
-    """Return an effect with a given shape in some sensors, its terms selected by evidence; None where none is visible.
-
-    Parameters
-    ----------
-    base : Base
-        Null model, in the residual of which the terms are selected.
-    effect : LinearEffect
-    shape : Shape
-        Of the effect.
-    sensors : frozenset of int
-        As of ``best_form``.
-    """
-    offers = sorted(_offers(base, effect, shape, sensors), key=lambda offer: -offer.evidence)
-    return _selected(effect, offers[0]) if offers else None
 
 
 def _searched(base: Base, form: Hypothesis) -> int:

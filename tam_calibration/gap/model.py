@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from tam_calibration.core.least_squares import iterate
 from tam_calibration.core.noise import complete_noise
-from tam_calibration.effects.bias_jump import gross_bias_jump
 from tam_calibration.effects.effect import Finding
 from tam_calibration.effects.grades import NEGLIGIBLE, NOTABLE
+from tam_calibration.effects.gross_jump import gross_bias_jump
 from tam_calibration.effects.removal import added_to, attitude_known, filled, linear_effect, require_channels
 from tam_calibration.gap.attitude_nominal import Oriented, attitude_variance, bias_variance
 from tam_calibration.gap.floor import floor_of

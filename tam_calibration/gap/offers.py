@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from tam_calibration.effects.effect import Effect, LinearEffect
 from tam_calibration.effects.grades import MINOR
 from tam_calibration.effects.library import effect_named, installed_effects
-from tam_calibration.gap.hypothesis import EVERYWHERE, Hypothesis, form_at, given_form, places_of, sensors_of
+from tam_calibration.gap.hypothesis import EVERYWHERE, Hypothesis, given_form, places_of, sensors_of
 from tam_calibration.gap.laws.causes import acts_at, makes, may_make
 from tam_calibration.gap.laws.law import ATTITUDE, FREE, SCALAR, Signature
 from tam_calibration.gap.laws.signature import Law
@@ -68,30 +68,17 @@ class Offers:
         """
         signature = law.signature
         own = [name for name in self._effects if may_make(name, signature)]
-        yield sorted(self._examined(base, own, signature, steps), key=lambda one: not one.is_certain)
+        yield sorted(self._examined(base, own, law, steps), key=lambda one: not one.is_certain)
         if law.found and signature.course in FREE:
             others = [name for name in self._effects if not makes(name, signature)]
             least = (1 - MINOR) * law.part * base.energy
             yield [
                 one
-                for one in self._examined(base, others, signature, steps)
+                for one in self._examined(base, others, law, steps)
                 if (isinstance(one.form, Hypothesis) or one.is_certain) and energy_explained(one, base) > least
             ]
 
-    def at_times_of(self, base: Base, accepted: Evidence, law: Signature) -> list[Evidence]:
-        """Return the other effects that may come and go with an accepted one, as leakage does with a gain."""
-        if not isinstance(accepted.form, Hypothesis):
-            return []
-        shape = accepted.form.shape
-        effects = (
-            one for one in self._effects.values() if isinstance(one, LinearEffect) and one.name != accepted.effect
-        )
-        forms = (
-            form_at(base, one, own, sensors_for(one, law, base)) for one in effects for own in one.shapes_at(shape)
-        )
-        return [evidence_of(base, form) for form in forms if form is not None]
-
-    def _examined(self, base: Base, names: Sequence[str], law: Signature, steps: Sequence[Step]) -> list[Evidence]:
+    def _examined(self, base: Base, names: Sequence[str], law: Law, steps: Sequence[Step]) -> list[Evidence]:
         """Return the evidence for effects that are new, the most first."""
         found = []
         for number, name in enumerate(names):
@@ -104,11 +91,12 @@ class Offers:
             self._weighed |= {one.effect: one for one in sharp}
         return sorted(sharp, key=lambda one: -one.delta_bic)
 
-    def _evidence(self, base: Base, effect: Effect, law: Signature, is_first: bool) -> Evidence | None:
+    def _evidence(self, base: Base, effect: Effect, law: Law, is_first: bool) -> Evidence | None:
         jump = self._gross
         if is_first and jump is not None and jump.effect == effect.name and isinstance(effect, LinearEffect):
             return evidence_of(base, given_form(base, effect, jump))
-        evidence = examine(base, effect, sensors_for(effect, law, base))
+        times = law.times if law.signature.course in FREE else ()
+        evidence = examine(base, effect, sensors_for(effect, law.signature, base), times)
         if isinstance(evidence, str):
             self._reasons.setdefault(effect.name, Considered(effect.name, "not_supported", evidence))
             return None

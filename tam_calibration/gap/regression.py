@@ -13,7 +13,6 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.core.normal_equations import ridged
 from tam_calibration.effects.term import Term
 from tam_calibration.gap.physical import prior_at
 from tam_calibration.gap.regressors import Regressors
@@ -82,8 +81,6 @@ class Projected:
 
     def inverse(self) -> tuple[FloatArray, int]:
         """Return the inverse information within the visible directions, and how many these are."""
-        if _has_factor(self._scaled - VISIBLE * np.eye(len(self._size))):
-            return np.linalg.inv(self._scaled) / np.outer(self._size, self._size), len(self._size)
         values, vectors = np.linalg.eigh(self._scaled)
         kept = values > VISIBLE
         within: FloatArray = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T / np.outer(self._size, self._size)
@@ -119,41 +116,11 @@ class Projected:
 
 def _explained(information: FloatArray, score: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
     """Return what each of G normal equations, (G, P, P) and (G, P), explains, and the number of visible directions."""
-    if score.shape[1] == 1:
-        alone = information[:, 0, 0]
-        is_visible = alone > VISIBLE
-        gains = np.divide(score[:, 0] ** 2, alone, out=np.zeros(len(score)), where=is_visible)
-        return gains, is_visible.astype(np.intp)
-    gains, ranks = np.empty(len(score)), np.full(len(score), score.shape[1])
-    full = _are_visible(information)
-    gains[full] = np.sum(score[full] * np.linalg.solve(information[full], score[full][:, :, None])[:, :, 0], axis=1)
-    if not full.all():
-        values, vectors = np.linalg.eigh(information[~full])
-        kept = values > VISIBLE
-        along = np.einsum("gij,gi->gj", vectors, score[~full])
-        gains[~full] = np.sum(np.divide(along**2, values, out=np.zeros_like(values), where=kept), axis=1)
-        ranks[~full] = kept.sum(axis=1)
-    return gains, ranks
-
-
-def _are_visible(information: FloatArray) -> NDArray[np.bool_]:
-    """Return which of G matrices have visible directions only.
-
-    A matrix has a Cholesky factor if all eigenvalues are positive, and that costs a tenth of the eigenvalues.
-    """
-    beyond = information - VISIBLE * np.eye(information.shape[1])
-    if _has_factor(beyond):
-        return np.ones(len(beyond), dtype=bool)
-    return np.array([_has_factor(one) for one in beyond], dtype=bool)
-
-
-def _has_factor(matrices: FloatArray) -> bool:
-    """Whether one or all of several matrices have a Cholesky factor."""
-    try:
-        np.linalg.cholesky(matrices)
-    except np.linalg.LinAlgError:
-        return False
-    return True
+    values, vectors = np.linalg.eigh(information)
+    kept = values > VISIBLE
+    along = np.einsum("gij,gi->gj", vectors, score)
+    gains = np.sum(np.divide(along**2, values, out=np.zeros_like(values), where=kept), axis=1)
+    return gains, kept.sum(axis=1)
 
 
 class Base:
@@ -366,21 +333,20 @@ class Choice:
 
     def _trimmed(self, chosen: list[int], price: float) -> Selection:
         """Drop terms as long as the evidence is larger without them."""
-        while chosen:
-            kept = self.projected.take(self._join(chosen))
-            inverse, rank = kept.inverse()
-            values = inverse @ kept.score
-            gain = float(kept.score @ values)
-            best = Selection(tuple(chosen), gain, rank, evidence(self.energy, gain, self.count, rank) - price)
-            if len(chosen) == 1:
-                return best
-            widths = np.array([len(self._columns[index]) for index in chosen])
-            lost = _lost(inverse, values, widths)
-            rivals = evidence(self.energy, gain - lost, self.count, rank - np.minimum(rank, widths)) - price
-            if rivals.max() <= best.delta_bic:
-                return best
-            del chosen[int(np.argmax(rivals))]
-        return Selection((), 0.0, 0, 0.0)
+        best = self._selection(chosen, price)
+        while len(best.terms) > 1:
+            fewer = [[other for other in best.terms if other != term] for term in best.terms]
+            rival = max((self._selection(terms, price) for terms in fewer), key=lambda one: one.delta_bic)
+            if rival.delta_bic <= best.delta_bic:
+                break
+            best = rival
+        return best
+
+    def _selection(self, terms: Sequence[int], price: float) -> Selection:
+        if not terms:
+            return Selection((), 0.0, 0, 0.0)
+        gain, rank = self.projected.take(self._join(terms)).gain()
+        return Selection(tuple(terms), gain, rank, evidence(self.energy, gain, self.count, rank) - price)
 
 
 def evidence(energy: float, gain: Numbers, count: float, rank: Any) -> Numbers:
@@ -399,18 +365,3 @@ def evidence(energy: float, gain: Numbers, count: float, rank: Any) -> Numbers:
     """
     price: Numbers = rank * log(count)
     return twice_log_likelihood_ratio(energy, gain, count) - price
-
-
-def _lost(covariance: FloatArray, values: FloatArray, widths: np.ndarray) -> FloatArray:
-    """Return the energy lost without each term, from its values and their covariance."""
-    starts = np.cumsum(widths) - widths
-    lost = np.zeros(len(widths))
-    for width in np.unique(widths):
-        terms = np.flatnonzero(widths == width)
-        own = starts[terms][:, None] + np.arange(width)
-        blocks = covariance[own[:, :, None], own[:, None, :]]
-        size = np.sqrt(np.maximum(np.einsum("tii->ti", blocks), np.finfo(float).tiny))
-        scaled = ridged(blocks / (size[:, :, None] * size[:, None, :]))
-        unit = values[own] / size
-        lost[terms] = np.sum(unit * np.linalg.solve(scaled, unit[:, :, None])[:, :, 0], axis=1)
-    return lost

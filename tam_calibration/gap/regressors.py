@@ -67,31 +67,9 @@ class Regressors:
             int(columns[-1]),
         )
 
-    @property
-    def is_shared(self) -> bool:
-        """Whether so many rows share features that sums by feature and direction are cheaper than by column."""
-        return bool(4 * self.features.shape[1] < len(self.rows))
-
-    @property
-    def common_width(self) -> int:
-        """Number of sums for the common mode: four directions of each feature, or one of each column."""
-        return 4 * self.features.shape[1] if self.is_shared else self.width
-
-    def by_column(self, values: FloatArray, turn: FloatArray) -> FloatArray:
-        """Return the sums for the common mode as values (P, Q) of the columns.
-
-        Parameters
-        ----------
-        values : (common_width, Q) array
-            By feature and direction where features are shared, else by column.
-        turn : (4, 3K + 1) array
-            Derivatives of the common mode by a shift of each row, see ``WhitenedChannels``.
-        """
-        if not self.is_shared:
-            return values
-        by_row: FloatArray = turn.T @ values.reshape(self.features.shape[1], 4, -1)
-        by_atom = self.of_atoms(by_row)
-        return by_atom if self.scatter is None else self.scatter.T @ by_atom
+    def by_column(self, of_atoms: FloatArray) -> FloatArray:
+        """Return the sums (P, ...) of values (J, ...) by atom."""
+        return of_atoms if self._scatter is None else self._scatter.T @ of_atoms
 
     def of_atoms(self, values: FloatArray) -> FloatArray:
         """Return values by feature and row (F, 3K + 1, ...) as those of the atoms (J, ...)."""
@@ -103,7 +81,7 @@ class Regressors:
         return of_atoms
 
     @cached_property
-    def scatter(self) -> FloatArray | None:
+    def _scatter(self) -> FloatArray | None:
         """(J, P) sums of atoms to columns; None where they are the same."""
         if np.array_equal(self.columns, np.arange(self.width)):
             return None

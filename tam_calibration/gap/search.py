@@ -15,7 +15,7 @@ from tam_calibration.gap.model import Model
 from tam_calibration.gap.offers import Offers, candidates, is_plausible, sensors_for
 from tam_calibration.gap.repeats import pose_of, repeats
 from tam_calibration.gap.search_result import Search, is_elsewhere
-from tam_calibration.gap.size import Evidence, examine
+from tam_calibration.gap.size import Evidence, energy_explained, examine
 from tam_calibration.gap.steps import LEAST_EVIDENCE, MOST_CAUSES, Step, absorbed, is_new
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
@@ -104,7 +104,7 @@ class _CauseSearch:
             for number, one in enumerate(possible):
                 left = self._left_by([one], law, others)
                 if left is not None:
-                    rest = [*possible[number + 1 :], *self._offers.at_times_of(base, one, law.signature)]
+                    rest = [*possible[number + 1 :], *_at_times_of(one, offers)]
                     as_good = [
                         other.effect
                         for other in rest
@@ -127,8 +127,13 @@ class _CauseSearch:
         """Return the residual beside an effect, or several forms of it; None where it leaves something of a law."""
         model = self._with(chain)
         left = residual_of(model)
-        if not isinstance(chain[-1].form, Hypothesis):
-            return left
+        form = chain[-1].form
+        if not isinstance(form, Hypothesis):
+            # A variance takes what open laws leave for noise, which is far more than a law of a small share.
+            base, is_variance = self._model.base(), form.variance is not None or form.spread_T is not None
+            is_more = energy_explained(chain[-1], base) * MOST > law.part * base.energy
+            is_small = law.signature.energy < NOTABLE
+            return None if is_variance and is_small and is_more and not form.is_certain else left
         channels, part = model.channels(model.signal()), model.parts[-1]
         if part.effect.oversize(channels.covariates, part.fitted(part.terms(channels))) is not None:
             return None
@@ -163,9 +168,11 @@ class _CauseSearch:
         effect = effect_named(chain[0].effect)
         if not effect.may_repeat or len(self._steps) + len(chain) == MOST_CAUSES:
             return None
-        base = self._with(chain).base()
+        model = self._with(chain)
+        base = model.base()
         steps = [*self._steps, *(Step(one, law.signature) for one in chain)]
-        again = examine(base, effect, sensors_for(effect, law.signature, base))
+        times = law.times_in(residual_of(model))
+        again = examine(base, effect, sensors_for(effect, law.signature, base), times)
         if isinstance(again, str) or again.delta_bic < LEAST_EVIDENCE or not is_new(again, steps, base):
             return None
         return again if is_plausible(base, again, law.signature) else None
@@ -192,6 +199,20 @@ def _is_open_at_poses(effect: LinearEffect, before: Model, after: Model) -> bool
         return True
     part = NOTABLE if goes_with_the_rate(effect.name) else SLIGHT
     return not effect.is_free_in_time and again.energy(last) > part * again.energy(first) > 0
+
+
+def _at_times_of(accepted: Evidence, offers: Sequence[Evidence]) -> list[Evidence]:
+    """Return the other effects that come and go with an accepted one, as leakage does with a gain."""
+    form = accepted.form
+    if not isinstance(form, Hypothesis) or not form.effect.is_free_in_time:
+        return []
+    return [
+        one
+        for one in offers
+        if one.effect != accepted.effect
+        and isinstance(one.form, Hypothesis)
+        and one.form.shape.items() & form.shape.items()
+    ]
 
 
 def _is_near(other: Evidence, accepted: Evidence) -> bool:

@@ -16,8 +16,9 @@ import numpy as np
 from tam_calibration.core.normal_equations import Normal
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Effect, Finding, FoundEffect, LinearEffect
-from tam_calibration.effects.excess_variance import LARGEST_NOISE
 from tam_calibration.effects.grades import NEARLY_ALL
+from tam_calibration.effects.spread import LARGEST_NOISE
+from tam_calibration.effects.states import Times
 from tam_calibration.gap.checks import CHANCE
 from tam_calibration.gap.floor import floor_of
 from tam_calibration.gap.hypothesis import EVERYWHERE, Hypothesis, best_form, refined
@@ -126,7 +127,7 @@ def usable(
 
 
 @cached_by_base
-def examine(base: Base, effect: Effect, sensors: frozenset[int] = EVERYWHERE) -> Evidence | str:
+def examine(base: Base, effect: Effect, sensors: frozenset[int] = EVERYWHERE, times: Times = ()) -> Evidence | str:
     """Return the evidence for an effect, or why there is none.
 
     Parameters
@@ -137,9 +138,11 @@ def examine(base: Base, effect: Effect, sensors: frozenset[int] = EVERYWHERE) ->
         Fitted by regression, or found by a test of its own.
     sensors : frozenset of int
         Where it may act, indices, ``SCALAR`` or ``ALL``: empty for everywhere. A test of its own looks everywhere.
+    times : tuple of tuple of float
+        At which it may come and go, seconds: of each course that a law may have.
     """
     if isinstance(effect, LinearEffect):
-        form = best_form(base, effect, sensors)
+        form = best_form(base, effect, sensors, times)
         if form is None:
             return "no part of it is visible beside the calibration in this recording"
         return evidence_of(base, form)

@@ -191,7 +191,7 @@ class WhitenedChannels:
 
     def design(self, terms: Sequence[Term]) -> Regressors:
         """Return terms side by side, at the samples that the normal equations take, to which others are thinned."""
-        taken = len(self._taken[0])
+        taken = len(self._taken)
         if any(len(term.features) != taken for term in terms):
             terms = list(thinned(terms, self.stride))
         if self.covariates.follows_attitude:
@@ -282,21 +282,15 @@ class WhitenedChannels:
 
     def _cross(self, left: Regressors, right: Regressors, part: slice | None) -> FloatArray:
         between = np.zeros((left.features.shape[1], right.features.shape[1]))
-        common = np.zeros((left.common_width, right.common_width))
+        common = np.zeros((left.width, right.width))
         for piece in self._pieces(part):
             first, second = self.samples_of(left, piece), self.samples_of(right, piece)
             between += first[0] @ second[0].T
             if self._has_reference:
                 common += first[1] @ second[1].T
         coupling: FloatArray = at_rows(at_rows(self.coupling, right.rows).T, left.rows)
-        total: FloatArray = between[np.ix_(left.index, right.index)] * coupling
-        if left.scatter is not None:
-            total = left.scatter.T @ total
-        if right.scatter is not None:
-            total = total @ right.scatter
-        if not self._has_reference:
-            return total
-        return total + left.by_column(right.by_column(common.T, self.turn).T, self.turn)
+        by_atom: FloatArray = between[np.ix_(left.index, right.index)] * coupling
+        return common + left.by_column(right.by_column(by_atom.T).T)
 
     @cached_property
     def _has_reference(self) -> bool:
@@ -317,9 +311,9 @@ class WhitenedChannels:
         Returns
         -------
         (F, n) array, (W, n) array
-            W is the ``common_width`` of the design, or 0 without any reference.
+            W is the width of the design, or 0 without any reference.
         """
-        if len(self._taken[0]) > _PIECE:
+        if len(self._taken) > _PIECE:
             return self._compute_samples(design, piece)
         if design not in self._known:
             self._known[design] = self._compute_samples(design, slice(None))
@@ -327,17 +321,15 @@ class WhitenedChannels:
         return features[:, piece], common[:, piece]
 
     def _compute_samples(self, design: Regressors, piece: slice) -> tuple[FloatArray, FloatArray]:
-        counted, direction, slope = self._taken[0][piece], self._taken[1][:, piece], self._taken[2][:, piece]
+        counted = self._taken[piece]
         features = np.ascontiguousarray(design.features[piece].T)
         if not counted.all():
             features = features * counted
         if not self._has_reference:
             return features, features[:0]
-        if design.is_shared:
-            return features, (features[:, None] * direction).reshape(-1, features.shape[1])
         by_atom = features[design.index]
-        by_atom *= at_rows(slope, design.rows)
-        return features, by_atom if design.scatter is None else design.scatter.T @ by_atom
+        by_atom *= at_rows(self.slope[:, piece], design.rows)
+        return features, design.by_column(by_atom)
 
     @cached_property
     def _known(self) -> "WeakKeyDictionary[Regressors, tuple[FloatArray, FloatArray]]":
@@ -348,24 +340,20 @@ class WhitenedChannels:
         return WeakKeyDictionary()
 
     @cached_property
-    def _taken(self) -> tuple[NDArray[np.bool_], FloatArray, FloatArray]:
-        """Of the samples that the normal equations take: whether they count, the whitened direction and slope.
+    def _taken(self) -> NDArray[np.bool_]:
+        """(n,) whether a sample that the normal equations take counts."""
+        return self.is_counted[:: self.stride]
 
-        Direction (4, n) and slope (3K + 1, n) are of the common mode.
-        """
+    @cached_property
+    def slope(self) -> FloatArray:
+        """(3K + 1, n) derivative of the whitened common mode by a shift of each row, in the samples that are taken."""
         every = slice(None, None, self.stride)
-        direction = np.sqrt(self.precision[every]) * self.direction[every].T
-        return self.is_counted[every], direction, self.turn.T @ direction
+        return np.asarray(self.turn.T @ (np.sqrt(self.precision[every]) * self.direction[every].T))
 
     @cached_property
     def _taken_score(self) -> FloatArray:
         """(n, 3K + 1) score of the rows in the samples that the normal equations take."""
         return self._row_score(slice(None, None, self.stride))
-
-    @property
-    def slope(self) -> FloatArray:
-        """(3K + 1, n) derivative of the whitened common mode by a shift of each row, in the samples that are taken."""
-        return self._taken[2]
 
     def score(self, design: Regressors, part: slice | None = None) -> FloatArray:
         """Return the score (P,) of the columns of a design: their products with the residuals.
@@ -381,7 +369,7 @@ class WhitenedChannels:
         for piece in self._pieces(part):
             total += design.features[piece].T @ self._taken_score[piece]
         of_atoms = design.of_atoms(total)
-        return of_atoms if design.scatter is None else of_atoms @ design.scatter
+        return design.by_column(of_atoms)
 
     def _row_score(self, samples: slice) -> FloatArray:
         by_row = self.direction[samples] @ self.turn * (self.precision * self.intensity_residual_T)[samples, None]
@@ -410,7 +398,7 @@ class WhitenedChannels:
         )
 
     def _pieces(self, part: slice | None) -> Iterator[slice]:
-        start, stop, step = (part or slice(None)).indices(len(self._taken[0]))
+        start, stop, step = (part or slice(None)).indices(len(self._taken))
         for first in range(start, stop, _PIECE * step):
             yield slice(first, min(first + _PIECE * step, stop), step)
 

@@ -45,14 +45,11 @@ def test_before_the_record_and_a_hole_the_array_turned_as_evenly_as_then(turning
     assert_allclose(ours, theirs[kept], atol=1e-4 * np.abs(theirs).max())
 
 
-def test_the_windows_in_which_a_channel_bleeds_are_found(turning, left_by):
-    """On the row that gets most of it, with the part of the field that comes and goes."""
-    covariates = turning()
-    edges = np.arange(2.025, 58, 2.5)
-    shape = {f"{('on', 'off')[i % 2]}_{i // 2 + 1}_s": edge for i, edge in enumerate(edges.tolist()[:22])}
-    residuals = left_by(EFFECT, covariates, {"late_z_s": 0.0, **shape}, (2, 0, "from z", {"bleed": 0.02}))
-    found = [one for one in EFFECT.shapes(covariates, residuals) if "on_1_s" in one]
-    assert found[2] == pytest.approx({"late_z_s": 0.0, **shape}, abs=0.21) and len(found) == 3
+def test_each_axis_may_bleed_in_the_windows_of_a_law(turning):
+    """One shape for each axis of the array, all in the same windows."""
+    shapes = EFFECT.shapes_at([1.0, 2.0, 4.0], turning())
+    windows = {"on_1_s": 1.0, "off_1_s": 2.0, "on_2_s": 4.0}
+    assert shapes == [{f"late_{axis}_s": 0.0, **windows} for axis in "xyz"]
 
 
 def test_poses_show_no_delay(turning, left_by):

@@ -26,48 +26,31 @@ def test_coefficients_come_back(turning, refitted, shape):
     assert error.max() < 0.1
 
 
-@pytest.mark.parametrize("shape", [WINDOWS, THRESHOLDS])
-def test_the_states_of_an_axis_are_found(turning, left_by, shape):
-    """Windows are windows, and a gain that the reading itself switches has its thresholds."""
+def changes_of(covariates, shape, where):
+    """Return the times between the samples at which the gain of a row changes."""
+    values = {"gain": 1.0}
+    fitted = FittedEffect("gain_switching", shape, (Contribution(*where, "gain", values),))
+    on = EFFECT.signal(covariates, fitted)[:, 3 * where[0] + where[1]] != 0
+    flips = np.flatnonzero(np.diff(on)) + 1
+    return ((covariates.time_s[flips - 1] + covariates.time_s[flips]) / 2).tolist()
+
+
+@pytest.mark.parametrize("shape", [THRESHOLDS, OF_SENSOR])
+def test_the_thresholds_that_make_the_times_are_offered(turning, shape):
+    """Those of the axis whose reading switches the gain, or of the largest of its sensor, beside the windows."""
     covariates = turning()
-    residuals = left_by(EFFECT, covariates, shape, (1, 2, "gain", {"gain": 3e-4}))
-    (found,) = EFFECT.shapes(covariates, residuals)
-    assert found.keys() == shape.keys()
-    within = 0.3 if shape is WINDOWS else 1.5e-6
-    assert max(abs(found[name] - shape[name]) for name in shape) < within
+    windows, *others = EFFECT.shapes_at(changes_of(covariates, shape, (1, 2)), covariates)
+    assert "on_2_s" in windows
+    distance = [max(abs(one[name] - shape[name]) for name in shape) for one in others if one.keys() == shape.keys()]
+    assert min(distance) < 1e-6
 
 
-def test_the_thresholds_of_a_sensor_are_found(turning, left_by):
-    """The largest axis may switch all three."""
+def test_a_gain_that_changes_twice_is_a_step(turning):
+    """Three changes are the fewest of one that goes to and fro; times at random have no thresholds."""
     covariates = turning()
-    parts = [(1, axis, "gain", {"gain": 3e-4}) for axis in range(3)]
-    (found,) = EFFECT.shapes(covariates, left_by(EFFECT, covariates, OF_SENSOR, *parts))
-    assert max(abs(found[name] - OF_SENSOR[name]) for name in OF_SENSOR) < 1.5e-6
-
-
-@pytest.mark.parametrize(
-    "course",
-    [
-        lambda covariates: 0.0 * covariates.time_s,
-        lambda covariates: 1e-4 * (covariates.time_s > 30) * covariates.sensed_T[:, 4],
-        lambda covariates: 3e-4 * np.sin(covariates.time_s / 4) * covariates.sensed_T[:, 4],
-        lambda covariates: 2e-8 * (covariates.sensed_T[:, 4] / 5e-5) ** 3,
-    ],
-    ids=["noise", "a single step", "a slow swing", "a curve"],
-)
-def test_other_courses_are_no_switching(turning, left_by, course):
-    """Chance, one step, a smooth drift of the scale and a curve offer no windows."""
-
-    class Other:
-        name = "other"
-
-        def add(self, rows_T, covariates, fitted, generator):
-            rows = rows_T.copy()
-            rows[:, 4] += course(covariates)
-            return rows
-
-    covariates = turning()
-    assert list(EFFECT.shapes(covariates, left_by(Other(), covariates, {}))) == []
+    assert EFFECT.shapes_at([10.0, 20.0], covariates) == []
+    assert EFFECT.shapes_at([10.0, 20.0, 30.0], covariates)[0] == {"on_1_s": 10.0, "off_1_s": 20.0, "on_2_s": 30.0}
+    assert len(EFFECT.shapes_at(np.sort(np.random.default_rng(1).uniform(0, 60, 20)), covariates)) == 1
 
 
 def test_thresholds_have_hysteresis_and_remember(turning):
@@ -91,11 +74,9 @@ def test_thresholds_have_hysteresis_and_remember(turning):
     assert_allclose(np.concatenate(parts), whole)
 
 
-def test_few_samples_show_nothing(turning, left_by):
+def test_few_samples_show_nothing(turning):
     """Windows need some samples."""
-    covariates = turning(samples=10)
-    assert "too few" in EFFECT.obstacle(covariates)
-    assert list(EFFECT.shapes(covariates, left_by(EFFECT, covariates, WINDOWS))) == []
+    assert "too few" in EFFECT.obstacle(turning(samples=10))
 
 
 @pytest.mark.parametrize("shape", [WINDOWS, THRESHOLDS, OF_SENSOR])

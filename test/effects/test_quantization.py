@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.excess_variance import ChannelMoments, best_excess
 from tam_calibration.effects.noise_excess import NoiseExcess
 from tam_calibration.effects.quantization import Lattice, Quantization, _by_step, _frequency, _visible, find_lattices
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution
@@ -67,14 +66,8 @@ def test_the_gain_is_that_of_the_energy_of_rounding(bench, sensor, axis):
     assert_allclose(found.gain, count * np.log(energy / (energy - rounding)))
     # A scalar magnetometer in a steady field meets two steps only: its rounding errors are not uniform.
     assert_allclose(energy - rounding, count, rtol=0.02 if sensor != SCALAR else 0.1)
-    noise = best_excess(ChannelMoments.of(residuals), residuals.covariates)
+    noise = NoiseExcess().find(residuals)
     assert evidence(found, residuals) > evidence(noise, residuals) > 50
-
-
-def test_what_rounding_makes_is_no_noise(bench):
-    """Readings that are whole steps have no noise besides, whether or not quantisation is among the effects tried."""
-    rounded = bench().with_effect(QUANTIZATION, steps(2, 0, 4e-9))
-    assert NoiseExcess().find(rounded.residuals()) == "the readings are whole steps"
 
 
 def test_the_steps_of_a_sensor_and_of_all(bench):

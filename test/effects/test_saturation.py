@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tam_calibration.effects.outliers import Outliers
 from tam_calibration.effects.saturation import Saturation, find_limits
 from tam_calibration.model.fitted_effect import ALL, Contribution
 
@@ -78,20 +77,6 @@ def cut_short(made, *others):
     return made.with_rows(rows).residuals(), int(order[-1])
 
 
-def test_a_single_reading_may_be_at_the_limit(bench):
-    """A spike would strike just the outermost reading once in a thousand records."""
-    residuals, sample = cut_short(bench(1000, moves=False))
-    assert SATURATION.find(residuals).flagged.nonzero()[0].tolist() == [sample]
-    assert isinstance(Outliers().find(residuals), str)
-
-
-def test_one_of_several_spikes_is_no_limit(bench):
-    """Where other readings of the axis are off as well, or there are few, a lone reading is left to outliers."""
-    for residuals, sample in (cut_short(bench(1000, moves=False), 17, 400, 812), cut_short(bench(60, moves=False))):
-        assert isinstance(SATURATION.find(residuals), str)
-        assert Outliers().find(residuals).flagged[sample]
-
-
 def test_coarse_steps_are_no_limit(bench):
     """Readings that repeat at their largest because they are rounded are not cut off."""
     made = bench(moves=True)
@@ -133,26 +118,6 @@ def short_by(made, errors, *others):
     for sample, size in ((int(np.argmax(rows[:, row])), errors), *others):
         rows[sample, row] -= residuals.row_shift_T[sample, row] + size / deviation[sample]
     return made.with_rows(rows).residuals()
-
-
-@pytest.mark.parametrize(("errors", "is_limit"), [(5, False), (11, True)])
-def test_a_reading_that_alone_is_at_a_limit_falls_short_by_far(bench, errors, is_limit):
-    """By seven standard errors; less a spike may do."""
-    assert bool(find_limits(short_by(bench(1000, moves=False), errors))) == is_limit
-
-
-@pytest.mark.parametrize(("samples", "is_limit"), [(75, False), (135, True)])
-def test_one_of_a_hundred_readings_may_be_alone_at_a_limit(bench, samples, is_limit):
-    """Among fewer a spike strikes the outermost too often."""
-    assert bool(find_limits(short_by(bench(samples, moves=False), 15))) == is_limit
-
-
-@pytest.mark.parametrize(("errors", "is_limit"), [(3.9, True), (7, False)])
-def test_no_other_reading_is_off_where_one_is_at_a_limit(bench, errors, is_limit):
-    """By half as much: it would be a spike."""
-    made = bench(1000, moves=False)
-    inside = int(np.argsort(made.rows_T[:, 7])[500])
-    assert bool(find_limits(short_by(made, 11, (inside, errors)))) == is_limit
 
 
 @pytest.mark.parametrize(("beyond", "is_limit"), [(3, False), (6, True)])

@@ -101,16 +101,6 @@ def test_a_sensor_that_is_always_late_is_not_stale(bench):
         assert isinstance(STALE.find(made.with_rows(late(made, 1, 50, length)).residuals()), str)
 
 
-def test_residuals_at_other_places_are_not_stale(bench):
-    """The same residuals, dealt out to other samples, follow no path."""
-    made = bench()
-    stale = np.random.default_rng(5).random(2000) < 0.02
-    stale[0] = False
-    change = repeated(made, stale) - made.rows_T
-    rows = made.rows_T + np.roll(change, 411, axis=0)
-    assert isinstance(STALE.find(made.with_rows(rows).residuals()), str)
-
-
 def test_a_tilted_calibration_is_no_obstacle(bench):
     """Errors by which the sensor is off by fifty times its noise leave the samples the same."""
     made, stale = bench(), np.random.default_rng(5).random(2000) < 0.2

@@ -65,37 +65,6 @@ def test_the_gain_is_that_of_the_likelihood(bench):
     assert_allclose(found.gain, without - beside, rtol=0.02)
 
 
-def test_noise_that_follows_the_rate_alone_is_none(bench):
-    """Noise as large, growing with the rate, but in all directions, is no jitter; nor is that of one axis."""
-    made, generator = bench(), np.random.default_rng(6)
-    speed = np.linalg.norm(np.gradient(made.covariates.sensed_T[:, 6:9], 0.1, axis=0), axis=1)
-    for axes in ([6, 7, 8], [7]):
-        rows = made.rows_T.copy()
-        rows[:, axes] += 1e-4 * speed[:, None] * generator.normal(size=(2000, len(axes)))
-        assert isinstance(JITTER.find(made.with_rows(rows).residuals()), str)
-
-
-def test_a_constant_delay_is_none(bench):
-    """It has no scatter."""
-    assert isinstance(JITTER.find(displaced(bench(), np.full(2000, 3e-4)).residuals()), str)
-
-
-@pytest.mark.parametrize(("memory", "is_jitter"), [(0.45, True), (0.7, False), (0.95, False)])
-def test_a_delay_that_goes_on_is_none(bench, memory, is_jitter):
-    """Up to a half as large in the next sample it scatters; beyond, it has a course."""
-    delay, drawn = np.zeros(2000), white(3e-4)
-    for sample in range(1, 2000):
-        delay[sample] = memory * delay[sample - 1] + drawn[sample]
-    assert isinstance(JITTER.find(displaced(bench(), delay).residuals()), str) != is_jitter
-
-
-def test_a_few_large_delays_are_none(bench):
-    """A packet that is late once is a stale sample."""
-    delay = np.zeros(2000)
-    delay[[50, 700, 1500]] = 0.1
-    assert "few samples" in JITTER.find(displaced(bench(), delay).residuals())
-
-
 def test_it_takes_motion_and_another_sensor(bench):
     """Poses have no rate, and one sensor alone does not tell the rate at its own time."""
     assert "jumps" in JITTER.obstacle(bench(moves=False).covariates)
@@ -116,15 +85,6 @@ def test_the_twin_shows_what_was_found(bench):
     (part,) = JITTER.find(made.residuals()).fitted.contributions
     assert part.sensor == 1
     assert_allclose(part.values["standard deviation"], 2e-4, rtol=0.05)
-
-
-@pytest.mark.parametrize(("part", "is_jitter"), [(0.2, True), (0.1, False)])
-def test_times_that_scatter_have_no_far_tails(bench, part, is_jitter):
-    """Where one sample in five is late by chance the kurtosis is eleven; where one in ten is, it is over twenty."""
-    late = np.random.default_rng(2).random(2000) < part
-    found = JITTER.find(displaced(bench(), late * white(1e-3)).residuals())
-    assert isinstance(found, str) != is_jitter
-    assert is_jitter or "few samples" in found
 
 
 def test_its_size_and_the_sensor_are_paid_for(bench):

@@ -72,7 +72,7 @@ def test_the_smallest_gap_has_the_least_evidence_with_one_coefficient(count, sma
 def test_what_leaves_as_little_is_named_beside_a_cause():
     """As the search found it."""
     step = SimpleNamespace(accepted=SimpleNamespace(form=None), others=("flexure",))
-    found = _indistinguishable(step, SimpleNamespace(effect="hysteresis"), SimpleNamespace(considered=()))
+    found = _indistinguishable(step, SimpleNamespace(considered=()))
     assert found == ("flexure",)
 
 
@@ -104,15 +104,6 @@ def test_a_channel_that_only_rises_is_a_drift(run, course, is_one):
     recording = replace(run(300).recording, temperature_C=course)
     assert is_drift("temperature_drift", recording) == is_one
     assert not is_drift("bias_jump", recording)
-
-
-@pytest.mark.parametrize(("count", "others"), [(3, ("saturation",)), (4, ())])
-def test_a_few_outliers_may_be_another_extreme(count, others):
-    """Three samples tell no spikes from a saturation."""
-    fitted = FittedEffect("outliers", {}, ())
-    finding = Finding(fitted, 100.0, 1, flagged=np.arange(50) < count)
-    step = SimpleNamespace(accepted=SimpleNamespace(delta_bic=100.0, gain=100.0, form=finding), others=())
-    assert _indistinguishable(step, fitted, SimpleNamespace(considered=())) == others
 
 
 @pytest.mark.parametrize(("part", "sensors"), [(0.09, {1}), (0.11, {1, 2})])

@@ -7,9 +7,12 @@ import numpy as np
 import pytest
 from numpy.linalg import norm
 
-from tam_calibration.effects.bias_jump import BiasJump, gross_bias_jump
+from tam_calibration.effects.bias_jump import BiasJump
+from tam_calibration.effects.gross_jump import gross_bias_jump
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.coloured import sandwich
+from tam_calibration.gap.hypothesis import EVERYWHERE
+from tam_calibration.gap.laws.signature import times_of
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.size import examine
@@ -76,7 +79,7 @@ def test_a_jump_of_three_times_the_rest_is_found(name, rest_T, until):
     inside = (phase > 0.42) & (phase < until)
     readings = recording.readings_T + inside[:, None, None] * put
     nominal = Model.nominal(replace(recording, readings_T=readings), array)
-    found = examine(nominal.base(), BiasJump())
+    found = examine(nominal.base(), BiasJump(), EVERYWHERE, times_of(nominal))
     model = nominal.accept(found.form)
     times = recording.time_s[inside][[0, -1]] if until < 1 else recording.time_s[inside][:1]
     assert list(found.form.shape.values()) == pytest.approx(times, abs=1)

@@ -61,28 +61,6 @@ def test_designs_are_joined(others):
     assert_allclose(dense(Regressors.joined(parts)), np.concatenate([dense(part) for part in parts], axis=2))
 
 
-@pytest.mark.parametrize(("atoms", "is_shared"), [(8, False), (9, True)])
-def test_features_are_shared_where_four_directions_of_each_are_fewer_than_the_atoms(atoms, is_shared):
-    """Of two features eight sums; with eight atoms the columns are as few."""
-    design = Regressors(SHARED, np.arange(atoms) % 2, np.arange(atoms), np.arange(atoms), atoms)
-    assert design.is_shared == is_shared
-    assert design.common_width == (8 if is_shared else atoms)
-
-
-@pytest.mark.parametrize("columns", [np.arange(12), np.arange(12) // 2])
-@pytest.mark.parametrize("rows", [np.arange(12), GENERATOR.normal(size=(12, ROWS))])
-def test_sums_by_feature_and_direction_become_those_of_the_columns(rows, columns):
-    """Of what each column changes the common mode by, times any weights of samples and directions."""
-    design = Regressors(SHARED, np.arange(12) % 2, rows, columns, int(columns.max()) + 1)
-    turn, weights = GENERATOR.normal(size=(4, ROWS)), GENERATOR.normal(size=(SAMPLES, 4, 3))
-    by_feature = np.einsum("nf,ndq->fdq", SHARED, weights).reshape(8, 3)
-    expected = np.einsum("nrp,dr,ndq->pq", dense(design), turn, weights)
-    assert_allclose(design.by_column(by_feature, turn), expected)
-    few = Regressors.of(TERMS)
-    assert few.by_column(weights[:5, 0], turn) is not None and not few.is_shared
-    assert_allclose(few.by_column(weights[:5, 0], turn), weights[:5, 0])
-
-
 @pytest.mark.parametrize("stride", [1, 3])
 def test_the_calibration_s_columns_are_what_a_step_of_it_adds(run, stride):
     """Of matrices and biases, the biases in units of the intensity."""

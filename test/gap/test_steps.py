@@ -7,7 +7,7 @@ import pytest
 
 from tam_calibration.effects.library import effect_named
 from tam_calibration.gap import steps
-from tam_calibration.gap.hypothesis import Hypothesis
+from tam_calibration.gap.hypothesis import EVERYWHERE, Hypothesis
 from tam_calibration.gap.regression import Selection
 from tam_calibration.gap.size import Evidence, examine
 from tam_calibration.gap.steps import Step, is_new
@@ -27,7 +27,7 @@ def test_an_effect_comes_once_unless_it_may_repeat(base):
     """A second heading error beside the first says nothing new, a second jump in time does."""
     heading = examine(base, effect_named("scalar_heading_error"))
     assert not is_new(heading, [Step(heading, None)], base)
-    jump = examine(base, effect_named("bias_jump"))
+    jump = examine(base, effect_named("bias_jump"), EVERYWHERE, ((20.0,),))
     assert is_new(jump, [Step(jump, None)], base)
 
 

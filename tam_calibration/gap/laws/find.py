@@ -51,16 +51,22 @@ class Found:
         residual : Residual
             Of the same samples, such as with a cause taken off.
         """
-        return predicted_energy(self._alike(residual), self.best) / self.residual.noise
+        return predicted_energy(self.alike(residual), self.best) / self.residual.noise
 
     def taken_off(self, residual: Residual) -> Residual:
         """Return another residual of the same samples without the law, fitted anew."""
-        alike = self._alike(residual)
+        alike = self.alike(residual)
         factor = self.residual.noise**-0.5
         return residual.without(self.best.signal(residual.scaled(factor), self.best.fitted(alike)) * factor)
 
-    def _alike(self, residual: Residual) -> Residual:
-        """Return another residual with the samples and in the units of the one in which the law was found."""
+    def alike(self, residual: Residual) -> Residual:
+        """Return another residual with the samples and in the units of the one in which the law was found.
+
+        Parameters
+        ----------
+        residual : Residual
+            Of the same recording.
+        """
         return residual.taking(self.residual.live).scaled(self.residual.noise**-0.5)
 
 

@@ -2,13 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.excess_variance import LARGEST_NOISE
 from tam_calibration.effects.grades import FEWEST, NOTABLE
 from tam_calibration.effects.quantization import find_lattices
+from tam_calibration.effects.spread import LARGEST_NOISE
+from tam_calibration.effects.states import Times
 from tam_calibration.gap.laws.candidates import Candidate
 from tam_calibration.gap.laws.curve import curve_of
 from tam_calibration.gap.laws.decisions import (
@@ -25,7 +27,8 @@ from tam_calibration.gap.laws.law import FREE, SCALAR, Place, Signature
 from tam_calibration.gap.laws.patterns import AXES
 from tam_calibration.gap.laws.places import places_of, within
 from tam_calibration.gap.laws.scatter import Scatter, place_of, repeated, scatter_of, spikes
-from tam_calibration.gap.laws.whitened import Residual
+from tam_calibration.gap.laws.states import change_times
+from tam_calibration.gap.laws.whitened import Residual, residual_of
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.nominal import outlying_samples
 
@@ -42,16 +45,43 @@ class Law:
         Part that it has of the residual's energy, with that of the noise.
     found : tuple of Found
         Of a law in several sensors more than one; none of a law that predicts no sample from others.
+    whole : Residual, optional
+        In which it was found, with the samples that lie far off.
     """
 
     signature: Signature
     part: float
     found: tuple[Found, ...] = ()
+    whole: Residual | None = None
 
     @property
     def predicted(self) -> float:
         """Energy that it predicts out of sample, in units of the noise."""
         return sum(one.predicted for one in self.found)
+
+    @cached_property
+    def times(self) -> Times:
+        """Times at which it may come and go, seconds: of each course of an offset or gain that jumps."""
+        return self.times_in(None)
+
+    def times_in(self, residual: Residual | None) -> Times:
+        """Return the same times as another residual of the recording tells them.
+
+        Parameters
+        ----------
+        residual : Residual, optional
+            Of a model with more causes; by default that in which the law was found.
+        """
+        if self.signature.law not in ("offset", "gain"):
+            return ()
+        whole = residual or self.whole
+        if whole is None:
+            return ()
+        return tuple(
+            times
+            for one in self.found
+            for times in change_times(one.alike(whole), one.best.pattern, whole.scaled(one.residual.noise**-0.5))
+        )
 
     def is_gone_from(self, residual: Residual, others: Sequence["Law"]) -> bool:
         """Say whether the residual of a model with one more cause has too little of the law for a law of its own.
@@ -87,7 +117,7 @@ def laws_of(model: Model, residual: Residual, gap: float) -> tuple[Law, ...]:
     whole, total = max(residual.excess, 1.0), float((residual.z**2).sum())
     laws, found = _signatures(model, residual, whole)
     fits = [*((one,) for one in found), *(() for _ in laws[len(found) :])]
-    each = [Law(law, law.energy * whole / total, own) for law, own in zip(laws, fits, strict=True)]
+    each = [Law(law, law.energy * whole / total, own, residual) for law, own in zip(laws, fits, strict=True)]
     kept = [
         one
         for one in each
@@ -96,6 +126,18 @@ def laws_of(model: Model, residual: Residual, gap: float) -> tuple[Law, ...]:
     share = min(whole / max(gap, 1.0), 1.0)
     ranked = sorted(_merged(kept), key=lambda one: -one.signature.energy)
     return tuple(replace(law, signature=replace(law.signature, energy=share * law.signature.energy)) for law in ranked)
+
+
+def times_of(model: Model) -> Times:
+    """Return the times at which the laws of what a model leaves may come and go, seconds.
+
+    Parameters
+    ----------
+    model : Model
+        The nominal fit, or one with causes.
+    """
+    residual = residual_of(model)
+    return tuple(times for law in laws_of(model, residual, residual.excess) for times in law.times)
 
 
 def _signatures(model: Model, residual: Residual, whole: float) -> tuple[list[Signature], list[Found]]:
@@ -248,7 +290,9 @@ def _merged(laws: list[Law]) -> list[Law]:
         if first is None:
             merged.append(law)
         else:
-            joined = Law(_joined(first.signature, law.signature), first.part + law.part, first.found + law.found)
+            joined = Law(
+                _joined(first.signature, law.signature), first.part + law.part, first.found + law.found, law.whole
+            )
             merged[merged.index(first)] = joined
     return merged
 

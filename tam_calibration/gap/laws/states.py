@@ -4,10 +4,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from tam_calibration.effects.states import Times
 from tam_calibration.gap.laws.candidates import Candidate
 from tam_calibration.gap.laws.decisions import BINS, MOST_STEPS, ROUNDS
 from tam_calibration.gap.laws.evidence import Bins, Sums, course, of_normal
-from tam_calibration.gap.laws.patterns import Pattern
+from tam_calibration.gap.laws.patterns import Pattern, switched_gains
 from tam_calibration.gap.laws.whitened import Residual
 from tam_calibration.model.units import FloatArray
 
@@ -24,6 +25,68 @@ def jumping(residual: Residual, pattern: Pattern) -> Iterator[Candidate]:
         candidate = _two_states(pattern, sums, bins, _parted(mean @ along))
         if candidate is not None:
             yield candidate
+
+
+def change_times(residual: Residual, pattern: Pattern, whole: Residual) -> Times:
+    """Return the times of courses of a pattern that jump: in one step to a few, and between two states.
+
+    Parameters
+    ----------
+    residual : Residual
+        In which the pattern is a law.
+    pattern : Pattern
+        That comes and goes.
+    whole : Residual
+        The same with the samples that lie far off, as those beside a large change do.
+    """
+    if pattern.law == "gain" and pattern.sensors != ("scalar",):
+        # A gain amplifies the bias too.
+        both = switched_gains(residual, int(pattern.sensors[0]))
+        pattern = next(one for one in both if one.axes == pattern.axes)
+    bins = Bins.of(residual.time_s, residual.count)
+    quiet, every = (Sums.of(pattern.columns(one), one.z, one.nuisance, bins) for one in (residual, whole))
+    steps = list(_steps(pattern, quiet, bins))
+    fine = (sharpened(residual, one) for one in jumping(residual, pattern) if one.begins_on is not None)
+    states = [_state(one, residual.count) for one in (*steps, *fine) if one is not None]
+    found = [*states[: len(steps)], *(_polished(every, state) for state in states)]
+    return tuple(dict.fromkeys(_times_of(state, residual.time_s) for state in found))
+
+
+def _state(one: Candidate, count: int) -> FloatArray:
+    """Return which bins (B,) are in the second of two states that a course goes through in turn."""
+    on = np.searchsorted(one.steps, np.arange(count), side="right") + (one.begins_on or False)
+    return np.asarray(on % 2 == 1)
+
+
+def _polished(sums: Sums, state: FloatArray) -> FloatArray:
+    """Return states (B,) with their changes moved, bin by bin, as long as two levels explain more."""
+    state, totals = state.copy(), _of_state(sums, state)
+    best, is_better = _explained(*totals), True
+    while is_better:
+        is_better = False
+        for at in np.flatnonzero(np.diff(state.astype(int))).tolist():
+            for moved in (at, at + 1):
+                sign = -1 if state[moved] else 1
+                own = sums.information[moved], sums.score[moved], sums.cross[moved]
+                tried = tuple(one + sign * change for one, change in zip(totals, own, strict=True))
+                if (explained := _explained(*tried)) > best:
+                    state[moved], totals, best, is_better = not state[moved], tried, explained, True
+                    break
+    return state
+
+
+def _explained(information: FloatArray, score: FloatArray, cross: FloatArray) -> float:
+    """Return the energy that a change of a pattern explains beside the nuisance directions."""
+    own = information - cross @ cross.T
+    return float(score @ np.linalg.solve(own + 1e-9 * (np.trace(own) + 1e-9) * np.eye(len(own)), score))
+
+
+def _times_of(state: FloatArray, time_s: FloatArray) -> tuple[float, ...]:
+    """Return the times between samples (N,) of steps, or at which the rarer of two states begins and ends in turn."""
+    edges = np.flatnonzero(np.diff(state.astype(int))) + 1
+    times = ((time_s[edges - 1] + time_s[edges]) / 2).tolist()
+    begins_on = bool(state[0]) != bool(state.mean() > 1 / 2)
+    return ((3 * time_s[0] - time_s[1]) / 2, *times) if begins_on and len(times) > MOST_STEPS else tuple(times)
 
 
 def sharpened(residual: Residual, one: Candidate) -> Candidate | None:
