@@ -1,11 +1,12 @@
 """The readings of a survey line, turned into the world by the recorded attitude and thinned as the signal allows.
 
-An error of the attitude turns the readings of all sensors together. So their mean tells the intensity and nothing else
-(its direction is that of the regional field), and their differences tell the gradient. Both are free of the attitude's
-error to first order in the source's field.
+An error of the attitude turns the readings of all sensors together. So the intensity of their mean and the differences
+between them, which show the gradient, are free of it to first order in the source's field. The direction of the mean is
+not: it is used where the attitude turns out to be nearly exact.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import comb
 
 import numpy as np
 from numpy.linalg import norm
@@ -24,6 +25,10 @@ _CURVED = 0.04
 
 _FASTER = 2.0
 """Errors of the attitude that last less than the knots of its course, over those that last a sample."""
+
+_ORDER = 5
+"""Order of the differences in time that show the noise: of what sways within three seconds, at five samples a second,
+they leave a hundredth."""
 
 _DIRECTION_STEP_M = 40.0
 """Distance between knots of the regional field's direction, metres."""
@@ -53,6 +58,8 @@ class LineData:
         Part of it that is white, after averaging, radians.
     errors_T : (M, 3 K, Q) array
         What errors of the calibration of size one add to the readings in the world, tesla.
+    across_T : (M,) array, optional
+        Standard deviation of the mean reading across the field, tesla, where it is used.
     """
 
     time_s: FloatArray
@@ -64,6 +71,7 @@ class LineData:
     attitude_error: float
     white_attitude: FloatArray
     errors_T: FloatArray
+    across_T: FloatArray | None = None
 
     def take(self, at: np.ndarray) -> "LineData":
         """Return some of the moments."""
@@ -77,7 +85,18 @@ class LineData:
             self.attitude_error,
             self.white_attitude[at],
             self.errors_T[at],
+            None if self.across_T is None else self.across_T[at],
         )
+
+    def louder(self, factor: float) -> "LineData":
+        """Return the same with a noise that is larger by a factor."""
+        across = None if self.across_T is None else factor * self.across_T
+        return replace(self, noise_T=factor * self.noise_T, across_T=across)
+
+    @property
+    def mean_noise_T(self) -> FloatArray:
+        """(M,) standard deviation of the noise of the mean of the sensors, tesla."""
+        return np.asarray(norm(self.noise_T, axis=1) / self.noise_T.shape[1])
 
 
 def line_data(
@@ -151,8 +170,8 @@ def _noise(world: FloatArray, array: Array) -> FloatArray:
     stated = np.ones(array.sensor_count) if array.vector_noise_T is None else array.vector_noise_T
     weights = stated**-2 / np.sum(stated**-2)
     apart = world - np.einsum("nki,k->ni", world, weights)[:, None]
-    jumps = apart[3:] - 3 * apart[2:-1] + 3 * apart[1:-2] - apart[:-3]
-    seen = np.median(np.abs(jumps), axis=(0, 2)) / 0.6745 / np.sqrt(20.0)
+    jumps = np.diff(apart, _ORDER, axis=0) / np.sqrt(comb(2 * _ORDER, _ORDER))
+    seen = np.median(np.abs(jumps), axis=(0, 2)) / 0.6745
     expected = np.sqrt(np.maximum(stated**2 - 1 / np.sum(stated**-2), 1e-12 * stated**2))
     ratio = float(np.sqrt(np.mean((seen / expected) ** 2)))
     return stated * ratio

@@ -1,7 +1,7 @@
 """Dipoles along a survey line: found in windows that overlap, added and removed as the evidence for them says."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -9,23 +9,26 @@ from numpy.linalg import norm
 
 from tam_calibration.localization.line_data import LineData
 from tam_calibration.localization.line_path import Path
-from tam_calibration.localization.line_window import OF_SOURCE, ROUGH_FALL, Solved, Window
+from tam_calibration.localization.line_window import OF_SOURCE, Window
+from tam_calibration.localization.window_fit import ROUGH_FALL, Solved, annealed, solve
 from tam_calibration.model.units import FloatArray
 
 _STEP_M, _HALF_M = 25.0, 30.0
 """Way from window to window, and half of a window's length, metres: targets are seen within three times their depth."""
 
-_ACTIVE_M = 25.0
-"""Way from a window's middle within which dipoles are fitted in it, metres."""
+_OWN_M, _SEEN_M = 25.0, 45.0
+"""Way from a window's middle within which dipoles are found in it, and within which they are fitted again, metres. The
+second fit is not kept. A drift of the navigation has moved those dipoles too: taken as exact, they would tie the path
+of the window to their errors."""
 
 _TOGETHER_M = 10.0
 """Way within which dipoles are told by one window, metres."""
 
-LEAST_GAIN = 60.0
-"""Fall of χ² from which a dipole is there: six unknowns and the places of a line's ten thousand cells make 60 with a
-probability of 1e-6 (χ² of six degrees of freedom, times the cells)."""
+LEAST_GAIN = 45.0
+"""Fall of χ² from which a dipole is there: six unknowns and the places of a line's ten thousand cells make 45 with a
+probability of 5e-4 (χ² of six degrees of freedom, times the cells)."""
 
-_TRIED_GAIN = 40.0
+_TRIED_GAIN = 30.0
 """Fall of χ², to first order, from which a place is tried."""
 
 _CLEAR = 1.05
@@ -34,14 +37,32 @@ _CLEAR = 1.05
 _MOST_TRIED, _MOST_TRIED_BESIDE_MUCH, _MOST_SOURCES = 2, 6, 10
 """Places that are tried one after the other, also beside large residuals, and dipoles of a window."""
 
+_LASTING = 4.0
+"""Standard deviation of white noise that hides as much as an error of the attitude does, over that of the error: an
+error that lasts as long as a dipole is passed, some seconds, is the same in some ten moments."""
+
+_OF_SIGNAL = 0.03
+"""Error of the mean's direction as a part of the signal: what centimetres of the path make of a target at a few metres.
+Far targets are found by the direction, near ones by the differences between the sensors."""
+
+_USEFUL = 10.0
+"""Noise of the mean across the field, over that of a sensor, below which it is used: at ten metres a dipole's field is
+ten times the differences between the sensors."""
+
+_RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))
+"""Median length of a vector of two normal components of standard deviation one."""
+
 _GLANCE_STEPS = 6
 """Steps after which a place that explains less than half of what is needed is given up."""
 
 LARGEST_LEFT = 2.0
 """Mean squared residual, over the noise, above which something large is still missing."""
 
-_SPACING_M, _DISTANCES_M, _ANGLES = 2.0, (2.0, 3.0, 4.5, 6.5, 9.5, 14.0), 8
-"""Places that are looked at: way between them, distances from the path, and directions across it."""
+_DISTANCES_M, _ANGLES = (2.0, 3.0, 4.5, 6.5, 9.5, 14.0), 8
+"""Places that are looked at: their distances from the path, and directions across it."""
+
+_SPACING_M, _SPACING, _EDGE_M = 2.0, 0.4, 2.0
+"""Way between them, at least and as a part of their distance, and from the ends of a window, metres."""
 
 _THIN_M = 1.0
 """Way between the moments at which they are looked at, metres."""
@@ -72,8 +93,8 @@ class Found:
     distance_m: float
 
 
-def search(data: LineData, path: Path) -> list[Found]:
-    """Return the dipoles that a line shows.
+def search(data: LineData, path: Path, stated_attitude: float) -> tuple[list[Found], FloatArray]:
+    """Return the dipoles that a line shows, and the root mean square of what they leave at each moment (M,).
 
     Parameters
     ----------
@@ -81,16 +102,21 @@ def search(data: LineData, path: Path) -> list[Found]:
         Of the whole line.
     path : Path
         Of the array's centre.
+    stated_attitude : float
+        Least standard deviation of the attitude about each axis, radians.
     """
     line = _Line(data, path)
     sources: FloatArray = np.zeros((0, OF_SOURCE))
     for middle in line.middles():
         sources, _ = line.explained(middle, sources)
+    if line.take_direction(stated_attitude):
+        for middle in line.middles():
+            sources, _ = line.explained(middle, sources)
     found: list[Found] = []
     for middle in line.groups(sources):
         sources, solved = line.explained(middle, sources, is_last=True)
         found += line.told(middle, solved)
-    return found
+    return found, line.left
 
 
 class _Line:
@@ -99,13 +125,22 @@ class _Line:
     def __init__(self, data: LineData, path: Path) -> None:
         self._data, self._path = data, path
         self._places = path.at(data.time_s)
+        self.left = np.zeros(len(data.time_s))
+        self._off_T = np.zeros((len(data.time_s), 2))
 
-    def middles(self) -> Iterator[float]:
-        """Yield the ways along the line at which windows have their middle."""
-        first, last = float(self._data.along_m[0]), float(self._data.along_m[-1])
-        count = max(1, round((last - first) / _STEP_M))
-        edges = np.linspace(first, last, count + 1)
-        yield from (edges[:-1] + edges[1:]) / 2
+    def middles(self) -> list[float]:
+        """Return the ways along the line at which windows have their middle, those of the strongest signal first.
+
+        A strong dipole at the edge of a window, where it is not found, would lead astray those that are.
+        """
+        way, fields = self._data.along_m, self._data.fields_T
+        apart = fields - fields.mean(axis=1, keepdims=True)
+        signal = norm(apart - np.median(apart, axis=0), axis=(1, 2))
+        count = max(1, round((way[-1] - way[0]) / _STEP_M))
+        edges = np.linspace(way[0], way[-1], count + 1)
+        middles = (edges[:-1] + edges[1:]) / 2
+        strongest = [signal[np.abs(way - middle) <= _STEP_M].max(initial=0.0) for middle in middles]
+        return [float(middles[number]) for number in np.argsort(strongest)[::-1]]
 
     def groups(self, sources: FloatArray) -> list[float]:
         """Return the middles of windows about dipoles (S, 6) that lie close together along the line."""
@@ -117,6 +152,19 @@ class _Line:
                 middles.append([way])
         return [(ways[0] + ways[-1]) / 2 for ways in middles]
 
+    def take_direction(self, stated_attitude: float) -> bool:
+        """Use the direction of the mean if the attitude is nearly exact; return whether it is."""
+        noise, mean = self._data.mean_noise_T, self._data.fields_T.mean(axis=1)
+        size = norm(mean, axis=1, keepdims=True)
+        wander = float(np.median(norm(self._off_T, axis=1))) / _RAYLEIGH_MEDIAN
+        turned = np.sqrt(max(wander**2 - float(np.median(noise)) ** 2, (stated_attitude * np.median(size)) ** 2))
+        signal = norm(mean - size * self._data.direction, axis=1)
+        across = np.sqrt(noise**2 + (_LASTING * turned) ** 2 + (_OF_SIGNAL * signal) ** 2)
+        if float(np.median(across)) > _USEFUL * float(np.median(self._data.noise_T)):
+            return False
+        self._data = replace(self._data, across_T=across)
+        return True
+
     def _way(self, sources: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the way (S,) along the line at which each dipole is passed, and its distance."""
         if not len(sources):
@@ -127,19 +175,24 @@ class _Line:
     def explained(self, middle: float, sources: FloatArray, is_last: bool = False) -> tuple[FloatArray, Solved]:
         """Return the dipoles (S, 6) of the line with those of a window fitted anew, and the window's solution."""
         at = np.flatnonzero(np.abs(self._data.along_m - middle) <= _HALF_M)
-        is_active = np.abs(self._way(sources)[0] - middle) <= _ACTIVE_M
-        window = Window(self._data.take(at), self._path, sources[~is_active])
-        solved = window.annealed(np.concatenate([sources[is_active].ravel(), window.start()]))
+        away = np.abs(self._way(sources)[0] - middle)
+        own, beside = sources[away <= _OWN_M], sources[(away > _OWN_M) & (away <= _SEEN_M)]
+        window = Window(self._data.take(at), self._path, sources[away > _SEEN_M])
+        solved = annealed(window, np.concatenate([beside.ravel(), own.ravel(), window.start()]))
         may_add = not is_last or _reduced(solved) > _CLEAR
-        while may_add and len(solved.sources) < _MOST_SOURCES:
+        while may_add and len(solved.sources) - len(beside) < _MOST_SOURCES:
             more = _with_another(solved)
             if more is None:
                 break
             solved = more
-        solved = _without_needless(solved)
+        solved = _without_needless(solved, len(beside))
         if is_last:
-            solved = window.solve(solved.unknowns)
-        return np.concatenate([sources[~is_active], solved.sources]), solved
+            solved = solve(window, solved.unknowns)
+        near = np.abs(window.data.along_m - middle) <= _STEP_M
+        self.left[at[near]] = np.sqrt(np.mean(solved.residual[near] ** 2, axis=1))
+        if window.data.across_T is None:
+            self._off_T[at[near]] = solved.across_T[near]
+        return np.concatenate([sources[away > _OWN_M], solved.sources[len(beside) :]]), solved
 
     def told(self, middle: float, solved: Solved) -> Iterator[Found]:
         """Yield the dipoles that a window is about."""
@@ -178,13 +231,13 @@ def _with_another(solved: Solved) -> Solved | None:
             return None
         start = np.concatenate([solved.sources.ravel(), places[best], moments[best], solved.others])
         if _reduced(solved) < LARGEST_LEFT:
-            glance = solved.window.solve(start, _GLANCE_STEPS, ROUGH_FALL)
+            glance = solve(solved.window, start, _GLANCE_STEPS, ROUGH_FALL)
             if solved.chi_square - glance.chi_square < LEAST_GAIN / 2:
                 gains[norm(places - places[best], axis=1) < _THIN_M * 4] = 0.0
                 continue
             start = glance.unknowns
-        for fit in (solved.window.annealed, solved.window.solve):
-            more = fit(start, least_fall=ROUGH_FALL)
+        for fit in (annealed, solve):
+            more = fit(solved.window, start, least_fall=ROUGH_FALL)
             if solved.chi_square - more.chi_square > LEAST_GAIN * _reduced(more) and _is_sound(more):
                 return more
             if _reduced(solved) < LARGEST_LEFT:
@@ -199,15 +252,15 @@ def _is_sound(solved: Solved) -> bool:
     return bool(((distance > 0.5) & (distance < _HALF_M)).all())
 
 
-def _without_needless(solved: Solved) -> Solved:
-    """Return the solution without dipoles that χ² hardly rises without."""
-    while len(solved.sources):
+def _without_needless(solved: Solved, first: int) -> Solved:
+    """Return the solution without dipoles, from the first on, that χ² hardly rises without."""
+    while len(solved.sources) > first:
         worth = _worth(solved)
-        weakest = int(np.argmin(worth))
+        weakest = first + int(np.argmin(worth[first:]))
         if worth[weakest] > LEAST_GAIN * _reduced(solved):
             break
         rest = np.delete(solved.sources, weakest, axis=0)
-        fewer = solved.window.annealed(np.concatenate([rest.ravel(), solved.others]))
+        fewer = annealed(solved.window, np.concatenate([rest.ravel(), solved.others]))
         if fewer.chi_square - solved.chi_square > LEAST_GAIN * _reduced(solved):
             break
         solved = fewer
@@ -255,14 +308,16 @@ def _places(window: Window) -> FloatArray:
     """Return places (n, 3) around the path of a window."""
     way = window.data.along_m
     path = window.path.at(window.data.time_s)
-    marks = np.arange(way.min() + _SPACING_M, way.max() - _SPACING_M / 2, _SPACING_M)
-    at = np.array([np.argmin(np.abs(way - mark)) for mark in marks]) if len(marks) else np.array([len(way) // 2])
-    ahead = path[np.minimum(at + 2, len(path) - 1)] - path[np.maximum(at - 2, 0)]
-    ahead /= np.maximum(norm(ahead, axis=1, keepdims=True), 1e-9)
-    side = np.cross(ahead, [0.0, 0.0, 1.0])
-    side /= np.maximum(norm(side, axis=1, keepdims=True), 1e-9)
-    up = np.cross(side, ahead)
     angle = 2 * np.pi * (np.arange(_ANGLES) + 0.5) / _ANGLES
-    across = np.cos(angle)[:, None, None] * side + np.sin(angle)[:, None, None] * up
-    distances = np.array(_DISTANCES_M)[:, None, None, None]
-    return np.asarray((path[at] + distances * across).reshape(-1, 3))
+    places = []
+    for distance in _DISTANCES_M:
+        step = max(_SPACING_M, _SPACING * distance)
+        marks = np.arange(way.min() + _EDGE_M, way.max() - _EDGE_M + step / 2, step)
+        at = np.array([np.argmin(np.abs(way - mark)) for mark in marks]) if len(marks) else np.array([len(way) // 2])
+        ahead = path[np.minimum(at + 2, len(path) - 1)] - path[np.maximum(at - 2, 0)]
+        ahead /= np.maximum(norm(ahead, axis=1, keepdims=True), 1e-9)
+        side = np.cross(ahead, [0.0, 0.0, 1.0])
+        side /= np.maximum(norm(side, axis=1, keepdims=True), 1e-9)
+        across = np.cos(angle)[:, None, None] * side + np.sin(angle)[:, None, None] * np.cross(side, ahead)
+        places.append((path[at] + distance * across).reshape(-1, 3))
+    return np.concatenate(places)

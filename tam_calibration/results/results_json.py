@@ -17,7 +17,7 @@ from tam_calibration.gap.laws.law import Signature
 from tam_calibration.gap.noise import AxisNoise
 from tam_calibration.gap.result import Cause, Considered, Gap, Size, Where
 from tam_calibration.localization.solutions import Status
-from tam_calibration.localization.survey import Overall, Survey, Track, standard_errors
+from tam_calibration.localization.survey import Overall, Survey, standard_errors
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
 from tam_calibration.model.units import for_people, to_nanotesla
 
@@ -268,12 +268,10 @@ def survey_to_mapping(survey: Survey) -> dict[str, Any]:
         "frequency_Hz": line and line.frequency_hz,
         "frequency_standard_error_Hz": line and line.standard_error_hz,
         "regional_field_T": None if survey.regional_T is None else survey.regional_T.tolist(),
-        "further_sources": [_overall(one) for one in survey.further],
-        "track": survey.track and _track(survey.track),
         "located": int(survey.solutions.is_located.sum()),
         "refused": {status.name.lower(): count for status, count in survey.refusals.items()},
         "overall": survey.overall and _overall(survey.overall),
-        "targets": [_as_target(one) for one in (survey.overall, *survey.further) if one is not None],
+        "targets": [] if survey.overall is None else [_as_target(survey.overall)],
         "samples": [_sample(survey, index) for index in range(len(survey.time_s))],
     }
 
@@ -300,18 +298,6 @@ def _as_target(overall: Overall) -> dict[str, Any]:
         "moment_A_m2": moment.tolist(),
         "evidence": float(moment @ np.linalg.solve(overall.moment_covariance_A2m4, moment)),
         "extended": False,
-    }
-
-
-def _track(track: Track) -> dict[str, Any]:
-    return {
-        "regional_field_standard_errors_T": track.regional_standard_errors_T.tolist(),
-        "regional_gradient_T_per_m": track.gradient_T_per_m.tolist(),
-        "regional_gradient_standard_errors_T_per_m": track.gradient_standard_errors_T_per_m.tolist(),
-        "velocity_m_per_s": track.velocity_m_per_s.tolist(),
-        "velocity_standard_errors_m_per_s": track.velocity_standard_errors_m_per_s.tolist(),
-        "noise_variance_factor": track.noise_variance,
-        "colour_factor": track.colour,
     }
 
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from tam_calibration.localization.survey import WORLD_FRAME, standard_errors
-from tam_calibration.localization.targets import Target
+from tam_calibration.localization.target import Target
 
 
 def targets_to_mapping(targets: Sequence[Target]) -> dict[str, Any]:
@@ -28,4 +28,8 @@ def _target(target: Target) -> dict[str, Any]:
         "extended": target.is_extended,
         "extent_m": target.extent_m,
         "misfit": target.misfit,
+        "moment_along_field_A_m2": target.along_field_Am2,
+        "iron_sphere_diameter_m": target.sphere_diameter_m,
+        "lines": target.lines,
+        "repeat_m": target.repeat_m,
     }
