@@ -7,6 +7,7 @@ their middle at the true targets, so that it has nothing to detect. Without harm
 """
 
 from collections.abc import Callable
+from importlib import import_module
 from typing import Any
 
 import click
@@ -53,16 +54,16 @@ def euler_errors(make: Callable[[int], Any], recording: Recording, array: Array,
 def command(lines: int, seed: int, kind: str) -> None:
     """Print how far both are from the targets."""
     try:
-        from harmonica import EulerDeconvolution
+        make = import_module("harmonica").EulerDeconvolution
     except ImportError:
-        click.echo("skipped: harmonica is not installed (pip install harmonica)")
+        click.echo("skipped: harmonica is not installed")
         return
     euler: list[float] = []
     asked = found = 0
     own: list[float] = []
     for number in range(seed, seed + lines):
         recording, array, truth = line_of(kind, number)
-        euler += euler_errors(EulerDeconvolution, recording, array, truth)
+        euler += euler_errors(make, recording, array, truth)
         path = path_in(recording, position_error_m=truth.error_m, position_drift_m=truth.drift_m)
         try:
             targets = find_targets(recording, calibrated(array, number, False), path, truth.attitude).targets

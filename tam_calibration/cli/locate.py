@@ -115,8 +115,9 @@ def command(
             _require_one_frame(data)
             stated = speed, velocity_error, position_error_m, position_drift_m or 0.0
             lines = [find_targets(each, calibration, path_in(each, *stated), noise) for each in data]
-            result: Survey | list[Target] = merged([each.targets for each in lines])
-            _write(beside, lines, result, recordings, begin, table)
+            targets = merged([each.targets for each in lines])
+            _write(beside, lines, targets, recordings, begin, table)
+            result: Survey | list[Target] = targets
         else:
             _require_one(data, position_error_m is not None or position_drift_m is not None, table)
             if is_alternating:

@@ -1,11 +1,11 @@
 """The readings of a survey line, turned into the world by the recorded attitude and thinned as the signal allows.
 
-An error of the attitude turns the readings of all sensors together. So the intensity of their mean and the differences
-between them, which show the gradient, are free of it to first order in the source's field. The direction of the mean is
-not: it is used where the attitude turns out to be nearly exact.
+An error of the attitude turns the readings of all sensors together. So their mean tells the intensity and nothing else
+(its direction is that of the regional field), and their differences tell the gradient. Both are free of the attitude's
+error to first order in the source's field.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import comb
 
 import numpy as np
@@ -58,8 +58,6 @@ class LineData:
         Part of it that is white, after averaging, radians.
     errors_T : (M, 3 K, Q) array
         What errors of the calibration of size one add to the readings in the world, tesla.
-    across_T : (M,) array, optional
-        Standard deviation of the mean reading across the field, tesla, where it is used.
     """
 
     time_s: FloatArray
@@ -71,7 +69,6 @@ class LineData:
     attitude_error: float
     white_attitude: FloatArray
     errors_T: FloatArray
-    across_T: FloatArray | None = None
 
     def take(self, at: np.ndarray) -> "LineData":
         """Return some of the moments."""
@@ -85,18 +82,7 @@ class LineData:
             self.attitude_error,
             self.white_attitude[at],
             self.errors_T[at],
-            None if self.across_T is None else self.across_T[at],
         )
-
-    def louder(self, factor: float) -> "LineData":
-        """Return the same with a noise that is larger by a factor."""
-        across = None if self.across_T is None else factor * self.across_T
-        return replace(self, noise_T=factor * self.noise_T, across_T=across)
-
-    @property
-    def mean_noise_T(self) -> FloatArray:
-        """(M,) standard deviation of the noise of the mean of the sensors, tesla."""
-        return np.asarray(norm(self.noise_T, axis=1) / self.noise_T.shape[1])
 
 
 def line_data(

@@ -4,7 +4,7 @@ In the world the field at sensor k is f_k = u + G a_k + Σ b(p + a_k - p_s, m_s)
 gradient G, both smooth along the line. The path p errs by a spline of known covariance. The attitude errs by a tilt, by
 turns about the regional field of known size, and by whatever turns the mean of the readings: that part is taken off
 each sample by the shortest rotation from the expected to the measured mean. Data are the intensity of the mean and the
-differences between sensors, and the mean's direction where the attitude is nearly exact.
+differences between sensors.
 """
 
 from dataclasses import dataclass
@@ -99,7 +99,7 @@ class Window:
         return np.asarray(self.prior.T @ self.prior)
 
     def by_moment(self, places: FloatArray) -> FloatArray:
-        """Return the derivatives (M, D, n, 3) of the data by the moments of dipoles at places (n, 3)."""
+        """Return the derivatives (M, 3 K - 2, n, 3) of the data by the moments of dipoles at places (n, 3)."""
         data = self.data
         points = (self.place_m[:, None] + data.arms_m)[:, :, None]
         offset = np.moveaxis(points - places, 3, 2)
@@ -110,7 +110,7 @@ class Window:
         for axis in range(3):
             made[:, :, axis, :, axis] -= near
         flat = made.reshape(*made.shape[:3], -1)
-        rows = self._whitened(flat, data.fields_T, flat.mean(axis=1))
+        rows = self._whitened(flat, data.fields_T)
         return rows.reshape(*rows.shape[:2], -1, 3)
 
     @property
@@ -143,7 +143,7 @@ class Window:
         return tuple(slice(int(low), int(high)) for low, high in pairwise(edges))
 
     def linearized(self, unknowns: FloatArray, with_slopes: bool = True) -> tuple[FloatArray, FloatArray]:
-        """Return the residuals (M, D), data less model in units of their noise, and the model's derivatives."""
+        """Return the residuals (M, 3 K - 2), data less model in units of their noise, and the model's derivatives."""
         data = self.data
         split = len(unknowns) - self.nuisance_count
         sources, rest = unknowns[:split].reshape(-1, OF_SOURCE), unknowns[split:]
@@ -171,10 +171,8 @@ class Window:
         field = uniform[:, None] + np.einsum("nij,nkj->nki", tensor, arms) + made.sum(axis=2)
         added = (data.errors_T @ calibration).reshape(field.shape)
         residual = (_applied(total.inv(), data.fields_T) - added - field)[..., None]
-        expected = field.mean(axis=1)
-        off = (turned.inv().apply(mean) - added.mean(axis=1) - expected)[..., None]
         if not with_slopes:
-            return self._whitened(residual, field, off)[..., 0], np.zeros((0, 0, 0))
+            return self._whitened(residual, field)[..., 0], np.zeros((0, 0, 0))
         slope = tensor[:, None] + grad.sum(axis=2)
         by_turn = _by_turn(field - uniform[:, None], slope, arms)
         own = np.concatenate([-grad[:, :, : len(sources)], by_moment[:, :, : len(sources)]], axis=4)
@@ -183,16 +181,11 @@ class Window:
         by_tensor = np.einsum("qij,nkj->nkiq", UNIT_TENSORS, arms + aside[:, None])
         by_errors = data.errors_T.reshape(*field.shape, -1)
         local = np.concatenate([columns, slope, by_turn, by_errors, spread, by_tensor], axis=3)
-        of_mean = local.mean(axis=1)
-        of_mean[..., split + 3 : split + 6] = np.stack([np.cross(axis, expected) for axis in np.eye(3)], axis=2)
-        rows = self._whitened(np.concatenate([residual, local], axis=3), field, np.concatenate([off, of_mean], axis=2))
+        rows = self._whitened(np.concatenate([residual, local], axis=3), field)
         return rows[..., 0], self._expanded(rows[..., 1:], split)
 
-    def _whitened(self, stacked: FloatArray, field: FloatArray, of_mean: FloatArray) -> FloatArray:
-        """Return rows (M, D, C) of unit noise: the mean along the field, the differences, and the mean across it.
-
-        The last come from the mean (M, 3, C) at the reported attitude, where they are used: D is 3 K, else 3 K - 2.
-        """
+    def _whitened(self, stacked: FloatArray, field: FloatArray) -> FloatArray:
+        """Return rows (M, 3 K - 2, C) of unit noise: the mean along the field, then the differences."""
         data, count = self.data, len(self.data.time_s)
         unit = stacked / data.noise_T[..., None, None]
         mixed = np.einsum("lk,nkic->nlic", self._contrasts, unit)
@@ -207,13 +200,10 @@ class Window:
         shrink = (1 - 1 / np.sqrt(1 + square)) / np.maximum(square, 1e-30)
         along = np.einsum("nr,nrc->nc", turned, others) * shrink[:, None]
         others = others - turned[..., None] * along[:, None]
-        if data.across_T is None:
-            return np.concatenate([first, others], axis=1)
-        across = np.einsum("nai,nic->nac", _across(axis), of_mean) / data.across_T[:, None, None]
-        return np.concatenate([first, others, across], axis=1)
+        return np.concatenate([first, others], axis=1)
 
     def _expanded(self, local: FloatArray, split: int) -> FloatArray:
-        """Return derivatives (M, D, P) by all unknowns from those by what they make at each moment."""
+        """Return derivatives (M, 3 K - 2, P) by all unknowns from those by what they make at each moment."""
         of_regional, of_gradient, of_turns = self.bases
         by_path, by_turn = local[..., split : split + 3], local[..., split + 3 : split + 6]
         errors = self.data.errors_T.shape[2]
@@ -231,13 +221,6 @@ class Window:
             ],
             axis=2,
         )
-
-
-def _across(axis: FloatArray) -> FloatArray:
-    """Return two unit vectors (M, 2, 3) across each of M directions."""
-    first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis).max(axis=0))])
-    first /= norm(first, axis=1, keepdims=True)
-    return np.stack([first, np.cross(axis, first)], axis=1)
 
 
 def _applied(rotation: Rotation, vectors: FloatArray) -> FloatArray:

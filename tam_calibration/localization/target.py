@@ -171,7 +171,7 @@ def _of_body(group: Sequence[Found], misfit: float, field_T: FloatArray) -> Targ
         position_covariance_m2=spread + np.einsum("s,si,sj->ij", weights, apart, apart) + (own / 4) ** 2 * np.eye(3),
         moment_Am2=rows[:, 3:].sum(axis=0),
         moment_covariance_A2m4=misfit * covariance[:, 3:, 3:].sum(axis=0),
-        evidence=max(each.gain for each in group) / misfit,
+        evidence=sum(each.gain for each in group) / misfit,
         distance_m=distance,
         extent_m=extent,
         is_extended=True,

@@ -1,7 +1,7 @@
 """Dipoles along a survey line: found in windows that overlap, added and removed as the evidence for them says."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -34,23 +34,11 @@ _TRIED_GAIN = 30.0
 _CLEAR = 1.05
 """Mean squared residual, over the noise, below which all dipoles of a window have been found."""
 
+_UNEXPLAINED = 1.3
+"""Mean squared residual, over the noise, above which a window is begun again: its neighbours are known by then."""
+
 _MOST_TRIED, _MOST_TRIED_BESIDE_MUCH, _MOST_SOURCES = 2, 6, 10
 """Places that are tried one after the other, also beside large residuals, and dipoles of a window."""
-
-_LASTING = 4.0
-"""Standard deviation of white noise that hides as much as an error of the attitude does, over that of the error: an
-error that lasts as long as a dipole is passed, some seconds, is the same in some ten moments."""
-
-_OF_SIGNAL = 0.03
-"""Error of the mean's direction as a part of the signal: what centimetres of the path make of a target at a few metres.
-Far targets are found by the direction, near ones by the differences between the sensors."""
-
-_USEFUL = 10.0
-"""Noise of the mean across the field, over that of a sensor, below which it is used: at ten metres a dipole's field is
-ten times the differences between the sensors."""
-
-_RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))
-"""Median length of a vector of two normal components of standard deviation one."""
 
 _GLANCE_STEPS = 6
 """Steps after which a place that explains less than half of what is needed is given up."""
@@ -58,11 +46,8 @@ _GLANCE_STEPS = 6
 LARGEST_LEFT = 2.0
 """Mean squared residual, over the noise, above which something large is still missing."""
 
-_DISTANCES_M, _ANGLES = (2.0, 3.0, 4.5, 6.5, 9.5, 14.0), 8
-"""Places that are looked at: their distances from the path, and directions across it."""
-
-_SPACING_M, _SPACING, _EDGE_M = 2.0, 0.4, 2.0
-"""Way between them, at least and as a part of their distance, and from the ends of a window, metres."""
+_SPACING_M, _DISTANCES_M, _ANGLES = 2.0, (2.0, 3.0, 4.5, 6.5, 9.5, 14.0), 8
+"""Places that are looked at: way between them, distances from the path, and directions across it."""
 
 _THIN_M = 1.0
 """Way between the moments at which they are looked at, metres."""
@@ -93,7 +78,7 @@ class Found:
     distance_m: float
 
 
-def search(data: LineData, path: Path, stated_attitude: float) -> tuple[list[Found], FloatArray]:
+def search(data: LineData, path: Path) -> tuple[list[Found], FloatArray]:
     """Return the dipoles that a line shows, and the root mean square of what they leave at each moment (M,).
 
     Parameters
@@ -102,16 +87,14 @@ def search(data: LineData, path: Path, stated_attitude: float) -> tuple[list[Fou
         Of the whole line.
     path : Path
         Of the array's centre.
-    stated_attitude : float
-        Least standard deviation of the attitude about each axis, radians.
     """
     line = _Line(data, path)
     sources: FloatArray = np.zeros((0, OF_SOURCE))
     for middle in line.middles():
         sources, _ = line.explained(middle, sources)
-    if line.take_direction(stated_attitude):
-        for middle in line.middles():
-            sources, _ = line.explained(middle, sources)
+    for middle in line.middles():
+        if line.misfit(middle) > _UNEXPLAINED:
+            sources = line.begun_again(middle, sources)
     found: list[Found] = []
     for middle in line.groups(sources):
         sources, solved = line.explained(middle, sources, is_last=True)
@@ -126,7 +109,6 @@ class _Line:
         self._data, self._path = data, path
         self._places = path.at(data.time_s)
         self.left = np.zeros(len(data.time_s))
-        self._off_T = np.zeros((len(data.time_s), 2))
 
     def middles(self) -> list[float]:
         """Return the ways along the line at which windows have their middle, those of the strongest signal first.
@@ -152,19 +134,6 @@ class _Line:
                 middles.append([way])
         return [(ways[0] + ways[-1]) / 2 for ways in middles]
 
-    def take_direction(self, stated_attitude: float) -> bool:
-        """Use the direction of the mean if the attitude is nearly exact; return whether it is."""
-        noise, mean = self._data.mean_noise_T, self._data.fields_T.mean(axis=1)
-        size = norm(mean, axis=1, keepdims=True)
-        wander = float(np.median(norm(self._off_T, axis=1))) / _RAYLEIGH_MEDIAN
-        turned = np.sqrt(max(wander**2 - float(np.median(noise)) ** 2, (stated_attitude * np.median(size)) ** 2))
-        signal = norm(mean - size * self._data.direction, axis=1)
-        across = np.sqrt(noise**2 + (_LASTING * turned) ** 2 + (_OF_SIGNAL * signal) ** 2)
-        if float(np.median(across)) > _USEFUL * float(np.median(self._data.noise_T)):
-            return False
-        self._data = replace(self._data, across_T=across)
-        return True
-
     def _way(self, sources: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the way (S,) along the line at which each dipole is passed, and its distance."""
         if not len(sources):
@@ -181,7 +150,7 @@ class _Line:
         solved = annealed(window, np.concatenate([beside.ravel(), own.ravel(), window.start()]))
         may_add = not is_last or _reduced(solved) > _CLEAR
         while may_add and len(solved.sources) - len(beside) < _MOST_SOURCES:
-            more = _with_another(solved)
+            more = _with_another(solved, len(beside))
             if more is None:
                 break
             solved = more
@@ -190,9 +159,21 @@ class _Line:
             solved = solve(window, solved.unknowns)
         near = np.abs(window.data.along_m - middle) <= _STEP_M
         self.left[at[near]] = np.sqrt(np.mean(solved.residual[near] ** 2, axis=1))
-        if window.data.across_T is None:
-            self._off_T[at[near]] = solved.across_T[near]
         return np.concatenate([sources[away > _OWN_M], solved.sources[len(beside) :]]), solved
+
+    def misfit(self, middle: float) -> float:
+        """Return the mean squared residual about a middle, over the noise."""
+        return float(np.mean(self.left[np.abs(self._data.along_m - middle) <= _STEP_M] ** 2))
+
+    def begun_again(self, middle: float, sources: FloatArray) -> FloatArray:
+        """Return the dipoles (S, 6) with those of a window found anew from none, where these explain more."""
+        before, left = self.misfit(middle), self.left.copy()
+        is_own = np.abs(self._way(sources)[0] - middle) <= _OWN_M
+        found, _ = self.explained(middle, sources[~is_own])
+        if self.misfit(middle) < before:
+            return found
+        self.left = left
+        return sources
 
     def told(self, middle: float, solved: Solved) -> Iterator[Found]:
         """Yield the dipoles that a window is about."""
@@ -222,8 +203,8 @@ def _reduced(solved: Solved) -> float:
     return max(1.0, float(np.mean(solved.residual**2)))
 
 
-def _with_another(solved: Solved) -> Solved | None:
-    """Return the solution with one more dipole, where the evidence for it is enough."""
+def _with_another(solved: Solved, first: int) -> Solved | None:
+    """Return the solution with one more dipole, where the evidence for it is enough and those from a first are near."""
     gains, places, moments = _gains(solved)
     for _ in range(_MOST_TRIED if _reduced(solved) < LARGEST_LEFT else _MOST_TRIED_BESIDE_MUCH):
         best = int(np.argmax(gains))
@@ -238,7 +219,7 @@ def _with_another(solved: Solved) -> Solved | None:
             start = glance.unknowns
         for fit in (annealed, solve):
             more = fit(solved.window, start, least_fall=ROUGH_FALL)
-            if solved.chi_square - more.chi_square > LEAST_GAIN * _reduced(more) and _is_sound(more):
+            if solved.chi_square - more.chi_square > LEAST_GAIN * _reduced(more) and _is_sound(more, first):
                 return more
             if _reduced(solved) < LARGEST_LEFT:
                 break
@@ -246,9 +227,11 @@ def _with_another(solved: Solved) -> Solved | None:
     return None
 
 
-def _is_sound(solved: Solved) -> bool:
-    """Return whether all dipoles are within sight of the line: at least half a metre off, at most half a window."""
-    distance = norm(solved.sources[:, None, :3] - solved.window.path.at(solved.window.data.time_s), axis=2).min(axis=1)
+def _is_sound(solved: Solved, first: int) -> bool:
+    """Return whether dipoles from a first are in sight: from half a metre to half a window off the path."""
+    distance = norm(solved.sources[first:, None, :3] - solved.window.path.at(solved.window.data.time_s), axis=2).min(
+        axis=1
+    )
     return bool(((distance > 0.5) & (distance < _HALF_M)).all())
 
 
@@ -308,16 +291,14 @@ def _places(window: Window) -> FloatArray:
     """Return places (n, 3) around the path of a window."""
     way = window.data.along_m
     path = window.path.at(window.data.time_s)
+    marks = np.arange(way.min() + _SPACING_M, way.max() - _SPACING_M / 2, _SPACING_M)
+    at = np.array([np.argmin(np.abs(way - mark)) for mark in marks]) if len(marks) else np.array([len(way) // 2])
+    ahead = path[np.minimum(at + 2, len(path) - 1)] - path[np.maximum(at - 2, 0)]
+    ahead /= np.maximum(norm(ahead, axis=1, keepdims=True), 1e-9)
+    side = np.cross(ahead, [0.0, 0.0, 1.0])
+    side /= np.maximum(norm(side, axis=1, keepdims=True), 1e-9)
+    up = np.cross(side, ahead)
     angle = 2 * np.pi * (np.arange(_ANGLES) + 0.5) / _ANGLES
-    places = []
-    for distance in _DISTANCES_M:
-        step = max(_SPACING_M, _SPACING * distance)
-        marks = np.arange(way.min() + _EDGE_M, way.max() - _EDGE_M + step / 2, step)
-        at = np.array([np.argmin(np.abs(way - mark)) for mark in marks]) if len(marks) else np.array([len(way) // 2])
-        ahead = path[np.minimum(at + 2, len(path) - 1)] - path[np.maximum(at - 2, 0)]
-        ahead /= np.maximum(norm(ahead, axis=1, keepdims=True), 1e-9)
-        side = np.cross(ahead, [0.0, 0.0, 1.0])
-        side /= np.maximum(norm(side, axis=1, keepdims=True), 1e-9)
-        across = np.cos(angle)[:, None, None] * side + np.sin(angle)[:, None, None] * np.cross(side, ahead)
-        places.append((path[at] + distance * across).reshape(-1, 3))
-    return np.concatenate(places)
+    across = np.cos(angle)[:, None, None] * side + np.sin(angle)[:, None, None] * up
+    distances = np.array(_DISTANCES_M)[:, None, None, None]
+    return np.asarray((path[at] + distances * across).reshape(-1, 3))

@@ -133,7 +133,7 @@ def find_targets(recording: Recording, calibration: Calibration, path: Path, att
     errors = errors_of(calibration, fields)
     way = _way_m(path, recording.time_s)
     data = line_data(recording.time_s, fields, recording.attitude, calibration.array, way, attitude_noise, errors)
-    found, left = search(data, path, attitude_noise)
+    found, left = search(data, path)
     _require_explained(left)
     field = np.median(data.fields_T.mean(axis=1), axis=0)
     tensors = tensors_of(fields.reshape(len(fields), -1) @ calibration.array.operator.T)

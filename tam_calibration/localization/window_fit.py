@@ -68,17 +68,9 @@ class Solved:
         inverse = np.linalg.solve(unit + 1e-13 * np.eye(len(unit)), np.eye(len(unit))[:, :count])[:count]
         return np.asarray(inverse / scale[:count, None] / scale[:count])
 
-    @property
-    def across_T(self) -> FloatArray:
-        """(M, 2) what the model and a smooth course leave of the mean reading across the field, tesla."""
-        data = replace(self.window.data, across_T=np.ones(len(self.window.data.time_s)))
-        off = replace(self.window, data=data).linearized(self.unknowns, False)[0][:, -2:]
-        smooth = self.window.bases[0]
-        return np.asarray(off - smooth @ np.linalg.lstsq(smooth, off, rcond=None)[0])
-
     @cached_property
     def residual(self) -> FloatArray:
-        """(M, D) residuals in units of their noise."""
+        """(M, 3 K - 2) residuals in units of their noise."""
         return self.window.linearized(self.unknowns, False)[0]
 
 
@@ -89,7 +81,7 @@ def annealed(window: Window, start: FloatArray, least_fall: float = ROUGH_FALL) 
     """
     size = float(np.sqrt(np.mean(window.linearized(start, False)[0] ** 2)))
     for factor in 10.0 ** np.arange(np.ceil(np.log10(max(size / 3, 1.0))), 0, -1):
-        rough = replace(window, data=window.data.louder(factor))
+        rough = replace(window, data=replace(window.data, noise_T=factor * window.data.noise_T))
         start = solve(rough, start, _ROUGH_STEPS, ROUGH_FALL).unknowns
     return solve(window, start, least_fall=least_fall)
 

@@ -1,6 +1,5 @@
 """The targets of the last stretch of a survey line, found in a thread while the localizer answers sample by sample."""
 
-import time
 from functools import partial
 
 import numpy as np
@@ -42,10 +41,11 @@ class LineTargets:
 
     def __init__(self, node: TamNode, span_s: float, period_s: float, attitude_noise: float) -> None:
         self._line, self._work = SlidingLine(span_s), Work()
-        self._period_s, self._attitude_noise = period_s, attitude_noise
-        self._begun_s, self._frame_id = -np.inf, ""
-        self._logger, self.found, self.problem = node.get_logger(), 0, ""
+        self._attitude_noise, self._frame_id = attitude_noise, ""
+        self.calibration: Calibration | None = None
+        self.found, self.problem = 0, ""
         self._targets = node.offer(MarkerArray, "targets", _RELIABLE)
+        node.create_timer(period_s, self._search)
         node.listen(Odometry, "odometry", self._take_odometry, RELIABLE_STREAM)
 
     def _take_odometry(self, message: bytes) -> None:
@@ -58,15 +58,12 @@ class LineTargets:
         """Take a sample: readings (K, 3), tesla, and attitude (4,)."""
         self._line.push_sample(_NANOSECONDS * stamp_ns, readings_T, attitude)
 
-    def search(self, calibration: Calibration | None) -> None:
-        """Begin to search what is kept, if it is time to."""
-        now = time.monotonic()
-        if calibration is None or self._work.busy_with or now < self._begun_s + self._period_s:
+    def _search(self) -> None:
+        if self.calibration is None or self._work.busy_with or not self._targets.get_subscription_count():
             return
         recording = self._line.recording()
-        if recording is not None and self._targets.get_subscription_count():
-            self._begun_s = now
-            self._work.begin("targets", partial(self._found, recording, calibration), self._publish)
+        if recording is not None:
+            self._work.begin("targets", partial(self._found, recording, self.calibration), self._publish)
 
     def _found(self, recording: Recording, calibration: Calibration) -> list[Target] | str:
         try:

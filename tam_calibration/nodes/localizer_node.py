@@ -170,6 +170,8 @@ class Localizer(CalibratedNode):
     def switch(self, calibration: Calibration) -> None:
         """Take the array and the covariance of a calibration; what was fitted to older outputs is fitted again."""
         self._partial = PartialCorrection(calibration)
+        if self._targets is not None:
+            self._targets.calibration = calibration
         self._run.start_over()
         self._forget_regional()
 
@@ -191,7 +193,6 @@ class Localizer(CalibratedNode):
                 readings = rows.values[:, 1 : 1 + 3 * self._array.sensor_count].reshape(len(stamps), -1, 3)
                 for stamp_ns, reading, attitude in zip(stamps, readings, attitudes, strict=True):
                     self._targets.take_sample(stamp_ns, reading, attitude)
-                self._targets.search(self._calibration)
         self._answer(joined)
 
     def _take_outputs(self, messages: list[bytes]) -> None:

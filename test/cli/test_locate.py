@@ -81,8 +81,9 @@ def test_a_passed_dipole_is_found_from_the_whole_track(folder):
     [target] = result_of(folder, "pass.csv", "--velocity", "1.5,0,0", "--velocity-error", "0")["targets"]
     errors = np.array(target["standard_error_m"])
     assert (np.abs(np.subtract(target["position_m"], PASSED)) < 5 * errors).all()
-    assert errors.max() < 6e-3 and not target["extended"] and target["misfit"] < 1.5
-    assert_allclose(target["moment_A_m2"], [40, -60, 150], rtol=0.01)
+    assert errors.max() < 1e-2 and not target["extended"] and target["misfit"] < 1.5
+    spread = np.array(target["moment_standard_error_A_m2"])
+    assert (np.abs(np.subtract(target["moment_A_m2"], [40, -60, 150])) < 5 * spread).all() and spread.max() < 2
     assert_allclose(np.sqrt(np.diag(target["position_covariance_m2"])), errors)
 
 
