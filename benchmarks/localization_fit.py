@@ -26,14 +26,17 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.localization.alternating import locate_alternating
-from tam_calibration.localization.steady import locate_steady
 from tam_calibration.localization.survey import Survey
+from tam_calibration.localization.targets import find_targets, path_in
 from tam_calibration.model.array import UNIT_TENSORS
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 from tam_calibration.sources.dipole import Dipole, Loop
+
+Answer = tuple[FloatArray, FloatArray, FloatArray]
+"""Places (n, 3) of what was found, their covariances (n, 3, 3), and the true places (S, 3), metres."""
 
 RESULTS = Path(__file__).parent / "results" / "localization_fit.csv"
 EARTH_T = np.array([1e-6, 20e-6, -45e-6])
@@ -63,7 +66,7 @@ class Pass:
     attitude_deg: float = 0.0
     samples: int = 150
 
-    def __call__(self, generator: np.random.Generator) -> tuple[Survey, FloatArray]:
+    def __call__(self, generator: np.random.Generator) -> Answer:
         """Return the answer to one pass, and the true places (S, 3) of its sources."""
         errors = errors_of(generator)
         askew = from_degrees(self.askew_deg) * _unit(generator)
@@ -82,9 +85,15 @@ class Pass:
         angle = from_degrees(self.attitude_deg)
         reported = sway * Rotation.from_rotvec(angle * generator.normal(size=(self.samples, 3)))
         recording = Recording(time, errors.distort(fields) + noise, attitude=reported.as_quat())
-        velocity = np.array([1.0, 0, 0])
-        survey = locate_steady(recording, calibration, attitude_noise=angle, velocity_m_per_s=velocity)
-        return survey, np.array([each.position_m for each in sources]).reshape(-1, 3)
+        line = find_targets(recording, calibration, path_in(recording, np.array([1.0, 0, 0])), angle)
+        dipoles = [each for each in line.targets if not each.is_extended]
+        if not dipoles:
+            raise Refused("extended alone" if line.targets else "no target")
+        return (
+            np.array([each.position_m for each in dipoles]),
+            np.array([each.position_covariance_m2 for each in dipoles]),
+            np.array([each.position_m for each in sources]).reshape(-1, 3),
+        )
 
 
 def _passed(generator: np.random.Generator) -> Dipole:
@@ -111,7 +120,7 @@ class Heard:
     noise_nT: float = 1.0
     places_mm: float = 0.0
 
-    def __call__(self, generator: np.random.Generator) -> tuple[Survey, FloatArray]:
+    def __call__(self, generator: np.random.Generator) -> Answer:
         """Return the answer to one recording, and the places (S, 3) of its sources."""
         errors = errors_of(generator)
         calibration = calibrated(errors, generator)
@@ -130,7 +139,8 @@ class Heard:
         recording = Recording(time, errors.distort(fields) + noise, attitude=attitude)
         survey = locate_alternating(recording, calibration, 10.0 + self.off_hz, index=self.index)
         center = np.zeros(3)
-        return survey, np.array([s.nearest_m(center) if isinstance(s, Line) else s.position_m for s in sources])
+        places = np.array([s.nearest_m(center) if isinstance(s, Line) else s.position_m for s in sources])
+        return *_found(survey), places
 
     def _turns(self, time_s: FloatArray, generator: np.random.Generator) -> Rotation:
         if self.turns == "turning":
@@ -158,7 +168,14 @@ def _unit(generator: np.random.Generator) -> FloatArray:
     return np.asarray(drawn / norm(drawn))
 
 
-Run = Callable[[np.random.Generator], tuple[Survey, FloatArray]]
+def _found(survey: Survey) -> tuple[FloatArray, FloatArray]:
+    if survey.overall is not None:
+        return survey.overall.position_m[None], survey.overall.position_covariance_m2[None]
+    at = survey.solutions.is_located
+    return survey.solutions.position_m[at], survey.solutions.position_covariance_m2[at]
+
+
+Run = Callable[[np.random.Generator], Answer]
 """From a generator to an answer and the true places of the sources; raises ``Refused``."""
 
 TUNED: dict[str, tuple[Run, bool]] = {
@@ -209,18 +226,9 @@ def outcome(name: str, seed: int, run: int) -> tuple[str, FloatArray]:
     """Return why a run was refused, or nothing and the pulls (n, 3) of its answer."""
     kinds = TUNED | JUDGED
     try:
-        survey, places = kinds[name][0](np.random.default_rng((seed, list(kinds).index(name), run)))
+        found, spread, places = kinds[name][0](np.random.default_rng((seed, list(kinds).index(name), run)))
     except Refused as refusal:
         return str(refusal), np.zeros((0, 3))
-    if survey.overall is None:
-        at = survey.solutions.is_located
-        found, spread = survey.solutions.position_m[at], survey.solutions.position_covariance_m2[at]
-    else:
-        each = [survey.overall, *survey.further]
-        found, spread = (
-            np.array([one.position_m for one in each]),
-            np.array([one.position_covariance_m2 for one in each]),
-        )
     errors = np.sqrt(np.diagonal(spread, axis1=1, axis2=2))
     if not len(places):
         return "", np.full_like(found, np.inf)

@@ -6,7 +6,7 @@ structural index 1 to 3 so many passes each are drawn from the whole product of 
 gradient 0 to 5 nT/m and velocity error 0 to 3 %; attitude, gradient and velocity are each exact in a third of them, and
 figures are pooled. Then from a middle cell each condition is changed by itself, then all at once. Figures are written
 while the passes go on: a run that is ended early says of how many they are. The dipoles of a pass are located by
-``track_dipole``, with the velocity's standard error that `tam locate --velocity` takes where none is stated, and by
+``find_targets``, with the velocity's standard error that `tam locate --velocity` takes where none is stated, and by
 each sample. Lines of current and of dipoles, structural index 1 and 2, are crossed at the same distances and located by
 each sample; the nearest point of the line is what is sought. Of dipoles and currents the regional field of samples by
 themselves is that of the run, of lines of dipoles it is known to 140 nT as IGRF is. What is refused counts as refused.
@@ -27,15 +27,19 @@ from numpy.linalg import norm
 from rich.progress import track as progress
 from scipy.spatial.transform import Rotation
 
+from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.localization.euler import DIPOLE_INDEX
 from tam_calibration.localization.line_fit import DIPOLES_INDEX
 from tam_calibration.localization.one_source import locate_run
-from tam_calibration.localization.steady import DEFAULT_VELOCITY_ERROR, straight_track, track_dipole
+from tam_calibration.localization.targets import find_targets, path_in
 from tam_calibration.localization.turned_samples import Regional, regional_of
 from tam_calibration.model.array import UNIT_TENSORS, Array
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.geomagnetic_field import LOCAL_VARIANCE_T2
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.residuals import noise_floor
+from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 from tam_calibration.sources.dipole import Dipole
 from tam_calibration.sources.poses import Poses
@@ -176,7 +180,7 @@ class Pass:
         array = Array.cross(way.baseline_m, vector_noise_T=noise)
         velocity = np.array([1.0, 0.0, 0.0])
         true_velocity = velocity + cell.velocity_error * generator.standard_normal(3)
-        reckoned, path = (straight_track(_TIME_S, np.zeros(3), each) for each in (velocity, true_velocity))
+        reckoned, path = (np.outer(_TIME_S, each) for each in (velocity, true_velocity))
         path = way.path_m(path)
         angles = np.outer(_TIME_S, [0.2, 0.33, 0.5]) + generator.uniform(0, 6, 3)
         sway = Rotation.from_euler("zyx", way.sway * np.sin(angles))
@@ -194,11 +198,19 @@ class Pass:
 
     def together(self) -> FloatArray:
         """Return the pulls (S, 3) of the dipoles that all samples show."""
-        found = track_dipole(
-            self.fields_T, self.array, self.poses, time_s=_TIME_S, velocity_error_m_per_s=DEFAULT_VELOCITY_ERROR
+        none = SensorErrors.none(self.array.sensor_count)
+        floor = noise_floor(none, self.array, 1e-10)
+        size = float(np.linalg.norm(_REGIONAL_T))
+        exact = Calibration(
+            "maximum_likelihood", self.array, False, none, None, True, size, *[floor] * 3, 100, (0.0, 1.0), 1.0
         )
-        rows = [(each.position_m, np.sqrt(np.diag(covariance)[:3])) for each, covariance in found.sources]
-        places, errors = (np.array(part) for part in zip(*rows, strict=True))
+        recording = Recording(_TIME_S, self.fields_T, attitude=self.poses.attitude)
+        path = path_in(recording, np.array([1.0, 0.0, 0.0]))
+        targets = find_targets(recording, exact, path, self.poses.attitude_noise).targets
+        if not targets:
+            raise Refused("no target")
+        places = np.array([each.position_m for each in targets])
+        errors = np.array([each.standard_errors_m for each in targets])
         return self._pulls(places, errors, places)
 
     def one_by_one(self) -> FloatArray:

@@ -1,4 +1,4 @@
-"""The cases of the localisation benchmark in which the array or the source is calibrated, demodulated or passed."""
+"""The cases of the localisation benchmark in which the array or the source is calibrated or demodulated."""
 
 from collections.abc import Iterable
 
@@ -12,23 +12,19 @@ from localization_setup import (
     SENSOR_NOISE_T,
     directions,
     ratio,
-    rms,
 )
-from numpy.linalg import inv, norm
+from numpy.linalg import inv
 from rich.progress import track
 from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.fit.source_calibration import SourceCalibration, calibrate_by_source
-from tam_calibration.localization.steady import straight_track, track_dipole
-from tam_calibration.model.array import Array
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation.attitude import Manoeuvre
 from tam_calibration.sources.demodulation import background_of, demodulate, turning_of
-from tam_calibration.sources.dipole import Dipole, Loop
-from tam_calibration.sources.poses import Poses
+from tam_calibration.sources.dipole import Loop
 from tam_validation.papers.wu2025_coil import POSITION_M, RADIUS_M
 
 
@@ -95,32 +91,6 @@ def band_pass_amplitude(time_s: FloatArray, channels: FloatArray) -> FloatArray:
     passed = sosfiltfilt(sections, channels, axis=0)[len(time_s) // 4 : 3 * len(time_s) // 4]
     size = np.sqrt(2 * np.mean(passed**2, axis=0))
     return np.asarray(size * np.sign(passed.T @ passed[:, size.argmax()]))
-
-
-def passing(generator: np.random.Generator, runs: int) -> Iterable[Figure]:
-    """Yield the errors of a steady dipole that is passed, over the standard errors."""
-    array, time = Array.cross(0.5, vector_noise_T=SENSOR_NOISE_T), np.arange(200) / 5
-    position = straight_track(time, np.array([-20.0, 0, 0]), np.array([1.0, 0, 0]))
-    sway = Rotation.from_euler("zyx", 0.1 * np.sin(np.outer(time, [0.2, 0.33, 0.5])))
-    points = position[:, None] + np.einsum("nij,kj->nki", sway.as_matrix(), array.positions_m)
-    site, source = (
-        read_scenario("wu_turntable").site_field_T,
-        Dipole(np.array([2.0, 3.0, -2.5]), np.array([100.0, 200, -300])),
-    )
-    fields = np.einsum("nji,nkj->nki", sway.as_matrix(), source.field_T(points) + site)
-    for noise_deg in (0.0, 0.1):
-        noise = from_degrees(noise_deg)
-        squares, errors = [], []
-        for _ in track(range(runs), description=f"passing, {noise_deg}°"):
-            reported = (sway * Rotation.from_rotvec(noise * generator.standard_normal((len(time), 3)))).as_quat()
-            noisy = fields + SENSOR_NOISE_T * generator.standard_normal(fields.shape)
-            found, covariance = track_dipole(noisy, array, Poses(reported, position, noise)).sources[0]
-            error = found.position_m - source.position_m
-            squares.append(error @ inv(covariance[:3, :3]) @ error / 3)
-            errors.append(norm(error))
-        case = f"passing a steady dipole, attitude to {noise_deg}°"
-        yield ratio(case, "track_dipole", "error of position over its standard error", squares, ANYTHING)
-        yield Figure(case, "track_dipole", "RMSE of position [m]", rms(errors))
 
 
 def _faulty_array(generator: np.random.Generator) -> SourceCalibration:

@@ -19,14 +19,15 @@ from survey_simulator import EARTH_T, KINDS, NOISE_T, Truth, line_of
 
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit import calibrate
-from tam_calibration.localization.targets import Target, find_targets, path_in
+from tam_calibration.localization.target import Target
+from tam_calibration.localization.targets import find_targets, path_in
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 
 RESULTS = Path(__file__).parent / "results"
-_STRONG = 5.0
+STRONG = 5.0
 """Field of a target along the path, over the noise, from which it is asked for."""
 
 
@@ -37,7 +38,7 @@ def compared(targets: list[Target], truth: Truth) -> tuple[Counter[str], list[fl
     taken: set[int] = set()
     places = np.array([each.position_m for each in targets]).reshape(-1, 3)
     for place, is_extended, signal in zip(truth.position_m, truth.is_extended, truth.signal, strict=True):
-        if signal < _STRONG:
+        if signal < STRONG:
             continue
         counts["asked"] += 1
         away = norm(places - place, axis=1)
@@ -94,7 +95,7 @@ def command(
             begun = process_time()
             try:
                 path = path_in(recording, position_error_m=truth.error_m, position_drift_m=truth.drift_m)
-                targets = find_targets(recording, calibration, path, truth.attitude)
+                targets = find_targets(recording, calibration, path, truth.attitude).targets
             except Refused:
                 total["refused"] += 1
                 continue

@@ -51,7 +51,7 @@ def main() -> None:
         Path(folder[0]).mkdir(exist_ok=True)
         write_recording(Path(folder[0]) / "pass.csv", recording)
         write_calibration(Path(folder[0]) / "calibration.yaml", calibration)
-    survey = locate_steady(recording, calibration, velocity_m_per_s=VELOCITY_M_PER_S)
+    survey = locate_steady(recording, calibration)
     plot_survey_map(survey).savefig(TARGET, dpi=120)
 
 

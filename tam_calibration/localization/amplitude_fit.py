@@ -15,8 +15,7 @@ from tam_calibration.core.least_squares import Solution
 from tam_calibration.localization.calibration_errors import PLACE_ERROR_M
 from tam_calibration.localization.euler import DIPOLE_INDEX, fit_fields, is_certain, locate, start_of
 from tam_calibration.localization.line_fit import unknowns_of
-from tam_calibration.localization.misfit import CHANCE
-from tam_calibration.localization.solutions import EulerSolutions, Status
+from tam_calibration.localization.solutions import CHANCE, EulerSolutions, Status
 from tam_calibration.localization.turned_samples import SOURCES
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.units import FloatArray

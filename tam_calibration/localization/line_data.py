@@ -6,6 +6,7 @@ error to first order in the source's field.
 """
 
 from dataclasses import dataclass
+from math import comb
 
 import numpy as np
 from numpy.linalg import norm
@@ -24,6 +25,10 @@ _CURVED = 0.04
 
 _FASTER = 2.0
 """Errors of the attitude that last less than the knots of its course, over those that last a sample."""
+
+_ORDER = 5
+"""Order of the differences in time that show the noise: of what sways within three seconds, at five samples a second,
+they leave a hundredth."""
 
 _DIRECTION_STEP_M = 40.0
 """Distance between knots of the regional field's direction, metres."""
@@ -151,8 +156,8 @@ def _noise(world: FloatArray, array: Array) -> FloatArray:
     stated = np.ones(array.sensor_count) if array.vector_noise_T is None else array.vector_noise_T
     weights = stated**-2 / np.sum(stated**-2)
     apart = world - np.einsum("nki,k->ni", world, weights)[:, None]
-    jumps = apart[3:] - 3 * apart[2:-1] + 3 * apart[1:-2] - apart[:-3]
-    seen = np.median(np.abs(jumps), axis=(0, 2)) / 0.6745 / np.sqrt(20.0)
+    jumps = np.diff(apart, _ORDER, axis=0) / np.sqrt(comb(2 * _ORDER, _ORDER))
+    seen = np.median(np.abs(jumps), axis=(0, 2)) / 0.6745
     expected = np.sqrt(np.maximum(stated**2 - 1 / np.sum(stated**-2), 1e-12 * stated**2))
     ratio = float(np.sqrt(np.mean((seen / expected) ** 2)))
     return stated * ratio

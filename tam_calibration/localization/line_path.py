@@ -216,7 +216,7 @@ def _roughness(count: int) -> FloatArray:
 
 
 def reckoned(time_s: FloatArray, velocity_m_per_s: FloatArray, error_m_per_s: float) -> Path:
-    """Return the path of a platform that keeps its velocity but for a random walk about it.
+    """Return the path of a platform that keeps its velocity but for a random walk about it; a walk of no error is none.
 
     Parameters
     ----------
@@ -230,7 +230,7 @@ def reckoned(time_s: FloatArray, velocity_m_per_s: FloatArray, error_m_per_s: fl
     basis = Basis.over(float(time_s[0]), float(time_s[-1]), _STEP_S)
     places = np.outer(basis.centers - basis.first, velocity_m_per_s)
     bands = _roughness(basis.count) / (_WALK_M_PER_S2 * basis.step**2) ** 2
-    bands[3] += 1 / _SWAY_M**2
+    bands[3] += 1 / (_SWAY_M if error_m_per_s else _LEAST_ERROR_M) ** 2
     return Path(basis, places, np.array([bands] * 3), 0.0, error_m_per_s)
 
 

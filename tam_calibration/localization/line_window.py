@@ -7,7 +7,7 @@ each sample by the shortest rotation from the expected to the measured mean. Dat
 differences between sensors.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
@@ -32,24 +32,6 @@ _BEND_T, _CHANGE_T_PER_M = 20e-9, 2e-9
 
 _DIRECTION, _GRADIENT_T_PER_M = 3e-3, 1e-6
 """Standard deviations of the regional field, as a part of the median of the readings, and of its gradient, T/m."""
-
-_MOST_STEPS, _ROUGH_STEPS = 25, 8
-"""Steps of a fit, and of one with a larger noise."""
-
-LEAST_FALL, ROUGH_FALL = 0.02, 1.0
-"""Fall of χ² below which they end."""
-
-_FARTHEST_M, _STRONGEST_AM2, _LARGEST_ERROR = 150.0, 1e7, 30.0
-"""Of dipoles from the middle of a window, of their moments, and of errors in units of their standard deviations."""
-
-_MOST_STALLED = 3
-"""Such steps in a row that end a fit, where damping has become large."""
-
-_LEAST_SEEN = 0.1
-"""Part of what is known of an error beforehand that the data must add for it to be fitted."""
-
-_FIRST_DAMPING, _LEAST_DAMPING, _LARGEST_DAMPING = 1e-3, 1e-7, 1e8
-"""Of Levenberg's and Marquardt's steps, over the diagonal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,18 +60,19 @@ class Window:
         return [rows @ root for root in roots]
 
     @cached_property
-    def _place_m(self) -> FloatArray:
+    def place_m(self) -> FloatArray:
+        """(M, 3) path of the array's centre, metres."""
         return self.path.at(self.data.time_s)
 
     @cached_property
     def _aside_m(self) -> FloatArray:
         """(M, 3) distances of the path from the straight line nearest to it, metres."""
-        rows = np.column_stack([np.ones(len(self._place_m)), self.data.along_m - self.data.along_m.mean()])
-        return np.asarray(self._place_m - rows @ np.linalg.lstsq(rows, self._place_m, rcond=None)[0])
+        rows = np.column_stack([np.ones(len(self.place_m)), self.data.along_m - self.data.along_m.mean()])
+        return np.asarray(self.place_m - rows @ np.linalg.lstsq(rows, self.place_m, rcond=None)[0])
 
     @cached_property
-    def _bases(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The bases of the regional field, its gradient, and the turns."""
+    def bases(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """(M, n) bases of the regional field, of its gradient, and of the turns."""
         way, times = self.data.along_m, self.data.time_s
         ends = float(way.min()), float(way.max())
         regional = Basis.over(*ends, _REGIONAL_STEP_M).matrix(way)
@@ -98,9 +81,9 @@ class Window:
         return regional, gradient, self.data.attitude_error * turns
 
     @cached_property
-    def _prior(self) -> FloatArray:
+    def prior(self) -> FloatArray:
         """Root (R, n) of the precision of all unknowns but the dipoles."""
-        regional, gradient, turns = (each.shape[1] for each in self._bases)
+        regional, gradient, turns = (each.shape[1] for each in self.bases)
         size = float(np.median(norm(self.data.fields_T.mean(axis=1), axis=1)))
         level_T = size * np.hypot(self.data.attitude_error, _DIRECTION)
         bend = np.vstack([np.diff(np.eye(regional), 2, axis=0) / _BEND_T, np.eye(regional)[[0, -1]] / level_T])
@@ -113,12 +96,12 @@ class Window:
     @property
     def precision(self) -> FloatArray:
         """(n, n) of all unknowns but the dipoles, beforehand."""
-        return np.asarray(self._prior.T @ self._prior)
+        return np.asarray(self.prior.T @ self.prior)
 
     def by_moment(self, places: FloatArray) -> FloatArray:
         """Return the derivatives (M, 3 K - 2, n, 3) of the data by the moments of dipoles at places (n, 3)."""
         data = self.data
-        points = (self._place_m[:, None] + data.arms_m)[:, :, None]
+        points = (self.place_m[:, None] + data.arms_m)[:, :, None]
         offset = np.moveaxis(points - places, 3, 2)
         square = np.sum(offset**2, axis=2)
         near = 1e-7 / (square * np.sqrt(square))
@@ -133,7 +116,7 @@ class Window:
     @property
     def nuisance_count(self) -> int:
         """Number of unknowns beside the dipoles."""
-        return int(self._prior.shape[1])
+        return int(self.prior.shape[1])
 
     @cached_property
     def _contrasts(self) -> FloatArray:
@@ -146,15 +129,15 @@ class Window:
     def start(self) -> FloatArray:
         """Return the (n,) unknowns of no dipole: the median field and no error."""
         unknowns = np.zeros(self.nuisance_count)
-        mean, size = self.data.fields_T.mean(axis=1), self._bases[0].shape[1]
+        mean, size = self.data.fields_T.mean(axis=1), self.bases[0].shape[1]
         uniform = np.median(mean / norm(mean, axis=1, keepdims=True), axis=0) * np.median(norm(mean, axis=1))
-        unknowns[self._parts[3]] = np.repeat(uniform, size)
+        unknowns[self.parts[3]] = np.repeat(uniform, size)
         return unknowns
 
     @cached_property
-    def _parts(self) -> tuple[slice, ...]:
+    def parts(self) -> tuple[slice, ...]:
         """Where the unknowns beside the dipoles are: path, tilt and turns, calibration, regional, gradient."""
-        regional, gradient, turns = (each.shape[1] for each in self._bases)
+        regional, gradient, turns = (each.shape[1] for each in self.bases)
         sizes = [sum(each.shape[1] for each in self._path_error), 3 + turns, self.data.errors_T.shape[2]]
         edges = np.cumsum([0, *sizes, 3 * regional, 5 * gradient])
         return tuple(slice(int(low), int(high)) for low, high in pairwise(edges))
@@ -164,17 +147,17 @@ class Window:
         data = self.data
         split = len(unknowns) - self.nuisance_count
         sources, rest = unknowns[:split].reshape(-1, OF_SOURCE), unknowns[split:]
-        path, turn, calibration, regional, gradient = (rest[part] for part in self._parts)
-        of_regional, of_gradient, of_turns = self._bases
+        path, turn, calibration, regional, gradient = (rest[part] for part in self.parts)
+        of_regional, of_gradient, of_turns = self.bases
         moved = np.split(path, np.cumsum([each.shape[1] for each in self._path_error])[:-1])
-        place = self._place_m + np.column_stack(
+        place = self.place_m + np.column_stack(
             [rows @ each for rows, each in zip(self._path_error, moved, strict=True)]
         )
         along = data.direction
         theta = data.attitude_error * turn[:3] + (of_turns @ turn[3:])[:, None] * along
         turned = Rotation.from_rotvec(theta)
         tensor = np.tensordot(of_gradient @ gradient.reshape(5, -1).T, UNIT_TENSORS, 1)
-        aside = self._aside_m + place - self._place_m
+        aside = self._aside_m + place - self.place_m
         uniform = turned.inv().apply(of_regional @ regional.reshape(3, -1).T)
         uniform = uniform + np.einsum("nij,nj->ni", tensor, aside)
         every = np.concatenate([sources, self.fixed])
@@ -186,9 +169,10 @@ class Window:
         points = place[:, None] + arms
         made, grad, by_moment = dipole_field(points[:, :, None] - every[:, :3], every[:, 3:])
         field = uniform[:, None] + np.einsum("nij,nkj->nki", tensor, arms) + made.sum(axis=2)
-        measured = _applied(total.inv(), data.fields_T) - (data.errors_T @ calibration).reshape(field.shape)
+        added = (data.errors_T @ calibration).reshape(field.shape)
+        residual = (_applied(total.inv(), data.fields_T) - added - field)[..., None]
         if not with_slopes:
-            return self._whitened((measured - field)[..., None], field)[..., 0], np.zeros((0, 0, 0))
+            return self._whitened(residual, field)[..., 0], np.zeros((0, 0, 0))
         slope = tensor[:, None] + grad.sum(axis=2)
         by_turn = _by_turn(field - uniform[:, None], slope, arms)
         own = np.concatenate([-grad[:, :, : len(sources)], by_moment[:, :, : len(sources)]], axis=4)
@@ -197,8 +181,7 @@ class Window:
         by_tensor = np.einsum("qij,nkj->nkiq", UNIT_TENSORS, arms + aside[:, None])
         by_errors = data.errors_T.reshape(*field.shape, -1)
         local = np.concatenate([columns, slope, by_turn, by_errors, spread, by_tensor], axis=3)
-        stacked = np.concatenate([(measured - field)[..., None], local], axis=3)
-        rows = self._whitened(stacked, field)
+        rows = self._whitened(np.concatenate([residual, local], axis=3), field)
         return rows[..., 0], self._expanded(rows[..., 1:], split)
 
     def _whitened(self, stacked: FloatArray, field: FloatArray) -> FloatArray:
@@ -221,7 +204,7 @@ class Window:
 
     def _expanded(self, local: FloatArray, split: int) -> FloatArray:
         """Return derivatives (M, 3 K - 2, P) by all unknowns from those by what they make at each moment."""
-        of_regional, of_gradient, of_turns = self._bases
+        of_regional, of_gradient, of_turns = self.bases
         by_path, by_turn = local[..., split : split + 3], local[..., split + 3 : split + 6]
         errors = self.data.errors_T.shape[2]
         by_errors, rest = local[..., split + 6 : split + 6 + errors], local[..., split + 6 + errors :]
@@ -238,131 +221,6 @@ class Window:
             ],
             axis=2,
         )
-
-    def annealed(self, start: FloatArray, least_fall: float = ROUGH_FALL) -> "Solved":
-        """Return the solution that begins with unknowns (P,) and with a larger noise, which falls tenfold each time.
-
-        With little noise χ² is a narrow, bent valley that is followed by small steps only.
-        """
-        size = float(np.sqrt(np.mean(self.linearized(start, False)[0] ** 2)))
-        for factor in 10.0 ** np.arange(np.ceil(np.log10(max(size / 3, 1.0))), 0, -1):
-            rough = replace(self, data=replace(self.data, noise_T=factor * self.data.noise_T))
-            start = rough.solve(start, _ROUGH_STEPS, ROUGH_FALL).unknowns
-        return self.solve(start, least_fall=least_fall)
-
-    def _can_be(self, unknowns: FloatArray) -> bool:
-        """Return whether dipoles are in reach, and errors small: steps that are not are too long."""
-        split = len(unknowns) - self.nuisance_count
-        sources, others = unknowns[:split].reshape(-1, OF_SOURCE), unknowns[split:]
-        middle = self._place_m[len(self._place_m) // 2]
-        unit = slice(0, self._parts[2].stop)
-        is_near = norm(sources[:, :3] - middle, axis=1) < _FARTHEST_M
-        is_weak = norm(sources[:, 3:], axis=1) < _STRONGEST_AM2
-        return bool(is_near.all() and is_weak.all() and (np.abs(others[unit]) < _LARGEST_ERROR).all())
-
-    def solve(self, start: FloatArray, most_steps: int = _MOST_STEPS, least_fall: float = LEAST_FALL) -> "Solved":
-        """Return the solution by steps of Levenberg and Marquardt.
-
-        Parameters
-        ----------
-        start : (P,) array
-            Places and moments of the dipoles, then the other unknowns.
-        most_steps : int
-            Steps at most.
-        least_fall : float
-            Fall of χ² below which a step is the last.
-        """
-        split = len(start) - self.nuisance_count
-        prior = np.hstack([np.zeros((len(self._prior), split)), self._prior])
-        precision = prior.T @ prior
-        expected = np.concatenate([np.zeros(split), self.start()])
-        unknowns, damping = start, _FIRST_DAMPING
-
-        def cost(tried: FloatArray) -> float:
-            if not self._can_be(tried):
-                return np.inf
-            total = float(np.sum(self.linearized(tried, False)[0] ** 2) + np.sum((prior @ (tried - expected)) ** 2))
-            return total if np.isfinite(total) else np.inf
-
-        lowest, stalled = cost(unknowns), 0
-        free = np.arange(len(start))
-        for number in range(most_steps):
-            residual, slopes = self.linearized(unknowns)
-            rows = slopes.reshape(-1, len(start))
-            if not number:
-                free = self._telling(rows, split)
-            rows, inside = rows[:, free], precision[np.ix_(free, free)]
-            normal = rows.T @ rows + inside
-            slope = rows.T @ residual.ravel() - (precision @ (unknowns - expected))[free]
-            scale = np.sqrt(np.diag(normal))
-            unit, fall = normal / scale[:, None] / scale, 0.0
-            while damping < _LARGEST_DAMPING:
-                damped = unit + damping * np.eye(len(free))
-                tried = unknowns.copy()
-                tried[free] += np.linalg.solve(damped, slope / scale) / scale
-                reached = cost(tried)
-                if reached < lowest:
-                    fall, lowest, unknowns = lowest - reached, reached, tried
-                    damping = max(damping / 10, _LEAST_DAMPING)
-                    break
-                damping *= 10
-            stalled = stalled + 1 if fall < least_fall else 0
-            if stalled and (damping < _FIRST_DAMPING or stalled >= _MOST_STALLED):
-                break
-        return Solved(self, unknowns, lowest, normal)
-
-    def _telling(self, rows: FloatArray, split: int) -> np.ndarray:
-        """Return the unknowns of which derivatives (R, P) tell anything; errors that they hardly see stay."""
-        seen = np.sum(rows**2, axis=0) > _LEAST_SEEN
-        seen[:split] = True
-        seen[split + self._parts[2].stop :] = True
-        return np.flatnonzero(seen)
-
-
-@dataclass(frozen=True, eq=False)
-class Solved:
-    """The solution of a window.
-
-    Parameters
-    ----------
-    window : Window
-        The problem.
-    unknowns : (P,) array
-        Places and moments of the dipoles, then the others.
-    chi_square : float
-        Squares of the residuals and of what is expected of the unknowns.
-    normal : (P, P) array
-        Normal matrix near the solution.
-    """
-
-    window: Window
-    unknowns: FloatArray
-    chi_square: float
-    normal: FloatArray
-
-    @property
-    def sources(self) -> FloatArray:
-        """(S, 6) places and moments."""
-        return self.unknowns[: len(self.unknowns) - self.window.nuisance_count].reshape(-1, OF_SOURCE)
-
-    @property
-    def others(self) -> FloatArray:
-        """(n,) the unknowns beside the dipoles."""
-        return self.unknowns[len(self.unknowns) - self.window.nuisance_count :]
-
-    @cached_property
-    def covariance(self) -> FloatArray:
-        """(6 S, 6 S) of the dipoles, with all else marginalised."""
-        scale = np.sqrt(np.diag(self.normal))
-        unit = self.normal / scale[:, None] / scale
-        count = self.sources.size
-        inverse = np.linalg.solve(unit + 1e-13 * np.eye(len(unit)), np.eye(len(unit))[:, :count])[:count]
-        return np.asarray(inverse / scale[:count, None] / scale[:count])
-
-    @cached_property
-    def residual(self) -> FloatArray:
-        """(M, 3 K - 2) residuals in units of their noise."""
-        return self.window.linearized(self.unknowns, False)[0]
 
 
 def _applied(rotation: Rotation, vectors: FloatArray) -> FloatArray:

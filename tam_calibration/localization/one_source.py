@@ -13,14 +13,14 @@ its place and moment.
 """
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
 from tam_calibration.localization.euler import DIPOLE_INDEX, fit_outputs, is_certain, locate, start_of, whitening_of
 from tam_calibration.localization.line_fit import CURRENT_INDEX, unknowns_of
-from tam_calibration.localization.misfit import CHANCE, bands_of
 from tam_calibration.localization.shared_source import SharedSource, fit_shared
-from tam_calibration.localization.solutions import EulerSolutions, Status
+from tam_calibration.localization.solutions import CHANCE, EulerSolutions, Status
 from tam_calibration.localization.turned_samples import SOURCES, Regional, locate_each, matrices_of, turned
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import Refused
@@ -210,7 +210,7 @@ def _require_noise(shared: SharedSource, index: float) -> None:
     waves = dct(shared.slopes, axis=0, norm="ortho")
     taken = np.einsum("ndp,pq,ndq->n", waves, shared.solution.covariance[0], waves, optimize=True)
     freedom = shared.freedom - taken
-    bands = bands_of(len(energy))
+    bands = _bands_of(len(energy))
     for band in bands:
         left, own = float(energy[band].sum()), float(freedom[band].sum())
         if chdtrc(own, left) * len(bands) < CHANCE:
@@ -220,9 +220,18 @@ def _require_noise(shared: SharedSource, index: float) -> None:
             )
 
 
+def _bands_of(count: int) -> list[slice]:
+    """Return the bands of the slowest ``count`` cosines, each four times as wide as the one before."""
+    edges = [0, *(_WIDER**power for power in range(1, 20) if _WIDER**power < count), count]
+    return [slice(low, high) for low, high in pairwise(edges)]
+
+
 def _not_of_one(index: float) -> str:
     return f"the samples are not those of one {SOURCES[index]} at rest beside a uniform regional field"
 
+
+_WIDER = 4
+"""Ratio of the width of a band of cosines to that of the one before."""
 
 _FAR = 1e-3
 """Probability with which noise alone leaves the place of a sample further from that of all samples."""

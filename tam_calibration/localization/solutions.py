@@ -11,8 +11,10 @@ from functools import partial
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.localization.misfit import CHANCE
 from tam_calibration.model.units import FloatArray
+
+CHANCE = 1e-3
+"""Probability with which noise alone fails a test of fit."""
 
 ELLIPSOID_PROBABILITY = 0.95
 """With which a source is within its ellipsoid: what is usual for maps."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tam_calibration.localization.misfit import CHANCE
+from tam_calibration.localization.solutions import CHANCE
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.units import FloatArray
 from tam_calibration.sources.demodulation import Demodulated, demodulate, without

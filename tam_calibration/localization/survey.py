@@ -12,7 +12,6 @@ from tam_calibration.sources.demodulation import Spectrum
 
 ARRAY_FRAME = "array frame: x forward, y left, z up, from the array's centre"
 WORLD_FRAME = "axes of the attitude's world, from the array's centre"
-TRACK_FRAME = "axes of the attitude's world, from the start of the track"
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,35 +36,6 @@ class Overall:
     moment_covariance_A2m4: FloatArray
     chi_square: float
     degrees_of_freedom: int
-
-
-@dataclass(frozen=True, eq=False)
-class Track:
-    """What was found beside the sources as a platform passed them.
-
-    Parameters
-    ----------
-    regional_standard_errors_T : (3,) array
-        Of the regional field at the start of the track, tesla.
-    gradient_T_per_m, gradient_standard_errors_T_per_m : (3, 3) array
-        Gradient of the regional field in the world, symmetric and without trace, T/m.
-    velocity_m_per_s, velocity_standard_errors_m_per_s : (3,) array
-        Of the platform in the world, m/s.
-    noise_variance : float
-        Of the residuals over that of the stated noise, or of their own where that is smaller, where they change fast;
-        1 where noise alone may have it.
-    colour : float
-        The variance of the residuals where they are slow over that where they are fast; 1 where they are white. Both
-        are in the standard errors, and never make them smaller.
-    """
-
-    regional_standard_errors_T: FloatArray
-    gradient_T_per_m: FloatArray
-    gradient_standard_errors_T_per_m: FloatArray
-    velocity_m_per_s: FloatArray
-    velocity_standard_errors_m_per_s: FloatArray
-    noise_variance: float
-    colour: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,11 +74,7 @@ class Survey:
     overall : Overall, optional
         The source of all together, where the places of the array are known.
     regional_T : (3,) array, optional
-        Field that was taken off, in the world, tesla; along a track at its start.
-    further : tuple of Overall
-        Along a track, the other sources that it passes.
-    track : Track, optional
-        What was found along a track beside its sources.
+        Field that was taken off, in the world, tesla.
     line : Line, optional
         Of an alternating source.
     note : str
@@ -138,8 +104,6 @@ class Survey:
     center_m: FloatArray
     overall: Overall | None = None
     regional_T: FloatArray | None = None
-    further: tuple[Overall, ...] = ()
-    track: Track | None = None
     line: Line | None = None
     note: str = ""
 

@@ -9,27 +9,33 @@ from numpy.linalg import norm
 
 from tam_calibration.localization.line_data import LineData
 from tam_calibration.localization.line_path import Path
-from tam_calibration.localization.line_window import OF_SOURCE, ROUGH_FALL, Solved, Window
+from tam_calibration.localization.line_window import OF_SOURCE, Window
+from tam_calibration.localization.window_fit import ROUGH_FALL, Solved, annealed, solve
 from tam_calibration.model.units import FloatArray
 
 _STEP_M, _HALF_M = 25.0, 30.0
 """Way from window to window, and half of a window's length, metres: targets are seen within three times their depth."""
 
-_ACTIVE_M = 25.0
-"""Way from a window's middle within which dipoles are fitted in it, metres."""
+_OWN_M, _SEEN_M = 25.0, 45.0
+"""Way from a window's middle within which dipoles are found in it, and within which they are fitted again, metres. The
+second fit is not kept. A drift of the navigation has moved those dipoles too: taken as exact, they would tie the path
+of the window to their errors."""
 
 _TOGETHER_M = 10.0
 """Way within which dipoles are told by one window, metres."""
 
-LEAST_GAIN = 60.0
-"""Fall of χ² from which a dipole is there: six unknowns and the places of a line's ten thousand cells make 60 with a
-probability of 1e-6 (χ² of six degrees of freedom, times the cells)."""
+LEAST_GAIN = 45.0
+"""Fall of χ² from which a dipole is there: six unknowns and the places of a line's ten thousand cells make 45 with a
+probability of 5e-4 (χ² of six degrees of freedom, times the cells)."""
 
-_TRIED_GAIN = 40.0
+_TRIED_GAIN = 30.0
 """Fall of χ², to first order, from which a place is tried."""
 
 _CLEAR = 1.05
 """Mean squared residual, over the noise, below which all dipoles of a window have been found."""
+
+_UNEXPLAINED = 1.3
+"""Mean squared residual, over the noise, above which a window is begun again: its neighbours are known by then."""
 
 _MOST_TRIED, _MOST_TRIED_BESIDE_MUCH, _MOST_SOURCES = 2, 6, 10
 """Places that are tried one after the other, also beside large residuals, and dipoles of a window."""
@@ -72,8 +78,8 @@ class Found:
     distance_m: float
 
 
-def search(data: LineData, path: Path) -> list[Found]:
-    """Return the dipoles that a line shows.
+def search(data: LineData, path: Path) -> tuple[list[Found], FloatArray]:
+    """Return the dipoles that a line shows, and the root mean square of what they leave at each moment (M,).
 
     Parameters
     ----------
@@ -86,11 +92,14 @@ def search(data: LineData, path: Path) -> list[Found]:
     sources: FloatArray = np.zeros((0, OF_SOURCE))
     for middle in line.middles():
         sources, _ = line.explained(middle, sources)
+    for middle in line.middles():
+        if line.misfit(middle) > _UNEXPLAINED:
+            sources = line.begun_again(middle, sources)
     found: list[Found] = []
     for middle in line.groups(sources):
         sources, solved = line.explained(middle, sources, is_last=True)
         found += line.told(middle, solved)
-    return found
+    return found, line.left
 
 
 class _Line:
@@ -99,13 +108,21 @@ class _Line:
     def __init__(self, data: LineData, path: Path) -> None:
         self._data, self._path = data, path
         self._places = path.at(data.time_s)
+        self.left = np.zeros(len(data.time_s))
 
-    def middles(self) -> Iterator[float]:
-        """Yield the ways along the line at which windows have their middle."""
-        first, last = float(self._data.along_m[0]), float(self._data.along_m[-1])
-        count = max(1, round((last - first) / _STEP_M))
-        edges = np.linspace(first, last, count + 1)
-        yield from (edges[:-1] + edges[1:]) / 2
+    def middles(self) -> list[float]:
+        """Return the ways along the line at which windows have their middle, those of the strongest signal first.
+
+        A strong dipole at the edge of a window, where it is not found, would lead astray those that are.
+        """
+        way, fields = self._data.along_m, self._data.fields_T
+        apart = fields - fields.mean(axis=1, keepdims=True)
+        signal = norm(apart - np.median(apart, axis=0), axis=(1, 2))
+        count = max(1, round((way[-1] - way[0]) / _STEP_M))
+        edges = np.linspace(way[0], way[-1], count + 1)
+        middles = (edges[:-1] + edges[1:]) / 2
+        strongest = [signal[np.abs(way - middle) <= _STEP_M].max(initial=0.0) for middle in middles]
+        return [float(middles[number]) for number in np.argsort(strongest)[::-1]]
 
     def groups(self, sources: FloatArray) -> list[float]:
         """Return the middles of windows about dipoles (S, 6) that lie close together along the line."""
@@ -127,19 +144,36 @@ class _Line:
     def explained(self, middle: float, sources: FloatArray, is_last: bool = False) -> tuple[FloatArray, Solved]:
         """Return the dipoles (S, 6) of the line with those of a window fitted anew, and the window's solution."""
         at = np.flatnonzero(np.abs(self._data.along_m - middle) <= _HALF_M)
-        is_active = np.abs(self._way(sources)[0] - middle) <= _ACTIVE_M
-        window = Window(self._data.take(at), self._path, sources[~is_active])
-        solved = window.annealed(np.concatenate([sources[is_active].ravel(), window.start()]))
+        away = np.abs(self._way(sources)[0] - middle)
+        own, beside = sources[away <= _OWN_M], sources[(away > _OWN_M) & (away <= _SEEN_M)]
+        window = Window(self._data.take(at), self._path, sources[away > _SEEN_M])
+        solved = annealed(window, np.concatenate([beside.ravel(), own.ravel(), window.start()]))
         may_add = not is_last or _reduced(solved) > _CLEAR
-        while may_add and len(solved.sources) < _MOST_SOURCES:
-            more = _with_another(solved)
+        while may_add and len(solved.sources) - len(beside) < _MOST_SOURCES:
+            more = _with_another(solved, len(beside))
             if more is None:
                 break
             solved = more
-        solved = _without_needless(solved)
+        solved = _without_needless(solved, len(beside))
         if is_last:
-            solved = window.solve(solved.unknowns)
-        return np.concatenate([sources[~is_active], solved.sources]), solved
+            solved = solve(window, solved.unknowns)
+        near = np.abs(window.data.along_m - middle) <= _STEP_M
+        self.left[at[near]] = np.sqrt(np.mean(solved.residual[near] ** 2, axis=1))
+        return np.concatenate([sources[away > _OWN_M], solved.sources[len(beside) :]]), solved
+
+    def misfit(self, middle: float) -> float:
+        """Return the mean squared residual about a middle, over the noise."""
+        return float(np.mean(self.left[np.abs(self._data.along_m - middle) <= _STEP_M] ** 2))
+
+    def begun_again(self, middle: float, sources: FloatArray) -> FloatArray:
+        """Return the dipoles (S, 6) with those of a window found anew from none, where these explain more."""
+        before, left = self.misfit(middle), self.left.copy()
+        is_own = np.abs(self._way(sources)[0] - middle) <= _OWN_M
+        found, _ = self.explained(middle, sources[~is_own])
+        if self.misfit(middle) < before:
+            return found
+        self.left = left
+        return sources
 
     def told(self, middle: float, solved: Solved) -> Iterator[Found]:
         """Yield the dipoles that a window is about."""
@@ -169,8 +203,8 @@ def _reduced(solved: Solved) -> float:
     return max(1.0, float(np.mean(solved.residual**2)))
 
 
-def _with_another(solved: Solved) -> Solved | None:
-    """Return the solution with one more dipole, where the evidence for it is enough."""
+def _with_another(solved: Solved, first: int) -> Solved | None:
+    """Return the solution with one more dipole, where the evidence for it is enough and those from a first are near."""
     gains, places, moments = _gains(solved)
     for _ in range(_MOST_TRIED if _reduced(solved) < LARGEST_LEFT else _MOST_TRIED_BESIDE_MUCH):
         best = int(np.argmax(gains))
@@ -178,14 +212,14 @@ def _with_another(solved: Solved) -> Solved | None:
             return None
         start = np.concatenate([solved.sources.ravel(), places[best], moments[best], solved.others])
         if _reduced(solved) < LARGEST_LEFT:
-            glance = solved.window.solve(start, _GLANCE_STEPS, ROUGH_FALL)
+            glance = solve(solved.window, start, _GLANCE_STEPS, ROUGH_FALL)
             if solved.chi_square - glance.chi_square < LEAST_GAIN / 2:
                 gains[norm(places - places[best], axis=1) < _THIN_M * 4] = 0.0
                 continue
             start = glance.unknowns
-        for fit in (solved.window.annealed, solved.window.solve):
-            more = fit(start, least_fall=ROUGH_FALL)
-            if solved.chi_square - more.chi_square > LEAST_GAIN * _reduced(more) and _is_sound(more):
+        for fit in (annealed, solve):
+            more = fit(solved.window, start, least_fall=ROUGH_FALL)
+            if solved.chi_square - more.chi_square > LEAST_GAIN * _reduced(more) and _is_sound(more, first):
                 return more
             if _reduced(solved) < LARGEST_LEFT:
                 break
@@ -193,21 +227,23 @@ def _with_another(solved: Solved) -> Solved | None:
     return None
 
 
-def _is_sound(solved: Solved) -> bool:
-    """Return whether all dipoles are within sight of the line: at least half a metre off, at most half a window."""
-    distance = norm(solved.sources[:, None, :3] - solved.window.path.at(solved.window.data.time_s), axis=2).min(axis=1)
+def _is_sound(solved: Solved, first: int) -> bool:
+    """Return whether dipoles from a first are in sight: from half a metre to half a window off the path."""
+    distance = norm(solved.sources[first:, None, :3] - solved.window.path.at(solved.window.data.time_s), axis=2).min(
+        axis=1
+    )
     return bool(((distance > 0.5) & (distance < _HALF_M)).all())
 
 
-def _without_needless(solved: Solved) -> Solved:
-    """Return the solution without dipoles that χ² hardly rises without."""
-    while len(solved.sources):
+def _without_needless(solved: Solved, first: int) -> Solved:
+    """Return the solution without dipoles, from the first on, that χ² hardly rises without."""
+    while len(solved.sources) > first:
         worth = _worth(solved)
-        weakest = int(np.argmin(worth))
+        weakest = first + int(np.argmin(worth[first:]))
         if worth[weakest] > LEAST_GAIN * _reduced(solved):
             break
         rest = np.delete(solved.sources, weakest, axis=0)
-        fewer = solved.window.annealed(np.concatenate([rest.ravel(), solved.others]))
+        fewer = annealed(solved.window, np.concatenate([rest.ravel(), solved.others]))
         if fewer.chi_square - solved.chi_square > LEAST_GAIN * _reduced(solved):
             break
         solved = fewer

@@ -1,4 +1,4 @@
-"""The targets that a survey line shows: dipoles, and bodies that are too large or too near to be dipoles."""
+"""From a recording of a survey line to its targets."""
 
 from dataclasses import dataclass
 
@@ -10,77 +10,63 @@ from tam_calibration.fit.attitude_convention import misread_attitude
 from tam_calibration.localization.calibration_errors import errors_of
 from tam_calibration.localization.line_data import line_data
 from tam_calibration.localization.line_path import Path, path_of, reckoned
-from tam_calibration.localization.survey import standard_errors
-from tam_calibration.localization.target_search import LEAST_GAIN, Found, search
+from tam_calibration.localization.target import Target, targets_of
+from tam_calibration.localization.target_search import search
+from tam_calibration.model.array import tensors_of
 from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.limits import SPEED
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
 
-WITHIN_BODY, NEAR_BODY = 0.75, 1.0
-"""Distance between dipoles, over that from the path, below which three or more are parts of one body, and below which
-an uncertain one is a part of the body beside it: a body as large as its distance shows as dipoles so far apart."""
+DEFAULT_VELOCITY_ERROR = 0.1
+"""Standard error of a velocity for which none is stated, as a part of the speed: dead reckoning in a current."""
 
-LARGEST_MISFIT = 10.0
-"""Mean squared residual, over the noise, above which a target that no further dipole explains is no dipole: a path that
-sways faster than its knots leaves some times the noise, by which standard errors are widened."""
+LARGEST_LEFT = 2.0
+"""Median of the residuals along a line, over the noise, above which it is refused."""
 
-_LARGEST_ERROR = 0.3
-"""Standard error of a place, over its distance, beyond which first order says nothing."""
+_NO_ERROR_M_PER_S = 1e-9
+"""Largest error of a velocity that counts as none, m/s: it makes 4 µm in an hour."""
 
 _WAY_S = 5.0
 """Time over which the way along a line is measured straight, seconds."""
 
 
 @dataclass(frozen=True, eq=False)
-class Target:
-    """A target.
+class SurveyLine:
+    """A survey line at M moments, and its targets.
 
     Parameters
     ----------
-    position_m : (3,) array
-        In the world of the attitude, metres.
-    position_covariance_m2 : (3, 3) array
-        Of that, widened by residuals beyond the noise, and by the extent of an extended body.
-    moment_Am2 : (3,) array
-        Magnetic moment, of an extended body that of all its parts, A m².
-    moment_covariance_A2m4 : (3, 3) array
-        Of that.
-    evidence : float
-        By how much χ² would rise without it, over the misfit.
-    distance_m : float
-        Least distance from the path, metres.
-    extent_m : float
-        Of an extended body: largest distance between its parts, metres, zero where it shows as one; of a dipole zero.
-    is_extended : bool
-        Whether it is larger, or nearer, than a dipole.
-    misfit : float
-        Mean squared residual about it, over the noise.
+    targets : list of Target
+        The strongest evidence first.
+    center_m : (M, 3) array
+        Path of the array's centre in the world of the attitude, metres.
+    along_m : (M,) array
+        Way along the line, metres.
+    intensity_T : (M,) array
+        Mean intensity of the sensors, tesla.
+    contraction_T_per_m : (M,) array
+        Square root of the contraction of the gradient tensor, an invariant of rotations, T/m.
+    left : (M,) array
+        Root mean square of what the targets leave of the readings, over the noise.
     """
 
-    position_m: FloatArray
-    position_covariance_m2: FloatArray
-    moment_Am2: FloatArray
-    moment_covariance_A2m4: FloatArray
-    evidence: float
-    distance_m: float
-    extent_m: float
-    is_extended: bool
-    misfit: float
-
-    @property
-    def standard_errors_m(self) -> FloatArray:
-        """(3,) of the position, metres."""
-        return standard_errors(self.position_covariance_m2)
+    targets: list[Target]
+    center_m: FloatArray
+    along_m: FloatArray
+    intensity_T: FloatArray
+    contraction_T_per_m: FloatArray
+    left: FloatArray
 
 
 def path_in(
     recording: Recording,
     velocity_m_per_s: FloatArray | None = None,
-    velocity_error_m_per_s: float = 0.0,
+    velocity_error_m_per_s: float | None = None,
     position_error_m: float | None = None,
     position_drift_m: float = 0.0,
 ) -> Path:
-    """Return the path of a recording: its positions, or what a velocity makes.
+    """Return the path of a recording: what a velocity makes, or else its positions.
 
     Parameters
     ----------
@@ -88,8 +74,8 @@ def path_in(
         With positions, unless a velocity is given.
     velocity_m_per_s : (3,) array, optional
         Of a platform that goes straight, in the world.
-    velocity_error_m_per_s : float
-        Standard deviation of each of its components.
+    velocity_error_m_per_s : float, optional
+        Standard deviation of each of its components; a tenth of the speed where it is not given.
     position_error_m : float, optional
         Least standard deviation of the white error of positions; they may show a larger one.
     position_drift_m : float
@@ -100,17 +86,19 @@ def path_in(
     InputError
         When there is neither position nor velocity.
     """
-    if recording.position_m is not None:
-        return path_of(recording.time_s, recording.position_m, position_error_m, position_drift_m)
-    if velocity_m_per_s is None:
+    if velocity_m_per_s is not None:
+        SPEED.require("the velocity", velocity_m_per_s)
+        speed = float(norm(velocity_m_per_s))
+        error = DEFAULT_VELOCITY_ERROR * speed if velocity_error_m_per_s is None else velocity_error_m_per_s
+        SPEED.require("the error of the velocity", error)
+        return reckoned(recording.time_s, velocity_m_per_s, error if error > _NO_ERROR_M_PER_S else 0.0)
+    if recording.position_m is None:
         raise InputError("the recording has no positions: add columns x_m, y_m, z_m, or state --velocity")
-    return reckoned(recording.time_s, velocity_m_per_s, velocity_error_m_per_s)
+    return path_of(recording.time_s, recording.position_m, position_error_m, position_drift_m)
 
 
-def find_targets(
-    recording: Recording, calibration: Calibration, path: Path, attitude_noise: float = 0.0
-) -> list[Target]:
-    """Return the targets that a platform passed, the strongest evidence first.
+def find_targets(recording: Recording, calibration: Calibration, path: Path, attitude_noise: float = 0.0) -> SurveyLine:
+    """Return the targets that a platform passed, and the line that shows them.
 
     Parameters
     ----------
@@ -145,7 +133,29 @@ def find_targets(
     errors = errors_of(calibration, fields)
     way = _way_m(path, recording.time_s)
     data = line_data(recording.time_s, fields, recording.attitude, calibration.array, way, attitude_noise, errors)
-    return _told(search(data, path))
+    found, left = search(data, path)
+    _require_explained(left)
+    field = np.median(data.fields_T.mean(axis=1), axis=0)
+    tensors = tensors_of(fields.reshape(len(fields), -1) @ calibration.array.operator.T)
+    return SurveyLine(
+        targets_of(found, field),
+        path.at(data.time_s),
+        data.along_m,
+        norm(data.fields_T.mean(axis=1), axis=1),
+        np.interp(data.time_s, recording.time_s, norm(tensors, axis=(1, 2))),
+        left,
+    )
+
+
+def _require_explained(left: FloatArray) -> None:
+    """Refuse a line of which most moments are not explained: what is wrong there is not at single places."""
+    ratio = float(np.median(left))
+    if ratio > LARGEST_LEFT:
+        raise Refused(
+            f"the readings are not those of dipoles: what is left along the line is {ratio:.3g} times the noise. "
+            "Calibrate the array anew, by --method integrated if its sensors may have turned; or state errors of the "
+            "velocity, the positions or the attitude"
+        )
 
 
 def _way_m(path: Path, time_s: FloatArray) -> FloatArray:
@@ -154,70 +164,3 @@ def _way_m(path: Path, time_s: FloatArray) -> FloatArray:
     marks = np.linspace(time_s[0], time_s[-1], count)
     way = np.concatenate([[0.0], np.cumsum(norm(np.diff(path.at(marks), axis=0), axis=1))])
     return np.asarray(np.interp(time_s, marks, way))
-
-
-def _told(found: list[Found]) -> list[Target]:
-    """Return what dipoles are told as: those that are certain, and several within one body as one extended target."""
-    targets = []
-    for group in _bodies(found):
-        misfit = max(max(each.misfit for each in group), 1.0)
-        has_parts = len(group) > 2 or (len(group) > 1 and not all(map(_is_certain, group)))
-        is_extended = has_parts or misfit > LARGEST_MISFIT
-        told = [_of_body(group, misfit)] if is_extended else [_of_dipole(each) for each in group if _is_certain(each)]
-        targets += [each for each in told if each.evidence > LEAST_GAIN]
-    return sorted(targets, key=lambda each: -each.evidence)
-
-
-def _is_certain(each: Found) -> bool:
-    """Return whether a dipole is there, and its place known to a part of its distance."""
-    factor = max(each.misfit, 1.0)
-    error = float(np.sqrt(factor * np.diag(each.covariance)[:3].max()))
-    return each.gain > LEAST_GAIN * factor and error < _LARGEST_ERROR * each.distance_m
-
-
-def _bodies(found: list[Found]) -> list[list[Found]]:
-    """Return groups of dipoles that are nearer to each other than bodies at their distance are large."""
-    groups: list[list[Found]] = []
-    for each in found:
-        near = [group for group in groups if any(_are_one(each, other) for other in group)]
-        groups = [group for group in groups if group not in near] + [[each, *(one for group in near for one in group)]]
-    return groups
-
-
-def _are_one(one: Found, other: Found) -> bool:
-    apart = float(norm(one.unknowns[:3] - other.unknowns[:3]))
-    reach = WITHIN_BODY if _is_certain(one) and _is_certain(other) else NEAR_BODY
-    return apart < reach * max(one.distance_m, other.distance_m)
-
-
-def _of_dipole(each: Found) -> Target:
-    factor = max(each.misfit, 1.0)
-    spread = factor * each.covariance
-    return Target(
-        each.unknowns[:3],
-        spread[:3, :3],
-        each.unknowns[3:],
-        spread[3:, 3:],
-        each.gain / factor,
-        each.distance_m,
-        0.0,
-        False,
-        each.misfit,
-    )
-
-
-def _of_body(group: list[Found], misfit: float) -> Target:
-    """Return a body of several dipoles: their mean place by the size of their moments, and the sum of these."""
-    rows = np.array([each.unknowns for each in group])
-    weights = norm(rows[:, 3:], axis=1) / norm(rows[:, 3:], axis=1).sum()
-    place = weights @ rows[:, :3]
-    covariance = np.array([each.covariance for each in group])
-    spread = misfit * np.einsum("s,sij->ij", weights**2, covariance[:, :3, :3])
-    apart = rows[:, :3] - place
-    extent = float(norm(rows[:, None, :3] - rows[:, :3], axis=2).max())
-    distance = min(each.distance_m for each in group)
-    own = extent if len(group) > 1 else 0.5 * distance
-    spread = spread + np.einsum("s,si,sj->ij", weights, apart, apart) + (own / 4) ** 2 * np.eye(3)
-    moments = misfit * covariance[:, 3:, 3:].sum(axis=0)
-    evidence = max(each.gain for each in group) / misfit
-    return Target(place, spread, rows[:, 3:].sum(axis=0), moments, evidence, distance, extent, True, misfit)

@@ -27,6 +27,7 @@ from tam_calibration.nodes.attitude_join import AttitudeJoin, Joined
 from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health
 from tam_calibration.nodes.calibrated import CALIBRATED, SILENCE_S, CalibratedNode
 from tam_calibration.nodes.cloud import CloudReader, MessageWriter, cloud_writer, from_stamp, layout_of, to_stamp
+from tam_calibration.nodes.line_targets import LineTargets
 from tam_calibration.nodes.listening import RELIABLE_STREAM
 from tam_calibration.nodes.markers import Shown, source_markers
 from tam_calibration.nodes.node_parameters import Rule
@@ -52,6 +53,13 @@ RULES = (
         "cost.",
         bounds=(0.0, 0.5),
     ),
+    Rule(
+        "targets_s",
+        0.0,
+        "Time of the last stretch of a line in which targets are searched, positions from `odometry` [s]; 0: none.",
+        bounds=(0.0, 1000.0),
+    ),
+    Rule("targets_period_s", 5.0, "Time from one search for targets to the next [s].", bounds=(0.1, 1000.0)),
     Rule(
         "fixed_frame",
         "",
@@ -101,6 +109,9 @@ class Localizer(CalibratedNode):
         self._markers = Shown(self, MarkerArray, "source_markers", frame_id)
         self._estimate = self.offer(PointCloud2, "source_estimate", RELIABLE_STREAM)
         self._estimate_writer = cloud_writer(SOURCE_COLUMNS, frame_id)
+        self._targets: LineTargets | None = None
+        if span_s := self.value("targets_s"):
+            self._targets = LineTargets(self, span_s, self.value("targets_period_s"), self._attitude_noise)
         told = self.take_calibrations()
         self._layout_of = partial(layout_of, sensor_count=self._array.sensor_count)
         checks: dict[str, Callable[[tuple[str, ...]], object]]
@@ -122,7 +133,7 @@ class Localizer(CalibratedNode):
 
     @property
     def _needs_attitude(self) -> bool:
-        return self._given != _NONE or bool(self.value("fixed_frame"))
+        return self._given != _NONE or bool(self.value("fixed_frame")) or bool(self.value("targets_s"))
 
     @property
     def _is_heard(self) -> bool:
@@ -133,7 +144,9 @@ class Localizer(CalibratedNode):
         """Return how many samples were located, and why the others were not."""
         level, message = self._judge()
         refused = {f"refused.{status.name.lower()}": self._statuses[status] for status in Status if status}
-        values = {"received": self._received, "located": self._statuses[Status.LOCATED], **refused}
+        values: dict[str, object] = {"received": self._received, "located": self._statuses[Status.LOCATED], **refused}
+        if self._targets is not None:
+            values |= {"targets": self._targets.found, "targets_problem": self._targets.problem}
         return Health(level, message, values)
 
     def _judge(self) -> tuple[bytes, str]:
@@ -157,6 +170,8 @@ class Localizer(CalibratedNode):
     def switch(self, calibration: Calibration) -> None:
         """Take the array and the covariance of a calibration; what was fitted to older outputs is fitted again."""
         self._partial = PartialCorrection(calibration)
+        if self._targets is not None:
+            self._targets.calibration = calibration
         self._run.start_over()
         self._forget_regional()
 
@@ -171,8 +186,13 @@ class Localizer(CalibratedNode):
             attitudes = np.full((len(rows.values), 4), np.nan)
             if self._layout_of(rows.columns).attitude:
                 attitudes = rows.values[:, [rows.columns.index(name) for name in ATTITUDE_COLUMNS]]
-            for stamp_ns, attitude in zip(map(from_stamp, rows.stamps), attitudes, strict=True):
+            stamps = list(map(from_stamp, rows.stamps))
+            for stamp_ns, attitude in zip(stamps, attitudes, strict=True):
                 joined += self._join.push_attitude(stamp_ns, attitude)
+            if self._targets is not None:
+                readings = rows.values[:, 1 : 1 + 3 * self._array.sensor_count].reshape(len(stamps), -1, 3)
+                for stamp_ns, reading, attitude in zip(stamps, readings, attitudes, strict=True):
+                    self._targets.take_sample(stamp_ns, reading, attitude)
         self._answer(joined)
 
     def _take_outputs(self, messages: list[bytes]) -> None:

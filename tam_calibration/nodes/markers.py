@@ -1,6 +1,7 @@
 """What RViz and Foxglove show: the field, the coverage and the source as markers, where somebody listens."""
 
 import time
+from collections.abc import Sequence
 
 import numpy as np
 from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
@@ -12,6 +13,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from tam_calibration.fit.coverage import Coverage
 from tam_calibration.localization.solutions import EulerSolutions, ellipsoid
+from tam_calibration.localization.target import Target
 from tam_calibration.model.units import FloatArray
 from tam_calibration.nodes.base import TamNode
 
@@ -99,12 +101,7 @@ def source_markers(header: Header, solutions: EulerSolutions, index: int) -> Mar
         Which of them is shown; it has been located.
     """
     position, moment = solutions.position_m[index], solutions.moment_Am2[index]
-    semi_axes, (x, y, z, w) = ellipsoid(solutions.position_covariance_m2[index])
-    ball = _marker(header, "position", Marker.SPHERE, _SOURCE)
-    turn = Quaternion(x=float(x), y=float(y), z=float(z), w=float(w))
-    ball.pose = Pose(position=_point(position), orientation=turn)
-    ball.scale = _vector(2 * semi_axes)
-    markers = [ball]
+    markers = [_ball(header, position, solutions.position_covariance_m2[index])]
     if np.isfinite(moment).all() and moment.any():
         length = MOMENT_LENGTH * float(np.linalg.norm(position))
         tip = position + length / np.linalg.norm(moment) * moment
@@ -114,12 +111,38 @@ def source_markers(header: Header, solutions: EulerSolutions, index: int) -> Mar
     return MarkerArray(markers=markers)
 
 
+def target_markers(frame_id: str, targets: Sequence[Target]) -> MarkerArray:
+    """Return the ellipsoid of each target of a line, with the arrow of its moment; others before are taken away."""
+    header = Header(frame_id=frame_id)
+    markers = [Marker(header=header, action=Marker.DELETEALL)]
+    for number, target in enumerate(targets):
+        length = MOMENT_LENGTH * target.distance_m / float(np.linalg.norm(target.moment_Am2))
+        shown = [
+            _ball(header, target.position_m, target.position_covariance_m2),
+            _arrow(header, "moment", target.position_m, target.position_m + length * target.moment_Am2, _MOMENT),
+        ]
+        for marker in shown:
+            marker.id = number
+        markers += shown
+    return MarkerArray(markers=markers)
+
+
 def coverage_markers(header: Header, coverage: Coverage) -> MarkerArray:
     """Return the cells that hold samples, and those that hold none, as two lists of balls on a sphere of one metre."""
     visited = coverage.counts > 0
     parts = (("covered", _COVERED, visited), ("missing", _MISSING, ~visited))
     balls = [_balls(header, name, coverage.directions[chosen], colour) for name, colour, chosen in parts]
     return MarkerArray(markers=balls)
+
+
+def _ball(header: Header, position: FloatArray, covariance: FloatArray) -> Marker:
+    """Return the ellipsoid that contains a position (3,), metres, of a covariance (3, 3) with 95 %."""
+    semi_axes, (x, y, z, w) = ellipsoid(covariance)
+    ball = _marker(header, "position", Marker.SPHERE, _SOURCE)
+    turn = Quaternion(x=float(x), y=float(y), z=float(z), w=float(w))
+    ball.pose = Pose(position=_point(position), orientation=turn)
+    ball.scale = _vector(2 * semi_axes)
+    return ball
 
 
 def _balls(header: Header, name: str, places: FloatArray, colour: ColorRGBA) -> Marker:

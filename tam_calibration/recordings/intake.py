@@ -50,10 +50,19 @@ class Intake:
         Unit that the format states, where the field may tell another; empty of none.
     axes : {"local", "altitude", "depth"}
         What the three numbers of a position are.
+    origin : (3,) array, optional
+        From which geographic positions count.
     """
 
     def __init__(
-        self, stream: str, pick: Pick, bounds: FieldBounds, unwrap: bool, doubtful: str = "", axes: Axes = LOCAL
+        self,
+        stream: str,
+        pick: Pick,
+        bounds: FieldBounds,
+        unwrap: bool,
+        doubtful: str = "",
+        axes: Axes = LOCAL,
+        origin: FloatArray | None = None,
     ) -> None:
         self.stream, self._pick, self._doubtful = stream, pick, doubtful
         self.unit: str = pick.unit
@@ -61,7 +70,7 @@ class Intake:
         self._factor = pick.factor if self._is_field else 1.0
         self._range: Range | None = None
         self._counter: Counter | None = None
-        self._navigation = Navigation(axes, pick.world)
+        self._navigation = Navigation(axes, pick.world, origin)
 
     @property
     def is_detected(self) -> bool:

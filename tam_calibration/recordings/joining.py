@@ -79,7 +79,13 @@ class Streams:
         bounds = reading.bounds(array)
         return {
             name: Intake(
-                name, pick, bounds, reading.unwrap, self.doubtful.get(name, ""), axes_of(self.wanted[name].fields)
+                name,
+                pick,
+                bounds,
+                reading.unwrap,
+                self.doubtful.get(name, ""),
+                axes_of(self.wanted[name].fields),
+                None if reading.origin is None else np.array(reading.origin),
             )
             for name, pick in self.picks.items()
         }

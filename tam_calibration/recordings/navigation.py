@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.units import FloatArray, from_degrees
+from tam_calibration.model.units import FloatArray, from_degrees, to_degrees
 
 Axes = Literal["local", "altitude", "depth"]
 """Three numbers of a position: metres along three axes, or latitude and longitude in degrees with altitude or depth."""
@@ -28,6 +28,9 @@ POSITION_FIELDS = {
 _RADIUS_M, _FLATTENING = 6_378_137.0, 1 / 298.257223563
 """Equatorial radius and flattening of the ellipsoid WGS 84 (NIMA TR8350.2)."""
 
+_STEPS = 8
+"""Steps to a geographic position: each leaves less than a hundredth of the distance that the last one left."""
+
 
 def axes_of(fields: Sequence[str]) -> Axes:
     """Return the meaning of the three numbers of a position, by the names of the first and the last."""
@@ -37,7 +40,7 @@ def axes_of(fields: Sequence[str]) -> Axes:
 
 
 class Navigation:
-    """Turns positions into metres east, north and up; geographic ones count from the first.
+    """Turns positions into metres east, north and up; geographic ones count from an origin.
 
     Parameters
     ----------
@@ -45,11 +48,13 @@ class Navigation:
         What the three numbers of a position are.
     world : {"enu", "ned"}
         Of local positions: the order of their axes.
+    origin : (3,) array, optional
+        Latitude and longitude, degrees, and height, metres; the first position where it is not given.
     """
 
-    def __init__(self, axes: Axes, world: str) -> None:
+    def __init__(self, axes: Axes, world: str, origin: FloatArray | None = None) -> None:
         self._axes, self._is_ned = axes, world == "ned"
-        self._origin: FloatArray | None = None
+        self._origin = origin
 
     def local_m(self, raw: FloatArray) -> FloatArray:
         """Return positions (n, 3) east, north and up, metres; NaN where a number is missing.
@@ -96,16 +101,41 @@ def east_north_up(places: FloatArray, origin: FloatArray) -> FloatArray:
     origin : (3,) array
         The same of the origin.
     """
+    return np.asarray((_earth_centred(places) - _earth_centred(origin[None])) @ _axes_at(origin).T)
+
+
+def geographic(local_m: FloatArray, origin: FloatArray) -> FloatArray:
+    """Return latitude and longitude, degrees, and height, metres, of positions east, north and up of an origin.
+
+    Parameters
+    ----------
+    local_m : (n, 3) array
+        Metres in the tangent plane of the ellipsoid at the origin.
+    origin : (3,) array
+        Latitude and longitude, degrees, and height above the ellipsoid, metres.
+    """
+    places, turn = np.tile(origin, (len(local_m), 1)), _axes_at(origin)
+    for _ in range(_STEPS):
+        off = (local_m - east_north_up(places, origin)) @ turn
+        for place, step in zip(places, off, strict=True):
+            east, north, up = _axes_at(place) @ step
+            radius = _RADIUS_M + place[2]
+            shrunk = radius * np.cos(from_degrees(place[0]))
+            place += [to_degrees(north / radius), to_degrees(east / shrunk), up]
+    return places
+
+
+def _axes_at(origin: FloatArray) -> FloatArray:
+    """Return the unit vectors (3, 3) east, north and up at a place, from the Earth's centre."""
     latitude, longitude = from_degrees(origin[:2])
     sin_lat, cos_lat, sin_lon, cos_lon = np.sin(latitude), np.cos(latitude), np.sin(longitude), np.cos(longitude)
-    turn = np.array(
+    return np.array(
         [
             [-sin_lon, cos_lon, 0.0],
             [-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat],
             [cos_lat * cos_lon, cos_lat * sin_lon, sin_lat],
         ]
     )
-    return np.asarray((_earth_centred(places) - _earth_centred(origin[None])) @ turn.T)
 
 
 def _earth_centred(places: FloatArray) -> FloatArray:

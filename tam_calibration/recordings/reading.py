@@ -127,6 +127,9 @@ class Reading:
         Greatest difference of stamps within a sample, seconds.
     files : tuple of Path
         What was read for it, which no output may replace.
+    origin : tuple of float, optional
+        Latitude and longitude, degrees, and height, metres, from which geographic positions count; from their first
+        where it is not given.
     """
 
     channel_map: ChannelMap | None = None
@@ -135,6 +138,7 @@ class Reading:
     base_station: Path | None = None
     tolerance_s: float = TOLERANCE_S
     files: tuple[Path, ...] = ()
+    origin: tuple[float, float, float] | None = None
 
     @staticmethod
     def bounds(array: Array | None) -> FieldBounds:

@@ -50,9 +50,10 @@ class _Window:
         """Return points (…, 3) as they are drawn."""
         return 1e3 * (points_m - self.middle_m) if self.is_magnified else points_m
 
-    def scaled(self, lengths_m: FloatArray) -> FloatArray:
-        """Return lengths as they are drawn."""
-        return 1e3 * lengths_m if self.is_magnified else lengths_m
+    @property
+    def scale(self) -> float:
+        """Of the axes, in their unit for each metre."""
+        return 1e3 if self.is_magnified else 1.0
 
 
 @matplotlib.rc_context(STYLE)
@@ -106,13 +107,13 @@ def _draw_view(axes: Axes, survey: Survey, pair: list[int], window: _Window) -> 
     axes.plot(*points[located][:, pair].T, ".", color=QUIET_COLOR, markersize=3, label="source of one sample")
     for index in located[:: max(1, len(located) // _MOST_ELLIPSES)]:
         spread = solutions.position_covariance_m2[index][np.ix_(pair, pair)]
-        axes.add_patch(_ellipse(points[index, pair], spread, window, QUIET_COLOR, 0.4))
+        axes.add_patch(error_ellipse(points[index, pair], spread, QUIET_COLOR, 0.4, window.scale))
     if (overall := survey.overall) is not None:
         place = window.shown(overall.position_m)[pair]
         axes.plot(*place, "x", color=BEFORE_COLOR, label="source of all together")
         spread = overall.position_covariance_m2[np.ix_(pair, pair)]
-        axes.add_patch(_ellipse(place, spread, window, BEFORE_COLOR, 1.4))
-    middle, half = window.shown(window.middle_m)[pair], float(window.scaled(np.array(window.half_m)))
+        axes.add_patch(error_ellipse(place, spread, BEFORE_COLOR, 1.4, window.scale))
+    middle, half = window.shown(window.middle_m)[pair], window.scale * window.half_m
     axes.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half))
 
 
@@ -135,11 +136,12 @@ def _windows(survey: Survey) -> list[_Window]:
     ]
 
 
-def _ellipse(center: FloatArray, covariance: FloatArray, window: _Window, color: str, width: float) -> Ellipse:
+def error_ellipse(center: FloatArray, covariance: FloatArray, color: str, width: float, scale: float = 1.0) -> Ellipse:
+    """Return the ellipse about a point (2,) that holds 95 % of a covariance (2, 2), its axes times a scale."""
     values, vectors = np.linalg.eigh(covariance)
     axis = vectors[:, 1]
     angle = to_degrees(float(np.arctan2(axis[1], axis[0])))
-    size = window.scaled(2 * _NINETY_FIVE * np.sqrt(np.maximum(values, 0)))
+    size = scale * 2 * _NINETY_FIVE * np.sqrt(np.maximum(values, 0))
     return Ellipse((center[0], center[1]), size[1], size[0], angle=angle, fill=False, edgecolor=color, linewidth=width)
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tam_calibration.localization.survey import Overall, Survey, Track, standard_errors
+from tam_calibration.localization.survey import Overall, Survey, standard_errors
 from tam_calibration.model.units import FloatArray, to_nanotesla
 from tam_calibration.report.blocks import Block, Table
 from tam_calibration.report.formatting import count, number, with_error
@@ -21,8 +21,7 @@ def answer(survey: Survey) -> str:
     if survey.overall is None:
         distance = np.linalg.norm(survey.solutions.position_m - survey.center_m, axis=1)[survey.solutions.is_located]
         return f"A source is {some}, at {number(float(distance.min()))} to {number(float(distance.max()))} m."
-    sources = [_in_short(one) for one in (survey.overall, *survey.further)]
-    return f"{'A source is' if len(sources) == 1 else 'Sources are'} at {'; '.join(sources)}."
+    return f"A source is at {_in_short(survey.overall)}."
 
 
 def _in_short(overall: Overall) -> str:
@@ -32,13 +31,11 @@ def _in_short(overall: Overall) -> str:
 
 
 def source_blocks(survey: Survey) -> list[Block]:
-    """Return where the source of all samples is, one table for each source; empty where there is none."""
-    sources = () if survey.overall is None else (survey.overall, *survey.further)
-    names = ["The source"] if len(sources) == 1 else [f"Source {number}" for number in range(1, len(sources) + 1)]
-    return [
-        Table(("", "x", "y", "z", "size"), overall_rows(one), f"{name} of all samples together ± standard errors.")
-        for name, one in zip(names, sources, strict=True)
-    ]
+    """Return where the source of all samples is; empty where there is none."""
+    if survey.overall is None:
+        return []
+    rows, caption = overall_rows(survey.overall), "The source of all samples together ± standard errors."
+    return [Table(("", "x", "y", "z", "size"), rows, caption)]
 
 
 def sample_blocks(survey: Survey, most: int = MOST_ROWS) -> list[Block]:
@@ -88,35 +85,13 @@ def statements(survey: Survey) -> list[str]:
     if survey.regional_T is not None:
         field = ", ".join(number(float(value), 6) for value in to_nanotesla(survey.regional_T))
         words.append(f"Regional field taken off, in the world: {field} nT.")
-    if survey.track is not None:
-        words += _of_track(survey.track)
     if survey.overall is not None and np.isfinite(survey.overall.chi_square):
         reduced = survey.overall.chi_square / survey.overall.degrees_of_freedom
-        words.append(f"Reduced χ² of all together: {number(reduced)}; near 1 where {_explaining(survey)} the readings.")
+        words.append(f"Reduced χ² of all together: {number(reduced)}; near 1 where one dipole explains the readings.")
     words += [survey.note] * bool(survey.note)
     located, total = int(survey.solutions.is_located.sum()), len(survey.time_s)
     words.append(f"{count(located)} of {count(total)} located.")
     words += [f"{count(times)} refused: {status.reason}." for status, times in survey.refusals.most_common()]
-    return words
-
-
-def _explaining(survey: Survey) -> str:
-    count = 1 + len(survey.further)
-    return "one dipole explains" if count == 1 else f"{count} dipoles explain"
-
-
-def _of_track(track: Track) -> list[str]:
-    """Return what was found along a track in addition to sources."""
-    velocity = ", ".join(_values(track.velocity_m_per_s, track.velocity_standard_errors_m_per_s))
-    largest = float(np.abs(np.linalg.eigvalsh(track.gradient_T_per_m)).max())
-    error = float(track.gradient_standard_errors_T_per_m.max())
-    gradient = with_error(to_nanotesla(largest), to_nanotesla(error), 3)
-    words = [f"Velocity: {velocity} m/s.", f"Gradient of the regional field, its largest eigenvalue: {gradient} nT/m."]
-    factor = np.sqrt(max(track.noise_variance, 1.0) * track.colour)
-    if factor > 1:
-        words.append(
-            f"The residuals are larger than the stated noise, or slow: standard errors are widened by {factor:.2f}."
-        )
     return words
 
 

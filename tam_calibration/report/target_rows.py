@@ -6,7 +6,7 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.localization.survey import standard_errors
-from tam_calibration.localization.targets import Target
+from tam_calibration.localization.target import Target
 from tam_calibration.report.blocks import Table
 from tam_calibration.report.formatting import count, number, with_error
 
@@ -23,7 +23,7 @@ def answer(targets: Sequence[Target]) -> str:
 
 def target_table(targets: Sequence[Target]) -> Table:
     """Return a table with a row for each target: place and moment ± standard errors, distance, and what it is."""
-    header = ("x (m)", "y (m)", "z (m)", "moment (A m²)", "distance (m)", "")
+    header = ("x (m)", "y (m)", "z (m)", "moment (A m²)", "distance (m)", "lines", "")
     return Table(header, [_row(each) for each in targets], "Places in the world of the attitude ± standard errors.")
 
 
@@ -35,4 +35,4 @@ def _row(target: Target) -> list[str]:
     what = "dipole"
     if target.is_extended:
         what = f"extended over {number(target.extent_m, 2)} m" if target.extent_m else "extended or too near"
-    return [*places, with_error(size, error, 3), number(target.distance_m), what]
+    return [*places, with_error(size, error, 3), number(target.distance_m), count(target.lines), what]

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from tam_calibration.localization.solutions import Status
-from tam_calibration.localization.survey import WORLD_FRAME, Overall, Survey, Track, standard_errors
-from tam_calibration.localization.targets import Target
+from tam_calibration.localization.survey import WORLD_FRAME, Overall, Survey, standard_errors
+from tam_calibration.localization.target import Target
 from tam_calibration.model.units import FloatArray
 from tam_calibration.results.results_json import attributes
 
@@ -31,6 +31,9 @@ def _target(target: Target) -> dict[str, Any]:
         **attributes(target, "evidence", "distance_m"),
         "extended": target.is_extended,
         **attributes(target, "extent_m", "misfit"),
+        "moment_along_field_A_m2": target.along_field_Am2,
+        "iron_sphere_diameter_m": target.sphere_diameter_m,
+        **attributes(target, "lines", "repeat_m"),
     }
 
 
@@ -43,12 +46,10 @@ def survey_to_mapping(survey: Survey) -> dict[str, Any]:
         "frequency_Hz": line and line.frequency_hz,
         "frequency_standard_error_Hz": line and line.standard_error_hz,
         "regional_field_T": None if survey.regional_T is None else survey.regional_T.tolist(),
-        "further_sources": [_overall(one) for one in survey.further],
-        "track": survey.track and _track(survey.track),
         "located": int(survey.solutions.is_located.sum()),
         "refused": {status.name.lower(): count for status, count in survey.refusals.items()},
         "overall": survey.overall and _overall(survey.overall),
-        "targets": [_as_target(one) for one in (survey.overall, *survey.further) if one is not None],
+        "targets": [] if survey.overall is None else [_as_target(survey.overall)],
         "samples": [_sample(survey, index) for index in range(len(survey.time_s))],
     }
 
@@ -89,17 +90,6 @@ def _as_target(overall: Overall) -> dict[str, Any]:
         "moment_A_m2": moment.tolist(),
         "evidence": float(moment @ np.linalg.solve(overall.moment_covariance_A2m4, moment)),
         "extended": False,
-    }
-
-
-def _track(track: Track) -> dict[str, Any]:
-    return {
-        "regional_field_standard_errors_T": track.regional_standard_errors_T.tolist(),
-        "regional_gradient_T_per_m": track.gradient_T_per_m.tolist(),
-        "regional_gradient_standard_errors_T_per_m": track.gradient_standard_errors_T_per_m.tolist(),
-        **attributes(track, "velocity_m_per_s", "velocity_standard_errors_m_per_s"),
-        "noise_variance_factor": track.noise_variance,
-        "colour_factor": track.colour,
     }
 
 

@@ -1,5 +1,7 @@
 """Targets along a survey line: several dipoles beside a swaying path, and errors of navigation and attitude."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.linalg import norm
@@ -7,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.localization.line_data import line_data
 from tam_calibration.localization.line_window import Window
-from tam_calibration.localization.target_line import locate_line
 from tam_calibration.localization.targets import find_targets, path_in
+from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.sources.dipole import dipole_field
 
@@ -41,8 +43,6 @@ def passed(array, errors, places=PLACES_M, moments=MOMENTS_AM2, *, sway=0.2, whi
 @pytest.fixture(scope="module")
 def exact(recording, cross, true_errors):
     """Return the calibration of the array with its true errors."""
-    from dataclasses import replace
-
     from tam_calibration.fit import calibrate
 
     return replace(calibrate(recording, cross), errors=true_errors, covariance=None)
@@ -52,7 +52,7 @@ def exact(recording, cross, true_errors):
 def test_all_targets_of_a_line_are_found(cross, true_errors, exact, errors):
     """Three dipoles beside a swaying path, within five standard errors whatever navigation and attitude err by."""
     recording = passed(cross, true_errors, **errors)
-    targets = find_targets(recording, exact, path_in(recording))
+    targets = find_targets(recording, exact, path_in(recording)).targets
     assert len(targets) == 3 and not any(each.is_extended for each in targets)
     for each in targets:
         away = PLACES_M - each.position_m
@@ -65,17 +65,43 @@ def test_all_targets_of_a_line_are_found(cross, true_errors, exact, errors):
 def test_a_line_past_nothing_has_no_target(cross, true_errors, exact):
     """Noise, and an attitude that errs for seconds, are no target."""
     recording = passed(cross, true_errors, PLACES_M[:1], 1e-9 * MOMENTS_AM2[:1], attitude=0.2, lasting=5.0)
-    assert find_targets(recording, exact, path_in(recording)) == []
+    assert find_targets(recording, exact, path_in(recording)).targets == []
 
 
 def test_a_swaying_path_without_navigation_is_found_by_its_velocity(cross, true_errors, exact):
     """A velocity is true but for a random walk: the straight track does not hold, and no phantom appears."""
     recording = passed(cross, true_errors, PLACES_M[:1], MOMENTS_AM2[:1], sway=0.05)
-    bare = Recording(recording.time_s, recording.readings_T, attitude=recording.attitude)
-    targets = locate_line(bare, exact, 0.0, np.array([1.0, 0, 0]), 0.01, None, 0.0)
-    assert isinstance(targets, list) and len(targets) == 1
+    path = path_in(recording, np.array([1.0, 0, 0]), 0.01)
+    targets = find_targets(recording, exact, path).targets
+    assert len(targets) == 1
     start_m = np.array([0.0, 0.0, 0.05])
     assert (np.abs(targets[0].position_m - PLACES_M[0] + start_m) < 5 * targets[0].standard_errors_m).all()
+
+
+def test_a_velocity_that_is_off_stays_within_the_errors(cross, true_errors, exact):
+    """3 % of the speed, with the standard error of a tenth that is taken where none is stated."""
+    recording = passed(cross, true_errors, PLACES_M[:1], MOMENTS_AM2[:1], sway=0.0)
+    [target] = find_targets(recording, exact, path_in(recording, np.array([0.97, 0, 0]))).targets
+    assert (np.abs(target.position_m - PLACES_M[0]) < 5 * target.standard_errors_m).all()
+
+
+def test_a_line_that_no_dipoles_explain_is_refused(cross, true_errors, exact):
+    """A hum of 20 nT on one sensor is all along the line."""
+    recording = passed(cross, true_errors)
+    readings = recording.readings_T.copy()
+    readings[:, 1, 0] += 20e-9 * np.sin(2 * np.pi * 0.7 * TIME_S)
+    humming = Recording(TIME_S, readings, attitude=recording.attitude, position_m=recording.position_m)
+    with pytest.raises(Refused, match="--method integrated"):
+        find_targets(humming, exact, path_in(humming))
+
+
+def test_what_is_left_along_a_line_is_near_one(cross, true_errors, exact):
+    """Where the targets explain the readings; the gradient is largest near the strongest."""
+    recording = passed(cross, true_errors)
+    line = find_targets(recording, exact, path_in(recording))
+    assert 0.7 < np.sqrt(np.mean(line.left**2)) < 1.3
+    nearest = line.center_m[np.argmax(line.contraction_T_per_m)]
+    assert min(norm(nearest - place) for place in PLACES_M) < 6.0
 
 
 def test_derivatives_are_those_of_the_residuals(cross, true_errors, exact):

@@ -300,3 +300,35 @@ def test_outputs_do_not_wait_for_ever():
     join = AttitudeJoin()
     answered = [one for stamp in range(LONGEST_WAIT + 7) for one in join.push_outputs(stamp, np.zeros(18))]
     assert [one.stamp_ns for one in answered] == list(range(7))
+
+
+def test_the_targets_of_the_last_stretch_are_published(bench, passing, calibration_file):
+    """Positions from the odometry: one ellipsoid at the wreck, and one arrow, in the frame of the odometry."""
+    from nav_msgs.msg import Odometry
+
+    from tam_calibration.nodes.cloud import make_cloud
+    from tam_calibration.nodes.listening import RELIABLE_STREAM
+
+    bench.start_nodes(
+        localizer={"calibration_file": str(calibration_file), "targets_s": 100.0, "targets_period_s": 0.5}
+    )
+    shown = bench.listen(visualization_msgs.MarkerArray, "targets")
+    samples = bench.node.create_publisher(sensor_msgs.PointCloud2, "samples", RELIABLE_STREAM)
+    odometry = bench.node.create_publisher(Odometry, "odometry", RELIABLE_STREAM)
+    wanted = {"publishers./samples": "1", "publishers./odometry": "1", "subscribers./targets": "1"}
+    bench.health("localizer", lambda _, figures: wanted.items() <= figures.items(), "all are connected")
+    for index, (stamp, row) in enumerate(zip(stamps(passing), LAYOUT.rows(passing), strict=True)):
+        if index % 10 == 0:
+            message = Odometry(header=header(stamp))
+            message.header.frame_id = "odom"
+            message.pose.pose.position.x = 1.5 * index / 20
+            odometry.publish(message)
+        samples.publish(make_cloud(header(stamp), LAYOUT.columns, row.tolist()))
+
+    def balls():
+        return [each for each in (shown[-1].markers if shown else []) if each.ns == "position"]
+
+    bench.spin_until(lambda: len(balls()) == 1, "the target is published")
+    [ball], place = balls(), balls()[0].pose.position
+    assert ball.header.frame_id == "odom"
+    assert_allclose([place.x, place.y, place.z], [30.0, 2.5, -2.3], atol=0.3)

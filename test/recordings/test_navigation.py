@@ -6,7 +6,7 @@ from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_typestore
 
 from tam_calibration import InputError, Recording, read_recording
-from tam_calibration.recordings.navigation import east_north_up
+from tam_calibration.recordings.navigation import east_north_up, geographic
 from tam_calibration.recordings.recording_stream import RecordingStream
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -117,3 +117,12 @@ def test_a_map_names_a_topic_of_navigation(tmp_path, kind):
     recording = read_recording(tmp_path / "bag", map=channels)
     expected = east_north_up(places, places[0]) if is_geographic else PLACES_M
     assert recording.position_m == pytest.approx(expected, abs=1e-6)
+
+
+def test_geographic_positions_are_the_inverse_of_local_ones():
+    """To a micrometre and 1e-11 degrees, kilometres from the origin."""
+    origin = np.array([54.3, 10.1, 20.0])
+    local = np.array([[0.0, 0.0, 0.0], [3000.0, -4000.0, -30.0], [-20.0, 10.0, -5.0]])
+    places = geographic(local, origin)
+    np.testing.assert_allclose(east_north_up(places, origin), local, atol=1e-6)
+    np.testing.assert_allclose(places[0], origin)

@@ -1,13 +1,12 @@
 """The page on a source: whole in itself; its map shows the source and its ellipses where they are."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from tam_calibration.localization.solutions import EulerSolutions, Status
-from tam_calibration.localization.survey import TRACK_FRAME, WORLD_FRAME, Line, Overall, Survey, Track
+from tam_calibration.localization.survey import WORLD_FRAME, Line, Overall, Survey
 from tam_calibration.report.survey_report import plot_source_spectrum, plot_survey_map, write_survey_report
 from tam_calibration.report.survey_rows import MOST_ROWS, sample_rows, statements
 from tam_calibration.results.targets_json import survey_to_mapping
@@ -33,7 +32,7 @@ def survey():
     overall = Overall(
         np.array([3.0, -1, -2]), np.diag([1e-4, 4e-4, 1e-4]), np.array([10.0, 0, 0]), np.eye(3), 295.0, 294
     )
-    return Survey(TRACK_FRAME, np.arange(100.0), solutions(100), center, overall, np.array([0, 2e-5, -4e-5]))
+    return Survey(WORLD_FRAME, np.arange(100.0), solutions(100), center, overall, np.array([0, 2e-5, -4e-5]))
 
 
 def test_page_is_whole_and_tells_the_source(survey, tmp_path):
@@ -91,70 +90,10 @@ def test_long_tables_are_thinned(survey):
     assert (rows[0][0], rows[-1][0]) == ("1.000", "99.00")
 
 
-def track(noise_variance=1.0, colour=1.0):
-    """Return what was found beside the sources."""
-    gradient = np.diag([1e-9, 0.5e-9, -1.5e-9])
-    return Track(
-        np.full(3, 1e-11),
-        gradient,
-        np.full((3, 3), 1e-11),
-        np.array([1.03, 0.0, -0.02]),
-        np.array([0.001, 0.002, 0.004]),
-        noise_variance,
-        colour,
-    )
-
-
-def test_what_was_found_along_a_track_is_told(survey):
-    """Velocity and gradient with their standard errors; of white residuals nothing is said."""
-    words = statements(replace(survey, track=track()))
-    assert "Velocity: 1.0300 ± 0.0010, 0.0000 ± 0.0020, −0.0200 ± 0.0040 m/s." in words
-    assert "Gradient of the regional field, its largest eigenvalue: 1.500 ± 0.010 nT/m." in words
-    assert not any("widened" in each for each in words)
-    assert not any("Velocity" in each for each in statements(survey))
-
-
-@pytest.mark.parametrize(
-    ("noise_variance", "colour", "factor"), [(4.0, 1.0, "2.00"), (0.5, 2.25, "1.50"), (4, 4, "4.00")]
-)
-def test_residuals_that_are_more_than_noise_are_told(survey, noise_variance, colour, factor):
-    """By the factor of the standard errors, which a smaller noise does not make smaller."""
-    words = statements(replace(survey, track=track(noise_variance, colour)))
-    assert any(each.endswith(f"standard errors are widened by {factor}.") for each in words)
-
-
-def test_the_number_of_dipoles_is_told(survey):
-    """One, or how many."""
-    assert any("near 1 where one dipole explains the readings" in each for each in statements(survey))
-    two = replace(survey, further=(survey.overall,))
-    assert any("near 1 where 2 dipoles explain the readings" in each for each in statements(two))
-
-
-def test_a_survey_as_json_has_further_sources_and_track(survey):
-    """Each further source as the first; what was found beside them in SI, and nothing where there is no track."""
-    other = replace(survey.overall, position_m=np.array([5.0, 1.0, -3.0]))
-    content = survey_to_mapping(replace(survey, further=(other,), track=track(4.0, 2.0)))
+def test_a_survey_as_json_has_its_source_as_a_target(survey):
+    """The source of all samples, in the form of the targets of a line."""
+    content = survey_to_mapping(survey)
     assert content["schema"] == "tam_calibration/source/1"
-    [further] = content["further_sources"]
-    assert further["position_m"] == [5.0, 1.0, -3.0]
-    assert {**further, "position_m": None} == {**content["overall"], "position_m": None}
-    assert content["track"] == {
-        "regional_field_standard_errors_T": [1e-11] * 3,
-        "regional_gradient_T_per_m": [[1e-9, 0.0, 0.0], [0.0, 0.5e-9, 0.0], [0.0, 0.0, -1.5e-9]],
-        "regional_gradient_standard_errors_T_per_m": [[1e-11] * 3] * 3,
-        "velocity_m_per_s": [1.03, 0.0, -0.02],
-        "velocity_standard_errors_m_per_s": [0.001, 0.002, 0.004],
-        "noise_variance_factor": 4.0,
-        "colour_factor": 2.0,
-    }
-    plain = survey_to_mapping(survey)
-    assert plain["further_sources"] == [] and plain["track"] is None
-
-
-def test_page_tells_further_sources(survey, tmp_path):
-    """Each has its own numbers on the page."""
-    other = replace(survey.overall, position_m=np.array([5.0, 1.25, -3.0]))
-    write_survey_report(tmp_path / "page.html", replace(survey, further=(other,), track=track()), "dive.csv")
-    words = re.sub(r"<[^>]*>", " ", (tmp_path / "page.html").read_text())
-    assert "5.000 ± 0.010" in words and "1.250 ± 0.020" in words
-    assert "Source 1" in words and "Source 2" in words
+    [target] = content["targets"]
+    assert target["position_m"] == content["overall"]["position_m"] == [3.0, -1.0, -2.0]
+    assert any("near 1 where one dipole explains the readings" in each for each in statements(survey))

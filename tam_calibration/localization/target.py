@@ -1,0 +1,180 @@
+"""A target of a survey line, told from the dipoles that were found: a dipole, or a body that is larger or too near."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.linalg import norm
+
+from tam_calibration.localization.survey import standard_errors
+from tam_calibration.localization.target_search import LEAST_GAIN, Found
+from tam_calibration.model.units import FloatArray
+
+WITHIN_BODY, NEAR_BODY = 0.75, 1.0
+"""Distance between dipoles, over that from the path, below which they are parts of one body, and below which an
+uncertain one is a part of the body near it: a body as large as its distance shows as dipoles so far apart."""
+
+LARGEST_MISFIT = 10.0
+"""Mean squared residual, over the noise, above which a target that no further dipole explains is no dipole: a path that
+sways faster than its knots leaves some times the noise, by which standard errors are widened."""
+
+_LARGEST_ERROR = 0.3
+"""Standard error of a place, over its distance, beyond which first order says nothing."""
+
+_SPHERE_AM2_PER_TM3 = 4 * np.pi / (4e-7 * np.pi)
+"""Moment of a sphere of high permeability over its radius cubed and the field: 4π a³ B/µ0 (Jackson 1999, 5.11)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """A target.
+
+    Parameters
+    ----------
+    position_m : (3,) array
+        In the world of the attitude, metres.
+    position_covariance_m2 : (3, 3) array
+        Of that, widened by residuals beyond the noise, and by the extent of an extended body.
+    moment_Am2 : (3,) array
+        Magnetic moment, of an extended body that of all its parts, A m².
+    moment_covariance_A2m4 : (3, 3) array
+        Of that.
+    evidence : float
+        By how much χ² would rise without it, over the misfit.
+    distance_m : float
+        Least distance from the path, metres.
+    extent_m : float
+        Of an extended body: largest distance between its parts, metres, zero where it shows as one; of a dipole zero.
+    is_extended : bool
+        Whether it is larger, or nearer, than a dipole.
+    misfit : float
+        Mean squared residual about it, over the noise.
+    field_T : (3,) array
+        Regional field along the line, tesla.
+    lines : int
+        Number of lines that show it.
+    repeat_m : float
+        Root mean square distance of what single lines show from the position; NaN of one line.
+    """
+
+    position_m: FloatArray
+    position_covariance_m2: FloatArray
+    moment_Am2: FloatArray
+    moment_covariance_A2m4: FloatArray
+    evidence: float
+    distance_m: float
+    extent_m: float
+    is_extended: bool
+    misfit: float
+    field_T: FloatArray
+    lines: int = 1
+    repeat_m: float = float("nan")
+
+    @property
+    def standard_errors_m(self) -> FloatArray:
+        """(3,) of the position, metres."""
+        return standard_errors(self.position_covariance_m2)
+
+    @property
+    def along_field_Am2(self) -> float:
+        """Part of the moment along the regional field, A m²: the field induces this part, the rest is remanent."""
+        return float(self.moment_Am2 @ self.field_T / norm(self.field_T))
+
+    @property
+    def sphere_diameter_m(self) -> float:
+        """Diameter of the soft iron sphere in which the field induces a moment of this size, metres."""
+        return float(2 * (norm(self.moment_Am2) / (_SPHERE_AM2_PER_TM3 * norm(self.field_T))) ** (1 / 3))
+
+
+def targets_of(found: Sequence[Found], field_T: FloatArray) -> list[Target]:
+    """Return the targets that dipoles are told as, the strongest evidence first.
+
+    A dipole is one where it is certain. Several within one body, or one that leaves a large misfit, are one extended
+    target.
+
+    Parameters
+    ----------
+    found : sequence of Found
+        Dipoles of a line.
+    field_T : (3,) array
+        Regional field, tesla.
+    """
+    targets = []
+    for group in _bodies(found):
+        misfit = max(1.0, *(each.misfit for each in group))
+        if len(group) > 1 or misfit > LARGEST_MISFIT:
+            targets.append(_of_body(group, misfit, field_T))
+        elif _is_certain(group[0]):
+            targets.append(_of_dipole(group[0], field_T))
+    return by_evidence(each for each in targets if each.evidence > LEAST_GAIN)
+
+
+def by_evidence(targets: Iterable[Target]) -> list[Target]:
+    """Return targets, the strongest evidence first."""
+    return sorted(targets, key=lambda each: -each.evidence)
+
+
+def _is_certain(each: Found) -> bool:
+    """Return whether a dipole is there, and its place known to a part of its distance."""
+    factor = max(each.misfit, 1.0)
+    error = float(np.sqrt(factor * np.diag(each.covariance)[:3].max()))
+    return each.gain > LEAST_GAIN * factor and error < _LARGEST_ERROR * each.distance_m
+
+
+def _bodies(found: Sequence[Found]) -> list[list[Found]]:
+    """Return groups of dipoles that are nearer to each other than bodies at their distance are large."""
+    groups: list[list[Found]] = []
+    for each in found:
+        near = [group for group in groups if any(_are_one(each, other) for other in group)]
+        groups = [group for group in groups if group not in near] + [[each, *(one for group in near for one in group)]]
+    return groups
+
+
+def _are_one(one: Found, other: Found) -> bool:
+    apart = float(norm(one.unknowns[:3] - other.unknowns[:3]))
+    distances = one.distance_m, other.distance_m
+    if _is_certain(one) and _is_certain(other):
+        return apart < WITHIN_BODY * min(distances)
+    return apart < NEAR_BODY * max(distances)
+
+
+def _of_dipole(each: Found, field_T: FloatArray) -> Target:
+    factor = max(each.misfit, 1.0)
+    spread = factor * each.covariance
+    return Target(
+        position_m=each.unknowns[:3],
+        position_covariance_m2=spread[:3, :3],
+        moment_Am2=each.unknowns[3:],
+        moment_covariance_A2m4=spread[3:, 3:],
+        evidence=each.gain / factor,
+        distance_m=each.distance_m,
+        extent_m=0.0,
+        is_extended=False,
+        misfit=each.misfit,
+        field_T=field_T,
+    )
+
+
+def _of_body(group: Sequence[Found], misfit: float, field_T: FloatArray) -> Target:
+    """Return a body of several dipoles: their mean place by the size of their moments, and the sum of these."""
+    rows = np.array([each.unknowns for each in group])
+    weights = norm(rows[:, 3:], axis=1) / norm(rows[:, 3:], axis=1).sum()
+    place = weights @ rows[:, :3]
+    covariance = np.array([each.covariance for each in group])
+    spread = misfit * np.einsum("s,sij->ij", weights**2, covariance[:, :3, :3])
+    apart = rows[:, :3] - place
+    extent = float(norm(rows[:, None, :3] - rows[:, :3], axis=2).max())
+    distance = min(each.distance_m for each in group)
+    own = extent if len(group) > 1 else 0.5 * distance
+    return Target(
+        position_m=place,
+        position_covariance_m2=spread + np.einsum("s,si,sj->ij", weights, apart, apart) + (own / 4) ** 2 * np.eye(3),
+        moment_Am2=rows[:, 3:].sum(axis=0),
+        moment_covariance_A2m4=misfit * covariance[:, 3:, 3:].sum(axis=0),
+        evidence=sum(each.gain for each in group) / misfit,
+        distance_m=distance,
+        extent_m=extent,
+        is_extended=True,
+        misfit=misfit,
+        field_T=field_T,
+    )

@@ -1,0 +1,157 @@
+"""The solution of a window of a line by steps of Levenberg and Marquardt."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.linalg import norm
+
+from tam_calibration.localization.line_window import OF_SOURCE, Window
+from tam_calibration.model.units import FloatArray
+
+_MOST_STEPS, _ROUGH_STEPS = 25, 8
+"""Steps of a fit, and of one with a larger noise."""
+
+LEAST_FALL, ROUGH_FALL = 0.02, 1.0
+"""Fall of χ² below which they end."""
+
+_FARTHEST_M, _STRONGEST_AM2, _LARGEST_ERROR = 150.0, 1e7, 30.0
+"""Of dipoles from the middle of a window, of their moments, and of errors in units of their standard deviations."""
+
+_MOST_STALLED = 3
+"""Such steps in a row that end a fit, where damping has become large."""
+
+_LEAST_SEEN = 0.1
+"""Part of what is known of an error beforehand that the data must add for it to be fitted."""
+
+_FIRST_DAMPING, _LEAST_DAMPING, _LARGEST_DAMPING = 1e-3, 1e-7, 1e8
+"""Of Levenberg's and Marquardt's steps, over the diagonal."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """The solution of a window.
+
+    Parameters
+    ----------
+    window : Window
+        The problem.
+    unknowns : (P,) array
+        Places and moments of the dipoles, then the others.
+    chi_square : float
+        Squares of the residuals and of what is expected of the unknowns.
+    normal : (P, P) array
+        Normal matrix near the solution.
+    """
+
+    window: Window
+    unknowns: FloatArray
+    chi_square: float
+    normal: FloatArray
+
+    @property
+    def sources(self) -> FloatArray:
+        """(S, 6) places and moments."""
+        return self.unknowns[: len(self.unknowns) - self.window.nuisance_count].reshape(-1, OF_SOURCE)
+
+    @property
+    def others(self) -> FloatArray:
+        """(n,) the unknowns beside the dipoles."""
+        return self.unknowns[len(self.unknowns) - self.window.nuisance_count :]
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """(6 S, 6 S) of the dipoles, with all else marginalised."""
+        scale = np.sqrt(np.diag(self.normal))
+        unit = self.normal / scale[:, None] / scale
+        count = self.sources.size
+        inverse = np.linalg.solve(unit + 1e-13 * np.eye(len(unit)), np.eye(len(unit))[:, :count])[:count]
+        return np.asarray(inverse / scale[:count, None] / scale[:count])
+
+    @cached_property
+    def residual(self) -> FloatArray:
+        """(M, 3 K - 2) residuals in units of their noise."""
+        return self.window.linearized(self.unknowns, False)[0]
+
+
+def annealed(window: Window, start: FloatArray, least_fall: float = ROUGH_FALL) -> Solved:
+    """Return the solution that begins with unknowns (P,) and with a larger noise, which falls tenfold each time.
+
+    With little noise χ² is a narrow, bent valley that is followed by small steps only.
+    """
+    size = float(np.sqrt(np.mean(window.linearized(start, False)[0] ** 2)))
+    for factor in 10.0 ** np.arange(np.ceil(np.log10(max(size / 3, 1.0))), 0, -1):
+        rough = replace(window, data=replace(window.data, noise_T=factor * window.data.noise_T))
+        start = solve(rough, start, _ROUGH_STEPS, ROUGH_FALL).unknowns
+    return solve(window, start, least_fall=least_fall)
+
+
+def _can_be(window: Window, unknowns: FloatArray) -> bool:
+    """Return whether dipoles are in reach, and errors small: steps that are not are too long."""
+    split = len(unknowns) - window.nuisance_count
+    sources, others = unknowns[:split].reshape(-1, OF_SOURCE), unknowns[split:]
+    middle = window.place_m[len(window.place_m) // 2]
+    unit = slice(0, window.parts[2].stop)
+    is_near = norm(sources[:, :3] - middle, axis=1) < _FARTHEST_M
+    is_weak = norm(sources[:, 3:], axis=1) < _STRONGEST_AM2
+    return bool(is_near.all() and is_weak.all() and (np.abs(others[unit]) < _LARGEST_ERROR).all())
+
+
+def solve(window: Window, start: FloatArray, most_steps: int = _MOST_STEPS, least_fall: float = LEAST_FALL) -> Solved:
+    """Return the solution by steps of Levenberg and Marquardt.
+
+    Parameters
+    ----------
+    start : (P,) array
+        Places and moments of the dipoles, then the other unknowns.
+    most_steps : int
+        Steps at most.
+    least_fall : float
+        Fall of χ² below which a step is the last.
+    """
+    split = len(start) - window.nuisance_count
+    prior = np.hstack([np.zeros((len(window.prior), split)), window.prior])
+    precision = prior.T @ prior
+    expected = np.concatenate([np.zeros(split), window.start()])
+    unknowns, damping = start, _FIRST_DAMPING
+
+    def cost(tried: FloatArray) -> float:
+        if not _can_be(window, tried):
+            return np.inf
+        total = float(np.sum(window.linearized(tried, False)[0] ** 2) + np.sum((prior @ (tried - expected)) ** 2))
+        return total if np.isfinite(total) else np.inf
+
+    lowest, stalled = cost(unknowns), 0
+    free = np.arange(len(start))
+    for number in range(most_steps):
+        residual, slopes = window.linearized(unknowns)
+        rows = slopes.reshape(-1, len(start))
+        if not number:
+            free = _telling(window, rows, split)
+        rows, inside = rows[:, free], precision[np.ix_(free, free)]
+        normal = rows.T @ rows + inside
+        slope = rows.T @ residual.ravel() - (precision @ (unknowns - expected))[free]
+        scale = np.sqrt(np.diag(normal))
+        unit, fall = normal / scale[:, None] / scale, 0.0
+        while damping < _LARGEST_DAMPING:
+            damped = unit + damping * np.eye(len(free))
+            tried = unknowns.copy()
+            tried[free] += np.linalg.solve(damped, slope / scale) / scale
+            reached = cost(tried)
+            if reached < lowest:
+                fall, lowest, unknowns = lowest - reached, reached, tried
+                damping = max(damping / 10, _LEAST_DAMPING)
+                break
+            damping *= 10
+        stalled = stalled + 1 if fall < least_fall else 0
+        if stalled and (damping < _FIRST_DAMPING or stalled >= _MOST_STALLED):
+            break
+    return Solved(window, unknowns, lowest, normal)
+
+
+def _telling(window: Window, rows: FloatArray, split: int) -> np.ndarray:
+    """Return the unknowns of which derivatives (R, P) tell anything; errors that they hardly see stay."""
+    seen = np.sum(rows**2, axis=0) > _LEAST_SEEN
+    seen[:split] = True
+    seen[split + window.parts[2].stop :] = True
+    return np.flatnonzero(seen)

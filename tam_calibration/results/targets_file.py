@@ -1,0 +1,108 @@
+"""Targets as a table for other programs: CSV, or GeoJSON (RFC 7946) for maps."""
+
+import csv
+from collections.abc import Sequence
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.linalg import norm
+
+from tam_calibration.files.text_files import to_json, write_text
+from tam_calibration.localization.survey import standard_errors
+from tam_calibration.localization.target import Target
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.recordings.navigation import geographic
+
+_CSV, _GEOJSON = ".csv", ".geojson"
+
+Origin = tuple[float, float, float]
+"""Latitude and longitude, degrees, and height, metres, of the position 0, 0, 0."""
+
+
+def require_table(path: Path, origin: Origin | None) -> None:
+    """Check that targets can be written to a path.
+
+    Raises
+    ------
+    InputError
+        When it ends neither in .csv nor in .geojson, or GeoJSON has no origin.
+    """
+    if path.suffix not in (_CSV, _GEOJSON):
+        raise InputError(f"--targets must end in .csv or .geojson, not {path.name!r}")
+    if path.suffix == _GEOJSON and origin is None:
+        raise InputError("GeoJSON has latitude and longitude: state --origin LAT,LON of x = y = 0")
+
+
+def write_targets(path: Path, targets: Sequence[Target], origin: Origin | None = None, *, suffix: str) -> None:
+    """Write a table of targets, one row or feature each.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    targets : sequence of Target
+        In the order of the list.
+    origin : tuple of float, optional
+        Of the positions; without it there are no latitudes and longitudes.
+    suffix : str
+        ``.csv`` or ``.geojson``.
+    """
+    rows = [_row(number, each) for number, each in enumerate(targets, 1)]
+    if origin is not None and targets:
+        places = geographic(np.array([each.position_m for each in targets]), np.array(origin))
+        for row, place in zip(rows, places.tolist(), strict=True):
+            row |= dict(zip(("lat_deg", "lon_deg", "height_m"), place, strict=True))
+    write_text(path, _geojson(rows) if suffix == _GEOJSON else _table(rows))
+
+
+def _row(number: int, target: Target) -> dict[str, Any]:
+    moment = target.moment_Am2
+    size = float(norm(moment))
+    return {
+        "number": number,
+        **_components("m", target.position_m),
+        **_components("standard_error_m", target.standard_errors_m),
+        "distance_m": target.distance_m,
+        "moment_A_m2": size,
+        **_components("A_m2", moment, "moment_"),
+        **_components("standard_error_A_m2", standard_errors(target.moment_covariance_A2m4), "moment_"),
+        "moment_along_field_A_m2": target.along_field_Am2,
+        "iron_sphere_diameter_m": target.sphere_diameter_m,
+        "kind": "extended" if target.is_extended else "dipole",
+        "extent_m": target.extent_m,
+        "evidence": target.evidence,
+        "misfit": target.misfit,
+        "lines": target.lines,
+        "repeat_m": target.repeat_m if target.lines > 1 else "",
+    }
+
+
+def _components(unit: str, vector: np.ndarray, before: str = "") -> dict[str, float]:
+    return {f"{before}{axis}_{unit}": float(value) for axis, value in zip("xyz", vector, strict=True)}
+
+
+def _table(rows: Sequence[dict[str, Any]]) -> str:
+    text = StringIO()
+    header = list(rows[0]) if rows else ["number", "x_m", "y_m", "z_m"]
+    writer = csv.DictWriter(text, header, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({name: _short(value) for name, value in row.items()} for row in rows)
+    return text.getvalue()
+
+
+def _short(value: Any) -> Any:
+    return f"{value:.9g}" if isinstance(value, float) else value
+
+
+def _geojson(rows: Sequence[dict[str, Any]]) -> str:
+    features = [
+        {
+            "type": "Feature",
+            "geometry": {"type": "Point", "coordinates": [row["lon_deg"], row["lat_deg"], row["height_m"]]},
+            "properties": row,
+        }
+        for row in rows
+    ]
+    return to_json({"type": "FeatureCollection", "features": features})
