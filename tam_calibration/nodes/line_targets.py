@@ -15,10 +15,10 @@ from tam_calibration.localization.targets import find_targets, path_in
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
+from tam_calibration.nodes.answering import Work
 from tam_calibration.nodes.base import TamNode
 from tam_calibration.nodes.listening import RELIABLE_STREAM
 from tam_calibration.nodes.markers import target_markers
-from tam_calibration.nodes.answering import Work
 
 _NANOSECONDS = 1e-9
 _RELIABLE = QoSProfile(depth=10)
