@@ -91,12 +91,20 @@ def test_locate_zero_row():
     """The reading is named and left out: the source is where it is without that sample."""
     folder, places = REPORTS / "locate_zero_row", []
     for name in ("run.csv", "clean.csv"):
-        known = ["--calibration", folder / "calibration.yaml", "--velocity", "1.5,0,0", "--json"]
+        known = [
+            "--calibration",
+            folder / "calibration.yaml",
+            "--velocity",
+            "1.5,0,0",
+            "--velocity-error",
+            "0",
+            "--json",
+        ]
         done = run("locate", folder / name, *known)
         named = "1 of 600 readings of sensor 2 is zero on all axes" in done.stderr
         assert named == (name == "run.csv")
         places.append(json.loads(done.stdout))
-    assert_allclose(*(each["overall"]["position_m"] for each in places), atol=0.01)
+    assert_allclose(*(each["targets"][0]["position_m"] for each in places), atol=0.01)
 
 
 def test_csv_headers_quoted():
