@@ -15,7 +15,7 @@ from tam_calibration.gap.model import Model
 from tam_calibration.gap.offers import Offers, candidates, is_plausible, sensors_for
 from tam_calibration.gap.repeats import pose_of, repeats
 from tam_calibration.gap.search_result import Search, is_elsewhere
-from tam_calibration.gap.size import Evidence, energy_explained, examine
+from tam_calibration.gap.size import Evidence, examine
 from tam_calibration.gap.steps import LEAST_EVIDENCE, MOST_CAUSES, Step, absorbed, is_new
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
@@ -59,6 +59,7 @@ class _CauseSearch:
         self._nominal, self._tell = nominal, tell
         self._offers = Offers(nominal, without, tell)
         self._steps: list[Step] = []
+        self._open: list[Law] = []  # those that predict, and have no cause
         self._model = nominal
         self._gap = residual_of(nominal).excess
 
@@ -74,6 +75,7 @@ class _CauseSearch:
             left = self._explain(law, [one for one in remaining if one is not law])
             if left is None:
                 unexplained.add(_key(law))
+                self._open += [law] if law.found else []
                 continue
             explained.add(_key(law))
             self._tell("laws", len(self._steps) / (MOST_CAUSES + 1))
@@ -129,11 +131,11 @@ class _CauseSearch:
         left = residual_of(model)
         form = chain[-1].form
         if not isinstance(form, Hypothesis):
-            # A variance takes what open laws leave for noise, which is far more than a law of a small share.
-            base, is_variance = self._model.base(), form.variance is not None or form.spread_T is not None
-            is_more = energy_explained(chain[-1], base) * MOST > law.part * base.energy
-            is_small = law.signature.energy < NOTABLE
-            return None if is_variance and is_small and is_more and not form.is_certain else left
+            # A variance takes whatever an open law leaves for noise.
+            is_variance = form.variance is not None or form.spread_T is not None
+            sensors = {*law.signature.sensors}
+            is_open = any(not sensors.isdisjoint(one.signature.sensors) for one in self._open)
+            return None if is_variance and is_open and not form.is_certain else left
         channels, part = model.channels(model.signal()), model.parts[-1]
         if part.effect.oversize(channels.covariates, part.fitted(part.terms(channels))) is not None:
             return None

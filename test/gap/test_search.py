@@ -72,6 +72,22 @@ def test_what_goes_with_the_pose_is_no_loop(run):
     assert (gap.verdict, gap.where.sensors) == ("unexplained", (2,))
 
 
+@pytest.mark.parametrize("seed", [23, 28])
+def test_noise_is_no_cause_beside_an_open_law(run, seed):
+    """At shuffled poses a rectified field has a law without a cause; what it leaves is not taken for noise."""
+    generator = np.random.default_rng(seed)
+    made = taken_up_again(run(72), generator.permutation(np.tile(np.arange(72), 2)))
+    direction, along = generator.normal(size=(2, 3))
+    field = made.errors.restore(made.recording.readings_T).mean(axis=1)
+    bent = np.abs(field @ direction)
+    added = np.outer(bent - bent.mean(), along)
+    added *= 15e-9 / np.sqrt(np.mean(np.sum(added**2, axis=1)))
+    for axis in range(3):
+        made = made.with_row(6 + axis, added[:, axis])
+    gap = diagnose(made.recording, made.array)
+    assert (gap.verdict, gap.where.sensors) == ("unexplained", (3,))
+
+
 def test_what_weight_moves_is_told_as_unexplained(run):
     """A loose magnet that rolls with the tilt is neither noise nor an arm that bends."""
     made = run(900)
