@@ -9,6 +9,7 @@ from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Finding, LinearEffect
 from tam_calibration.effects.grades import MINOR, MOST, NEARLY_ALL, NOTABLE
 from tam_calibration.effects.library import effect_named, units_of
+from tam_calibration.effects.spread import LARGEST_NOISE
 from tam_calibration.gap.checks import checks_of
 from tam_calibration.gap.hypothesis import Hypothesis, Place, sensors_of
 from tam_calibration.gap.joint import Joint
@@ -42,7 +43,8 @@ def verdict_on(found: Search, size: Size) -> Verdict:
     if size.before < MINOR:
         return "no_gap"
     if not found.steps:
-        return "unexplained" if found.laws else "no_gap"
+        is_noise = size.before**2 < LARGEST_NOISE**2 - 1
+        return "no_gap" if is_noise and not found.laws else "unexplained"
     if size.closed < NOTABLE:  # Such a part may only be the correlation of the causes with an unknown one.
         return "unexplained"
     is_explained = found.explains_all and size.closed > MOST and size.after < LARGEST_REST

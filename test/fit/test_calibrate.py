@@ -41,7 +41,7 @@ def test_a_scalar_that_misses_a_varying_field_widens_the_errors(method):
         run = simulate(replace(scenario, seed=seed))
         recording = replace(run.recording, scalar_T=np.full(72, 52185e-9))
         calibration = calibrate(recording, scenario.array, method)
-        free = calibration.standard_errors > 0
+        free = calibration.standard_errors > 1e-12  # else it is a definition of the frame
         deviation = calibration.errors.to_vector() - in_first_frame(run.errors)[0].to_vector()
         assert np.abs(deviation[free] / calibration.standard_errors[free]).max() < 4
 

@@ -34,12 +34,13 @@ def verdict(has_cause, *, left=0.0, laws=(), **size):
     [
         ({"before": 0.09, "laws": ("a law",)}, "no_gap"),
         ({"before": 0.11, "laws": ("a law",)}, "unexplained"),
-        ({}, "no_gap"),
+        ({"before": 0.66}, "no_gap"),
+        ({"before": 0.67}, "unexplained"),
         ({"laws": ("a law",)}, "unexplained"),
     ],
 )
 def test_what_no_cause_explains_is_a_gap(told, found):
-    """From a tenth of the noise floor on, with a law."""
+    """From a tenth of the noise floor on with a law; without one, beyond noise of 1.2 times that of the sheet."""
     assert verdict(False, **told) == found
 
 
