@@ -54,7 +54,7 @@ def word_count(*paths: Path) -> int:
 class Journey:
     """The modules of the package that are entered while code runs: a function for ``sys.setprofile``.
 
-    ``entered`` holds the modules, and ``pairs`` the caller and callee of each call from one module to another. Calls
+    ``entered`` has the modules, and ``pairs`` the caller and callee of each call from one module to another. Calls
     during an import do not count.
     """
 
@@ -111,7 +111,7 @@ def journey_of_calibrate() -> Journey:
 
 
 def main() -> None:
-    """Print one table: the rooms of the package, the largest first, and below the counts of the whole project."""
+    """Print a table of the rooms of the package, the largest first, and the counts of the project."""
     table = Table("room", "modules", "code lines", "functions", "numeric constants")
     for column in table.columns[1:]:
         column.justify = "right"

@@ -3,8 +3,8 @@
 Run ``python benchmarks/gap_probabilities.py FOLDER …`` on folders that ``tam blind make`` wrote, or a world of others
 with its truths in ``key.json``, and that ``tam blind answer`` answered. Of every cause that was named it takes what the
 probability is made of, and whether the cause was right; it fits the logistic regression of
-``tam_calibration.gap.probabilities``, leaves each folder out once, and prints the coefficients with the log score on
-what was left out beside that of the plain rate. Nothing is written.
+``tam_calibration.gap.probabilities``, leaves each folder out once, and prints the coefficients. It also prints the log
+score on the folder left out, and that of a constant rate. It writes no file.
 """
 
 from collections.abc import Mapping, Sequence

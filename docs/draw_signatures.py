@@ -21,9 +21,10 @@ COURSES = ("constant", "motion", "step", "episodes", "slow", "channel", "tone", 
 GENERATOR = np.random.default_rng(1)
 TIME_S = np.linspace(0, 60, 600)
 FIELD = np.sin(0.9 * TIME_S) * np.cos(0.35 * TIME_S)
-"""Of one axis while the array tumbles, as a part of the whole."""
+"""Field along one axis while the array tumbles, over the total intensity."""
 
 TILT = np.cos(0.55 * TIME_S)
+"""Vertical part of that axis."""
 
 PATTERNS = {
     "offset": np.ones_like(TIME_S),
@@ -34,18 +35,19 @@ PATTERNS = {
     "noise": GENERATOR.normal(size=600),
     "samples": np.where(GENERATOR.random(600) < 0.03, 3 * GENERATOR.choice([-1, 1], 600), 0),
 }
+"""What each law does to the reading, for a disturbance of size one."""
 
-WARM = 1 - np.exp(-TIME_S / 15)
 SIZES = {
     "constant": np.ones_like(TIME_S),
     "motion": TILT**2,
     "step": np.where(TIME_S < 35, -0.5, 1.0),
     "episodes": np.where((TIME_S // 9) % 2 == 1, 1.0, 0.0),
     "slow": np.sin(0.06 * TIME_S + 0.5) + 0.4 * np.sin(0.17 * TIME_S),
-    "channel": 2 * WARM - 1,
+    "channel": 1 - 2 * np.exp(-TIME_S / 15),  # a temperature that settles
     "tone": np.sin(2 * np.pi * 0.4 * TIME_S),
     "random": GENERATOR.normal(size=600),
 }
+"""Size of the disturbance over time, for each course."""
 
 
 def residual(law: str, course: str) -> FloatArray:

@@ -27,7 +27,9 @@ WRECK = Dipole(np.array([30.0, 2.5, -2.3]), np.array([40.0, -60.0, 150.0]))
 EARTH_T = np.array([1e-6, 21e-6, -43e-6])
 """Of central Europe, east-north-up."""
 VELOCITY_M_PER_S = np.array([1.5, 0.0, 0.0])
+"""Of a slow AUV."""
 NOISE_T = 1e-9
+"""Of each axis of a fluxgate, in one sample."""
 
 
 def passing(calibration: Calibration, errors: SensorErrors) -> Recording:

@@ -19,6 +19,7 @@ _FINEST_STEP = from_degrees(0.001)
 """Least step of a turntable, radians: motorised rotation stages resolve no finer one."""
 
 _DISTINCT = 0.01
+"""Difference of unit vectors from which two directions of the field are different: half a degree."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +125,7 @@ _IGNORANCE = 1e-9
 """Information that is there before any sample, as part of that of a planned pose, so that nothing is infinite."""
 
 _SMALLEST_GAIN = 1e-3
+"""Relative fall of the errors below which a further exchange of poses is not worth its time."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from tam_calibration.gap.size import Evidence
 from tam_calibration.model.fitted_effect import ALL, SCALAR
 
 MOST_CAUSES = 4
-"""Causes of one gap, at most: more cannot be told apart."""
+"""Causes of one gap, at most: a recording seldom separates more."""
 
 MOST_STEPS = 3
 """Steps of one sensor's bias or scale, at most; what changes more often is a loose part or contact."""

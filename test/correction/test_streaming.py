@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.correction.calibration import EffectSize
-from tam_calibration.correction.partial import PartialCorrection
+from tam_calibration.correction.partial import EffectRemoval, PartialCorrection
 from tam_calibration.correction.streaming import Correction, why_left_in
 from tam_calibration.fit import calibrate
 from tam_calibration.model.exceptions import InputError
@@ -165,3 +165,27 @@ def test_other_effects_begin_anew(keeping, warming):
     after, anew, later = Correction(other), Correction(other), warming.take(slice(300, None))
     after.go_on(before)
     assert_array_equal(after.correct(later).outputs, anew.correct(later).outputs)
+
+
+def test_an_effect_is_taken_off_batch_by_batch(keeping, recording):
+    """As off the recording; a sample whose temperature is not known is left out."""
+    temperature = np.linspace(15, 25, 100)
+    temperature[::10] = np.nan
+    gappy = replace(recording.take(slice(100)), temperature_C=temperature)
+    removal = EffectRemoval(keeping)
+    parts = [removal.of(gappy.take(slice(first, first + 20))) for first in range(0, 100, 20)]
+    known = gappy.take(np.isfinite(temperature))
+    expected = keeping.readings_without_effects(known)
+    assert_allclose(np.concatenate([part.readings_T for part in parts]), expected, rtol=1e-12)
+    assert np.abs(expected - known.readings_T).max() > 3e-9
+
+
+def test_without_effects_samples_stay_as_they_are(plain, warming):
+    """They are the same object."""
+    assert EffectRemoval(plain).of(warming) is warming
+
+
+def test_an_effect_that_needs_later_samples_is_refused(plain):
+    """One sentence names it and the remedy."""
+    with pytest.raises(InputError, match=r"time_skew, which needs later samples.*use a calibration without it"):
+        EffectRemoval(replace(plain, effects=(LATE,), effect_sizes=(SIZE,)))
