@@ -68,7 +68,9 @@ class Offers:
         """
         signature = law.signature
         own = [name for name in self._effects if may_make(name, signature)]
-        yield sorted(self._examined(base, own, law, steps), key=lambda one: not one.is_certain)
+        # What predicts a part of a noise is preferred to more variance.
+        found = self._examined(base, own, law, steps)
+        yield sorted(found, key=lambda one: (not one.is_certain, not isinstance(one.form, Hypothesis)))
         if law.found and signature.course in FREE:
             others = [name for name in self._effects if not makes(name, signature)]
             least = (1 - MINOR) * law.part * base.energy

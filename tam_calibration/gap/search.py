@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Collection, Sequence
 
-from tam_calibration.effects.effect import LinearEffect
+from tam_calibration.effects.effect import Finding, LinearEffect
 from tam_calibration.effects.grades import MINOR, MOST, NEARLY_ALL, NOTABLE, SLIGHT
 from tam_calibration.effects.library import effect_named
 from tam_calibration.gap.hypothesis import Hypothesis
@@ -131,22 +131,25 @@ class _CauseSearch:
         left = residual_of(model)
         form = chain[-1].form
         if not isinstance(form, Hypothesis):
-            # A variance takes whatever an open law leaves for noise.
-            is_variance = form.variance is not None or form.spread_T is not None
-            sensors = {*law.signature.sensors}
-            is_open = any(not sensors.isdisjoint(one.signature.sensors) for one in self._open)
-            return None if is_variance and is_open and not form.is_certain else left
+            return None if self._takes_law(form, law) else left
         channels, part = model.channels(model.signal()), model.parts[-1]
         if part.effect.oversize(channels.covariates, part.fitted(part.terms(channels))) is not None:
             return None
         is_gone = self._is_gone(law, others, model, left) and not _is_open_at_poses(part.effect, self._model, model)
         return left if is_gone else None
 
+    def _takes_law(self, form: Finding, law: Law) -> bool:
+        """Say whether a variance would take for noise a law that predicts, or what an open one beside it leaves."""
+        if form.is_certain or (form.variance is None and form.spread_T is None):
+            return False
+        is_open = any(not set(one.signature.sensors).isdisjoint(law.signature.sensors) for one in self._open)
+        return bool(law.found) or is_open
+
     def _accept(self, chain: Sequence[Evidence], law: Law, as_good: Sequence[str]) -> None:
-        self._model = self._with(chain)
         for one in chain:
-            made = as_made_by(one.effect, law.signature)
-            self._steps.append(Step(absorbed(one, self._steps), made, tuple(dict.fromkeys(as_good))))
+            own = absorbed(one, self._steps)
+            self._model = self._model.accept(own.form)
+            self._steps.append(Step(own, as_made_by(one.effect, law.signature), tuple(dict.fromkeys(as_good))))
 
     def _with(self, chain: Sequence[Evidence]) -> Model:
         """Return the model with further causes."""

@@ -191,7 +191,8 @@ def sharpened(base: Base, weighed: Sequence[Evidence]) -> tuple[Evidence, ...]:
     weighed : sequence of Evidence
         For the effects, at this base; those with nearly the largest ΔBIC are refined.
     """
-    strongest = max(weighed, key=lambda one: one.delta_bic, default=None)
+    linear = [one for one in weighed if isinstance(one.form, Hypothesis)]
+    strongest = max(linear, key=lambda one: one.delta_bic, default=None)
     if strongest is None or strongest.delta_bic <= 0:
         return tuple(weighed)
     return tuple(_refined(base, one) if _is_near(one, strongest) else one for one in weighed)

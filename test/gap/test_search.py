@@ -293,6 +293,28 @@ def test_two_effects_are_both_found(run):
     assert sum(cause.share for cause in gap.causes) == pytest.approx(1)
 
 
+def test_a_sensor_that_is_rounded_and_noisy_has_an_answer(run):
+    """Noise of a sensor whose readings are rounded is a part of that cause."""
+    made = run(SAMPLES)
+    step, noise = 5e-9, 2e-9 * np.random.default_rng(4).normal(size=(SAMPLES, 3))
+    added = np.zeros((SAMPLES, 13))
+    readings = made.recording.readings_T[:, 0]
+    added[:, :3] = step * (np.round(readings / step) + np.round(noise / step)) - readings
+    gap = diagnose(made.with_added(added).recording, made.array)
+    assert gap.verdict in ("explained", "partly_explained")
+    assert {(cause.fitted.effect, cause.sensors) for cause in gap.causes} == {("quantization", (1,))}
+
+
+@pytest.mark.parametrize("period_s", [4.0, 25.0])
+def test_a_delay_that_goes_on_is_no_jitter(run, period_s):
+    """A sensor that runs at a rate of its own is late by more and more, and then by less: no scatter of its times."""
+    made = run(900)
+    delay_s = 1.5e-3 * (made.recording.time_s / period_s % 1 - 0.5)
+    gap = diagnose(late(made, 1, delay_s).recording, made.array)
+    assert "timing_jitter" not in {cause.fitted.effect for cause in gap.causes}
+    assert gap.where.sensors == (2,)
+
+
 def test_each_sensor_may_have_a_lag_of_its_own(run):
     """Two sensors that follow the temperature at once and late are one cause in both."""
     made = warmed(warmed(run(SAMPLES), row=4, slope=10e-9, lag_s=0.5), row=6, slope=10e-9, lag_s=12.0)
