@@ -72,6 +72,11 @@ class Finding:
     spread_T: FloatArray | None = None
     is_certain: bool = False
 
+    @property
+    def is_variance(self) -> bool:
+        """Whether it is a variance of every sample, which no reading proves."""
+        return self.flagged is None and not self.is_certain and not (self.variance is None and self.spread_T is None)
+
 
 _CAUSES: dict[str, dict[str, Any]] = tomllib.loads(Path(__file__).with_name("causes.toml").read_text(encoding="utf-8"))
 """What is known of the causes of this package, by the names of their effects."""

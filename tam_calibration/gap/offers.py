@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 
-from tam_calibration.effects.effect import Effect, LinearEffect
+from tam_calibration.effects.effect import Effect, Finding, LinearEffect
 from tam_calibration.effects.grades import MINOR
 from tam_calibration.effects.library import effect_named, installed_effects
 from tam_calibration.gap.hypothesis import EVERYWHERE, Hypothesis, given_form, places_of, sensors_of
@@ -70,7 +70,9 @@ class Offers:
         own = [name for name in self._effects if may_make(name, signature)]
         # What predicts a part of a noise is preferred to more variance.
         found = self._examined(base, own, law, steps)
-        yield sorted(found, key=lambda one: (not one.is_certain, not isinstance(one.form, Hypothesis)))
+        yield sorted(
+            found, key=lambda one: (not one.is_certain, isinstance(one.form, Finding) and one.form.is_variance)
+        )
         if law.found and signature.course in FREE:
             others = [name for name in self._effects if not makes(name, signature)]
             least = (1 - MINOR) * law.part * base.energy

@@ -65,7 +65,7 @@ def shares_of(model: Model) -> FloatArray:
 _COEFFICIENTS = (1.14, -0.33, 1.53, 0.37)
 """Logistic regression: intercept, log(1 + failing checks), share, and log ratio of the evidences.
 
-``benchmarks/gap_probabilities.py`` fits them, here to the 229 causes named in 300 cases of ``tam blind make --seed 613``.
+``benchmarks/gap_probabilities.py`` fits them: to the 229 causes named in 300 cases of ``tam blind make --seed 613``.
 """
 
 

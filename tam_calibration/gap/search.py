@@ -140,10 +140,8 @@ class _CauseSearch:
 
     def _takes_law(self, form: Finding, law: Law) -> bool:
         """Say whether a variance would take for noise a law that predicts, or what an open one beside it leaves."""
-        if form.is_certain or (form.variance is None and form.spread_T is None):
-            return False
         is_open = any(not set(one.signature.sensors).isdisjoint(law.signature.sensors) for one in self._open)
-        return bool(law.found) or is_open
+        return form.is_variance and (bool(law.found) or is_open)
 
     def _accept(self, chain: Sequence[Evidence], law: Law, as_good: Sequence[str]) -> None:
         for one in chain:
