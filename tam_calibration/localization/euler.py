@@ -297,12 +297,14 @@ def _fitted(array: Array, index: float, outputs: FloatArray, covariance: FloatAr
 
 
 def is_certain(unknowns: FloatArray, covariance: FloatArray, is_known: bool = True) -> np.ndarray:
-    """Return of which sources (N, 6) with covariances (N, 6, 6) the intervals of first order hold what they say.
+    """Return for which sources (N, 6) with covariances (N, 6, 6) first-order intervals are valid.
 
-    Where the noise is not known, those of all.
+    If the noise is not known, all count as valid.
     """
     variance = np.trace(covariance[:, :3, :3], axis1=1, axis2=2)
-    return np.asarray((variance <= _MOST_UNCERTAIN**2 * np.sum(unknowns[:, :3] ** 2, axis=1)) | (not is_known))
+    with np.errstate(over="ignore"):  # a fit that was not found may be anywhere
+        square = np.sum(unknowns[:, :3] ** 2, axis=1)
+    return np.asarray((variance <= _MOST_UNCERTAIN**2 * square) | (not is_known))
 
 
 def start_of(euler: EulerSolutions, outputs: FloatArray, index: float) -> FloatArray:

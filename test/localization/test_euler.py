@@ -6,7 +6,7 @@ from hypothesis.extra import numpy as hnp
 from numpy.linalg import norm
 from numpy.testing import assert_allclose
 
-from tam_calibration.localization.euler import locate
+from tam_calibration.localization.euler import is_certain, locate
 from tam_calibration.localization.solutions import Status
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
@@ -23,6 +23,14 @@ NOISE = ARRAY.operator @ ARRAY.operator.T * 1e-20
 def locate_one(output, covariance=None, **options):
     """Return the source of one sample."""
     return locate(np.asarray(output)[None], covariance, **options)
+
+
+def test_a_fit_that_went_far_off_is_judged_without_a_warning():
+    """Its square is beyond every number; one nearby that is known to a third is not valid."""
+    unknowns = np.zeros((2, 6))
+    unknowns[:, 0] = 1e200, 3.0
+    covariance = np.broadcast_to(np.eye(6), (2, 6, 6))
+    assert is_certain(unknowns, covariance).tolist() == [True, False]
 
 
 @given(VECTOR, VECTOR)
