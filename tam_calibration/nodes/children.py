@@ -134,8 +134,8 @@ class Children:
         Refused
             When one has ended otherwise, with the end of its output.
         """
-        for name, process in self._processes.items():
-            if (code := process.poll()) is not None:
+        for name in self.names:
+            if (code := self._code(name)) is not None:
                 self._refuse(name, code)
 
     def end(self) -> dict[str, int]:
@@ -167,11 +167,16 @@ class Children:
 
     def is_running(self, name: str) -> bool:
         """Return whether a process has not ended."""
-        return self._processes[name].poll() is None
+        return self._code(name) is None
 
     def log(self, name: str) -> str:
         """Return the output of a process so far."""
         return self._logs[name].read_text(errors="replace")
+
+    def _code(self, name: str) -> int | None:
+        """Return the exit code of a process, None while it runs."""
+        with signals.postponed():  # an exception while `poll` has its lock would leave it locked: no wait would end
+            return self._processes[name].poll()
 
     def _start(self, name: str) -> None:
         self._logs[name].parent.mkdir(parents=True, exist_ok=True)

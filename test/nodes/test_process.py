@@ -282,6 +282,33 @@ def test_a_process_that_had_to_be_killed_changes_no_exit_code(tmp_path, monkeypa
             raise end
 
 
+def test_signal_in_the_middle_of_a_look_at_a_process_does_not_hold_up_its_end(tmp_path):
+    """It arrives while `poll` has its lock, which stays locked if the signal raises there; `wait` would wait forever."""
+
+    class Interrupted:
+        def __init__(self, lock):
+            self._lock = lock
+
+        def acquire(self, *arguments):
+            has_lock = self._lock.acquire(*arguments)
+            signal.raise_signal(signal.SIGTERM)
+            return has_lock
+
+        def __getattr__(self, name):
+            return getattr(self._lock, name)
+
+    came = []
+    before = signal.signal(signal.SIGTERM, lambda *_: came.append(lock.locked()))
+    with Children({"idle": ["-c", "import signal; signal.pause()"]}, tmp_path) as children:
+        lock = children._processes["idle"]._waitpid_lock
+        children._processes["idle"]._waitpid_lock = Interrupted(lock)
+        children.check()
+        children._processes["idle"]._waitpid_lock = lock
+        children.end_one("idle", signal.SIGKILL)
+    signal.signal(signal.SIGTERM, before)
+    assert came == [False]
+
+
 def test_what_is_forked_ends_with_what_is_killed(tmp_path):
     """Tests that are killed leave no node behind, which the next in its domain would meet."""
     script = tmp_path / "idle.py"
