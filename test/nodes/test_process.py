@@ -283,7 +283,7 @@ def test_a_process_that_had_to_be_killed_changes_no_exit_code(tmp_path, monkeypa
 
 
 def test_signal_in_the_middle_of_a_look_at_a_process_does_not_hold_up_its_end(tmp_path):
-    """It arrives while `poll` has its lock, which stays locked if the signal raises there; `wait` would wait forever."""
+    """It arrives while `poll` has its lock, which stays locked if the signal raises there: `wait` would not end."""
 
     class Interrupted:
         def __init__(self, lock):
