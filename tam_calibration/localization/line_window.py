@@ -46,11 +46,14 @@ class Window:
         Of the array's centre.
     fixed : (F, 6) array
         Places and moments of dipoles that are not fitted here.
+    roughness : float
+        How far the regional field and its gradient may change, as a part of the most.
     """
 
     data: LineData
     path: Path
     fixed: FloatArray
+    roughness: float = 1.0
 
     @cached_property
     def _path_error(self) -> list[FloatArray]:
@@ -86,9 +89,10 @@ class Window:
         regional, gradient, turns = (each.shape[1] for each in self.bases)
         size = float(np.median(norm(self.data.fields_T.mean(axis=1), axis=1)))
         level_T = size * np.hypot(self.data.attitude_error, _DIRECTION)
-        bend = np.vstack([np.diff(np.eye(regional), 2, axis=0) / _BEND_T, np.eye(regional)[[0, -1]] / level_T])
+        bend_T, change_T_per_m = self.roughness * _BEND_T, self.roughness * _CHANGE_T_PER_M
+        bend = np.vstack([np.diff(np.eye(regional), 2, axis=0) / bend_T, np.eye(regional)[[0, -1]] / level_T])
         change = np.vstack(
-            [np.diff(np.eye(gradient), axis=0) / _CHANGE_T_PER_M, np.eye(gradient)[:1] / _GRADIENT_T_PER_M]
+            [np.diff(np.eye(gradient), axis=0) / change_T_per_m, np.eye(gradient)[:1] / _GRADIENT_T_PER_M]
         )
         unit = sum(each.shape[1] for each in self._path_error) + turns + 3 + self.data.errors_T.shape[2]
         return np.asarray(block_diag(np.eye(unit), *[bend] * 3, *[change] * 5))

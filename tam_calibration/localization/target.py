@@ -7,14 +7,15 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.localization.survey import standard_errors
-from tam_calibration.localization.target_search import LEAST_GAIN, Found
+from tam_calibration.localization.target_search import Found
+from tam_calibration.localization.window_dipoles import FARTHEST_M, LEAST_GAIN
 from tam_calibration.model.units import FloatArray
 
 WITHIN_BODY, NEAR_BODY = 0.75, 1.0
 """Distance between dipoles, over that from the path, below which they are parts of one body, and below which an
 uncertain one is a part of the body near it: a body as large as its distance shows as dipoles so far apart."""
 
-LARGEST_MISFIT = 10.0
+LARGEST_MISFIT = 3.0
 """Mean squared residual, over the noise, above which a target that no further dipole explains is no dipole: a path that
 sways faster than its knots leaves some times the noise, by which standard errors are widened."""
 
@@ -100,11 +101,11 @@ def targets_of(found: Sequence[Found], field_T: FloatArray) -> list[Target]:
         Regional field, tesla.
     """
     targets = []
-    for group in _bodies(found):
+    for group in _bodies([each for each in found if _is_there(each)]):
         misfit = max(1.0, *(each.misfit for each in group))
         if len(group) > 1 or misfit > LARGEST_MISFIT:
             targets.append(_of_body(group, misfit, field_T))
-        elif _is_certain(group[0]):
+        elif _is_placed(group[0]):
             targets.append(_of_dipole(group[0], field_T))
     return by_evidence(each for each in targets if each.evidence > LEAST_GAIN)
 
@@ -114,11 +115,15 @@ def by_evidence(targets: Iterable[Target]) -> list[Target]:
     return sorted(targets, key=lambda each: -each.evidence)
 
 
-def _is_certain(each: Found) -> bool:
-    """Return whether a dipole is there, and its place known to a part of its distance."""
-    factor = max(each.misfit, 1.0)
-    error = float(np.sqrt(factor * np.diag(each.covariance)[:3].max()))
-    return each.gain > LEAST_GAIN * factor and error < _LARGEST_ERROR * each.distance_m
+def _is_there(each: Found) -> bool:
+    """Return whether the evidence for a dipole in sight is enough."""
+    return each.gain > LEAST_GAIN * max(each.misfit, 1.0) and each.distance_m < FARTHEST_M
+
+
+def _is_placed(each: Found) -> bool:
+    """Return whether the place of a dipole is known to a part of its distance."""
+    error = float(np.sqrt(max(each.misfit, 1.0) * np.diag(each.covariance)[:3].max()))
+    return error < _LARGEST_ERROR * each.distance_m
 
 
 def _bodies(found: Sequence[Found]) -> list[list[Found]]:
@@ -133,7 +138,7 @@ def _bodies(found: Sequence[Found]) -> list[list[Found]]:
 def _are_one(one: Found, other: Found) -> bool:
     apart = float(norm(one.unknowns[:3] - other.unknowns[:3]))
     distances = one.distance_m, other.distance_m
-    if _is_certain(one) and _is_certain(other):
+    if _is_placed(one) and _is_placed(other):
         return apart < WITHIN_BODY * min(distances)
     return apart < NEAR_BODY * max(distances)
 

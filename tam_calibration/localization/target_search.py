@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.linalg import norm
@@ -10,7 +9,16 @@ from numpy.linalg import norm
 from tam_calibration.localization.line_data import LineData
 from tam_calibration.localization.line_path import Path
 from tam_calibration.localization.line_window import OF_SOURCE, Window
-from tam_calibration.localization.window_fit import ROUGH_FALL, Solved, annealed, solve
+from tam_calibration.localization.window_dipoles import (
+    LEAST_GAIN,
+    UNEXPLAINED,
+    fitted,
+    reduced,
+    with_another,
+    without_needless,
+    worth_of,
+)
+from tam_calibration.localization.window_fit import Solved, likeliest_roughness, solve
 from tam_calibration.model.units import FloatArray
 
 _STEP_M, _HALF_M = 25.0, 30.0
@@ -24,33 +32,11 @@ of the window to their errors."""
 _TOGETHER_M = 10.0
 """Way within which dipoles are told by one window, metres."""
 
-LEAST_GAIN = 45.0
-"""Fall of χ² from which a dipole is there: six unknowns and the places of a line's ten thousand cells make 45 with a
-probability of 5e-4 (χ² of six degrees of freedom, times the cells)."""
-
-_TRIED_GAIN = 30.0
-"""Fall of χ², to first order, from which a place is tried."""
+MOST_LEFT = 2.0
+"""Median of the residuals along a line, over the noise, above which it is refused."""
 
 _CLEAR = 1.05
 """Mean squared residual, over the noise, below which all dipoles of a window have been found."""
-
-_UNEXPLAINED = 1.3
-"""Mean squared residual, over the noise, above which a window is begun again: its neighbours are known by then."""
-
-_MOST_TRIED, _MOST_TRIED_BESIDE_MUCH, _MOST_SOURCES = 2, 6, 10
-"""Places that are tried one after the other, also beside large residuals, and dipoles of a window."""
-
-_GLANCE_STEPS = 6
-"""Steps after which a place that explains less than half of what is needed is given up."""
-
-LARGEST_LEFT = 2.0
-"""Mean squared residual, over the noise, above which something large is still missing."""
-
-_SPACING_M, _DISTANCES_M, _ANGLES = 2.0, (2.0, 3.0, 4.5, 6.5, 9.5, 14.0), 8
-"""Places that are looked at: way between them, distances from the path, and directions across it."""
-
-_THIN_M = 1.0
-"""Way between the moments at which they are looked at, metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,14 +78,28 @@ def search(data: LineData, path: Path) -> tuple[list[Found], FloatArray]:
     sources: FloatArray = np.zeros((0, OF_SOURCE))
     for middle in line.middles():
         sources, _ = line.explained(middle, sources)
+    if np.median(line.left) > MOST_LEFT:
+        return [], line.left
     for middle in line.middles():
-        if line.misfit(middle) > _UNEXPLAINED:
-            sources = line.begun_again(middle, sources)
+        if line.misfit(middle) > UNEXPLAINED:
+            sources = line.begun_again(Stretch(middle, middle - _OWN_M, middle + _OWN_M), sources)
+    sources = line.smoothed(sources)
+    for stretch in line.stretches(sources):
+        sources = line.begun_again(stretch, sources)
     found: list[Found] = []
-    for middle in line.groups(sources):
-        sources, solved = line.explained(middle, sources, is_last=True)
-        found += line.told(middle, solved)
+    for stretch in line.stretches(sources):
+        sources, solved = line.explained(stretch.middle, sources, np.inf)
+        found += line.told(solved, stretch)
     return found, line.left
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A part of a line: from where to where dipoles in it are passed, and the middle of its window, metres of way."""
+
+    middle: float
+    first: float
+    last: float
 
 
 class _Line:
@@ -108,7 +108,8 @@ class _Line:
     def __init__(self, data: LineData, path: Path) -> None:
         self._data, self._path = data, path
         self._places = path.at(data.time_s)
-        self.left = np.zeros(len(data.time_s))
+        self._roughness = 1.0
+        self.left = np.full(len(data.time_s), np.inf)
 
     def middles(self) -> list[float]:
         """Return the ways along the line at which windows have their middle, those of the strongest signal first.
@@ -124,15 +125,10 @@ class _Line:
         strongest = [signal[np.abs(way - middle) <= _STEP_M].max(initial=0.0) for middle in middles]
         return [float(middles[number]) for number in np.argsort(strongest)[::-1]]
 
-    def groups(self, sources: FloatArray) -> list[float]:
-        """Return the middles of windows about dipoles (S, 6) that lie close together along the line."""
-        middles: list[list[float]] = []
-        for way in sorted(self._way(sources)[0].tolist()):
-            if middles and way - middles[-1][0] < _TOGETHER_M:
-                middles[-1].append(way)
-            else:
-                middles.append([way])
-        return [(ways[0] + ways[-1]) / 2 for ways in middles]
+    def stretches(self, sources: FloatArray) -> list[Stretch]:
+        """Return stretches about dipoles (S, 6) that lie close together along the line, divided at the widest gaps."""
+        ways = np.sort(self._way(sources)[0])
+        return _divided(ways, -np.inf, np.inf) if len(ways) else []
 
     def _way(self, sources: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the way (S,) along the line at which each dipole is passed, and its distance."""
@@ -141,47 +137,67 @@ class _Line:
         distance = norm(self._places[:, None] - sources[:, :3], axis=2)
         return self._data.along_m[np.argmin(distance, axis=0)], distance.min(axis=0)
 
-    def explained(self, middle: float, sources: FloatArray, is_last: bool = False) -> tuple[FloatArray, Solved]:
-        """Return the dipoles (S, 6) of the line with those of a window fitted anew, and the window's solution."""
+    def explained(self, middle: float, sources: FloatArray, clear: float = 0.0) -> tuple[FloatArray, Solved]:
+        """Return the dipoles (S, 6) of the line with those of a window fitted anew, and the window's solution.
+
+        Dipoles are added where the mean squared residual, over the noise, exceeds ``clear``. Where a fit fails that
+        succeeded before, they stay as they were.
+        """
         at = np.flatnonzero(np.abs(self._data.along_m - middle) <= _HALF_M)
         away = np.abs(self._way(sources)[0] - middle)
         own, beside = sources[away <= _OWN_M], sources[(away > _OWN_M) & (away <= _SEEN_M)]
-        window = Window(self._data.take(at), self._path, sources[away > _SEEN_M])
-        solved = annealed(window, np.concatenate([beside.ravel(), own.ravel(), window.start()]))
-        may_add = not is_last or _reduced(solved) > _CLEAR
-        while may_add and len(solved.sources) - len(beside) < _MOST_SOURCES:
-            more = _with_another(solved, len(beside))
-            if more is None:
-                break
+        window = Window(self._data.take(at), self._path, sources[away > _SEEN_M], self._roughness)
+        solved = fitted(window, np.concatenate([beside.ravel(), own.ravel(), window.start()]))
+        while reduced(solved) > clear and (more := with_another(solved, len(beside))):
             solved = more
-        solved = _without_needless(solved, len(beside))
-        if is_last:
-            solved = solve(window, solved.unknowns)
+        solved = without_needless(solved, len(beside))
         near = np.abs(window.data.along_m - middle) <= _STEP_M
-        self.left[at[near]] = np.sqrt(np.mean(solved.residual[near] ** 2, axis=1))
+        left = np.sqrt(np.mean(solved.residual[near] ** 2, axis=1))
+        if np.mean(left**2) > max(UNEXPLAINED, self.misfit(middle)):
+            return sources, solved
+        self.left[at[near]] = left
         return np.concatenate([sources[away > _OWN_M], solved.sources[len(beside) :]]), solved
 
     def misfit(self, middle: float) -> float:
         """Return the mean squared residual about a middle, over the noise."""
         return float(np.mean(self.left[np.abs(self._data.along_m - middle) <= _STEP_M] ** 2))
 
-    def begun_again(self, middle: float, sources: FloatArray) -> FloatArray:
-        """Return the dipoles (S, 6) with those of a window found anew from none, where these explain more."""
-        before, left = self.misfit(middle), self.left.copy()
-        is_own = np.abs(self._way(sources)[0] - middle) <= _OWN_M
-        found, _ = self.explained(middle, sources[~is_own])
-        if self.misfit(middle) < before:
+    def begun_again(self, stretch: Stretch, sources: FloatArray) -> FloatArray:
+        """Return the dipoles (S, 6) with those of a stretch found anew from none, where that is likelier.
+
+        What was found in it first may stand for what was not known yet, or several dipoles for one.
+        """
+        sources, solved = self.explained(stretch.middle, sources, _CLEAR)
+        way, left = self._way(sources)[0], self.left.copy()
+        is_own = (way > stretch.first) & (way <= stretch.last)
+        if is_own.sum() < 2 and reduced(solved) < _CLEAR:
+            return sources
+        found, anew = self.explained(stretch.middle, sources[~is_own])
+        if _cost(anew) < _cost(solved):
             return found
         self.left = left
         return sources
 
-    def told(self, middle: float, solved: Solved) -> Iterator[Found]:
-        """Yield the dipoles that a window is about."""
+    def smoothed(self, sources: FloatArray) -> FloatArray:
+        """Take the regional field as smooth as most windows show it, and return the dipoles (S, 6) of the line.
+
+        Not as all: dipoles that were not found yet bend it in some.
+        """
+        best = []
+        for middle in self.middles():
+            sources, solved = self.explained(middle, sources, np.inf)
+            best.append(likeliest_roughness(solved))
+        self._roughness = float(np.median(best))
+        return sources
+
+    def told(self, rough: Solved, stretch: Stretch) -> Iterator[Found]:
+        """Yield the dipoles of a window that are passed in a stretch of the line."""
+        solved = solve(rough.window, rough.unknowns)
         covariance, data = solved.covariance, solved.window.data
         ways, distances = self._way(solved.sources)
-        worth = _worth(solved)
+        worth = worth_of(solved)
         for number, (source, way, distance) in enumerate(zip(solved.sources, ways, distances, strict=True)):
-            if abs(way - middle) > _TOGETHER_M / 2:
+            if not stretch.first < way <= stretch.last:
                 continue
             own = slice(OF_SOURCE * number, OF_SOURCE * (number + 1))
             near = np.abs(data.along_m - way) <= max(4.0, 1.5 * distance)
@@ -189,116 +205,16 @@ class _Line:
             yield Found(source, covariance[own, own], misfit, worth[number], float(distance))
 
 
-def _worth(solved: Solved) -> FloatArray:
-    """Return by how much χ² would rise (S,) without each dipole, to first order."""
-    worth = []
-    for number, source in enumerate(solved.sources):
-        own = slice(OF_SOURCE * number + 3, OF_SOURCE * (number + 1))
-        worth.append(float(source[3:] @ np.linalg.lstsq(solved.covariance[own, own], source[3:], rcond=None)[0]))
-    return np.array(worth)
+def _divided(ways: FloatArray, first: float, last: float) -> list[Stretch]:
+    """Return stretches about sorted ways (S,), each of little span, which end in the middle of the widest gaps."""
+    inside = ways[(ways > first) & (ways <= last)]
+    if inside[-1] - inside[0] <= _TOGETHER_M:
+        return [Stretch(float(inside[0] + inside[-1]) / 2, first, last)]
+    widest = int(np.argmax(np.diff(inside)))
+    middle = float(inside[widest] + inside[widest + 1]) / 2
+    return _divided(ways, first, middle) + _divided(ways, middle, last)
 
 
-def _reduced(solved: Solved) -> float:
-    """Return the mean squared residual, at least one."""
-    return max(1.0, float(np.mean(solved.residual**2)))
-
-
-def _with_another(solved: Solved, first: int) -> Solved | None:
-    """Return the solution with one more dipole, where the evidence for it is enough and those from a first are near."""
-    gains, places, moments = _gains(solved)
-    for _ in range(_MOST_TRIED if _reduced(solved) < LARGEST_LEFT else _MOST_TRIED_BESIDE_MUCH):
-        best = int(np.argmax(gains))
-        if gains[best] < _TRIED_GAIN * min(_reduced(solved), LARGEST_LEFT):
-            return None
-        start = np.concatenate([solved.sources.ravel(), places[best], moments[best], solved.others])
-        if _reduced(solved) < LARGEST_LEFT:
-            glance = solve(solved.window, start, _GLANCE_STEPS, ROUGH_FALL)
-            if solved.chi_square - glance.chi_square < LEAST_GAIN / 2:
-                gains[norm(places - places[best], axis=1) < _THIN_M * 4] = 0.0
-                continue
-            start = glance.unknowns
-        for fit in (annealed, solve):
-            more = fit(solved.window, start, least_fall=ROUGH_FALL)
-            if solved.chi_square - more.chi_square > LEAST_GAIN * _reduced(more) and _is_sound(more, first):
-                return more
-            if _reduced(solved) < LARGEST_LEFT:
-                break
-        gains[norm(places - places[best], axis=1) < _THIN_M * 4] = 0.0
-    return None
-
-
-def _is_sound(solved: Solved, first: int) -> bool:
-    """Return whether dipoles from a first are in sight: from half a metre to half a window off the path."""
-    distance = norm(solved.sources[first:, None, :3] - solved.window.path.at(solved.window.data.time_s), axis=2).min(
-        axis=1
-    )
-    return bool(((distance > 0.5) & (distance < _HALF_M)).all())
-
-
-def _without_needless(solved: Solved, first: int) -> Solved:
-    """Return the solution without dipoles, from the first on, that χ² hardly rises without."""
-    while len(solved.sources) > first:
-        worth = _worth(solved)
-        weakest = first + int(np.argmin(worth[first:]))
-        if worth[weakest] > LEAST_GAIN * _reduced(solved):
-            break
-        rest = np.delete(solved.sources, weakest, axis=0)
-        fewer = annealed(solved.window, np.concatenate([rest.ravel(), solved.others]))
-        if fewer.chi_square - solved.chi_square > LEAST_GAIN * _reduced(solved):
-            break
-        solved = fewer
-    return solved
-
-
-def _gains(solved: Solved) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the fall of χ² (n,) by a further dipole at places (n, 3), and its moment (n, 3), to first order."""
-    window = solved.window
-    thin, places, columns = _looked_at(window)
-    residual, slopes = thin.linearized(solved.unknowns)
-    rows = slopes.reshape(-1, slopes.shape[2])
-    count = solved.sources.size
-    precision = np.zeros((rows.shape[1],) * 2)
-    precision[count:, count:] = thin.precision
-    normal = rows.T @ rows + precision + 1e-12 * np.diag(np.diag(rows.T @ rows))
-    scale = np.sqrt(np.diag(normal))
-    root = np.linalg.cholesky(normal / scale[:, None] / scale + 1e-12 * np.eye(len(normal)))
-    basis = np.linalg.solve(root, (rows / scale).T)
-    left = residual.ravel() - basis.T @ (basis @ residual.ravel())
-    seen = (basis @ columns).reshape(len(basis), -1, 3)
-    cube = columns.reshape(len(rows), -1, 3)
-    information = np.einsum("rpi,rpj->pij", cube, cube, optimize=True) - np.einsum(
-        "rpi,rpj->pij", seen, seen, optimize=True
-    )
-    slope = (columns.T @ left).reshape(-1, 3)
-    size = np.trace(information, axis1=1, axis2=2)[:, None, None]
-    moments = np.linalg.solve(information + 1e-6 * size * np.eye(3), slope[..., None])[..., 0]
-    return np.sum(moments * slope, axis=1), places, moments
-
-
-@lru_cache(maxsize=1)
-def _looked_at(window: Window) -> tuple[Window, FloatArray, FloatArray]:
-    """Return some moments of a window, places (n, 3), and the data's derivatives (R, 3 n) by moments there."""
-    way = window.data.along_m
-    order = np.argsort(way)
-    picked = order[np.unique(np.searchsorted(way[order], np.arange(way.min(), way.max(), _THIN_M)))]
-    at = np.unique(np.concatenate([[0], picked[picked < len(way)], [len(way) - 1]]))
-    thin = Window(window.data.take(at), window.path, window.fixed)
-    places = _places(thin)
-    return thin, places, thin.by_moment(places).reshape(-1, 3 * len(places))
-
-
-def _places(window: Window) -> FloatArray:
-    """Return places (n, 3) around the path of a window."""
-    way = window.data.along_m
-    path = window.path.at(window.data.time_s)
-    marks = np.arange(way.min() + _SPACING_M, way.max() - _SPACING_M / 2, _SPACING_M)
-    at = np.array([np.argmin(np.abs(way - mark)) for mark in marks]) if len(marks) else np.array([len(way) // 2])
-    ahead = path[np.minimum(at + 2, len(path) - 1)] - path[np.maximum(at - 2, 0)]
-    ahead /= np.maximum(norm(ahead, axis=1, keepdims=True), 1e-9)
-    side = np.cross(ahead, [0.0, 0.0, 1.0])
-    side /= np.maximum(norm(side, axis=1, keepdims=True), 1e-9)
-    up = np.cross(side, ahead)
-    angle = 2 * np.pi * (np.arange(_ANGLES) + 0.5) / _ANGLES
-    across = np.cos(angle)[:, None, None] * side + np.sin(angle)[:, None, None] * up
-    distances = np.array(_DISTANCES_M)[:, None, None, None]
-    return np.asarray((path[at] + distances * across).reshape(-1, 3))
+def _cost(solved: Solved) -> float:
+    """Return χ² with what each dipole must explain."""
+    return solved.chi_square + LEAST_GAIN * len(solved.sources)

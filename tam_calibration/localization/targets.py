@@ -11,7 +11,7 @@ from tam_calibration.localization.calibration_errors import errors_of
 from tam_calibration.localization.line_data import line_data
 from tam_calibration.localization.line_path import Path, path_of, reckoned
 from tam_calibration.localization.target import Target, targets_of
-from tam_calibration.localization.target_search import search
+from tam_calibration.localization.target_search import MOST_LEFT, search
 from tam_calibration.model.array import tensors_of
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.limits import SPEED
@@ -20,9 +20,6 @@ from tam_calibration.model.units import FloatArray
 
 DEFAULT_VELOCITY_ERROR = 0.1
 """Standard error of a velocity for which none is stated, as a part of the speed: dead reckoning in a current."""
-
-LARGEST_LEFT = 2.0
-"""Median of the residuals along a line, over the noise, above which it is refused."""
 
 _NO_ERROR_M_PER_S = 1e-9
 """Largest error of a velocity that counts as none, m/s: it makes 4 µm in an hour."""
@@ -150,7 +147,7 @@ def find_targets(recording: Recording, calibration: Calibration, path: Path, att
 def _require_explained(left: FloatArray) -> None:
     """Refuse a line of which most moments are not explained: what is wrong there is not at single places."""
     ratio = float(np.median(left))
-    if ratio > LARGEST_LEFT:
+    if ratio > MOST_LEFT:
         raise Refused(
             f"the readings are not those of dipoles: what is left along the line is {ratio:.3g} times the noise. "
             "Calibrate the array anew, by --method integrated if its sensors may have turned; or state errors of the "

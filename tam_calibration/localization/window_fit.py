@@ -24,6 +24,9 @@ _MOST_STALLED = 3
 _LEAST_SEEN = 0.1
 """Part of what is known of an error beforehand that the data must add for it to be fitted."""
 
+_ROUGHNESSES = np.array([0.1, 0.2, 0.4, 0.7, 1.0])
+"""Of a regional field that are tried. The least is 2 nT in 25 m: below it the gradient of far bodies changes."""
+
 _FIRST_DAMPING, _LEAST_DAMPING, _LARGEST_DAMPING = 1e-3, 1e-7, 1e8
 """Of Levenberg's and Marquardt's steps, over the diagonal."""
 
@@ -155,3 +158,26 @@ def _telling(window: Window, rows: FloatArray, split: int) -> np.ndarray:
     seen[:split] = True
     seen[split + window.parts[2].stop :] = True
     return np.flatnonzero(seen)
+
+
+def likeliest_roughness(solved: Solved) -> float:
+    """Return the roughness of the regional field at which the data of a window are likeliest, to first order."""
+    residual, slopes = solved.window.linearized(solved.unknowns)
+    rows, left = slopes.reshape(-1, slopes.shape[2]), residual.ravel()
+    normal, slope = rows.T @ rows, rows.T @ left
+    others = slice(solved.sources.size, None)
+    off = solved.others - solved.window.start()
+    scores = []
+    for roughness in _ROUGHNESSES:
+        window = replace(solved.window, roughness=float(roughness))
+        prior = window.prior
+        total, gradient = normal.copy(), slope.copy()
+        total[others, others] += prior.T @ prior
+        gradient[others] -= prior.T @ (prior @ off)
+        scale = np.sqrt(np.diag(total))
+        unit = total / scale[:, None] / scale + 1e-13 * np.eye(len(total))
+        fall = gradient / scale @ np.linalg.solve(unit, gradient / scale)
+        cost = left @ left + np.sum((prior @ off) ** 2) - fall
+        freedom = np.linalg.slogdet(unit)[1] + 2 * np.sum(np.log(scale)) - np.linalg.slogdet(prior.T @ prior)[1]
+        scores.append(cost + freedom)
+    return float(_ROUGHNESSES[int(np.argmin(scores))])

@@ -10,6 +10,8 @@ from scipy.spatial.transform import Rotation
 from tam_calibration.localization.line_data import line_data
 from tam_calibration.localization.line_window import Window
 from tam_calibration.localization.targets import find_targets, path_in
+from tam_calibration.localization.window_dipoles import LEAST_GAIN, fitted, without_needless, worth_of
+from tam_calibration.localization.window_fit import likeliest_roughness
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.sources.dipole import dipole_field
@@ -104,14 +106,61 @@ def test_what_is_left_along_a_line_is_near_one(cross, true_errors, exact):
     assert min(norm(nearest - place) for place in PLACES_M) < 6.0
 
 
+def window_of(recording, array, errors):
+    """Return the whole line as one window."""
+    fields, none = errors.restore(recording.readings_T), np.zeros((600, 12, 0))
+    data = line_data(recording.time_s, fields, recording.attitude, array, recording.time_s, 1e-3, none)
+    return Window(data, path_in(recording), np.zeros((0, 6)))
+
+
+def test_evidence_is_what_a_fit_without_the_dipole_leaves(cross, true_errors):
+    """Also where its depth is uncertain, and so its moment: the rise of χ² is by the field that it makes."""
+    moments = MOMENTS_AM2 * [[1.0], [1.0], [0.05]]
+    window = window_of(passed(cross, true_errors, PLACES_M, moments, white=0.1), cross, true_errors)
+    unknowns = np.column_stack([PLACES_M, moments])
+    solved = fitted(window, np.concatenate([unknowns.ravel(), window.start()]))
+    fewer = fitted(window, np.concatenate([unknowns[:2].ravel(), solved.others]))
+    assert worth_of(solved)[2] == pytest.approx(fewer.chi_square - solved.chi_square, rel=0.3)
+
+
+def test_two_dipoles_that_stand_for_one_are_made_one(cross, true_errors):
+    """A dipole that was found in steps, each with a part of its moment, is one where one explains as much."""
+    window = window_of(passed(cross, true_errors, PLACES_M[:1], MOMENTS_AM2[:1]), cross, true_errors)
+    pair = np.column_stack([PLACES_M[[0, 0]] + [[0.1, 0, 0], [-0.2, 0, 0]], MOMENTS_AM2[[0, 0]] * [[0.7], [0.3]]])
+    solved = fitted(window, np.concatenate([pair.ravel(), window.start()]))
+    one = without_needless(solved, 0)
+    assert len(one.sources) == 1 and one.chi_square < solved.chi_square + LEAST_GAIN
+    assert norm(one.sources[0, :3] - PLACES_M[0]) < 0.05
+
+
+def test_targets_close_together_are_each_told_once(cross, true_errors, exact):
+    """Four within 20 m, which windows that overlap all see."""
+    places = np.array([[18.0, 2.0, -4.0], [25.0, -4.0, -5.0], [32.0, 3.0, -6.0], [37.0, -3.0, -4.0]])
+    moments = MOMENTS_AM2[[0, 1, 2, 0]]
+    recording = passed(cross, true_errors, places, moments, white=0.05)
+    targets = find_targets(recording, exact, path_in(recording)).targets
+    assert sorted(norm(places - each.position_m, axis=1).argmin() for each in targets) == [0, 1, 2, 3]
+    assert not any(each.is_extended for each in targets)
+
+
+def test_a_smooth_regional_field_is_known_for_smooth(cross, true_errors):
+    """So that it does not take the field of a deep target for its own; one that bends stays rough."""
+    recording = passed(cross, true_errors, PLACES_M[:1], MOMENTS_AM2[:1])
+    bend = 40e-9 * np.sin(TIME_S / 8)[:, None] * EARTH_T / norm(EARTH_T)
+    turned = Rotation.from_quat(recording.attitude).inv().apply(bend)
+    fields = true_errors.restore(recording.readings_T) + turned[:, None]
+    rough = replace(recording, readings_T=true_errors.distort(fields))
+    found = []
+    for each in (recording, rough):
+        window = window_of(each, cross, true_errors)
+        start = np.concatenate([PLACES_M[0], MOMENTS_AM2[0], window.start()])
+        found.append(likeliest_roughness(fitted(window, start)))
+    assert found[0] < 0.3 and found[1] == 1.0
+
+
 def test_derivatives_are_those_of_the_residuals(cross, true_errors, exact):
     """Differences of the residuals agree with the stated derivatives by dipoles, path and regional field."""
-    recording = passed(cross, true_errors, white=0.1)
-    path = path_in(recording)
-    fields = true_errors.restore(recording.readings_T)
-    none = np.zeros((600, 12, 0))
-    data = line_data(recording.time_s, fields, recording.attitude, cross, recording.time_s, 1e-3, none)
-    window = Window(data, path, np.zeros((0, 6)))
+    window = window_of(passed(cross, true_errors, white=0.1), cross, true_errors)
     unknowns = np.concatenate([np.column_stack([PLACES_M, MOMENTS_AM2]).ravel(), window.start()])
     slopes = window.linearized(unknowns)[1]
     for number in (0, 2, 5, 18, 30, len(unknowns) - 3):
