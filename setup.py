@@ -36,7 +36,7 @@ setup(
     install_requires=["PyYAML>=6", "click>=8.1", "numpy>=1.26", "rich>=13", "scipy>=1.11"],
     extras_require={
         "bags": BAGS,
-        "bench": ["circuitpython-mag-cal", "magcal", "navlib>=2"],
+        "bench": ["circuitpython-mag-cal", "harmonica>=0.7", "magcal", "navlib>=2"],
         "compare": COMPARE,
         "docs": DOCS,
         "fleet": FLEET,

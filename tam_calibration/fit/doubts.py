@@ -26,7 +26,7 @@ _ACCEPTED_RATIO = 1.1
 """Largest residual over noise floor, apart from chance: data sheets are hardly more exact."""
 
 _FEW_INDEPENDENT = 100.0
-"""Samples over how long their noise lasts, from which standard errors hold (benchmarks/coverage.py)."""
+"""Samples over how long their noise lasts, from which standard errors hold (benchmarks/error_coverage.py)."""
 
 _SMALLEST = 0.25
 """Smallest reduced χ², of half the stated noise: data sheets guarantee more than sensors make."""

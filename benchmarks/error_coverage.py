@@ -1,4 +1,4 @@
-"""How often 95 % intervals of every method hold the truth: ``python benchmarks/coverage.py [--runs 20]``.
+"""How often 95 % intervals of every method hold the truth: ``python benchmarks/error_coverage.py [--runs 20]``.
 
 Each run is four sensors with random errors that tumble in a uniform field, with noise that is white, lasts from sample
 to sample (AR(1) 0.5 and 0.9, 1/f), has heavy tails (Student's t of 3 degrees of freedom), drifts, or of whose samples
@@ -116,7 +116,7 @@ def main(runs: int, first_seed: int) -> None:
         if saying > MOSTLY:
             least, most = 0.0, np.inf
         rows.append(Row(f"{method}, {name}, {count}", figure, [held], least=least, most=most))
-    command = f"python benchmarks/coverage.py --runs {runs} --first-seed {first_seed}"
+    command = f"python benchmarks/error_coverage.py --runs {runs} --first-seed {first_seed}"
     show("Coverage", command, "coverage.csv", rows)
 
 
