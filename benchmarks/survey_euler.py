@@ -60,7 +60,7 @@ def command(lines: int, seed: int, kind: str) -> None:
     try:
         make = import_module("harmonica").EulerDeconvolution
     except ImportError:
-        click.echo("skipped: harmonica is not installed; pip install 'tam_calibration[bench]'")
+        click.echo("skipped: harmonica is not installed; .venv/bin/pip install -e '.[bench]'")
         return
     euler: list[tuple[float, bool]] = []
     asked = found = 0
