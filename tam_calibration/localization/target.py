@@ -8,16 +8,21 @@ from numpy.linalg import norm
 
 from tam_calibration.localization.survey import standard_errors
 from tam_calibration.localization.target_search import Found
-from tam_calibration.localization.window_dipoles import FARTHEST_M, LEAST_GAIN
+from tam_calibration.localization.window_dipoles import FARTHEST_M, LEAST_GAIN, UNEXPLAINED
 from tam_calibration.model.units import FloatArray
 
 WITHIN_BODY, NEAR_BODY = 0.75, 1.0
 """Distance between dipoles, over that from the path, below which they are parts of one body, and below which an
-uncertain one is a part of the body near it: a body as large as its distance shows as dipoles so far apart."""
+uncertain or doubtful one is a part of the body near it: a body as large as its distance shows as dipoles that far
+apart."""
 
 LARGEST_MISFIT = 3.0
 """Mean squared residual, over the noise, above which a target that no further dipole explains is no dipole: a path that
 sways faster than its knots leaves some times the noise, by which standard errors are widened."""
+
+_FAINT = 1e-3
+"""Evidence for a dipole over that for its neighbour, below which a misfit makes it doubtful: with a thirtieth of the
+field, it may be an error of the array beside the neighbour."""
 
 _LARGEST_ERROR = 0.3
 """Standard error of a place, over its distance, beyond which first order says nothing."""
@@ -138,7 +143,9 @@ def _bodies(found: Sequence[Found]) -> list[list[Found]]:
 def _are_one(one: Found, other: Found) -> bool:
     apart = float(norm(one.unknowns[:3] - other.unknowns[:3]))
     distances = one.distance_m, other.distance_m
-    if _is_placed(one) and _is_placed(other):
+    weaker, stronger = sorted((one, other), key=lambda each: each.gain)
+    is_doubtful = weaker.misfit > UNEXPLAINED and weaker.gain < _FAINT * stronger.gain
+    if _is_placed(one) and _is_placed(other) and not is_doubtful:
         return apart < WITHIN_BODY * min(distances)
     return apart < NEAR_BODY * max(distances)
 
