@@ -12,11 +12,11 @@ from tam_calibration.localization.line_window import OF_SOURCE, Window
 from tam_calibration.localization.window_dipoles import (
     LEAST_GAIN,
     UNEXPLAINED,
-    fitted,
-    reduced,
-    with_another,
-    without_needless,
-    worth_of,
+    evidence_of,
+    fit_from,
+    mean_square,
+    with_one_more,
+    without_weak,
 )
 from tam_calibration.localization.window_fit import Solved, likeliest_roughness, solve
 from tam_calibration.model.units import FloatArray
@@ -77,24 +77,21 @@ def search(data: LineData, path: Path) -> tuple[list[Found], FloatArray]:
     line = _Line(data, path)
     sources: FloatArray = np.zeros((0, OF_SOURCE))
     for middle in line.middles():
-        sources, _ = line.explained(middle, sources)
+        sources, _ = line.with_window(middle, sources)
     if np.median(line.left) > MOST_LEFT:
         return [], line.left
-    for middle in line.middles():
-        if line.misfit(middle) > UNEXPLAINED:
-            sources = line.begun_again(Stretch(middle, middle - _OWN_M, middle + _OWN_M), sources)
-    sources = line.smoothed(sources)
+    sources = line.with_roughness(sources)
     for stretch in line.stretches(sources):
-        sources = line.begun_again(stretch, sources)
+        sources = line.restarted(stretch, sources)
     found: list[Found] = []
     for stretch in line.stretches(sources):
-        sources, solved = line.explained(stretch.middle, sources, np.inf)
-        found += line.told(solved, stretch)
+        sources, solved = line.with_window(stretch.middle, sources, np.inf)
+        found += line.dipoles(solved, stretch)
     return found, line.left
 
 
 @dataclass(frozen=True)
-class Stretch:
+class _Stretch:
     """A part of a line: from where to where dipoles in it are passed, and the middle of its window, metres of way."""
 
     middle: float
@@ -125,7 +122,7 @@ class _Line:
         strongest = [signal[np.abs(way - middle) <= _STEP_M].max(initial=0.0) for middle in middles]
         return [float(middles[number]) for number in np.argsort(strongest)[::-1]]
 
-    def stretches(self, sources: FloatArray) -> list[Stretch]:
+    def stretches(self, sources: FloatArray) -> list[_Stretch]:
         """Return stretches about dipoles (S, 6) that lie close together along the line, divided at the widest gaps."""
         ways = np.sort(self._way(sources)[0])
         return _divided(ways, -np.inf, np.inf) if len(ways) else []
@@ -137,7 +134,7 @@ class _Line:
         distance = norm(self._places[:, None] - sources[:, :3], axis=2)
         return self._data.along_m[np.argmin(distance, axis=0)], distance.min(axis=0)
 
-    def explained(self, middle: float, sources: FloatArray, clear: float = 0.0) -> tuple[FloatArray, Solved]:
+    def with_window(self, middle: float, sources: FloatArray, clear: float = 0.0) -> tuple[FloatArray, Solved]:
         """Return the dipoles (S, 6) of the line with those of a window fitted anew, and the window's solution.
 
         Dipoles are added where the mean squared residual, over the noise, exceeds ``clear``. Where a fit fails that
@@ -145,57 +142,57 @@ class _Line:
         """
         at = np.flatnonzero(np.abs(self._data.along_m - middle) <= _HALF_M)
         away = np.abs(self._way(sources)[0] - middle)
-        own, beside = sources[away <= _OWN_M], sources[(away > _OWN_M) & (away <= _SEEN_M)]
+        own, neighbours = sources[away <= _OWN_M], sources[(away > _OWN_M) & (away <= _SEEN_M)]
         window = Window(self._data.take(at), self._path, sources[away > _SEEN_M], self._roughness)
-        solved = fitted(window, np.concatenate([beside.ravel(), own.ravel(), window.start()]))
-        while reduced(solved) > clear and (more := with_another(solved, len(beside))):
+        solved = fit_from(window, np.concatenate([neighbours.ravel(), own.ravel(), window.start()]))
+        while mean_square(solved) > clear and (more := with_one_more(solved, len(neighbours))):
             solved = more
-        solved = without_needless(solved, len(beside))
+        solved = without_weak(solved, len(neighbours))
         near = np.abs(window.data.along_m - middle) <= _STEP_M
         left = np.sqrt(np.mean(solved.residual[near] ** 2, axis=1))
         if np.mean(left**2) > max(UNEXPLAINED, self.misfit(middle)):
             return sources, solved
         self.left[at[near]] = left
-        return np.concatenate([sources[away > _OWN_M], solved.sources[len(beside) :]]), solved
+        return np.concatenate([sources[away > _OWN_M], solved.sources[len(neighbours) :]]), solved
 
     def misfit(self, middle: float) -> float:
         """Return the mean squared residual about a middle, over the noise."""
         return float(np.mean(self.left[np.abs(self._data.along_m - middle) <= _STEP_M] ** 2))
 
-    def begun_again(self, stretch: Stretch, sources: FloatArray) -> FloatArray:
+    def restarted(self, stretch: _Stretch, sources: FloatArray) -> FloatArray:
         """Return the dipoles (S, 6) with those of a stretch found anew from none, where that is likelier.
 
         What was found in it first may stand for what was not known yet, or several dipoles for one.
         """
-        sources, solved = self.explained(stretch.middle, sources, _CLEAR)
+        sources, solved = self.with_window(stretch.middle, sources, _CLEAR)
         way, left = self._way(sources)[0], self.left.copy()
         is_own = (way > stretch.first) & (way <= stretch.last)
-        if is_own.sum() < 2 and reduced(solved) < _CLEAR:
+        if is_own.sum() < 2 and mean_square(solved) < _CLEAR:
             return sources
-        found, anew = self.explained(stretch.middle, sources[~is_own])
+        found, anew = self.with_window(stretch.middle, sources[~is_own])
         if _cost(anew) < _cost(solved):
             return found
         self.left = left
         return sources
 
-    def smoothed(self, sources: FloatArray) -> FloatArray:
+    def with_roughness(self, sources: FloatArray) -> FloatArray:
         """Take the regional field as smooth as most windows show it, and return the dipoles (S, 6) of the line.
 
         Not as all: dipoles that were not found yet bend it in some.
         """
         best = []
         for middle in self.middles():
-            sources, solved = self.explained(middle, sources, np.inf)
+            sources, solved = self.with_window(middle, sources, np.inf)
             best.append(likeliest_roughness(solved))
         self._roughness = float(np.median(best))
         return sources
 
-    def told(self, rough: Solved, stretch: Stretch) -> Iterator[Found]:
+    def dipoles(self, rough: Solved, stretch: _Stretch) -> Iterator[Found]:
         """Yield the dipoles of a window that are passed in a stretch of the line."""
         solved = solve(rough.window, rough.unknowns)
         covariance, data = solved.covariance, solved.window.data
         ways, distances = self._way(solved.sources)
-        worth = worth_of(solved)
+        worth = evidence_of(solved)
         for number, (source, way, distance) in enumerate(zip(solved.sources, ways, distances, strict=True)):
             if not stretch.first < way <= stretch.last:
                 continue
@@ -205,11 +202,11 @@ class _Line:
             yield Found(source, covariance[own, own], misfit, worth[number], float(distance))
 
 
-def _divided(ways: FloatArray, first: float, last: float) -> list[Stretch]:
+def _divided(ways: FloatArray, first: float, last: float) -> list[_Stretch]:
     """Return stretches about sorted ways (S,), each of little span, which end in the middle of the widest gaps."""
     inside = ways[(ways > first) & (ways <= last)]
     if inside[-1] - inside[0] <= _TOGETHER_M:
-        return [Stretch(float(inside[0] + inside[-1]) / 2, first, last)]
+        return [_Stretch(float(inside[0] + inside[-1]) / 2, first, last)]
     widest = int(np.argmax(np.diff(inside)))
     middle = float(inside[widest] + inside[widest + 1]) / 2
     return _divided(ways, first, middle) + _divided(ways, middle, last)

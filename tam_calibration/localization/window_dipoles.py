@@ -1,6 +1,7 @@
 """Dipoles of one window of a line: one more where the evidence for it is enough, one less where it is not."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -42,15 +43,15 @@ _THIN_M = 1.0
 """Way between the moments at which they are looked at, metres."""
 
 
-def fitted(window: Window, start: FloatArray) -> Solved:
+def fit_from(window: Window, start: FloatArray) -> Solved:
     """Return the solution that begins with known dipoles, also with a larger noise where that explains more."""
     plain = solve(window, start, least_fall=ROUGH_FALL)
-    if reduced(plain) < UNEXPLAINED:
+    if mean_square(plain) < UNEXPLAINED:
         return plain
     return min(plain, annealed(window, start), key=lambda each: each.chi_square)
 
 
-def worth_of(solved: Solved) -> FloatArray:
+def evidence_of(solved: Solved) -> FloatArray:
     """Return by how much χ² would rise (S,) without each dipole, to first order in its moment.
 
     Its place counts as known: without a moment, no other place makes up for it.
@@ -65,34 +66,32 @@ def worth_of(solved: Solved) -> FloatArray:
     return np.array(worth)
 
 
-def reduced(solved: Solved) -> float:
+def mean_square(solved: Solved) -> float:
     """Return the mean squared residual, at least one."""
     return max(1.0, float(np.mean(solved.residual**2)))
 
 
-def with_another(solved: Solved, first: int) -> Solved | None:
+def with_one_more(solved: Solved, first: int) -> Solved | None:
     """Return the solution with one more dipole, where the evidence for it is enough and those from a first are near."""
     if len(solved.sources) - first >= _MOST_SOURCES:
         return None
     gains, places, moments = _gains(solved)
-    for _ in range(_MOST_TRIED if reduced(solved) < _LARGEST_LEFT else _MOST_TRIED_BESIDE_MUCH):
+    has_much_left = mean_square(solved) > _LARGEST_LEFT
+    for _ in range(_MOST_TRIED_BESIDE_MUCH if has_much_left else _MOST_TRIED):
         best = int(np.argmax(gains))
-        if gains[best] < _TRIED_GAIN * min(reduced(solved), _LARGEST_LEFT):
+        if gains[best] < _TRIED_GAIN * min(mean_square(solved), _LARGEST_LEFT):
             return None
         start = np.concatenate([solved.sources.ravel(), places[best], moments[best], solved.others])
-        if reduced(solved) < _LARGEST_LEFT:
+        gains[norm(places - places[best], axis=1) < _THIN_M * 4] = 0.0
+        if not has_much_left:
             glance = solve(solved.window, start, _GLANCE_STEPS, ROUGH_FALL)
             if solved.chi_square - glance.chi_square < LEAST_GAIN / 2:
-                gains[norm(places - places[best], axis=1) < _THIN_M * 4] = 0.0
                 continue
             start = glance.unknowns
-        for fit in (annealed, solve):
+        for fit in (annealed, solve)[: 1 + has_much_left]:
             more = fit(solved.window, start, least_fall=ROUGH_FALL)
-            if solved.chi_square - more.chi_square > LEAST_GAIN * reduced(more) and _is_sound(more, first):
+            if solved.chi_square - more.chi_square > LEAST_GAIN * mean_square(more) and _is_sound(more, first):
                 return more
-            if reduced(solved) < _LARGEST_LEFT:
-                break
-        gains[norm(places - places[best], axis=1) < _THIN_M * 4] = 0.0
     return None
 
 
@@ -102,12 +101,12 @@ def _is_sound(solved: Solved, first: int) -> bool:
     return bool(((distance > _NEAREST_M) & (distance < FARTHEST_M)).all())
 
 
-def without_needless(solved: Solved, first: int) -> Solved:
+def without_weak(solved: Solved, first: int) -> Solved:
     """Return the solution without dipoles, from the first on, that χ² hardly rises without."""
     while True:
-        fits = [fitted(solved.window, start) for start in _starts_with_fewer(solved, first)]
+        fits = [fit_from(solved.window, start) for start in _starts_with_fewer(solved, first)]
         fewer = min(fits, key=lambda each: each.chi_square, default=None)
-        most = LEAST_GAIN * min(reduced(solved), _LARGEST_LEFT)
+        most = LEAST_GAIN * min(mean_square(solved), _LARGEST_LEFT)
         if fewer is None or fewer.chi_square - solved.chi_square > most:
             return solved
         solved = fewer
@@ -118,9 +117,9 @@ def _starts_with_fewer(solved: Solved, first: int) -> Iterator[FloatArray]:
     sources, own = solved.sources, solved.sources[first:]
     if not len(own):
         return
-    worth = worth_of(solved)[first:]
+    worth = evidence_of(solved)[first:]
     weakest = first + int(np.argmin(worth))
-    if worth.min() <= LEAST_GAIN * min(reduced(solved), _LARGEST_LEFT):
+    if worth.min() <= LEAST_GAIN * min(mean_square(solved), _LARGEST_LEFT):
         yield np.concatenate([np.delete(sources, weakest, axis=0).ravel(), solved.others])
     apart = norm(own[:, None, :3] - own[:, :3], axis=2) + np.diag(np.full(len(own), np.inf))
     one, other = (first + int(number) for number in np.unravel_index(np.argmin(apart), apart.shape))
@@ -163,7 +162,7 @@ def _looked_at(window: Window) -> tuple[Window, FloatArray, FloatArray]:
     order = np.argsort(way)
     picked = order[np.unique(np.searchsorted(way[order], np.arange(way.min(), way.max(), _THIN_M)))]
     at = np.unique(np.concatenate([[0], picked[picked < len(way)], [len(way) - 1]]))
-    thin = Window(window.data.take(at), window.path, window.fixed)
+    thin = replace(window, data=window.data.take(at))
     places = _places(thin)
     return thin, places, thin.by_moment(places).reshape(-1, 3 * len(places))
 
@@ -171,7 +170,7 @@ def _looked_at(window: Window) -> tuple[Window, FloatArray, FloatArray]:
 def _places(window: Window) -> FloatArray:
     """Return places (n, 3) around the path of a window."""
     way = window.data.along_m
-    path = window.path.at(window.data.time_s)
+    path = window.place_m
     marks = np.arange(way.min() + _SPACING_M, way.max() - _SPACING_M / 2, _SPACING_M)
     at = np.array([np.argmin(np.abs(way - mark)) for mark in marks]) if len(marks) else np.array([len(way) // 2])
     ahead = path[np.minimum(at + 2, len(path) - 1)] - path[np.maximum(at - 2, 0)]

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from tam_calibration.localization.line_data import line_data
 from tam_calibration.localization.line_window import Window
 from tam_calibration.localization.targets import find_targets, path_in
-from tam_calibration.localization.window_dipoles import LEAST_GAIN, fitted, without_needless, worth_of
+from tam_calibration.localization.window_dipoles import LEAST_GAIN, evidence_of, fit_from, without_weak
 from tam_calibration.localization.window_fit import likeliest_roughness
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.recording import Recording
@@ -118,17 +118,17 @@ def test_evidence_is_what_a_fit_without_the_dipole_leaves(cross, true_errors):
     moments = MOMENTS_AM2 * [[1.0], [1.0], [0.05]]
     window = window_of(passed(cross, true_errors, PLACES_M, moments, white=0.1), cross, true_errors)
     unknowns = np.column_stack([PLACES_M, moments])
-    solved = fitted(window, np.concatenate([unknowns.ravel(), window.start()]))
-    fewer = fitted(window, np.concatenate([unknowns[:2].ravel(), solved.others]))
-    assert worth_of(solved)[2] == pytest.approx(fewer.chi_square - solved.chi_square, rel=0.3)
+    solved = fit_from(window, np.concatenate([unknowns.ravel(), window.start()]))
+    fewer = fit_from(window, np.concatenate([unknowns[:2].ravel(), solved.others]))
+    assert evidence_of(solved)[2] == pytest.approx(fewer.chi_square - solved.chi_square, rel=0.3)
 
 
 def test_two_dipoles_that_stand_for_one_are_made_one(cross, true_errors):
     """A dipole that was found in steps, each with a part of its moment, is one where one explains as much."""
     window = window_of(passed(cross, true_errors, PLACES_M[:1], MOMENTS_AM2[:1]), cross, true_errors)
     pair = np.column_stack([PLACES_M[[0, 0]] + [[0.1, 0, 0], [-0.2, 0, 0]], MOMENTS_AM2[[0, 0]] * [[0.7], [0.3]]])
-    solved = fitted(window, np.concatenate([pair.ravel(), window.start()]))
-    one = without_needless(solved, 0)
+    solved = fit_from(window, np.concatenate([pair.ravel(), window.start()]))
+    one = without_weak(solved, 0)
     assert len(one.sources) == 1 and one.chi_square < solved.chi_square + LEAST_GAIN
     assert norm(one.sources[0, :3] - PLACES_M[0]) < 0.05
 
@@ -154,7 +154,7 @@ def test_a_smooth_regional_field_is_known_for_smooth(cross, true_errors):
     for each in (recording, rough):
         window = window_of(each, cross, true_errors)
         start = np.concatenate([PLACES_M[0], MOMENTS_AM2[0], window.start()])
-        found.append(likeliest_roughness(fitted(window, start)))
+        found.append(likeliest_roughness(fit_from(window, start)))
     assert found[0] < 0.3 and found[1] == 1.0
 
 
