@@ -117,7 +117,7 @@ def main(runs: int, first_seed: int) -> None:
             least, most = 0.0, np.inf
         rows.append(Row(f"{method}, {name}, {count}", figure, [held], least=least, most=most))
     command = f"python benchmarks/error_coverage.py --runs {runs} --first-seed {first_seed}"
-    show("Coverage", command, "coverage.csv", rows)
+    show("Coverage", command, "error_coverage.csv", rows)
 
 
 if __name__ == "__main__":

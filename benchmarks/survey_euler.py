@@ -2,9 +2,9 @@
 
 Run ``python benchmarks/survey_euler.py [--lines 5] [--seed 100] [--kind plain]``. The lines are those of
 ``survey_lines``. Euler deconvolution is that of harmonica (structural index 3), in windows of 12 m along the line, on
-the intensity's anomaly and its derivatives, which the array measures. Euler's windows have
-their middle at the true targets, so that it has nothing to detect: a target is found within half its distance. Without
-harmonica nothing is compared; of Euler inversion it has no published version.
+the intensity's anomaly and its derivatives, which the array measures. Its windows have their middle at the true
+targets, so that it has nothing to detect. A target is found within half its distance. Without harmonica nothing is
+compared; Euler inversion is in no published version of it.
 """
 
 from collections.abc import Callable
@@ -68,13 +68,14 @@ def command(lines: int, seed: int, kind: str) -> None:
     for number in range(seed, seed + lines):
         recording, array, truth = line_of(kind, number)
         euler += euler_errors(make, recording, array, truth)
+        asked += int((truth.signal >= STRONG).sum())
         path = path_in(recording, position_error_m=truth.error_m, position_drift_m=truth.drift_m)
         try:
             targets = find_targets(recording, calibrated(array, number, False), path, truth.attitude).targets
         except Refused:
             continue
         counts, _ = compared(targets, truth)
-        asked, found = asked + counts["asked"], found + counts["found"]
+        found += counts["found"]
         own += [float(norm(truth.position_m - each.position_m, axis=1).min()) for each in targets]
     rows = [
         ("harmonica", "median error [m]", float(np.median([error for error, _ in euler])) if euler else np.nan),

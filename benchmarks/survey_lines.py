@@ -97,7 +97,7 @@ def command(
                 path = path_in(recording, position_error_m=truth.error_m, position_drift_m=truth.drift_m)
                 targets = find_targets(recording, calibration, path, truth.attitude).targets
             except Refused:
-                total["refused"] += 1
+                total.update(refused=1, asked=int((truth.signal >= STRONG).sum()))
                 continue
             finally:
                 seconds += process_time() - begun
@@ -114,19 +114,19 @@ def command(
                     flush=True,
                 )
         sizes = np.abs(deviations)
-        asked, told = max(total["asked"], 1), max(len(sizes), 1)
+        asked = total["asked"]
         case = f"{name}{', judged' if judged else ''}"
         rows = [
-            ("found share", total["found"] / asked, (0.95, 1.0)),
-            ("false targets a line", total["false"] / lines, (0.0, 0.05)),
-            ("95 % intervals cover", float(np.sum(sizes < 1.96)) / told, (0.93, 0.97)),
-            ("beyond 5 standard errors", float(np.sum(sizes > 5)) / told, (0.0, 0.001)),
-            ("refused", total["refused"] / lines, (0.0, 0.05)),
-            ("seconds a metre", seconds / lines / 200, (0.0, 0.05)),
-            ("dipoles told as extended", total["dipole told as extended"] / asked, (0.0, 0.05)),
-            ("extended told as dipoles", total["extended told as dipole"] / max(total["extended"], 1), (0.0, 0.0)),
+            ("found share", total["found"], asked, (0.95, 1.0)),
+            ("false targets a line", total["false"], lines, (0.0, 0.05)),
+            ("95 % intervals cover", np.sum(sizes < 1.96), len(sizes), (0.93, 0.97)),
+            ("beyond 5 standard errors", np.sum(sizes > 5), len(sizes), (0.0, 0.001)),
+            ("refused", total["refused"], lines, (0.0, 0.05)),
+            ("seconds a metre", seconds / 200, lines, (0.0, 0.05)),
+            ("dipoles told as extended", total["dipole told as extended"], asked, (0.0, 0.05)),
+            ("extended told as dipoles", total["extended told as dipole"], total["extended"], (0.0, 0.0)),
         ]
-        figures += [Figure(case, "targets", what, value, asked=bounds) for what, value, bounds in rows]
+        figures += [Figure(case, "targets", what, float(n) / of, asked=bounds) for what, n, of, bounds in rows if of]
         ending = "judged" if judged else "made"
         (RESULTS / f"survey_lines_{ending}.csv").write_text("\n".join(each.line for each in figures) + "\n")
     show(figures, f"{lines} lines of 200 m of each kind, seeds from {seed}", "by")

@@ -1,9 +1,9 @@
-"""Text to copy into a simulator's model: Gazebo's SDF, MuJoCo's MJCF, and the lines of a plugin.
+"""Text to copy into a simulator: sensors in Gazebo's SDF, and the lines of a plugin for any simulator.
 
-They hold noise, bias, steps and range of the sensors; the rest is added by a plugin, or by ``tam simulate``.
+The SDF holds noise, bias and steps of the sensors; the rest is added by a plugin, or by ``tam simulate``.
 """
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -12,8 +12,8 @@ from tam_calibration.comparison.noise_stream import slow_modes
 from tam_calibration.effects.library import effect_named
 from tam_calibration.model.fitted_effect import ALL
 
-_STEP, _LIMITS = "step", ("lower limit", "upper limit")
-"""Values of effects that a simulator has an element for: Gazebo for the step of rounding, MuJoCo for the range."""
+_STEP = "step"
+"""The value of an effect for which Gazebo has an element: the step of rounding."""
 
 
 def gazebo_sdf(mend: Mend) -> str:
@@ -36,12 +36,12 @@ def gazebo_sdf(mend: Mend) -> str:
             f"  <always_on>1</always_on>\n  <update_rate>{_number(mend.rate_hz)}</update_rate>\n"
             f"  <magnetometer>\n{axes}\n  </magnetometer>\n</sensor>"
         )
-    remarks = [*_left_out(mend, (_STEP,)), *_bands(mend)]
+    remarks = [*_left_out(mend), *_bands(mend)]
     return "\n".join([*map(_comment, remarks), *blocks]) + "\n"
 
 
 def _sdf_axis(mend: Mend, sensor: int, axis: int) -> str:
-    calibration, term, step = mend.calibration, _noise(mend, sensor, axis), _value(mend, _STEP, sensor, axis)
+    calibration, term, step = mend.calibration, _noise(mend, sensor, axis), _step(mend, sensor, axis)
     elements = {
         "mean": calibration.errors.bias_T[sensor, axis],
         "stddev": term.white_T,
@@ -59,30 +59,6 @@ def _sdf_axis(mend: Mend, sensor: int, axis: int) -> str:
     inside = "".join(f"<{name}>{_number(value)}</{name}>" for name, value in elements.items())
     name = "xyz"[axis]
     return f'    <{name}><noise type="{kind}">{inside}</noise></{name}>'
-
-
-def mujoco_mjcf(mend: Mend) -> str:
-    """Return the ``<sensor>`` and ``<custom>`` elements of an MJCF model, in tesla, for sites of the same names.
-
-    Parameters
-    ----------
-    mend : Mend
-        What the recording's sensors have.
-    """
-    sensors, biases = [], []
-    for sensor, bias_T in enumerate(mend.calibration.errors.bias_T):
-        name, noise_T, limit_T = f"tam_{sensor + 1}", _white_T(mend, sensor), _range_T(mend, sensor)
-        cutoff = "" if limit_T is None else f' cutoff="{_number(limit_T)}"'
-        sensors.append(f'  <magnetometer name="{name}" site="{name}" noise="{_number(noise_T)}"{cutoff}/>')
-        biases.append(f'  <numeric name="{name}_bias" data="{" ".join(map(_number, bias_T))}"/>')
-    remarks = [
-        "mj_step adds neither noise nor bias: they are numbers for your code, or let Additions do it",
-        *_left_out(mend, _LIMITS),
-        *(f"{_place(term)}: slow noise goes to the mend file" for term in mend.noise if np.isfinite(term.knee_hz)),
-        *_bands(mend),
-    ]
-    lines = [*map(_comment, remarks), "<sensor>", *sensors, "</sensor>", "<custom>", *biases, "</custom>"]
-    return "\n".join(lines) + "\n"
 
 
 def python_plugin(mend: Mend) -> str:
@@ -112,30 +88,18 @@ def _noise(mend: Mend, sensor: int, axis: int) -> NoiseTerm:
     return next((term for term in mend.noise if (term.sensor, term.axis) == place), stated)
 
 
-def _white_T(mend: Mend, sensor: int) -> float:
-    """Return the root of the mean variance of a sensor's white noise: MuJoCo has one number for its three axes."""
-    variances = [term.white_T**2 for term in mend.noise if term.sensor == sensor + 1]
-    return float(np.sqrt(np.mean(variances or [mend.calibration.array.vector_noise_T[sensor] ** 2])))
-
-
-def _range_T(mend: Mend, sensor: int) -> float | None:
-    """Return the smallest limit of a sensor's axes: MuJoCo clips all of them on both sides."""
-    limits = [_value(mend, name, sensor, axis) for name in _LIMITS for axis in range(3)]
-    return min((abs(limit) for limit in limits if limit is not None), default=None)
-
-
-def _value(mend: Mend, name: str, sensor: int, axis: int) -> float | None:
-    """Return a value of an added effect at an axis; None where there is none."""
+def _step(mend: Mend, sensor: int, axis: int) -> float | None:
+    """Return the step of rounding at an axis; None where there is none."""
     parts = [part for fitted in mend.added for part in fitted.contributions]
     own = [part.values for part in parts if part.sensor in (sensor, ALL) and part.axis in (axis, None)]
-    return next((values[name] for values in own if name in values), None)
+    return next((values[_STEP] for values in own if _STEP in values), None)
 
 
-def _left_out(mend: Mend, stated: Collection[str]) -> Iterator[str]:
-    """Yield what a model leaves out that can only state effects with some values."""
+def _left_out(mend: Mend) -> Iterator[str]:
+    """Yield what the SDF leaves out."""
     yield "scale factors, non-orthogonality and misalignment are left out: the mend file has them under calibration"
     for fitted in mend.added:
-        if not any(name in stated for part in fitted.contributions for name in part.values):
+        if not any(_STEP in part.values for part in fitted.contributions):
             yield f"{fitted.effect} goes to the mend file: let Additions or tam simulate add it"
     for name in mend.removed:
         yield f"the simulation has {name}, and the recording has it not, or otherwise: take it out"

@@ -5,7 +5,7 @@ An error of the attitude turns the readings of all sensors together. So their me
 error to first order in the source's field.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import comb
 
 import numpy as np
@@ -72,17 +72,8 @@ class LineData:
 
     def take(self, at: np.ndarray) -> "LineData":
         """Return some of the moments."""
-        return LineData(
-            self.time_s[at],
-            self.along_m[at],
-            self.fields_T[at],
-            self.arms_m[at],
-            self.noise_T[at],
-            self.direction[at],
-            self.attitude_error,
-            self.white_attitude[at],
-            self.errors_T[at],
-        )
+        by_moment = {name: value[at] for name, value in vars(self).items() if name != "attitude_error"}
+        return replace(self, **by_moment)
 
 
 def line_data(

@@ -20,7 +20,7 @@ from tam_calibration.localization.line_data import LineData
 from tam_calibration.localization.line_path import Basis, Path
 from tam_calibration.model.array import UNIT_TENSORS
 from tam_calibration.model.units import FloatArray
-from tam_calibration.sources.dipole import dipole_field
+from tam_calibration.sources.dipole import dipole_field, field_by_moment
 
 OF_SOURCE = 6
 
@@ -104,17 +104,9 @@ class Window:
 
     def by_moment(self, places: FloatArray) -> FloatArray:
         """Return the derivatives (M, 3 K - 2, n, 3) of the data by the moments of dipoles at places (n, 3)."""
-        data = self.data
-        points = (self.place_m[:, None] + data.arms_m)[:, :, None]
-        offset = np.moveaxis(points - places, 3, 2)
-        square = np.sum(offset**2, axis=2)
-        near = 1e-7 / (square * np.sqrt(square))
-        unit = 3 * near / square
-        made = unit[:, :, None, :, None] * offset[..., None] * np.moveaxis(offset, 2, 3)[:, :, None]
-        for axis in range(3):
-            made[:, :, axis, :, axis] -= near
-        flat = made.reshape(*made.shape[:3], -1)
-        rows = self._whitened(flat, data.fields_T)
+        points = self.place_m[:, None] + self.data.arms_m
+        made = np.moveaxis(field_by_moment(points[:, :, None] - places), 2, 3)
+        rows = self._whitened(made.reshape(*points.shape, -1), self.data.fields_T)
         return rows.reshape(*rows.shape[:2], -1, 3)
 
     @property

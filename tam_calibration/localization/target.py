@@ -1,4 +1,4 @@
-"""A target of a survey line, told from the dipoles that were found: a dipole, or a body that is larger or too near."""
+"""A target of a survey line, made of the dipoles that were found: a dipole, or a body that is larger or too near."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -21,8 +21,8 @@ LARGEST_MISFIT = 3.0
 sways faster than its knots leaves some times the noise, by which standard errors are widened."""
 
 _FAINT = 1e-3
-"""Evidence for a dipole over that for its neighbour, below which a misfit makes it doubtful: with a thirtieth of the
-field, it may be an error of the array beside the neighbour."""
+"""Evidence for a dipole over that for its neighbour, below which a misfit makes it doubtful. Its field is then a
+thirtieth of the neighbour's, which errors of the array can make."""
 
 _LARGEST_ERROR = 0.3
 """Standard error of a place, over its distance, beyond which first order says nothing."""
@@ -93,7 +93,7 @@ class Target:
 
 
 def targets_of(found: Sequence[Found], field_T: FloatArray) -> list[Target]:
-    """Return the targets that dipoles are told as, the strongest evidence first.
+    """Return the targets that dipoles of a line make, the strongest evidence first.
 
     A dipole is one where it is certain. Several within one body, or one that leaves a large misfit, are one extended
     target.
@@ -105,14 +105,9 @@ def targets_of(found: Sequence[Found], field_T: FloatArray) -> list[Target]:
     field_T : (3,) array
         Regional field, tesla.
     """
-    targets = []
-    for group in _bodies([each for each in found if _is_there(each)]):
-        misfit = max(1.0, *(each.misfit for each in group))
-        if len(group) > 1 or misfit > LARGEST_MISFIT:
-            targets.append(_of_body(group, misfit, field_T))
-        elif _is_placed(group[0]):
-            targets.append(_of_dipole(group[0], field_T))
-    return by_evidence(each for each in targets if each.evidence > LEAST_GAIN)
+    groups = _bodies([each for each in found if _is_there(each)])
+    targets = [(_target(group, field_T), _is_placed(group[0])) for group in groups]
+    return by_evidence(each for each, is_placed in targets if is_placed or each.is_extended)
 
 
 def by_evidence(targets: Iterable[Target]) -> list[Target]:
@@ -150,43 +145,28 @@ def _are_one(one: Found, other: Found) -> bool:
     return apart < NEAR_BODY * max(distances)
 
 
-def _of_dipole(each: Found, field_T: FloatArray) -> Target:
-    factor = max(each.misfit, 1.0)
-    spread = factor * each.covariance
-    return Target(
-        position_m=each.unknowns[:3],
-        position_covariance_m2=spread[:3, :3],
-        moment_Am2=each.unknowns[3:],
-        moment_covariance_A2m4=spread[3:, 3:],
-        evidence=each.gain / factor,
-        distance_m=each.distance_m,
-        extent_m=0.0,
-        is_extended=False,
-        misfit=each.misfit,
-        field_T=field_T,
-    )
-
-
-def _of_body(group: Sequence[Found], misfit: float, field_T: FloatArray) -> Target:
-    """Return a body of several dipoles: their mean place by the size of their moments, and the sum of these."""
+def _target(group: Sequence[Found], field_T: FloatArray) -> Target:
+    """Return one target of dipoles: their mean place by the size of their moments, and the sum of these."""
     rows = np.array([each.unknowns for each in group])
     weights = norm(rows[:, 3:], axis=1) / norm(rows[:, 3:], axis=1).sum()
     place = weights @ rows[:, :3]
-    covariance = np.array([each.covariance for each in group])
-    spread = misfit * np.einsum("s,sij->ij", weights**2, covariance[:, :3, :3])
+    misfit = max(each.misfit for each in group)
+    covariance = max(1.0, misfit) * np.array([each.covariance for each in group])
     apart = rows[:, :3] - place
     extent = float(norm(rows[:, None, :3] - rows[:, :3], axis=2).max())
     distance = min(each.distance_m for each in group)
-    own = extent if len(group) > 1 else 0.5 * distance
+    is_extended = len(group) > 1 or misfit > LARGEST_MISFIT
+    size = extent or (0.5 * distance if is_extended else 0.0)
+    spread = np.einsum("s,sij->ij", weights**2, covariance[:, :3, :3])
     return Target(
         position_m=place,
-        position_covariance_m2=spread + np.einsum("s,si,sj->ij", weights, apart, apart) + (own / 4) ** 2 * np.eye(3),
+        position_covariance_m2=spread + np.einsum("s,si,sj->ij", weights, apart, apart) + (size / 4) ** 2 * np.eye(3),
         moment_Am2=rows[:, 3:].sum(axis=0),
-        moment_covariance_A2m4=misfit * covariance[:, 3:, 3:].sum(axis=0),
-        evidence=sum(each.gain for each in group) / misfit,
+        moment_covariance_A2m4=covariance[:, 3:, 3:].sum(axis=0),
+        evidence=sum(each.gain for each in group) / max(1.0, misfit),
         distance_m=distance,
         extent_m=extent,
-        is_extended=True,
+        is_extended=is_extended,
         misfit=misfit,
         field_T=field_T,
     )

@@ -12,11 +12,11 @@ from tam_calibration.localization.line_window import OF_SOURCE, Window
 from tam_calibration.localization.window_dipoles import (
     LEAST_GAIN,
     UNEXPLAINED,
+    add_dipole,
     evidence_of,
     fit_from,
     mean_square,
-    with_one_more,
-    without_weak,
+    remove_weak,
 )
 from tam_calibration.localization.window_fit import Solved, likeliest_roughness, solve
 from tam_calibration.model.units import FloatArray
@@ -30,7 +30,7 @@ second fit is not kept. A drift of the navigation has moved those dipoles too: t
 of the window to their errors."""
 
 _TOGETHER_M = 10.0
-"""Way within which dipoles are told by one window, metres."""
+"""Way within which dipoles are taken from one window, metres."""
 
 MOST_LEFT = 2.0
 """Median of the residuals along a line, over the noise, above which it is refused."""
@@ -77,16 +77,16 @@ def search(data: LineData, path: Path) -> tuple[list[Found], FloatArray]:
     line = _Line(data, path)
     sources: FloatArray = np.zeros((0, OF_SOURCE))
     for middle in line.middles():
-        sources, _ = line.with_window(middle, sources)
+        sources, _ = line.fit_window(middle, sources)
     if np.median(line.left) > MOST_LEFT:
         return [], line.left
-    sources = line.with_roughness(sources)
+    sources = line.choose_roughness(sources)
     for stretch in line.stretches(sources):
-        sources = line.restarted(stretch, sources)
+        sources = line.restart(stretch, sources)
     found: list[Found] = []
     for stretch in line.stretches(sources):
-        sources, solved = line.with_window(stretch.middle, sources, np.inf)
-        found += line.dipoles(solved, stretch)
+        sources, solved = line.fit_window(stretch.middle, sources, np.inf)
+        found += line.dipoles_in(stretch, solved)
     return found, line.left
 
 
@@ -134,7 +134,7 @@ class _Line:
         distance = norm(self._places[:, None] - sources[:, :3], axis=2)
         return self._data.along_m[np.argmin(distance, axis=0)], distance.min(axis=0)
 
-    def with_window(self, middle: float, sources: FloatArray, clear: float = 0.0) -> tuple[FloatArray, Solved]:
+    def fit_window(self, middle: float, sources: FloatArray, clear: float = 0.0) -> tuple[FloatArray, Solved]:
         """Return the dipoles (S, 6) of the line with those of a window fitted anew, and the window's solution.
 
         Dipoles are added where the mean squared residual, over the noise, exceeds ``clear``. Where a fit fails that
@@ -145,9 +145,9 @@ class _Line:
         own, neighbours = sources[away <= _OWN_M], sources[(away > _OWN_M) & (away <= _SEEN_M)]
         window = Window(self._data.take(at), self._path, sources[away > _SEEN_M], self._roughness)
         solved = fit_from(window, np.concatenate([neighbours.ravel(), own.ravel(), window.start()]))
-        while mean_square(solved) > clear and (more := with_one_more(solved, len(neighbours))):
+        while mean_square(solved) > clear and (more := add_dipole(solved, len(neighbours))):
             solved = more
-        solved = without_weak(solved, len(neighbours))
+        solved = remove_weak(solved, len(neighbours))
         near = np.abs(window.data.along_m - middle) <= _STEP_M
         left = np.sqrt(np.mean(solved.residual[near] ** 2, axis=1))
         if np.mean(left**2) > max(UNEXPLAINED, self.misfit(middle)):
@@ -159,35 +159,36 @@ class _Line:
         """Return the mean squared residual about a middle, over the noise."""
         return float(np.mean(self.left[np.abs(self._data.along_m - middle) <= _STEP_M] ** 2))
 
-    def restarted(self, stretch: _Stretch, sources: FloatArray) -> FloatArray:
+    def restart(self, stretch: _Stretch, sources: FloatArray) -> FloatArray:
         """Return the dipoles (S, 6) with those of a stretch found anew from none, where that is likelier.
 
         What was found in it first may stand for what was not known yet, or several dipoles for one.
         """
-        sources, solved = self.with_window(stretch.middle, sources, _CLEAR)
+        sources, solved = self.fit_window(stretch.middle, sources, _CLEAR)
         way, left = self._way(sources)[0], self.left.copy()
         is_own = (way > stretch.first) & (way <= stretch.last)
         if is_own.sum() < 2 and mean_square(solved) < _CLEAR:
             return sources
-        found, anew = self.with_window(stretch.middle, sources[~is_own])
-        if _cost(anew) < _cost(solved):
+        others = sources[~is_own]
+        found, anew = self.fit_window(stretch.middle, others)
+        if found is not others and _cost(anew) < _cost(solved):
             return found
         self.left = left
         return sources
 
-    def with_roughness(self, sources: FloatArray) -> FloatArray:
+    def choose_roughness(self, sources: FloatArray) -> FloatArray:
         """Take the regional field as smooth as most windows show it, and return the dipoles (S, 6) of the line.
 
         Not as all: dipoles that were not found yet bend it in some.
         """
         best = []
         for middle in self.middles():
-            sources, solved = self.with_window(middle, sources, np.inf)
+            sources, solved = self.fit_window(middle, sources, np.inf)
             best.append(likeliest_roughness(solved))
         self._roughness = float(np.median(best))
         return sources
 
-    def dipoles(self, rough: Solved, stretch: _Stretch) -> Iterator[Found]:
+    def dipoles_in(self, stretch: _Stretch, rough: Solved) -> Iterator[Found]:
         """Yield the dipoles of a window that are passed in a stretch of the line."""
         solved = solve(rough.window, rough.unknowns)
         covariance, data = solved.covariance, solved.window.data

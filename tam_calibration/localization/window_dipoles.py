@@ -22,7 +22,7 @@ _TRIED_GAIN = 30.0
 """Fall of χ², to first order, from which a place is tried."""
 
 _MOST_TRIED, _MOST_TRIED_BESIDE_MUCH, _MOST_SOURCES = 2, 6, 10
-"""Places that are tried one after the other, also beside large residuals, and dipoles of a window."""
+"""Places that are tried one after the other, the same where residuals are large, and dipoles of a window."""
 
 _ONE = 0.3
 """Distance between two dipoles, over that from the path, below which they may be one that was found in steps."""
@@ -71,8 +71,8 @@ def mean_square(solved: Solved) -> float:
     return max(1.0, float(np.mean(solved.residual**2)))
 
 
-def with_one_more(solved: Solved, first: int) -> Solved | None:
-    """Return the solution with one more dipole, where the evidence for it is enough and those from a first are near."""
+def add_dipole(solved: Solved, first: int) -> Solved | None:
+    """Return the solution with one more dipole, if there is evidence for it and those from a first on are in sight."""
     if len(solved.sources) - first >= _MOST_SOURCES:
         return None
     gains, places, moments = _gains(solved)
@@ -101,8 +101,8 @@ def _is_sound(solved: Solved, first: int) -> bool:
     return bool(((distance > _NEAREST_M) & (distance < FARTHEST_M)).all())
 
 
-def without_weak(solved: Solved, first: int) -> Solved:
-    """Return the solution without dipoles, from the first on, that χ² hardly rises without."""
+def remove_weak(solved: Solved, first: int) -> Solved:
+    """Return the solution without those dipoles, from a first on, that hardly lower χ²."""
     while True:
         fits = [fit_from(solved.window, start) for start in _starts_with_fewer(solved, first)]
         fewer = min(fits, key=lambda each: each.chi_square, default=None)
@@ -113,7 +113,7 @@ def without_weak(solved: Solved, first: int) -> Solved:
 
 
 def _starts_with_fewer(solved: Solved, first: int) -> Iterator[FloatArray]:
-    """Yield unknowns without the weakest dipole from the first on, if it is weak, and with the nearest two as one."""
+    """Yield unknowns without the weakest dipole, if it is weak, and with the two nearest to each other as one."""
     sources, own = solved.sources, solved.sources[first:]
     if not len(own):
         return

@@ -267,9 +267,8 @@ def mend_section(comparison: Comparison) -> Section | None:
         return None
     texts = mend_in_texts(mend)
     blocks: list[Block] = [
-        Text("One click selects a block. Gazebo and MuJoCo hold white noise and biases; the rest is in the last two."),
+        Text("One click selects a block. Gazebo holds noise, biases and steps; the rest is in the last two."),
         Code(texts["sdf"], "Gazebo: the <sensor> elements of the SDF"),
-        Code(texts["mjcf"], "MuJoCo: the <sensor> and <custom> elements of the MJCF"),
         Code(texts["plugin"], "Python: what a plugin does sample by sample"),
         Code(dump_mapping(texts["parameters"]), "mend.yaml: the parameters, as tam compare --mend writes them"),
         Code(_COMMAND, "The run of the simulation with all of the mend"),

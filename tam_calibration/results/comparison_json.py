@@ -13,7 +13,7 @@ from tam_calibration import __version__
 from tam_calibration.comparison import result
 from tam_calibration.comparison.figure import Figure
 from tam_calibration.comparison.mend import Mend, NoiseTerm
-from tam_calibration.comparison.snippets import gazebo_sdf, mujoco_mjcf, python_plugin
+from tam_calibration.comparison.snippets import gazebo_sdf, python_plugin
 from tam_calibration.correction.calibration import Provenance
 from tam_calibration.effects.library import check_numbers, effect_named, units_of
 from tam_calibration.files.quantities import Hertz, NanoteslaSize, in_si, value_to_write
@@ -317,7 +317,7 @@ def _figure(figure: Figure) -> dict[str, Any]:
 
 
 def mend_in_texts(mend: Mend) -> dict[str, Any]:
-    """Return a mend as texts for simulators (SDF, MJCF, Python), and the content of its parameter file.
+    """Return a mend as texts for simulators (SDF, Python), and the content of its parameter file.
 
     Parameters
     ----------
@@ -326,7 +326,6 @@ def mend_in_texts(mend: Mend) -> dict[str, Any]:
     """
     return {
         "sdf": gazebo_sdf(mend),
-        "mjcf": mujoco_mjcf(mend),
         "plugin": python_plugin(mend),
         "parameters": mend_to_mapping(mend),
     }

@@ -100,25 +100,40 @@ def dipole_field(offset_m: FloatArray, moment_Am2: FloatArray) -> tuple[FloatArr
     by_moment : (…, 3, 3) array
         Rows of the field, columns of the moment, T/(A m²).
     """
-    # Components first: loops then run over the points, and not over three numbers each.
-    both = np.broadcast_arrays(offset_m, moment_Am2)
-    offset, moment = (np.ascontiguousarray(np.moveaxis(each, -1, 0)) for each in both)
-    square = np.sum(offset**2, axis=0)
-    distance = np.sqrt(square)
-    unit = offset / distance
+    offset, moment = map(_components, np.broadcast_arrays(offset_m, moment_Am2))
+    unit, distance, near, by_moment = _by_moment(offset)
     along = np.sum(unit * moment, axis=0)
-    near = _STRENGTH / (square * distance)
     steep = 3 * near / distance
     crossed = unit[:, None] * (steep * (moment - 2.5 * along * unit))
     gradient = crossed + np.swapaxes(crossed, 0, 1)
-    by_moment = (3 * near * unit)[:, None] * unit
     for axis in range(3):
         gradient[axis, axis] += steep * along
-        by_moment[axis, axis] -= near
     field = near * (3 * along * unit - moment)
     last = [np.moveaxis(field, 0, -1), *(np.moveaxis(each, (0, 1), (-2, -1)) for each in (gradient, by_moment))]
     field, gradient, by_moment = map(np.ascontiguousarray, last)
     return field, gradient, by_moment
+
+
+def field_by_moment(offset_m: FloatArray) -> FloatArray:
+    """Return the third of what ``dipole_field`` does, (…, 3, 3), in T/(A m²)."""
+    return np.moveaxis(_by_moment(_components(offset_m))[3], (0, 1), (-2, -1))
+
+
+def _components(vectors: FloatArray) -> FloatArray:
+    """Return vectors (…, 3) with components first: loops then run over the points, and not over three numbers each."""
+    return np.ascontiguousarray(np.moveaxis(vectors, -1, 0))
+
+
+def _by_moment(offset: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return unit vector, distance, strength of a moment there, and the field's derivative by it, (3, 3, …)."""
+    square = np.sum(offset**2, axis=0)
+    distance = np.sqrt(square)
+    unit = offset / distance
+    near = _STRENGTH / (square * distance)
+    by_moment = (3 * near * unit)[:, None] * unit
+    for axis in range(3):
+        by_moment[axis, axis] -= near
+    return unit, distance, near, by_moment
 
 
 def moment_of_field(offset_m: FloatArray, field_T: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -8,7 +8,7 @@ import pytest
 from mends import EFFECTS, fitted, mend_of, run_of
 
 from tam_calibration.comparison.mend import NoiseTerm
-from tam_calibration.comparison.snippets import gazebo_sdf, mujoco_mjcf, python_plugin
+from tam_calibration.comparison.snippets import gazebo_sdf, python_plugin
 from tam_calibration.results.comparison_json import write_mend
 
 BIAS_T = np.array([[3.0, -40.0, 5.0], [0.0, 1.0, 2.0], [7.0, 8.0, 9.0], [-1.0, -2.0, -3.0]]) * 1e-9
@@ -74,39 +74,12 @@ def test_gazebo_rounds_where_the_recording_does(mend):
     assert plain.get("type") == "gaussian" and plain.find("precision") is None
 
 
-def test_what_a_model_cannot_hold_is_told(mend):
-    """Comments send the rest to the mend file, and each simulator is silent about what it holds."""
-    gazebo, mujoco = gazebo_sdf(mend), mujoco_mjcf(mend)
-    for text in (gazebo, mujoco):
-        assert "time_skew goes to the mend file" in text and "scale factors, non-orthogonality" in text
-        assert "sensor 2 y: noise between 4 and 5 Hz" in text and "the simulation has hysteresis" in text
-    assert "saturation goes" in gazebo and "quantization goes" not in gazebo
-    assert "quantization goes" in mujoco and "saturation goes" not in mujoco
-    assert "sensor 1 x: slow noise" in mujoco and "slow noise" not in gazebo
-    assert "mj_step adds neither" in mujoco
-
-
-def test_mujoco_gets_noise_range_and_bias(mend):
-    """One noise for the three axes, a cutoff where a range was found, and the bias as a custom number."""
-    model = ElementTree.fromstring(f"<mujoco>{mujoco_mjcf(mend)}</mujoco>")
-    sensors = model.findall("sensor/magnetometer")
-    assert [sensor.get("site") for sensor in sensors] == ["tam_1", "tam_2", "tam_3", "tam_4"]
-    assert float(sensors[0].get("noise")) == pytest.approx(2e-9) and float(sensors[2].get("noise")) == 1e-9
-    assert float(sensors[0].get("cutoff")) == 40e-6 and sensors[1].get("cutoff") is None
-    biases = {one.get("name"): [float(value) for value in one.get("data").split()] for one in model.iter("numeric")}
-    assert biases["tam_1_bias"] == pytest.approx(BIAS_T[0].tolist())
-
-
-def test_mujoco_reads_it(mend):
-    """A model with sites of those names is compiled, and its noise and range are those of the text."""
-    mujoco = pytest.importorskip("mujoco")
-    sites = "".join(f'<site name="tam_{number}"/>' for number in range(1, 5))
-    body = f'<body><freejoint/><geom size="0.1"/>{sites}</body>'
-    text = f"<mujoco><worldbody>{body}</worldbody>{mujoco_mjcf(mend)}</mujoco>"
-    model = mujoco.MjModel.from_xml_string(text)
-    assert model.nsensor == 4
-    assert model.sensor_noise[0] == pytest.approx(2e-9) and model.sensor_cutoff[0] == pytest.approx(40e-6)
-    assert model.numeric("tam_1_bias").data == pytest.approx(BIAS_T[0])
+def test_what_the_sdf_cannot_hold_is_told(mend):
+    """Comments send the rest to the mend file, and say nothing of what the SDF holds."""
+    text = gazebo_sdf(mend)
+    assert "time_skew goes to the mend file" in text and "scale factors, non-orthogonality" in text
+    assert "sensor 2 y: noise between 4 and 5 Hz" in text and "the simulation has hysteresis" in text
+    assert "saturation goes" in text and "quantization goes" not in text and "slow noise" not in text
 
 
 def test_the_plugin_s_lines_run(tmp_path, monkeypatch, run, mend):

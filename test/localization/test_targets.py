@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from tam_calibration.localization.line_data import line_data
 from tam_calibration.localization.line_window import Window
 from tam_calibration.localization.targets import find_targets, path_in
-from tam_calibration.localization.window_dipoles import LEAST_GAIN, evidence_of, fit_from, without_weak
+from tam_calibration.localization.window_dipoles import LEAST_GAIN, evidence_of, fit_from, remove_weak
 from tam_calibration.localization.window_fit import likeliest_roughness
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.recording import Recording
@@ -107,7 +107,7 @@ def test_what_is_left_along_a_line_is_near_one(cross, true_errors, exact):
 
 
 def window_of(recording, array, errors):
-    """Return the whole line as one window."""
+    """Return a line as one window."""
     fields, none = errors.restore(recording.readings_T), np.zeros((600, 12, 0))
     data = line_data(recording.time_s, fields, recording.attitude, array, recording.time_s, 1e-3, none)
     return Window(data, path_in(recording), np.zeros((0, 6)))
@@ -128,12 +128,12 @@ def test_two_dipoles_that_stand_for_one_are_made_one(cross, true_errors):
     window = window_of(passed(cross, true_errors, PLACES_M[:1], MOMENTS_AM2[:1]), cross, true_errors)
     pair = np.column_stack([PLACES_M[[0, 0]] + [[0.1, 0, 0], [-0.2, 0, 0]], MOMENTS_AM2[[0, 0]] * [[0.7], [0.3]]])
     solved = fit_from(window, np.concatenate([pair.ravel(), window.start()]))
-    one = without_weak(solved, 0)
+    one = remove_weak(solved, 0)
     assert len(one.sources) == 1 and one.chi_square < solved.chi_square + LEAST_GAIN
     assert norm(one.sources[0, :3] - PLACES_M[0]) < 0.05
 
 
-def test_targets_close_together_are_each_told_once(cross, true_errors, exact):
+def test_targets_close_together_are_each_listed_once(cross, true_errors, exact):
     """Four within 20 m, which windows that overlap all see."""
     places = np.array([[18.0, 2.0, -4.0], [25.0, -4.0, -5.0], [32.0, 3.0, -6.0], [37.0, -3.0, -4.0]])
     moments = MOMENTS_AM2[[0, 1, 2, 0]]

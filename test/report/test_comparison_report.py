@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.comparison.snippets import gazebo_sdf, mujoco_mjcf, python_plugin
+from tam_calibration.comparison.snippets import gazebo_sdf, python_plugin
 from tam_calibration.correction.calibration import Provenance
 from tam_calibration.files.yaml_document import dump_mapping
 from tam_calibration.fit.coverage import cell_of
@@ -92,9 +92,9 @@ def test_what_is_to_be_copied_is_text(comparison, write):
     page, _, _ = write(comparison)
     blocks = [html.unescape(text) for text in re.findall(r'<pre class="code">(.*?)</pre>', page, re.DOTALL)]
     mend = comparison.mend
-    assert blocks[:3] == [gazebo_sdf(mend), mujoco_mjcf(mend), python_plugin(mend)]
-    assert blocks[3] == dump_mapping(mend_to_mapping(mend))
-    assert "tam simulate --from-comparison mend.yaml" in blocks[4]
+    assert blocks[:2] == [gazebo_sdf(mend), python_plugin(mend)]
+    assert blocks[2] == dump_mapping(mend_to_mapping(mend))
+    assert "tam simulate --from-comparison mend.yaml" in blocks[3]
 
 
 def test_a_mistake_is_told_with_its_mend_and_nothing_else(mistaken, write):

@@ -2,7 +2,7 @@
 
 import json
 
-from tam_calibration.comparison.snippets import gazebo_sdf, mujoco_mjcf
+from tam_calibration.comparison.snippets import gazebo_sdf
 from tam_calibration.correction.calibration import Provenance
 from tam_calibration.files.text_files import to_json
 from tam_calibration.results.comparison_json import Sources, comparison_to_mapping, mend_to_mapping, write_comparison
@@ -36,10 +36,9 @@ def test_the_keys_are_those_of_the_schema(comparison):
     assert {"effect", "simulation", "recording"} <= set(other)
     assert all(set(row) >= NOISE for row in content["noise"]) and len(content["noise"]) == 13
     assert set(content["gap"]) >= GAP
-    assert set(content["mend"]) == {"sdf", "mjcf", "plugin", "parameters"}
+    assert set(content["mend"]) == {"sdf", "plugin", "parameters"}
     assert content["mend"]["parameters"] == mend_to_mapping(comparison.mend)
     assert content["mend"]["sdf"] == gazebo_sdf(comparison.mend)
-    assert content["mend"]["mjcf"] == mujoco_mjcf(comparison.mend)
 
 
 def test_each_effect_has_its_place_and_parameters(comparison):
