@@ -19,6 +19,7 @@ from tam_calibration.localization.window_dipoles import (
     remove_weak,
 )
 from tam_calibration.localization.window_fit import Solved, likeliest_roughness, solve
+from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.units import FloatArray
 
 _STEP_M, _HALF_M = 25.0, 30.0
@@ -32,7 +33,7 @@ of the window to their errors."""
 _TOGETHER_M = 10.0
 """Way within which dipoles are taken from one window, metres."""
 
-MOST_LEFT = 2.0
+_MOST_LEFT = 2.0
 """Median of the residuals along a line, over the noise, above which it is refused."""
 
 _CLEAR = 1.05
@@ -73,25 +74,40 @@ def search(data: LineData, path: Path) -> tuple[list[Found], FloatArray]:
         Of the whole line.
     path : Path
         Of the array's centre.
+
+    Raises
+    ------
+    Refused
+        When dipoles do not explain the line.
     """
     line = _Line(data, path)
     sources: FloatArray = np.zeros((0, OF_SOURCE))
     for middle in line.middles():
         sources, _ = line.fit_window(middle, sources)
-    if np.median(line.left) > MOST_LEFT:
-        return [], line.left
+    _require_explained(line.left)
     sources = line.choose_roughness(sources)
-    for stretch in line.stretches(sources):
-        sources = line.restart(stretch, sources)
+    for section in line.sections(sources):
+        sources = line.restart(section, sources)
     found: list[Found] = []
-    for stretch in line.stretches(sources):
-        sources, solved = line.fit_window(stretch.middle, sources, np.inf)
-        found += line.dipoles_in(stretch, solved)
+    for section in line.sections(sources):
+        sources, solved = line.fit_window(section.middle, sources, np.inf)
+        found += line.dipoles_in(section, solved)
     return found, line.left
 
 
+def _require_explained(left: FloatArray) -> None:
+    """Refuse a line of which most moments are not explained: what is wrong there is not at single places."""
+    ratio = float(np.median(left))
+    if ratio > _MOST_LEFT:
+        raise Refused(
+            f"the readings are not those of dipoles: what is left along the line is {ratio:.3g} times the noise. "
+            "Calibrate the array anew, by --method integrated if its sensors may have turned; or state errors of the "
+            "velocity, the positions or the attitude"
+        )
+
+
 @dataclass(frozen=True)
-class _Stretch:
+class _Section:
     """A part of a line: from where to where dipoles in it are passed, and the middle of its window, metres of way."""
 
     middle: float
@@ -122,8 +138,8 @@ class _Line:
         strongest = [signal[np.abs(way - middle) <= _STEP_M].max(initial=0.0) for middle in middles]
         return [float(middles[number]) for number in np.argsort(strongest)[::-1]]
 
-    def stretches(self, sources: FloatArray) -> list[_Stretch]:
-        """Return stretches about dipoles (S, 6) that lie close together along the line, divided at the widest gaps."""
+    def sections(self, sources: FloatArray) -> list[_Section]:
+        """Return sections about dipoles (S, 6) that lie close together along the line, divided at the widest gaps."""
         ways = np.sort(self._way(sources)[0])
         return _divided(ways, -np.inf, np.inf) if len(ways) else []
 
@@ -159,18 +175,18 @@ class _Line:
         """Return the mean squared residual about a middle, over the noise."""
         return float(np.mean(self.left[np.abs(self._data.along_m - middle) <= _STEP_M] ** 2))
 
-    def restart(self, stretch: _Stretch, sources: FloatArray) -> FloatArray:
-        """Return the dipoles (S, 6) with those of a stretch found anew from none, where that is likelier.
+    def restart(self, section: _Section, sources: FloatArray) -> FloatArray:
+        """Return the dipoles (S, 6) with those of a section found anew from none, where that is likelier.
 
         What was found in it first may stand for what was not known yet, or several dipoles for one.
         """
-        sources, solved = self.fit_window(stretch.middle, sources, _CLEAR)
+        sources, solved = self.fit_window(section.middle, sources, _CLEAR)
         way, left = self._way(sources)[0], self.left.copy()
-        is_own = (way > stretch.first) & (way <= stretch.last)
+        is_own = (way > section.first) & (way <= section.last)
         if is_own.sum() < 2 and mean_square(solved) < _CLEAR:
             return sources
         others = sources[~is_own]
-        found, anew = self.fit_window(stretch.middle, others)
+        found, anew = self.fit_window(section.middle, others)
         if found is not others and _cost(anew) < _cost(solved):
             return found
         self.left = left
@@ -188,14 +204,14 @@ class _Line:
         self._roughness = float(np.median(best))
         return sources
 
-    def dipoles_in(self, stretch: _Stretch, rough: Solved) -> Iterator[Found]:
-        """Yield the dipoles of a window that are passed in a stretch of the line."""
+    def dipoles_in(self, section: _Section, rough: Solved) -> Iterator[Found]:
+        """Yield the dipoles of a window that are passed in a section of the line."""
         solved = solve(rough.window, rough.unknowns)
         covariance, data = solved.covariance, solved.window.data
         ways, distances = self._way(solved.sources)
         worth = evidence_of(solved)
         for number, (source, way, distance) in enumerate(zip(solved.sources, ways, distances, strict=True)):
-            if not stretch.first < way <= stretch.last:
+            if not section.first < way <= section.last:
                 continue
             own = slice(OF_SOURCE * number, OF_SOURCE * (number + 1))
             near = np.abs(data.along_m - way) <= max(4.0, 1.5 * distance)
@@ -203,11 +219,11 @@ class _Line:
             yield Found(source, covariance[own, own], misfit, worth[number], float(distance))
 
 
-def _divided(ways: FloatArray, first: float, last: float) -> list[_Stretch]:
-    """Return stretches about sorted ways (S,), each of little span, which end in the middle of the widest gaps."""
+def _divided(ways: FloatArray, first: float, last: float) -> list[_Section]:
+    """Return sections about sorted ways (S,), each of little span, which end in the middle of the widest gaps."""
     inside = ways[(ways > first) & (ways <= last)]
     if inside[-1] - inside[0] <= _TOGETHER_M:
-        return [_Stretch(float(inside[0] + inside[-1]) / 2, first, last)]
+        return [_Section(float(inside[0] + inside[-1]) / 2, first, last)]
     widest = int(np.argmax(np.diff(inside)))
     middle = float(inside[widest] + inside[widest + 1]) / 2
     return _divided(ways, first, middle) + _divided(ways, middle, last)

@@ -11,7 +11,7 @@ from tam_calibration.localization.calibration_errors import errors_of
 from tam_calibration.localization.line_data import line_data
 from tam_calibration.localization.line_path import Path, path_of, reckoned
 from tam_calibration.localization.target import Target, targets_of
-from tam_calibration.localization.target_search import MOST_LEFT, search
+from tam_calibration.localization.target_search import search
 from tam_calibration.model.array import tensors_of
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.limits import SPEED
@@ -113,7 +113,7 @@ def find_targets(recording: Recording, calibration: Calibration, path: Path, att
     InputError
         When there is no attitude.
     Refused
-        When the attitude was written otherwise than expected, or the line is too short.
+        When the attitude was written otherwise than expected, the line is too short, or dipoles do not explain it.
     """
     if misread := misread_attitude(recording, calibration.errors):
         raise Refused(misread)
@@ -131,7 +131,6 @@ def find_targets(recording: Recording, calibration: Calibration, path: Path, att
     way = _way_m(path, recording.time_s)
     data = line_data(recording.time_s, fields, recording.attitude, calibration.array, way, attitude_noise, errors)
     found, left = search(data, path)
-    _require_explained(left)
     field = np.median(data.fields_T.mean(axis=1), axis=0)
     tensors = tensors_of(fields.reshape(len(fields), -1) @ calibration.array.operator.T)
     return SurveyLine(
@@ -142,17 +141,6 @@ def find_targets(recording: Recording, calibration: Calibration, path: Path, att
         np.interp(data.time_s, recording.time_s, norm(tensors, axis=(1, 2))),
         left,
     )
-
-
-def _require_explained(left: FloatArray) -> None:
-    """Refuse a line of which most moments are not explained: what is wrong there is not at single places."""
-    ratio = float(np.median(left))
-    if ratio > MOST_LEFT:
-        raise Refused(
-            f"the readings are not those of dipoles: what is left along the line is {ratio:.3g} times the noise. "
-            "Calibrate the array anew, by --method integrated if its sensors may have turned; or state errors of the "
-            "velocity, the positions or the attitude"
-        )
 
 
 def _way_m(path: Path, time_s: FloatArray) -> FloatArray:
