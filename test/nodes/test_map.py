@@ -91,7 +91,8 @@ def test_messages_of_any_type_become_samples(bench, recording, tmp_path):
     scalar_T = rows[np.isfinite(rows[:, 13]), 13]  # without stamps each joins the sample that comes next
     assert len(scalar_T) > 20
     assert np.isin(np.round(scalar_T * 2e9), np.round((recording.scalar_T[:30] * 2e9).astype(np.float32))).all()
-    assert_allclose(rows[:, 14], 20.0 + np.arange(30))
+    late = 20.0 + np.arange(30) - rows[:, 14]  # the newest that has come is held: DDS keeps no order between topics
+    assert np.isin(late, [0.0, 1.0]).all() and np.sum(late == 0) > 20
     assert_allclose(np.abs(rows[:, -7:-3]), np.sqrt(0.5) * np.array([[1, 1, 0, 0]] * 30), atol=1e-15)  # north-east-down
 
 
