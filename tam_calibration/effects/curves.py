@@ -108,7 +108,7 @@ class Hysteresis(LinearEffect):
             Not used: the directions are fixed.
         """
         scale = {"full_scale_T": full_scale(covariates)}
-        return [scale, *(scale | angles for angles in angles_of(_DIRECTIONS))]
+        return [scale, *({**scale, **angles} for angles in angles_of(_DIRECTIONS))]
 
     def terms(self, covariates: Covariates, shape: Shape) -> Iterator[Term]:
         """Yield loops of each axis in its own field, or in the field along a direction of the array.

@@ -157,7 +157,8 @@ def _contributions(limits: list[_Limit]) -> Iterator[Contribution]:
     for row, of_row in groupby(limits, key=lambda limit: limit.row):
         ends = {limit.end: (limit.value_T, limit.standard_error_T) for limit in of_row}
         values, errors = ({end: both[index] for end, both in ends.items()} for index in (0, 1))
-        yield Contribution(*divmod(row, 3), "limit", values, errors)
+        sensor, axis = divmod(row, 3)
+        yield Contribution(sensor, axis, "limit", values, errors)
 
 
 def _vector(part: Contribution, way: str) -> FloatArray:
