@@ -30,8 +30,8 @@ from dataclasses import field, replace
 from numpy.typing import NDArray
 
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.effects.noise_excess import LARGEST_NOISE
 from tam_calibration.effects.removal import agreed_field, filled, removable
-from tam_calibration.effects.spread import LARGEST_NOISE
 from tam_calibration.model.array import Array
 from tam_calibration.model.further_channels import require_further
 from tam_calibration.simulation.attitude import Motion
