@@ -14,8 +14,7 @@ from rosbags.rosbag2.storage_mcap import McapWriter, read_bytes, read_string
 
 from tam_calibration.messages.cdr import ByteArray, RawMessages, join, windows
 from tam_calibration.model.units import IntArray
-from tam_calibration.recordings.bag_bounds import check_piece, unpack
-from tam_calibration.recordings.bag_damage import NAMED, Damaged
+from tam_calibration.recordings.bag_bounds import NAMED, Damaged, check_piece, unpack
 from tam_calibration.recordings.bag_storages import Condition
 from tam_calibration.recordings.mcap_records import (
     CHUNK,

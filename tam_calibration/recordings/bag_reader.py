@@ -19,8 +19,7 @@ from tam_calibration.files.whole_files import temporary_place, unfinished
 from tam_calibration.messages.cdr import RawMessages
 from tam_calibration.messages.samples import Progress
 from tam_calibration.model.exceptions import InputError, quoted
-from tam_calibration.recordings.bag_bounds import check_piece, unpack_bounded
-from tam_calibration.recordings.bag_damage import NAMED, Damaged, damage_named
+from tam_calibration.recordings.bag_bounds import NAMED, Damaged, check_piece, damage_named, unpack_bounded
 from tam_calibration.recordings.bag_folder import PACKED, data_files, read_metadata
 from tam_calibration.recordings.bag_recovered import Recovered, RecoveredFile, room_named, unpacked
 from tam_calibration.recordings.bag_storages import READABLE, Condition, StoredFile, serialisation_of, storage_for

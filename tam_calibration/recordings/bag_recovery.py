@@ -9,7 +9,7 @@ import numpy as np
 from tam_calibration.files.text_files import require_regular
 from tam_calibration.files.whole_files import temporary_place, unfinished
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.recordings.bag_damage import damage_named
+from tam_calibration.recordings.bag_bounds import damage_named
 from tam_calibration.recordings.bag_folder import data_files
 from tam_calibration.recordings.bag_reader import BagReader, raw_blocks
 from tam_calibration.recordings.bag_recovered import Recovered, RecoveredFile, room_named, unpacked

@@ -20,8 +20,7 @@ from tam_calibration.files.whole_files import temporary_place, unfinished
 from tam_calibration.messages.cdr import RawMessages, gather
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import IntArray
-from tam_calibration.recordings.bag_bounds import LARGEST_PIECE, check_topics, quality_of
-from tam_calibration.recordings.bag_damage import Damaged
+from tam_calibration.recordings.bag_bounds import LARGEST_PIECE, Damaged, check_topics, quality_of
 from tam_calibration.recordings.bag_storages import Condition
 
 ROWS, _BYTES = 8_192, 2_000_000

@@ -17,8 +17,14 @@ from tam_calibration.model.units import FloatArray
 from tam_calibration.recordings.channel_map import ChannelMap, Clock
 from tam_calibration.recordings.choice import Choice, choose, reason
 from tam_calibration.recordings.formats import open_source, rows_of
-from tam_calibration.recordings.inspected_map import completed_map, unit_doubt
-from tam_calibration.recordings.inspection_result import Course, InspectedChannel, InspectedTable, Inspection
+from tam_calibration.recordings.inspection_result import (
+    Course,
+    InspectedChannel,
+    InspectedTable,
+    Inspection,
+    completed_map,
+    unit_doubt,
+)
 from tam_calibration.recordings.intake import field_size, likely_unit
 from tam_calibration.recordings.oddities import missing_of, of_readings, of_times, thinned, without_overlap
 from tam_calibration.recordings.reading import Reading

@@ -10,7 +10,7 @@ from pathlib import Path
 from tam_calibration.files.text_files import require_regular
 from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.recordings.channel_map import TextFormat
-from tam_calibration.recordings.own_names import is_own_column
+from tam_calibration.recordings.vectors import is_own_column
 
 MISSING = ("", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "n/a", "#N/A", "null", "NULL", "None", "-", "--", "?")
 """What cells hold that have no value, as loggers, R, pandas and spreadsheets write it."""
