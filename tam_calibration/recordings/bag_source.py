@@ -2,17 +2,17 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from functools import cache, cached_property, partial
+from functools import cache, cached_property
 
 import numpy as np
 from rosbags.interfaces import Connection, MessageDefinitionFormat
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 
-from tam_calibration.messages.cdr import RawMessages, read_float64s, read_stamped_doubles
+from tam_calibration.messages.cdr import RawMessages
 from tam_calibration.messages.message_fields import Definitions, MessageFields, stamp_fields
 from tam_calibration.messages.samples import Progress
 from tam_calibration.messages.stream_messages import StreamMessages
-from tam_calibration.messages.topics import FIELD_UNITS, FLOAT64, IMU, MAGNETIC_FIELD, TEMPERATURE
+from tam_calibration.messages.topics import FIELD_UNITS, IMU
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.recordings.bag_reader import BagReader, raw_blocks
@@ -31,8 +31,6 @@ _OF_IMU = (_ORIENTATION, _RATES, (*_ORIENTATION, *_RATES))
 """What is read of an IMU: its attitude, its angular velocity, or both."""
 
 _IMU_NUMBERS = (*_ORIENTATION, "orientation_covariance[0]", *_RATES, "angular_velocity_covariance[0]")
-_IMU_PLACES = (0, 1, 2, 3, 4, 13, 14, 15, 16)
-"""These numbers, and their places among the doubles of a message."""
 
 
 def _imu_values(
@@ -45,20 +43,6 @@ def _imu_values(
     return stamps, np.column_stack(
         [part for part, own in ((attitude, _ORIENTATION), (rates, _RATES)) if own[0] in paths]
     )
-
-
-def _read_imu(paths: tuple[str, ...], messages: RawMessages) -> tuple[IntArray | None, FloatArray]:
-    stamps, doubles = read_stamped_doubles(messages, _IMU_PLACES[-1] + 1)
-    return _imu_values(paths, stamps, doubles[:, _IMU_PLACES])
-
-
-_FAST: dict[tuple[str, tuple[str, ...]], _Decoder] = {
-    (MAGNETIC_FIELD, tuple(f"magnetic_field.{axis}" for axis in "xyz")): lambda each: read_stamped_doubles(each, 3),
-    **{(IMU, paths): partial(_read_imu, paths) for paths in _OF_IMU},
-    (TEMPERATURE, ("temperature",)): lambda each: read_stamped_doubles(each, 1),
-    (FLOAT64, ("data",)): read_float64s,
-}
-"""Types whose numbers lie at fixed places, which is quicker than to go through the definition."""
 
 
 _LOOKED_AT = 16
@@ -182,11 +166,7 @@ class BagSource:
         return messages.recorded_ns if stamps_ns is None else stamps_ns
 
     def _decoder(self, topic: str, paths: tuple[str, ...]) -> _Decoder:
-        connection = self._connections[topic]
-        fast = None if _is_ros1(connection) else _FAST.get((connection.msgtype, paths))
-        if fast is not None:
-            return fast
-        fields = self._fields(topic)
+        connection, fields = self._connections[topic], self._fields(topic)
         if connection.msgtype == IMU and paths in _OF_IMU:
             return lambda messages: _imu_values(paths, *fields.read(messages, _IMU_NUMBERS))
         return lambda messages: fields.read(messages, paths)
