@@ -36,8 +36,6 @@ _NUMBERS = {
 _BYTES = {"byte", "char", "octet", "uint8"}
 """Of these a list is content of another form, as of images and clouds, and no numbers."""
 
-_MOST_ELEMENTS = 4096
-"""Of a list of structures in a message: what is longer is a cloud or map, and no reading of an array of sensors."""
 
 LONGEST_LISTED = 256
 """Elements of an array whose places are listed: 64 sensors have 192 numbers."""
@@ -263,7 +261,8 @@ class MessageFields:
         if kind == _BASE and argument[0] in _NUMBERS:
             pending.keep_list(path, cursor, _NUMBERS[argument[0]], length)
             return
-        if length.max(initial=0) > _MOST_ELEMENTS:
+        # A longer list of structures is a cloud or a map, and no reading of an array.
+        if length.max(initial=0) > 4096:
             raise InputError(f"{path} has {length.max()} elements: it is no list that can be read past")
         for index in range(int(length.max(initial=0))):
             chosen = np.flatnonzero(length > index)

@@ -22,8 +22,6 @@ _PERIODS = 16
 _LONGEST_PERIOD_NS = 10_000_000_000
 """Of a stream that has sent a single message."""
 
-_MOST_DOUBTFUL = 16
-"""Messages that wait out of order for one that shows whether they are false."""
 
 NEVER = 1 << 62
 """A stamp after all others, nanoseconds."""
@@ -108,7 +106,7 @@ class Timeline(Generic[Content]):
             self.doubtful.append(message)
             if stamp_ns > self.doubtful[0][0]:
                 return self.believe()
-            if len(self.doubtful) > _MOST_DOUBTFUL:
+            if len(self.doubtful) > 16:
                 self.give_up()
             return []
         elif not is_expected:
@@ -164,10 +162,6 @@ class Timeline(Generic[Content]):
         return -self._disorder_ns < stamp_ns - self.newest_ns <= 0
 
 
-_LONGEST_STEP_NS = 1_000_000_000
-"""Time, at most, from the last sample before a step to the first after it."""
-
-
 class Run:
     """One run of samples, in the order in which they come."""
 
@@ -178,7 +172,8 @@ class Run:
         """Begin a new run with the next sample."""
         self._first: tuple[int, Hashable] | None = None
         self._newest_ns: int | None = None
-        self._shift_ns, self._period_ns = 0, _LONGEST_STEP_NS
+        # Time, at most, from the last sample before a step to the first after it.
+        self._shift_ns, self._period_ns = 0, 1_000_000_000
 
     def resume(self, stamp_ns: int, values: Hashable, newest_ns: int, shift_ns: int) -> None:
         """Go on with a run of which another process knew the beginning.
@@ -233,9 +228,6 @@ _REMEMBERED = 256
 _FEWEST = 3
 """Messages of a driver that tell something of it."""
 
-_LONGEST_DELAY_S = 60.0
-"""Seconds; beyond, stamps are of another clock than this computer's, such as those of a bag that is played."""
-
 
 class StampFigures:
     """The last stamps of one stream, and when they arrived."""
@@ -287,7 +279,8 @@ class StampFigures:
             "rate_hz": f"{1e9 / max(self.interval_ns, 1):.4g}",
             "jitter_ms": f"{1e3 * float(np.std(intervals)):.3g}",
         }
-        if abs(delay_s) < _LONGEST_DELAY_S:
+        # Beyond it the stamps are of another clock, as in a bag that is played.
+        if abs(delay_s) < 60.0:
             figures["delay_ms"] = f"{1e3 * delay_s:.3g}"
         if pace is not self and (offsets := _offsets_s(stamps, np.sort(pace._stamps_ns))) is not None:
             figures["offset_ms"] = f"{1e3 * np.median(offsets):.3g} (at most {1e3 * np.abs(offsets).max():.3g})"

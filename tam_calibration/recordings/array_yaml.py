@@ -26,9 +26,6 @@ _Offsets = tuple[_Vector, _Vector, _Vector]
 LookUp = Callable[[str], tuple[FloatArray, FloatArray]]
 """From the name of a frame to its origin (3,), metres, and the quaternion (4,) of its axes, in the array's frame."""
 
-_LEAST_DISTANCE_M = 1e-3
-"""Of two sensors: no tri-axial magnetometer is smaller than a millimetre."""
-
 
 class ArrayFile(Document):
     """What an array file may hold; a noise that is not stated is estimated from the recording.
@@ -195,7 +192,8 @@ class ArrayFile(Document):
 def _require_apart(positions_m: FloatArray) -> None:
     for second, position in enumerate(positions_m):
         distances = np.linalg.norm(positions_m[:second] - position, axis=1)
-        if (distances < _LEAST_DISTANCE_M).any():
+        # No tri-axial magnetometer is smaller than a millimetre.
+        if (distances < 1e-3).any():
             first = int(np.argmin(distances))
             raise InputError(
                 f"sensors {first + 1} and {second + 1} are both at {position.tolist()} m, where there is room for one: "

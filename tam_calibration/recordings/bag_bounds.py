@@ -29,9 +29,6 @@ _LARGEST_QUALITY = 1 << 16
 MOST_TOPICS = 4096
 """Most topics of a file: a large robot has some hundreds."""
 
-_BLOCK = 1 << 17
-"""Bytes that are unpacked at once, 128 KiB as in zstd: of larger blocks more would be lost before a damaged one."""
-
 
 def check_expansion(packed: int, unpacked: int, what: str) -> None:
     """Check that something packed does not hold more than a recording could.
@@ -193,7 +190,8 @@ def unpack_file(source: Path, target: Path) -> None:
     packed, unpacked = source.stat().st_size, 0
     with source.open("rb") as stored, target.open("wb") as file:
         stream = ZstdDecompressor().stream_reader(stored, read_across_frames=True)
-        while block := stream.read(_BLOCK):
+        # 128 KiB as in zstd: with larger blocks more would be lost before a damaged one.
+        while block := stream.read(1 << 17):
             unpacked += len(block)
             check_expansion(packed, unpacked, source.name)
             file.write(block)

@@ -14,24 +14,10 @@ from rosbags.rosbag2.storage_mcap import McapWriter, read_bytes, read_string
 
 from tam_calibration.messages.cdr import ByteArray, RawMessages, join, windows
 from tam_calibration.model.units import IntArray
+from tam_calibration.recordings import mcap_records
 from tam_calibration.recordings.bag_bounds import NAMED, Damaged, check_piece, unpack
 from tam_calibration.recordings.bag_storages import Condition
-from tam_calibration.recordings.mcap_records import (
-    CHUNK,
-    CHUNK_INDEX,
-    MAGIC,
-    MESSAGE,
-    MESSAGE_INDEX,
-    STATISTICS,
-    Topics,
-    complete_messages,
-    crc_of_data,
-    crc_of_summary,
-    read_content,
-    read_end,
-    records,
-    seal,
-)
+from tam_calibration.recordings.mcap_records import complete_messages
 
 _RECORD = np.dtype(
     [("kind", "u1"), ("size", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log_ns", "<u8"), ("publish_ns", "<u8")]
@@ -72,15 +58,15 @@ class McapFile:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._chunks, topics, stated = list[_Chunk](), Topics(), None
+        self._chunks, topics, stated = list[_Chunk](), mcap_records.Topics(), None
         with path.open("rb") as file:
-            end = read_end(file)
-            for kind, place, size in records(file, end.summary, end.place) if end and end.summary else ():
+            end = mcap_records.read_end(file)
+            for kind, place, size in mcap_records.records(file, end.summary, end.place) if end and end.summary else ():
                 topics.learn(file, kind, place, size)
-                if kind == CHUNK_INDEX:
-                    self._chunks.append(_parse_chunk(read_content(file, place, size)))
-                elif kind == STATISTICS:
-                    stated = int.from_bytes(read_content(file, place, size)[:8], "little")
+                if kind == mcap_records.CHUNK_INDEX:
+                    self._chunks.append(_parse_chunk(mcap_records.read_content(file, place, size)))
+                elif kind == mcap_records.STATISTICS:
+                    stated = int.from_bytes(mcap_records.read_content(file, place, size)[:8], "little")
         counts: Counter[int] = Counter()
         for chunk in self._chunks:
             counts.update({channel: length // 16 for channel, (_, length) in chunk.indices.items()})
@@ -129,7 +115,9 @@ class McapFile:
             raise Damaged("the index of a chunk does not fit the chunk")
         heads = windows(block, _RECORD.itemsize)[record].view(_RECORD)
         start, size = record + _RECORD.itemsize, heads["size"].astype(np.int64) - _SIZE_BEYOND_MESSAGE
-        is_message = (heads["kind"] == MESSAGE) & (heads["channel"] == channel) & (np.diff(record, prepend=-1) > 0)
+        is_message = (
+            (heads["kind"] == mcap_records.MESSAGE) & (heads["channel"] == channel) & (np.diff(record, prepend=-1) > 0)
+        )
         if not is_message.all() or (size < 0).any() or (start + size > len(block)).any():
             raise Damaged("the index of a chunk does not fit the chunk")
         number = np.zeros(max(position) + 1, dtype=np.int64)
@@ -183,17 +171,17 @@ def _merge(parts: list[tuple[int, RawMessages]]) -> RawMessages:
 def condition_of(path: Path) -> Condition:
     """Return how a file was left, as ``Storage`` asks; what has a CRC is compared with it."""
     with path.open("rb") as file:
-        beginning = file.read(len(MAGIC))
-        end = read_end(file)
-        if end is None and beginning == MAGIC[: len(beginning)]:
+        beginning = file.read(len(mcap_records.MAGIC))
+        end = mcap_records.read_end(file)
+        if end is None and beginning == mcap_records.MAGIC[: len(beginning)]:
             return Condition.UNFINISHED
-        if end is None or beginning != MAGIC:
+        if end is None or beginning != mcap_records.MAGIC:
             raise Damaged("it does not begin as an mcap file does")
-        if end.summary and not len(MAGIC) <= end.summary <= end.place:
+        if end.summary and not len(mcap_records.MAGIC) <= end.summary <= end.place:
             raise Damaged("its summary lies outside")
-        if end.summary_crc not in (0, crc_of_summary(file, end)):
+        if end.summary_crc not in (0, mcap_records.crc_of_summary(file, end)):
             raise Damaged("its summary does not fit its CRC")
-        found, written = crc_of_data(file, end)
+        found, written = mcap_records.crc_of_data(file, end)
         if found != written:
             raise Damaged(_named_damage(path))
     return Condition.COMPLETE if McapFile(path).is_indexed else Condition.NOT_INDEXED
@@ -229,7 +217,7 @@ class McapBlockWriter(McapWriter):
             What ``metadata.yaml`` of the bag says, kept in the file too.
         """
         super().close(version, metadata)
-        seal(self.path)
+        mcap_records.seal(self.path)
 
     def write_block(self, messages: RawMessages) -> None:
         """Write messages, each of the connection of that id."""
@@ -243,7 +231,7 @@ class McapBlockWriter(McapWriter):
         span = int(messages.recorded_ns.min()), int(messages.recorded_ns.max())
         begin = self.bio.tell()
         size, crc = len(content), crc32(content.data)
-        self.bio.write(struct.pack("<BQQQQIIQ", CHUNK, _CHUNK_FIELDS + size, *span, size, crc, 0, size))
+        self.bio.write(struct.pack("<BQQQQIIQ", mcap_records.CHUNK, _CHUNK_FIELDS + size, *span, size, crc, 0, size))
         self.bio.write(content.data)
         end = self.bio.tell()
         indices = self._write_index(messages, offsets)
@@ -273,7 +261,9 @@ class McapBlockWriter(McapWriter):
             places.append((channel, self.bio.tell()))
             chosen = messages.connection == channel
             entries = np.column_stack([messages.recorded_ns[chosen], offsets[chosen]]).astype("<u8")
-            self.bio.write(struct.pack("<BQHI", MESSAGE_INDEX, 6 + entries.nbytes, channel, entries.nbytes))
+            self.bio.write(
+                struct.pack("<BQHI", mcap_records.MESSAGE_INDEX, 6 + entries.nbytes, channel, entries.nbytes)
+            )
             self.bio.write(entries.data)
             self.channel_stats[channel] += len(entries)
         return places
@@ -282,7 +272,7 @@ class McapBlockWriter(McapWriter):
 def _lay_records(content: ByteArray, places: IntArray, messages: RawMessages) -> None:
     """Put the records of messages at their places in the content of a chunk."""
     heads = np.zeros(len(messages), _RECORD)
-    heads["kind"], heads["size"] = MESSAGE, messages.size + _SIZE_BEYOND_MESSAGE
+    heads["kind"], heads["size"] = mcap_records.MESSAGE, messages.size + _SIZE_BEYOND_MESSAGE
     heads["channel"], heads["log_ns"] = messages.connection, messages.recorded_ns
     heads["publish_ns"] = messages.recorded_ns
     windows(content, _RECORD.itemsize)[places] = heads.view(f"V{_RECORD.itemsize}")

@@ -45,14 +45,8 @@ def _imu_values(
     )
 
 
-_LOOKED_AT = 16
-"""Messages of a topic that tell how long its lists are, and whether it has stamps."""
-
 _FRAME = 16
 """Place of the name of a header's frame: after the kind of CDR, the stamp, and the name's length."""
-
-_BULKY = 8192
-"""Bytes of a message, in the mean, from which it is no reading: 64 sensors with covariances have 6 kB."""
 
 
 class BagSource:
@@ -97,7 +91,8 @@ class BagSource:
             stamps_ns = fields.read(first, ())[0]
             is_stamped = stamps_ns is not None and (not len(stamps_ns) or bool(stamps_ns.any()))
         units = FIELD_UNITS.get(connection.msgtype, {})
-        is_bulky = len(first) > 0 and float(first.size.mean()) > _BULKY
+        # A longer message is no reading: 64 sensors with covariances have 6 kB.
+        is_bulky = len(first) > 0 and float(first.size.mean()) > 8192
         return Table(topic, paths, connection.msgtype, 0, count, is_stamped, units, (), publishers, frames, is_bulky)
 
     def _publishers(self, connection: Connection) -> int:
@@ -117,7 +112,7 @@ class BagSource:
             block, number = next(raw_blocks(self.bag, [self._connections[topic]]), None), 0
         if block is None:
             return RawMessages.of([], [], [])
-        return block.take(np.flatnonzero(block.connection == number)[:_LOOKED_AT])
+        return block.take(np.flatnonzero(block.connection == number)[:16])
 
     def _fields(self, topic: str) -> MessageFields:
         connection = self._connections[topic]

@@ -38,8 +38,6 @@ _STEPS = 100_000
 _FREE_STEPS, _STEPS_A_BYTE = 10_000_000, 10
 """Steps that any file may take, about a second, and further ones for each of its bytes: reading takes less than 1."""
 
-_LONGEST_SQL = 1 << 20
-"""Most bytes of a statement and of a definition in the schema, 1 MiB: those of bags have some hundreds."""
 
 _BEGINNING, _HEAD = b"SQLite format 3\0", 100
 _INDEX = "timestamp_idx"
@@ -88,7 +86,8 @@ def _open(path: Path, words: str = "?immutable=1", flags: int = apsw.SQLITE_OPEN
     database.config(apsw.SQLITE_DBCONFIG_TRUSTED_SCHEMA, 0)
     database.config(apsw.SQLITE_DBCONFIG_ENABLE_VIEW, 0)
     database.limit(apsw.SQLITE_LIMIT_LENGTH, LARGEST_PIECE)
-    database.limit(apsw.SQLITE_LIMIT_SQL_LENGTH, _LONGEST_SQL)
+    # Statements and definitions of bags have some hundred bytes.
+    database.limit(apsw.SQLITE_LIMIT_SQL_LENGTH, 1 << 20)
     size = sum(file.stat().st_size for file in path.parent.glob(f"{escape(path.name)}*"))
     left = iter(range(int(_FREE_STEPS + _STEPS_A_BYTE * size) // _STEPS))
 

@@ -12,9 +12,6 @@ from tam_calibration.messages.samples import Samples
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 
-_MISSING_NT = 88_888.0
-"""Values of this size and above stand for "not reported" (88888) and "missing" (99999)."""
-
 
 @dataclass(frozen=True, eq=False)
 class ObservatoryRecord:
@@ -87,7 +84,8 @@ def _columns(lines: list[str]) -> tuple[datetime, FloatArray, dict[str, FloatArr
         raise InputError("the file has no values")
     stamps = np.array([stamp for stamp, _ in rows], dtype="datetime64[ms]")
     values = np.array([row for _, row in rows])
-    values[~(np.abs(values) < _MISSING_NT)] = np.nan
+    # 88888 stands for "not reported", 99999 for "missing".
+    values[~(np.abs(values) < 88_888.0)] = np.nan
     time_s = (stamps - stamps[0]) / np.timedelta64(1, "s")
     if not (np.diff(time_s) > 0).all():
         raise InputError("time repeats or goes backwards: give one file as the observatory publishes it")
@@ -126,10 +124,6 @@ def _turn_to_mean(north: FloatArray, east: FloatArray) -> tuple[FloatArray, Floa
     meridian = np.arctan2(np.nanmean(east), np.nanmean(north))
     cosine, sine = np.cos(meridian), np.sin(meridian)
     return north * cosine + east * sine, east * cosine - north * sine
-
-
-_LONGEST_GAP_S = 180.0
-"""Between values of the station that are interpolated: the field's pulsations and storms take minutes."""
 
 
 def with_base_station(samples: Samples, path: Path | None) -> Samples:
@@ -176,7 +170,8 @@ def _at(path: Path, time_s: FloatArray) -> FloatArray:
     """
     own_s, own_T = _record(path)
     after = np.clip(np.searchsorted(own_s, time_s), 1, len(own_s) - 1)
-    is_near = (own_s[after] - own_s[after - 1] <= _LONGEST_GAP_S) & (time_s >= own_s[0]) & (time_s <= own_s[-1])
+    # Longer gaps are not interpolated: pulsations and storms of the field take minutes.
+    is_near = (own_s[after] - own_s[after - 1] <= 180.0) & (time_s >= own_s[0]) & (time_s <= own_s[-1])
     if not is_near.any():
         first, last = (np.datetime64(int(each), "s") for each in (own_s[0], own_s[-1]))
         own = np.datetime64(int(time_s[0]), "s")

@@ -34,9 +34,6 @@ from tam_calibration.recordings.series import Series, read_messages, read_rows
 from tam_calibration.recordings.tables import Columns, MemorySource, Source, Wanted
 from tam_calibration.recordings.vectors import attitudes_in, is_magnetic, unit_in, vectors_in
 
-_STROKES = 1000
-"""Parts of a channel's course of which the smallest and the largest value are kept, so that a spike is seen."""
-
 
 def inspect(
     path: str | Path | Sequence[str | Path],
@@ -182,7 +179,8 @@ class _Inspecting:
         values = np.where(np.abs(values) < HUGE, values, np.nan)
         times_ns = series.times_ns
         time_s = np.arange(len(values)) * 1.0 if times_ns is None else (times_ns - self._begin_ns) / 1e9
-        starts = np.arange(0, len(values), len(values) // _STROKES + 1)
+        # A thousand parts, each with its smallest and largest value, so that a spike is seen.
+        starts = np.arange(0, len(values), len(values) // 1000 + 1)
         if not len(starts):
             return Course(time_s, values, values)
         return Course(time_s[starts], np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts))

@@ -33,8 +33,6 @@ _CHUNK_HEAD = struct.Struct("<QQQI")
 MESSAGE_HEAD = struct.Struct("<HIQQ")
 """Channel, sequence number, time of recording and time of publishing before a message."""
 
-_BLOCK = 1 << 20
-"""Bytes that are read at once for a CRC."""
 
 _FORMATS = {
     "ros2msg": MessageDefinitionFormat.MSG,
@@ -176,7 +174,7 @@ def seal(path: Path) -> None:
 def _crc_of(file: BinaryIO, begin: int, end: int) -> int:
     file.seek(begin)
     crc = 0
-    while begin < end and (block := file.read(min(_BLOCK, end - begin))):
+    while begin < end and (block := file.read(min(1 << 20, end - begin))):
         crc, begin = crc32(block, crc), begin + len(block)
     return crc
 

@@ -162,13 +162,6 @@ def joined_cells(parts: Sequence[Any]) -> Any:
     return np.concatenate(parts) if isinstance(parts[0], np.ndarray) else [cell for part in parts for cell in part]
 
 
-_FEW = 0.5
-"""Part of the rows that hold all sensors, below which the sensors are joined by time instead: they are read in turn."""
-
-_SHORTEST_STEP_S = 1e-6
-"""From sample to sample in the mean: no array reads a million times a second."""
-
-
 class RowJoining:
     """Makes samples of rows.
 
@@ -210,7 +203,8 @@ class RowJoining:
         cells, values = joined_cells([cells for cells, _ in parts]), np.concatenate([each for _, each in parts])
         samples = self._samples(cells, values, self.source.timed(cells, len(values)))
         self._missing.require_half()
-        if self._count and self._whole < _FEW * self._count and not self._with_partial:
+        # If fewer rows hold all sensors, these are read in turn and have to be joined by time.
+        if self._count and self._whole < 0.5 * self._count and not self._with_partial:
             return None
         return self._finished(samples)
 
@@ -275,7 +269,8 @@ class RowJoining:
         samples = samples_of(self.streams.layout, None, rows, None)
         recording = samples.recording
         first_s, last_s = recording.time_span_s
-        if last_s - first_s < _SHORTEST_STEP_S * (recording.sample_count - 1):
+        # No array is read a million times a second.
+        if last_s - first_s < 1e-6 * (recording.sample_count - 1):
             raise InputError(
                 f"{recording.sample_count} samples in {last_s - first_s:g} s: the time must be in seconds, or its "
                 "format be stated in a map"

@@ -20,8 +20,6 @@ from tam_calibration.model.units import for_people, to_nanotesla
 
 _SCHEMA = "tam_calibration/gap/1"
 
-_DIGITS = 14
-
 
 def write_gap(path: Path, gap: Gap, source: Provenance | None = None) -> None:
     """Write a gap file.
@@ -230,4 +228,4 @@ def _round(value: Any) -> Any:
         return rounded(value)
     if isinstance(value, list):
         return list(map(_round, value))
-    return float(f"{value:.{_DIGITS}g}") if isinstance(value, float) else value
+    return float(f"{value:.14g}") if isinstance(value, float) else value

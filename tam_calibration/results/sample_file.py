@@ -22,8 +22,6 @@ from tam_calibration.results.overwriting import name_aside
 _BEGIN = b"tam samples"
 """What files begin with."""
 
-_MOST_OF_OTHERS = 1 << 28
-"""Bytes of a file that does not begin as it should in which complete rows are sought: six times the usual ones."""
 
 _NUMBERS, _CHECK = [(name, "<i8") for name in StoredSample._fields[:3]], 4
 """What precedes the values of a row, and how many bytes of checksum follow them."""
@@ -93,7 +91,8 @@ class SampleFile:
             raise OSError("it is no regular file")
         with self.path.open("rb") as file:
             head = file.read(len(self._head))
-            return head + file.read(-1 if head == self._head else _MOST_OF_OTHERS)
+            # Of a file that begins otherwise 256 MiB are searched, six times the usual size.
+            return head + file.read(-1 if head == self._head else 1 << 28)
 
     def _set_aside(self, content: bytes, found: list[StoredSample]) -> None:
         why = "is damaged" if found or content.startswith(self._head) else "held no samples of this array"
