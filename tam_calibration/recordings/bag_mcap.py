@@ -115,9 +115,8 @@ class McapFile:
             raise Damaged("the index of a chunk does not fit the chunk")
         heads = windows(block, _RECORD.itemsize)[record].view(_RECORD)
         start, size = record + _RECORD.itemsize, heads["size"].astype(np.int64) - _SIZE_BEYOND_MESSAGE
-        is_message = (
-            (heads["kind"] == mcap_records.MESSAGE) & (heads["channel"] == channel) & (np.diff(record, prepend=-1) > 0)
-        )
+        is_message = (heads["kind"] == mcap_records.MESSAGE) & (heads["channel"] == channel)
+        is_message &= np.diff(record, prepend=-1) > 0
         if not is_message.all() or (size < 0).any() or (start + size > len(block)).any():
             raise Damaged("the index of a chunk does not fit the chunk")
         number = np.zeros(max(position) + 1, dtype=np.int64)

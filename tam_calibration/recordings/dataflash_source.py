@@ -17,6 +17,7 @@ import numpy as np
 
 from tam_calibration.recordings import log_records
 from tam_calibration.recordings.channel_map import ChannelMap
+from tam_calibration.recordings.log_records import records_of, stored
 from tam_calibration.recordings.tables import MemorySource, Table
 
 _HEAD = b"\xa3\x95"
@@ -93,7 +94,7 @@ class _Log:
         fields, places = self._formats[unit_kind].layout, self._places[unit_kind]
         if not {"FmtType", "UnitIds"} <= set(fields):
             return {}
-        described = log_records.stored(self._data, places, fields)
+        described = stored(self._data, places, fields)
         return {
             kind: list(self._formats[kind].layout)[place]
             for kind, letters in zip(described["FmtType"].tolist(), described["UnitIds"].tolist(), strict=True)
@@ -110,17 +111,13 @@ class _Log:
                 continue
             number = instances.get(kind, "")
             is_numbered = number in layout and layout[number].kind == "<u1"
-            numbers = (
-                log_records.stored(self._data, places, {number: layout[number]})[number] if is_numbered else 0 * places
-            )
+            numbers = stored(self._data, places, {number: layout[number]})[number] if is_numbered else 0 * places
             fields = {each: field for each, field in _with_raw(layout).items() if each != number}
             for instance in np.unique(numbers).tolist():
                 # Milligauss by ArduPilot's definition of its messages.
                 units = {f"{kind}{axis}": "mG" for kind in ("Mag", "Ofs", "Raw") for axis in "XYZ" if "RawX" in fields}
                 table = Table(name, (), instance=instance, units=units)
-                yield log_records.records_of(
-                    table, self._data, places[numbers == instance], fields, time, _TICKS_NS[time]
-                )
+                yield records_of(table, self._data, places[numbers == instance], fields, time, _TICKS_NS[time])
 
 
 def _with_raw(layout: log_records.Layout) -> log_records.Layout:

@@ -30,6 +30,7 @@ from tam_calibration.results.update_schema import UpdateFile
 
 SCHEMA = "tam_calibration/calibration/1"
 
+_Size = quantities.NanoteslaSize
 _StandardError = Annotated[float, Bounds(least=0, most=1e12, may_be_nan=True)]
 _StandardErrors = tuple[_StandardError, _StandardError, _StandardError]
 _Covariance = Annotated[float, Bounds(least=-1e12, most=1e12)]
@@ -94,16 +95,16 @@ class _Field(Document):
 class ResidualsFile(Document):
     """RMS residuals at one stage of a calibration."""
 
-    sensor_intensity_nT: list[quantities.NanoteslaSize]
-    center_intensity_nT: quantities.NanoteslaSize
+    sensor_intensity_nT: list[_Size]
+    center_intensity_nT: _Size
     tensor_nT_per_m: tuple[
-        quantities.NanoteslaSize,
-        quantities.NanoteslaSize,
-        quantities.NanoteslaSize,
-        quantities.NanoteslaSize,
-        quantities.NanoteslaSize,
+        _Size,
+        _Size,
+        _Size,
+        _Size,
+        _Size,
     ]
-    tensor_rmse_nT_per_m: quantities.NanoteslaSize
+    tensor_rmse_nT_per_m: _Size
 
 
 class _AllResiduals(Document):
@@ -129,14 +130,14 @@ class _Recording(Document):
 
 
 class _OfOutputs(Document):
-    field_nT: tuple[quantities.NanoteslaSize, quantities.NanoteslaSize, quantities.NanoteslaSize]
+    field_nT: tuple[_Size, _Size, _Size]
     gradient_nT_per_m: tuple[
-        quantities.NanoteslaSize,
-        quantities.NanoteslaSize,
-        quantities.NanoteslaSize,
-        quantities.NanoteslaSize,
-        quantities.NanoteslaSize,
-        quantities.NanoteslaSize,
+        _Size,
+        _Size,
+        _Size,
+        _Size,
+        _Size,
+        _Size,
     ]
 
     def to_tesla(self) -> FloatArray:
