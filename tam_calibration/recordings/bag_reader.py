@@ -19,7 +19,7 @@ from tam_calibration.messages.samples import Progress
 from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.recordings.bag_bounds import NAMED, Damaged, check_piece, damage_named, unpack_bounded
 from tam_calibration.recordings.bag_folder import PACKED, data_files, read_metadata
-from tam_calibration.recordings.bag_recovered import Recovered, RecoveredFile, room_named, unpacked
+from tam_calibration.recordings.bag_recovery import Recovered, RecoveredFile, room_named, unpacked
 from tam_calibration.recordings.bag_storages import READABLE, Condition, StoredFile, serialisation_of, storage_for
 
 log = logging.getLogger(__name__)

@@ -1,13 +1,21 @@
-"""The result of an inspection: the content of a recording, its oddities, and a map of it to edit."""
+"""The result of an inspection: the content of a recording, its oddities, a map of it to edit, and its JSON."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 from tam_calibration.messages.missing import in_words
 from tam_calibration.model.units import TESLA_PER_FIELD_UNIT, FloatArray, to_nanotesla
-from tam_calibration.recordings.channel_map import ChannelMap, FieldUnit, Pick, TextFormat, TimeColumn, map_to_yaml
+from tam_calibration.recordings.channel_map import (
+    ChannelMap,
+    FieldUnit,
+    Pick,
+    TextFormat,
+    TimeColumn,
+    map_to_mapping,
+    map_to_yaml,
+)
 from tam_calibration.recordings.intake import size_doubt
 from tam_calibration.recordings.row_source import NO_TIME_RATE_HZ, RowSource
 from tam_calibration.recordings.tables import Source
@@ -285,3 +293,26 @@ def _text(source: TextSource) -> TextFormat:
         header_line=None if dialect.has_header else 0,
         comment=dialect.comment or None,
     )
+
+
+_SCHEMA = "tam_calibration/inspection/1"
+
+
+def inspection_to_mapping(found: Inspection) -> dict[str, Any]:
+    """Return the content of an inspection's JSON.
+
+    Parameters
+    ----------
+    found : Inspection
+        What a recording contains. Courses over time are left out.
+    """
+    content = asdict(found) | {"files": [str(file) for file in found.files], "is_certain": found.is_certain}
+    content["channel_map"] = None if found.channel_map is None else map_to_mapping(found.channel_map)
+    for table, inspected in zip(content["tables"], found.tables, strict=True):
+        for channel, own in zip(table["channels"], inspected.channels, strict=True):
+            del channel["course"]
+            if own.unit:
+                channel["size_nT"] = own.size * own.nanotesla
+                for name in ("low", "high"):
+                    channel[f"{name}_nT"] = [value * own.nanotesla for value in channel[name]]
+    return {"schema": _SCHEMA, **content}

@@ -17,7 +17,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader
 
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
-from tam_calibration.recordings import bag_mcap, bag_reader, bag_recovery, read_recording
+from tam_calibration.recordings import bag_mcap, bag_reader, bag_recovery, bag_writing, read_recording
 from tam_calibration.recordings.bag_writing import TYPESTORE, BlockWriter
 from tam_calibration.results import write_recording
 
@@ -139,7 +139,7 @@ def test_a_damaged_chunk_is_named(tmp_path, monkeypatch, name):
     assert (
         "damaged or truncated: the chunk at byte 52, recorded at 1700000000.000 s to 1700000000.125 s, is dam" in told
     )
-    found = bag_recovery.recover(path, tmp_path / "new")
+    found = bag_writing.recover(path, tmp_path / "new")
     assert found.faults[0] in told and len(found.faults) == 1 and 60 < found.messages < 180
     assert f"{found.messages} complete messages are recovered" in str(found) and found.faults[0] in str(found)
     again = read_recording(tmp_path / "new")
@@ -213,7 +213,7 @@ def test_of_a_packed_file_that_is_damaged_the_beginning_is_recovered(tmp_path):
     content = file.read_bytes()
     file.write_bytes(content[: len(content) // 2] + b"\xff" * 1000 + content[len(content) // 2 + 1000 :])
     assert f"{path} is damaged or truncated: " in refusal(path)
-    found = bag_recovery.recover(path, tmp_path / "new")
+    found = bag_writing.recover(path, tmp_path / "new")
     assert found.faults[0] == f"{file.name} cannot be unpacked to its end"
     assert 1_000 < found.messages < 5_000
 
