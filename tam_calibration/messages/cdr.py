@@ -128,6 +128,18 @@ def join(parts: Sequence[RawMessages]) -> RawMessages:
     return RawMessages(connection, recorded_ns, np.concatenate(start), size, block)
 
 
+def in_large_blocks(blocks: Iterable[RawMessages]) -> Iterator[RawMessages]:
+    """Yield several small blocks as one, as numpy takes as long for few messages as for many."""
+    waiting: list[RawMessages] = []
+    for block in blocks:
+        waiting.append(block)
+        if sum(len(each.block) for each in waiting) > _BYTES or sum(map(len, waiting)) >= COUNT:
+            yield join(waiting)
+            waiting = []
+    if waiting:
+        yield join(waiting)
+
+
 def windows(block: ByteArray, size: int) -> NDArray[np.void]:
     """Return the bytes from each place of a block on as one item, without a copy: made to be indexed.
 

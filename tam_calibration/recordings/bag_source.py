@@ -8,7 +8,7 @@ import numpy as np
 from rosbags.interfaces import Connection, MessageDefinitionFormat
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 
-from tam_calibration.messages.cdr import RawMessages
+from tam_calibration.messages.cdr import RawMessages, in_large_blocks
 from tam_calibration.messages.message_fields import Definitions, MessageFields, stamp_fields
 from tam_calibration.messages.samples import Progress
 from tam_calibration.messages.stream_messages import StreamMessages
@@ -134,7 +134,7 @@ class BagSource:
         decoders = {topic: self._decoder(topic, paths[topic]) for topic in streams}
         parts: dict[str, list[StreamMessages]] = {stream: [] for stream in wanted}
         count, is_received = 0, clock == "received"
-        for block in raw_blocks(self.bag, connections, progress):
+        for block in in_large_blocks(raw_blocks(self.bag, connections, progress)):
             for number, (topic, own) in enumerate(streams.items()):
                 order = np.flatnonzero(block.connection == number)
                 if not len(order):

@@ -289,10 +289,7 @@ def _rows(database: apsw.Connection, faults: list[str] | None) -> Iterator[tuple
 
 
 class Sqlite3BlockWriter(Sqlite3Writer):
-    """The sqlite3 writer of rosbags that takes many messages at once; their index is made when all are there.
-
-    Each message has its CRC.
-    """
+    """The sqlite3 writer of rosbags, with the CRC of each message; their index is made when all are there."""
 
     def __init__(self, path: Path, compression: CompressionMode) -> None:
         super().__init__(Path(in_uri(path)), compression)
@@ -315,11 +312,6 @@ class Sqlite3BlockWriter(Sqlite3Writer):
         """
         self.cursor.execute(f"CREATE INDEX {_INDEX} ON messages (timestamp ASC)")
         super().close(version, metadata)
-
-    def write_block(self, messages: RawMessages) -> None:
-        """Write messages, each of the connection of that id."""
-        rows = zip(messages.connection.tolist(), messages.recorded_ns.tolist(), messages.messages(), strict=True)
-        self.cursor.executemany(_INSERT, ((*row, crc_of(*row)) for row in rows))
 
     def write(self, connection: Connection, timestamp: int, data: bytes | memoryview) -> None:
         """Write one message.

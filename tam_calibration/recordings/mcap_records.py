@@ -21,8 +21,6 @@ FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX, STATISTICS,
 
 _HEAD = struct.Struct("<BQ")
 
-RECORD_HEAD = _HEAD.size
-"""Bytes of kind and size before the content of a record."""
 
 _END = struct.Struct("<BQQQI8s")
 """The end of a file: footer with places of summary and summary offsets, CRC of both, and magic."""
@@ -212,7 +210,7 @@ def _walk(
             channel, _, recorded_ns, _ = MESSAGE_HEAD.unpack_from(content)
             if channel in topics.connections:
                 held = [(topics.connections[channel], recorded_ns, content[MESSAGE_HEAD.size :])]
-    if reached + RECORD_HEAD > end:
+    if reached + _HEAD.size > end:
         yield from held
 
 

@@ -14,6 +14,7 @@ import pytest
 import yaml
 from numpy.testing import assert_array_equal
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader
+from small_chunks import cut_chunks
 
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
@@ -131,7 +132,7 @@ def test_the_damaged_message_is_named(tmp_path):
 @pytest.mark.parametrize("name", ["run.mcap", "run"])
 def test_a_damaged_chunk_is_named(tmp_path, monkeypatch, name):
     """With its place and times; the other chunks are recovered."""
-    monkeypatch.setattr(bag_mcap, "CHUNK_BYTES", 4_000)
+    cut_chunks(monkeypatch, 9_000)
     path = tmp_path / name
     write_recording(path, small_recording(), "mcap")
     spoil(path if path.is_file() else path / "run.mcap", 0, 0)
@@ -148,7 +149,7 @@ def test_a_damaged_chunk_is_named(tmp_path, monkeypatch, name):
 
 def test_a_chunk_is_checked_where_only_it_has_a_crc(tmp_path, monkeypatch):
     """As in the files of ROS, which have no CRC of the data section."""
-    monkeypatch.setattr(bag_mcap, "seal", lambda path: None)
+    monkeypatch.setattr(bag_mcap.mcap_records, "seal", lambda path: None)
     path = tmp_path / "run.mcap"
     write_recording(path, small_recording())
     assert read_recording(path).sample_count == 60
