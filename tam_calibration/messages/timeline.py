@@ -100,7 +100,7 @@ class Timeline(Generic[Content]):
             Whether other streams make a jump to this stamp credible.
         """
         message = stamp_ns, content
-        if self._goes_on(stamp_ns):
+        if -self._disorder_ns < stamp_ns - self.newest_ns <= self.reach_ns:
             self.give_up()
         elif self.doubtful and -self._disorder_ns < stamp_ns - self.doubtful[0][0] <= self._reach_of_doubtful_ns:
             self.doubtful.append(message)
@@ -115,9 +115,6 @@ class Timeline(Generic[Content]):
             return []
         self._move(stamp_ns)
         return [message]
-
-    def _goes_on(self, stamp_ns: int) -> bool:
-        return -self._disorder_ns < stamp_ns - self.newest_ns <= self.reach_ns
 
     @property
     def _reach_of_doubtful_ns(self) -> int:
@@ -155,11 +152,8 @@ class Timeline(Generic[Content]):
         if stamp_ns > self.newest_ns:
             self._period_ns = stamp_ns - self.newest_ns if self.newest_ns >= 0 else 0
             self.reach_ns = max(STEP_NS, _PERIODS * (self._period_ns or _LONGEST_PERIOD_NS))
-        if not self._is_late(stamp_ns):
+        if not -self._disorder_ns < stamp_ns - self.newest_ns <= 0:
             self.newest_ns = stamp_ns
-
-    def _is_late(self, stamp_ns: int) -> bool:
-        return -self._disorder_ns < stamp_ns - self.newest_ns <= 0
 
 
 class Run:
