@@ -14,8 +14,7 @@ from tam_calibration.files.whole_files import temporary_place
 from tam_calibration.messages.cdr import RawMessages, gather
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.recordings.bag_bounds import NAMED, NO_ROOM, unpack_file
-from tam_calibration.recordings.bag_folder import PACKED
-from tam_calibration.recordings.bag_storages import storage_for
+from tam_calibration.recordings.bag_storages import PACKED, storage_for
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection

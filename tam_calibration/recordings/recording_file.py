@@ -16,8 +16,7 @@ from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, printable
 from tam_calibration.model.recording import Recording, SampleSource
-from tam_calibration.recordings.bag_folder import data_files
-from tam_calibration.recordings.bag_storages import is_bag
+from tam_calibration.recordings.bag_storages import data_files, is_bag
 from tam_calibration.recordings.channel_map import ChannelMap, TimeColumn, map_of, read_map
 from tam_calibration.recordings.choice import choose
 from tam_calibration.recordings.formats import open_source

@@ -10,7 +10,7 @@ import numpy as np
 
 from tam_calibration.files import quantities
 from tam_calibration.files.configuration import configuration_folder
-from tam_calibration.files.quantities import in_si
+from tam_calibration.files.quantities import GyroscopeFile, in_si
 from tam_calibration.files.schema import Bounds, Document, check
 from tam_calibration.files.text_files import write_text
 from tam_calibration.files.yaml_document import dump_mapping, mapping_in
@@ -18,7 +18,6 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import site_field_T
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla, to_nanotesla
-from tam_calibration.recordings.array_parts import GyroscopeFile
 from tam_calibration.recordings.array_yaml import ArrayFile
 from tam_calibration.recordings.iaga2002 import read_iaga2002
 from tam_calibration.results.calibration_schema import SensorFile, errors_of
