@@ -9,10 +9,9 @@ from tam_calibration.cli.terminal import PATH, reading, showing_progress
 from tam_calibration.recordings import read_array
 from tam_calibration.recordings.bag_transforms import transforms_in
 from tam_calibration.recordings.inspection import inspect
-from tam_calibration.recordings.inspection_result import Inspection
+from tam_calibration.recordings.inspection_result import Inspection, inspection_to_mapping
 from tam_calibration.report.blocks import Block, Points, Table, Text
 from tam_calibration.report.inspection_rows import HEADER, headline, rows_of
-from tam_calibration.results.inspection_json import inspection_to_mapping
 
 _CHANNELS = 12
 """Channels of a topic that are printed in addition to those taken."""

@@ -130,7 +130,7 @@ def _give_targets(
     names: list[str],
 ) -> None:
     """Find the targets of lines, write the table and the page that are wanted, and give the answer."""
-    from tam_calibration.results.targets_json import targets_to_mapping
+    from tam_calibration.results.targets_file import targets_to_mapping
 
     lines = [_line(each, calibration, wanted) for each in data]
     targets = merged([each.targets for each in lines])
@@ -150,7 +150,7 @@ _FEW = 5
 
 def _give_survey(survey: Survey, answer: Answer, report: Path | None, name: str) -> None:
     """Write the page that is wanted, and give the answer."""
-    from tam_calibration.results.targets_json import survey_to_mapping
+    from tam_calibration.results.targets_file import survey_to_mapping
 
     if report is not None:
         from tam_calibration.report.survey_report import write_survey_report

@@ -25,7 +25,7 @@ def command(bag: Path, output: Path, answer: Answer) -> None:
         raise InputError(f"{bag} is no bag: only bags can be recovered, a rosbag2 folder, an .mcap or a .db3 file")
     require_separate([output], [bag])
     require("bags", "recovering bags")
-    from tam_calibration.recordings.bag_recovery import recover
+    from tam_calibration.recordings.bag_writing import recover
 
     with answer.files([bag, output]):
         found = recover(bag, output)

@@ -212,10 +212,6 @@ def _of_kind(schemas: list[Any], content: Any, place: str, faults: list[str]) ->
     return _document(by_kind[kind], content, place, faults)
 
 
-_LARGEST_INTEGER = 10**40
-"""Size of an integer: no count or seed is larger, and no sentence quotes more digits."""
-
-
 def _exactly(value: Any, *kinds: type) -> Any:
     """Return a value that is of one of some types; a boolean is no number."""
     if not isinstance(value, kinds) or (isinstance(value, bool) and bool not in kinds):
@@ -225,7 +221,8 @@ def _exactly(value: Any, *kinds: type) -> Any:
 
 def _integer(value: Any) -> int:
     number = _exactly(value, int, float)
-    if not abs(number) <= _LARGEST_INTEGER or number != int(number):
+    # No count or seed is larger, and no sentence quotes more digits.
+    if not abs(number) <= 10**40 or number != int(number):
         raise ValueError
     return int(number)
 

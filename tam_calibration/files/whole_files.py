@@ -192,21 +192,27 @@ def hold(path: Path) -> int:
     return descriptor
 
 
-def _put_in_place(moves: Mapping[Path, Path]) -> None:
+def _put_in_place(moves: Mapping[Path, Path], replaces_folders: bool = False) -> None:
     """Move files or folders to their places, all or none, once all that they hold is on the disk; a signal waits.
 
     Raises
     ------
     OSError
-        When one cannot be moved, as where a folder has appeared; all is then as it was.
+        When one cannot be moved, as where a folder has appeared that is not to be replaced; all is then as it was.
     """
     with postponed(), ExitStack() as undo:
         for place in moves:
             _sync(place)
         for place, path in moves.items():
-            if os.path.lexists(path) and not path.is_dir():
+            older = place.with_name(f"{path.name}{_OLDER}")
+            if path.is_dir() and replaces_folders:
                 _take_mode(place, path)
-                undo.callback(os.replace, _kept(path, place.parent), path)
+                os.rename(path, older)
+                undo.callback(os.rename, older, path)
+            elif os.path.lexists(path) and not path.is_dir():
+                _take_mode(place, path)
+                _keep(path, older)
+                undo.callback(os.replace, older, path)
             os.replace(place, path)
             undo.callback(os.replace, path, place)
         for folder in {path.parent for path in moves.values()}:
@@ -219,14 +225,12 @@ def _take_mode(place: Path, older: Path) -> None:
     os.chmod(place, S_IMODE(older.stat().st_mode))
 
 
-def _kept(path: Path, folder: Path) -> Path:
-    """Return a second name of a file in a folder."""
-    kept = folder / f"{path.name}{_OLDER}"
+def _keep(path: Path, older: Path) -> None:
+    """Give a file a second name."""
     try:
-        os.link(path, kept)
+        os.link(path, older)
     except OSError:  # a file system without hard links
-        shutil.copy2(path, kept)
-    return kept
+        shutil.copy2(path, older)
 
 
 def replace_folder(place: Path, path: Path) -> None:
@@ -246,17 +250,7 @@ def replace_folder(place: Path, path: Path) -> None:
     OSError
         When it cannot be moved; all is then as it was.
     """
-    with postponed(), ExitStack() as undo:
-        _sync(place)
-        if path.is_dir():
-            _take_mode(place, path)
-            older = place.with_name(f"{path.name}{_OLDER}")
-            os.rename(path, older)
-            undo.callback(os.rename, older, path)
-        os.rename(place, path)
-        undo.callback(os.rename, path, place)
-        _sync_alone(path.parent)
-        undo.pop_all()
+    _put_in_place({place: path}, replaces_folders=True)
 
 
 def _sync(path: Path) -> None:

@@ -3,7 +3,7 @@
 import struct
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,6 +128,18 @@ def join(parts: Sequence[RawMessages]) -> RawMessages:
     return RawMessages(connection, recorded_ns, np.concatenate(start), size, block)
 
 
+def in_large_blocks(blocks: Iterable[RawMessages]) -> Iterator[RawMessages]:
+    """Yield several small blocks as one, as numpy takes as long for few messages as for many."""
+    waiting: list[RawMessages] = []
+    for block in blocks:
+        waiting.append(block)
+        if sum(len(each.block) for each in waiting) > _BYTES or sum(map(len, waiting)) >= COUNT:
+            yield join(waiting)
+            waiting = []
+    if waiting:
+        yield join(waiting)
+
+
 def windows(block: ByteArray, size: int) -> NDArray[np.void]:
     """Return the bytes from each place of a block on as one item, without a copy: made to be indexed.
 
@@ -162,65 +174,17 @@ def interleave(parts: Sequence[RawMessages], places: Sequence[IntArray]) -> RawM
 BODY = 4
 """Bytes before the message, which tell the byte order; alignment counts from here."""
 
-_ByteOrder = Literal["<", ">"]
 
-_KINDS: dict[_ByteOrder, int] = {"<": 0x0100, ">": 0x0000}
-"""The first two bytes by byte order, read as a little-endian number."""
-
-_HEAD = np.dtype([("seconds", "i4"), ("nanoseconds", "u4"), ("length", "u4")])
-"""Stamp, and length of the frame's name."""
-
-_HEAD_SIZE = _HEAD.itemsize
+_HEAD_SIZE = 12
+"""Bytes of the stamp, and of the length of the frame's name."""
 
 FRAME_ID = BODY + _HEAD_SIZE
 """Where a serialised message has the name of its frame, a zero at its end."""
 
-_ORDERS = {kind.to_bytes(2, "little"): order for order, kind in _KINDS.items()}
+_ORDERS = {b"\x00\x01": "<", b"\x00\x00": ">"}
 """Byte orders by the first two bytes of a message."""
 
 _DAMAGED = "a message is damaged: it is too short, or not in the serialisation CDR"
-
-
-def read_stamped_doubles(messages: RawMessages, count: int) -> tuple[IntArray, FloatArray]:
-    """Return the (n,) stamps in nanoseconds and the (n, count) doubles of messages that begin with header and doubles.
-
-    A stamp that is no time is ``NO_TIME``.
-
-    Parameters
-    ----------
-    messages : RawMessages
-        n messages of one type.
-    count : int
-        Number of doubles to read behind the header.
-
-    Raises
-    ------
-    InputError
-        When a message is truncated or not plain CDR.
-    """
-    stamps, values = np.empty(len(messages), dtype=np.int64), np.empty((len(messages), count))
-    for chosen, part, order in _by_byte_order(messages):
-        head = _take(part, BODY, _HEAD.itemsize).view(_HEAD.newbyteorder(order))
-        seconds, nanoseconds = head["seconds"].astype(np.int64), head["nanoseconds"]
-        is_time = (seconds >= 0) & (nanoseconds < 1_000_000_000)
-        stamps[chosen] = np.where(is_time, seconds * 1_000_000_000 + nanoseconds, NO_TIME)
-        begin = BODY + (_HEAD.itemsize + head["length"].astype(np.int64) + 7 & -8)
-        values[chosen] = _take(part, begin, 8 * count).view(f"{order}f8").reshape(-1, count)
-    return stamps, values
-
-
-def read_float64s(messages: RawMessages) -> tuple[None, FloatArray]:
-    """Return the (n, 1) numbers of messages ``std_msgs/Float64``; they have no stamps.
-
-    Raises
-    ------
-    InputError
-        When a message is truncated or not plain CDR.
-    """
-    values = np.empty((len(messages), 1))
-    for chosen, part, order in _by_byte_order(messages):
-        values[chosen, 0] = _take(part, BODY, 8).view(f"{order}f8")
-    return None, values
 
 
 def read_stamp_and_doubles(message: bytes, count: int) -> tuple[int, tuple[float, ...]]:
@@ -308,27 +272,6 @@ def read_float64(message: bytes) -> float:
     """
     (value,) = unpack_from(message, "d", BODY)
     return float(value)
-
-
-def _by_byte_order(messages: RawMessages) -> Iterator[tuple[slice | NDArray[np.bool_], RawMessages, _ByteOrder]]:
-    kinds = _take(messages, 0, 2).view("<u2")
-    for order, kind in _KINDS.items():
-        chosen = kinds == kind
-        if chosen.all():
-            yield slice(None), messages, order
-            return
-        if chosen.any():
-            yield chosen, messages.take(chosen), order
-    if not np.isin(kinds, list(_KINDS.values())).all():
-        raise InputError(_DAMAGED)
-
-
-def _take(messages: RawMessages, begin: IntArray | int, size: int) -> NDArray[Any]:
-    """Return so many bytes of each message, from a place in each on."""
-    if (begin + size > messages.size).any():
-        raise InputError(_DAMAGED)
-    taken: NDArray[Any] = windows(messages.block, size)[messages.start + begin]
-    return taken
 
 
 def fill(template: bytes, from_end: int, values: FloatArray, stamps_ns: IntArray | None) -> ByteArray:

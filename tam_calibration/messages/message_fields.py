@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.messages.cdr import RawMessages, windows
+from tam_calibration.messages.cdr import NO_TIME, RawMessages, windows
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, IntArray
 
@@ -36,8 +36,6 @@ _NUMBERS = {
 _BYTES = {"byte", "char", "octet", "uint8"}
 """Of these a list is content of another form, as of images and clouds, and no numbers."""
 
-_MOST_ELEMENTS = 4096
-"""Of a list of structures in a message: what is longer is a cloud or map, and no reading of an array of sensors."""
 
 LONGEST_LISTED = 256
 """Elements of an array whose places are listed: 64 sensors have 192 numbers."""
@@ -67,40 +65,47 @@ def stamp_fields(msgtype: str, fields: Collection[str]) -> tuple[str, ...]:
 def stamps_of(parts: Sequence[FloatArray]) -> IntArray:
     """Return stamps (n,), nanoseconds, from the values (n,) of each of their fields."""
     seconds, *nanoseconds = (part.astype(np.int64) for part in parts)
-    return seconds * 1_000_000_000 + nanoseconds[0] if nanoseconds else seconds * 1000
+    if not nanoseconds:
+        return seconds * 1000
+    is_time = (seconds >= 0) & (nanoseconds[0] < 1_000_000_000)
+    return np.where(is_time, seconds * 1_000_000_000 + nanoseconds[0], NO_TIME)
 
 
 @dataclass
 class _Cursor:
-    """Places in some messages: (m,) rows of the result, and the place of each in the block."""
+    """Places in some messages: (m,) rows of the result, begin and size of each message, and a place within each.
+
+    The place is one number while it is the same in all messages. If these follow each other at an even step, which is
+    not 0 then, numbers are read without an index. Both are much quicker.
+    """
 
     block: NDArray[np.uint8]
     rows: IntArray
     base: IntArray
-    end: IntArray
-    at: IntArray
+    size: IntArray
+    at: IntArray | int
     order: str
     is_aligned: bool
+    step: int = 0
 
     def align(self, size: int) -> None:
         """Move on to the next place where a number of a size may stand."""
         if self.is_aligned:
-            self.at = self.base + ((self.at - self.base + size - 1) & -size)
+            self.at = (self.at + size - 1) & -size
 
     def skip(self, size: IntArray | int) -> None:
         """Move on by some bytes."""
-        self.at = self.at + size
+        self.at = _common(self.at + size)
 
-    def read(self, dtype: str, count: int = 1) -> NDArray[Any]:
-        """Return (m, count) numbers, and move on behind them."""
-        size = int(dtype[1:])
-        self.align(size)
-        values = self.peek(dtype, count)
-        self.skip(size * count)
-        return values
+    def read_length(self) -> IntArray:
+        """Return the (m,) lengths of strings or lists that begin here, and move on behind them."""
+        self.align(4)
+        lengths = self.peek("u4")[:, 0].astype(np.int64)
+        self.at = self.at + 4
+        return lengths
 
     def peek(self, dtype: str, count: int = 1) -> NDArray[Any]:
-        """Return (m, count) numbers from here on.
+        """Return (m, count) numbers that begin here.
 
         Raises
         ------
@@ -108,15 +113,26 @@ class _Cursor:
             When a message ends before.
         """
         size = int(dtype[1:]) * count
-        if (self.at < self.base).any() or (self.at + size > self.end).any():
-            raise InputError("a message is shorter than its type says: it is damaged, or of another definition")
-        taken: NDArray[Any] = windows(self.block, size)[self.at].view(f"{self.order}{dtype}").reshape(-1, count)
-        return taken
+        if np.any(self.at + size > self.size):
+            raise InputError("a message is damaged: it is shorter than its type says, or of another definition")
+        kind = np.dtype(f"{self.order}{dtype}")
+        if self.step and isinstance(self.at, int):
+            shape, strides = (len(self.rows), count), (self.step, kind.itemsize)
+            return np.ndarray(shape, kind, self.block, int(self.base[0]) + self.at, strides)
+        found: NDArray[Any] = windows(self.block, size)[self.base + self.at]
+        return found.view(kind).reshape(-1, count)
 
     def of(self, index: IntArray) -> "_Cursor":
         """Return the places of some of the messages."""
-        chosen = {name: getattr(self, name)[index] for name in ("rows", "base", "end", "at")}
-        return replace(self, **chosen)
+        at = self.at if isinstance(self.at, int) else self.at[index]
+        return replace(self, rows=self.rows[index], base=self.base[index], size=self.size[index], at=at, step=0)
+
+
+def _common(places: IntArray | int) -> IntArray | int:
+    """Return places as one number, if they are equal."""
+    if isinstance(places, int) or not len(places) or (places != places[0]).any():
+        return places
+    return int(places[0])
 
 
 class MessageFields:
@@ -189,31 +205,47 @@ class MessageFields:
 
     def _read(self, messages: RawMessages, paths: Sequence[str]) -> dict[str, FloatArray]:
         found = {path: np.full(len(messages), np.nan) for path in paths}
-        if len(messages) and found:
-            self._walk((_NAME, self._msgtype), "", self._cursor(messages), _Pending(found))
+        for cursor in self._cursors(messages) if len(messages) and found else ():
+            self._walk((_NAME, self._msgtype), "", cursor, _Pending(found))
         return found
 
-    def _cursor(self, messages: RawMessages) -> _Cursor:
-        end, rows = messages.start + messages.size, np.arange(len(messages))
+    def _cursors(self, messages: RawMessages) -> Iterator[_Cursor]:
+        """Yield the beginnings of the messages, those of each byte order."""
+        rows, block, start, size = np.arange(len(messages)), messages.block, messages.start, messages.size
+        step = int(size[0]) if (size == size[0]).all() else 0
+        if step:
+            block, start = windows(block, step)[start].view(np.uint8), rows * step
         if self._is_ros1:
-            return _Cursor(messages.block, rows, messages.start, end, messages.start, "<", False)
-        begin = _Cursor(messages.block, rows, messages.start, end, messages.start, "<", True)
-        kinds = begin.peek("u1", 2)
-        if (kinds[:, 0] != 0).any() or (kinds[:, 1] > 1).any() or (kinds[:, 1] != kinds[0, 1]).any():
-            raise InputError("the messages are no plain CDR, or of several byte orders")
-        base = messages.start + 4
-        return _Cursor(messages.block, rows, base, end, base, "<" if kinds[0, 1] else ">", True)
+            yield _Cursor(block, rows, start, size, 0, "<", False, step)
+            return
+        kinds = _Cursor(block, rows, start, size, 0, ">", True, step).peek("u2")[:, 0]
+        if (kinds > 1).any():
+            raise InputError("a message is damaged: it is not in the serialisation CDR")
+        body = _Cursor(block, rows, start + 4, size - 4, 0, "<", True, step)
+        if (kinds == 1).all():
+            yield body
+            return
+        for order, chosen in zip("><", (kinds == 0, kinds == 1), strict=True):
+            yield replace(body.of(np.flatnonzero(chosen)), order=order)
 
     def _walk(self, definition: Any, path: str, cursor: _Cursor, pending: "_Pending") -> None:
         """Go through what a definition says, and keep the numbers that are wanted."""
         kind, argument = definition
         if kind == _NAME:
-            for name, inner in self._definitions[argument][1]:
+            fields = self._definitions[argument][1]
+            within = f"{path}." if path else ""
+            types = {inner[1][0] if inner[0] == _BASE else "" for _, inner in fields}
+            if len(types) == 1 and (number := types.pop()) in _NUMBERS:  # a vector, which is read at once
+                pending.take([f"{within}{name}" for name, _ in fields], cursor, _NUMBERS[number])
+                return
+            for name, inner in fields:
                 if pending.is_done:
                     return
-                self._walk(inner, f"{path}.{name}" if path else name, cursor, pending)
+                self._walk(inner, f"{within}{name}", cursor, pending)
+        elif kind == _BASE and argument[0] in _NUMBERS:
+            pending.take([path], cursor, _NUMBERS[argument[0]])
         elif kind == _BASE:
-            self._walk_base(argument[0], path, cursor, pending)
+            cursor.skip(cursor.read_length() * (1 if argument[0] == "string" else 4))
         elif kind == _ARRAY and argument[0][0] == _BASE and argument[0][1][0] in _NUMBERS:
             pending.keep_list(path, cursor, _NUMBERS[argument[0][1][0]], np.full(len(cursor.rows), argument[1]))
         elif kind == _ARRAY:
@@ -222,30 +254,23 @@ class MessageFields:
         else:
             self._walk_sequence(argument[0], path, cursor, pending)
 
-    def _walk_base(self, name: str, path: str, cursor: _Cursor, pending: "_Pending") -> None:
-        if name in _NUMBERS:
-            values = cursor.read(_NUMBERS[name])
-            pending.keep(path, cursor.rows, values[:, 0])
-        else:
-            length = cursor.read("u4")[:, 0].astype(np.int64)
-            cursor.skip(length if name == "string" else 4 * length)
-
     def _walk_sequence(self, element: Any, path: str, cursor: _Cursor, pending: "_Pending") -> None:
-        length = cursor.read("u4")[:, 0].astype(np.int64)
+        length = cursor.read_length()
         pending.keep(f"{path}[]", cursor.rows, length)
         kind, argument = element
         if kind == _BASE and argument[0] in _NUMBERS:
             pending.keep_list(path, cursor, _NUMBERS[argument[0]], length)
             return
-        if length.max(initial=0) > _MOST_ELEMENTS:
+        # A longer list of structures is a cloud or a map, and no reading of an array.
+        if length.max(initial=0) > 4096:
             raise InputError(f"{path} has {length.max()} elements: it is no list that can be read past")
         for index in range(int(length.max(initial=0))):
             chosen = np.flatnonzero(length > index)
             part = cursor.of(chosen)
             self._walk(element, f"{path}[{index}]", part, pending)
-            at = cursor.at.copy()
+            at = np.array(np.broadcast_to(cursor.at, len(cursor.rows)))
             at[chosen] = part.at
-            cursor.at = at
+            cursor.at = _common(at)
 
 
 _ELEMENT = re.compile(r"(.*)\[(\d+)\]")
@@ -272,13 +297,23 @@ class _Pending:
             self._found[path][rows] = values
             self._missing.discard(path)
 
+    def take(self, paths: Sequence[str], cursor: _Cursor, dtype: str) -> None:
+        """Keep the wanted ones of numbers of one type that follow each other, and move on behind them."""
+        size = int(dtype[1:])
+        cursor.align(size)
+        if any(path in self._found for path in paths):
+            for path, values in zip(paths, cursor.peek(dtype, len(paths)).T, strict=True):
+                self.keep(path, cursor.rows, values)
+        cursor.at = cursor.at + size * len(paths)
+
     def keep_list(self, path: str, cursor: _Cursor, dtype: str, length: IntArray) -> None:
         """Keep those elements of lists of some lengths (m,) that are wanted, and move on behind the lists."""
         size, before = int(dtype[1:]), cursor.at
         cursor.align(size)
         for index, element in self._elements.get(path, {}).items():
-            chosen = np.flatnonzero(length > index)
-            own = replace(cursor.of(chosen), at=cursor.at[chosen] + size * index)
+            is_there = length > index
+            own = replace(cursor) if is_there.all() else cursor.of(np.flatnonzero(is_there))
+            own.at = own.at + size * index
             self.keep(element, own.rows, own.peek(dtype)[:, 0])
             self._missing.discard(element)
-        cursor.at = np.where(length > 0, cursor.at + size * length, before)
+        cursor.at = _common(np.where(length > 0, cursor.at + size * length, before))

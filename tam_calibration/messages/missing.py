@@ -25,32 +25,13 @@ _LEAST_OF_TYPES = (-32768.0, -2147483648.0)
 _DUMMIES = (*_LEAST_OF_TYPES, 32767.0, 65535.0, 2147483647.0, 4294967295.0, -9999.0, 9999.0, 99999.0, 88888.0)
 """Numbers that stand for no reading where all axes have them: ends of types, and those of data formats."""
 
-_EQUALS = frozenset((0.0, *_DUMMIES))
-"""Numbers that are suspect where all axes have them."""
-
-_BEYOND_SPREAD = 5.0
-"""Distance from the median reading over that of nine tenths of them: a turned sensor reaches twice."""
-
-_BEYOND_FIELD = 4.0
-"""Distance from the median reading over its size: twice the field on each axis is what a turn and a bias make."""
-
-_SCALAR_RATIO = 4.0
-"""Intensity over its median, or the inverse: no source that is passed makes so much of the field."""
 
 _FEWEST = 18
 """Readings that tell the range of a sensor: two for each parameter of an ellipsoid."""
 
-_MOST_TELLING = 4096
-"""Readings that tell it off line, evenly spread: their ninth decile errs by a hundredth."""
 
 MOST_MISSING = 0.501
 """Part of a sensor's readings above which it counts as not there: a driver at half the rate may lose a few besides."""
-
-_MOST_KEPT = 1024
-"""Readings that tell the range of a stream on line; when full, every second is given up."""
-
-_RENEWED = 16
-"""The range on line is updated when the number of readings has grown by one in so many."""
 
 
 def codes_of(stream: str, raw: FloatArray) -> NDArray[np.int8]:
@@ -90,7 +71,7 @@ def _may_stand_for_none(raw: Sequence[float]) -> bool:
     for value in raw:
         if not -HUGE < value < HUGE or value in _LEAST_OF_TYPES:
             return True
-    return raw[0] in _EQUALS and all(value == raw[0] for value in raw)
+    return (raw[0] == 0.0 or raw[0] in _DUMMIES) and all(value == raw[0] for value in raw)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,13 +86,16 @@ class Range:
         """Return the range that readings show, (n, width) without those that are missing; all where they are few."""
         if len(raw) < _FEWEST or (is_channel(stream) and stream != "scalar"):
             return cls(np.zeros(raw.shape[1]), np.inf)
-        raw = raw[:: len(raw) // _MOST_TELLING + 1]
+        # So many readings give the ninth decile to a hundredth.
+        raw = raw[:: len(raw) // 4096 + 1]
         center = np.nanmedian(raw, axis=0)
         if stream == "scalar":
-            return cls(center, _SCALAR_RATIO)
+            # No source that is passed changes the intensity so much.
+            return cls(center, 4.0)
         distance = np.linalg.norm(raw - center, axis=1)
         field = float(np.median(np.linalg.norm(raw, axis=1)))
-        return cls(center, max(_BEYOND_SPREAD * float(np.quantile(distance, 0.9)), _BEYOND_FIELD * field))
+        # A turned sensor reaches twice the spread; a turn and a bias give twice the field on each axis.
+        return cls(center, max(5.0 * float(np.quantile(distance, 0.9)), 4.0 * field))
 
     def beyond(self, raw: FloatArray) -> NDArray[np.bool_]:
         """Return which of (n, width) readings lie far outside."""
@@ -228,8 +212,8 @@ class _GrowingRange:
     def _renew(self) -> None:
         found = Range.of(self._stream, np.array(self._kept))
         self._center, self._reach = found.center.tolist(), found.reach
-        self._due = self._seen + self._seen // _RENEWED + 1
-        if len(self._kept) > _MOST_KEPT:
+        self._due = self._seen + self._seen // 16 + 1
+        if len(self._kept) > 1024:
             self._kept, self._stride = self._kept[1::2], 2 * self._stride
 
 

@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tam_calibration.messages.point_cloud import SampleLayout
-from tam_calibration.messages.run import Run
-from tam_calibration.messages.timeline import Timeline
+from tam_calibration.messages.timeline import Run, Timeline
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray

@@ -15,7 +15,6 @@ Progress = Callable[[int, int], None]
 
 
 _PIECE = 16_384
-_EARLIEST_BY_SUM_S = 1 << 29
 
 
 def pieces(sample_count: int) -> Iterator[slice]:
@@ -72,6 +71,7 @@ def seconds_of(stamps_ns: IntArray) -> FloatArray:
     that its own rounding, 2⁻⁵⁴ at most, would carry it across.
     """
     seconds, fraction = np.divmod(stamps_ns, 1_000_000_000)
-    if len(stamps_ns) and seconds.min() >= _EARLIEST_BY_SUM_S:
+    # From here on the sum of seconds and fraction is rounded correctly.
+    if len(stamps_ns) and seconds.min() >= 1 << 29:
         return np.asarray(seconds + fraction / 1e9)
     return np.array([stamp / 1_000_000_000 for stamp in stamps_ns.tolist()])

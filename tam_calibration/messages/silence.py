@@ -14,8 +14,6 @@ from tam_calibration.messages.timeline import NEVER
 BEFORE_ALL = -(1 << 64)
 """A key before all others."""
 
-_FEWEST = 3
-"""Sensors of an array that goes on without one of them: a single one does not determine the centre."""
 
 SILENCE_NS = 2_000_000_000
 """Time without a message after which samples go on without a sensor: two periods of one that is read at 1 Hz."""
@@ -34,7 +32,8 @@ class Silence:
 
     def __init__(self, sensors: Sequence[JoinedStream], silence_ns: int) -> None:
         self._sensors = sensors
-        self.limit_ns = silence_ns if len(sensors) >= _FEWEST else NEVER
+        # An array of two goes on with neither: a single sensor does not determine the centre.
+        self.limit_ns = silence_ns if len(sensors) >= 3 else NEVER
         self._since = BEFORE_ALL
         self.first_missed_after = BEFORE_ALL
 

@@ -15,9 +15,6 @@ from tam_calibration.messages.timeline import Timeline
 Message = tuple[int, Sequence[float]]
 """Key and values."""
 
-_COUNTED_AT_ONCE = 1024
-"""Interpolated values whose weights wait to be summed up together, which takes a hundredth of the time."""
-
 
 def sensor_stream(sensor: int) -> str:
     """Return the name of the stream of a sensor, 1 to K."""
@@ -206,7 +203,8 @@ class InterpolatedStream(JoinedStream):
         else:
             self.interpolated += 1
             self._uncounted.append((self._passed, self._weights))
-            if len(self._uncounted) == _COUNTED_AT_ONCE:
+            # Summing many at once takes a hundredth of the time.
+            if len(self._uncounted) == 1024:
                 self.correlation()
 
     def correlation(self) -> Correlation:

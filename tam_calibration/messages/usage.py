@@ -17,27 +17,6 @@ from tam_calibration.model.interpolated_noise import LAGS, InterpolatedNoise
 from tam_calibration.model.recording import SampleSource
 from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
 
-_WARNED_BELOW = 0.9
-"""Part of sensor 1's samples that are used, from which standard errors are within 5 % of those of all."""
-
-_REFUSED_BELOW = 1 - MOST_MISSING
-"""The same below which more is lost than used: what joins then may do so by chance, as that of clocks that differ."""
-
-_LOST_FROM = 0.5
-"""Part of the messages of a stream that cannot be used from which it is as if it were not there."""
-
-_DOUBLED_FROM = 0.1
-"""Part of the messages of a sensor that repeat a stamp with other values from which these are a second publisher's."""
-
-_ALIKE = 0.9
-"""Least rate of a sensor over that of sensor 1 at which standard errors stay within 5 % though readings count twice."""
-
-_HIDDEN = 1.5
-"""Error of interpolation over the noise of the mean of all samples: beyond, fits err by a tenth more than they tell."""
-
-_TURNS_SEEN = 1000
-"""Samples, at most, of which the turn to the next is looked at."""
-
 
 @dataclass(frozen=True)
 class Usage:
@@ -166,14 +145,16 @@ class Usage:
         """
         if self.doubled:
             raise Refused("; ".join(self.doubled))
-        if self.used < _REFUSED_BELOW * self.received:
+        # If more is lost than used, the rest may join by chance, as with clocks that differ.
+        if self.used < (1 - MOST_MISSING) * self.received:
             raise Refused(f"only {self}; correct that and record again")
         if self.scalar_is_lost:
             raise Refused(f"{'; '.join(self.lost)}: correct that, or leave the topic out")
 
     def warnings(self) -> tuple[str, ...]:
         """Return warnings: few samples, an unfinished recording, channels that are lost, messages of other frames."""
-        few = (f"only {self}",) if self.used < _WARNED_BELOW * self.received else ()
+        # Above it standard errors are within 5 % of those with all samples.
+        few = (f"only {self}",) if self.used < 0.9 * self.received else ()
         return (*few, *((self.unfinished,) if self.unfinished else ()), *self.lost, *self.other_frames)
 
     def with_each_reading_once(self, samples: SampleSource) -> SampleSource:
@@ -195,7 +176,8 @@ class Usage:
         if not any(self.interpolated):
             return samples
         rates = np.array(self.readings) / max(self.received, 1)
-        if rates.min() > _ALIKE:
+        # Standard errors then stay within 5 %, although some readings count twice.
+        if rates.min() > 0.9:
             return samples.with_noise(self._noise(rates, 1.0))
         if mixed := alternations(next(iter(samples.blocks())).readings_T):
             raise Refused(f"{'; '.join(mixed.values())}: stop one of them and record again")
@@ -247,7 +229,8 @@ class Usage:
         for sensor in np.flatnonzero(self.interpolated).tolist():
             period_s = pace_s / float(noise.readings_per_sample[sensor])
             error_T = LARGEST_ERROR * float(np.sqrt(np.mean((rate * period_s) ** 8))) * field_T
-            if error_T * np.sqrt(samples.sample_count) > _HIDDEN * noise_T[sensor]:
+            # From 1.5 times the noise of the mean of all samples on, fits err by a tenth more than they tell.
+            if error_T * np.sqrt(samples.sample_count) > 1.5 * noise_T[sensor]:
                 fastest = to_degrees(float(rate.max()))
                 warnings.append(
                     f"sensor {sensor + 1} is read at {1 / period_s:.3g} Hz while the array turns at up to "
@@ -295,12 +278,12 @@ def _turning(samples: SampleSource) -> tuple[FloatArray, float]:
         rates.append(turn / np.diff(block.time_s))
         fields.append(length)
     rate = np.concatenate(rates)
-    return rate[:: -(-len(rate) // _TURNS_SEEN)], float(np.concatenate(fields).mean())
+    return rate[:: -(-len(rate) // 1000)], float(np.concatenate(fields).mean())
 
 
 def why_doubled(name: str, losses: Losses) -> str:
     """Return why the messages of a sensor are those of two publishers, with what to do; empty where they are not."""
-    if losses.contradicting <= _DOUBLED_FROM * losses.received:
+    if losses.contradicting <= 0.1 * losses.received:
         return ""
     return (
         f"{losses.contradicting} of {losses.received} messages of {name} repeat the stamp before with other values, as "
@@ -317,7 +300,7 @@ def why_lost(stream: Stream) -> str | None:
         Of a sensor or a channel.
     """
     faults = [(count, fault) for count, fault in _own_faults(stream.losses) if count]
-    if sum(count for count, _ in faults) <= _LOST_FROM * stream.losses.received:
+    if sum(count for count, _ in faults) <= 0.5 * stream.losses.received:
         return None
     zero = ": all its stamps are zero" if stream.timeline.newest_ns == 0 else ""
     listed = ", ".join(f"{count} {fault}" for count, fault in faults)

@@ -7,7 +7,7 @@ from pathlib import Path
 from std_msgs.msg import String
 
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.messages.run import Run
+from tam_calibration.messages.timeline import Run
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.nodes.base import TamNode
 from tam_calibration.nodes.listening import LATCHED

@@ -20,8 +20,8 @@ from tam_calibration.model.units import FloatArray
 from tam_calibration.nodes.base import OK, WARN, TamNode
 from tam_calibration.nodes.node_parameters import Rule
 from tam_calibration.results import calibration_from_yaml, calibration_to_yaml
-from tam_calibration.results.live_state import read_live_state, write_live_state
 from tam_calibration.results.overwriting import name_aside
+from tam_calibration.results.sample_file import read_live_state, write_live_state
 
 UPDATED = (
     Rule("update", False, "Whether the calibration is kept up to date with the samples as they arrive."),

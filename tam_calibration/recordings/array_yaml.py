@@ -8,7 +8,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from tam_calibration.files.quantities import value_in_si, value_to_write
+from tam_calibration.files import quantities
+from tam_calibration.files.quantities import part_to_mapping, value_in_si, value_to_write
 from tam_calibration.files.schema import Document, check
 from tam_calibration.files.text_files import write_text
 from tam_calibration.files.yaml_document import dump_mapping, mapping_in
@@ -17,7 +18,6 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
 from tam_calibration.model.mounting import Mounting, quaternion_of
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
-from tam_calibration.recordings.array_parts import GyroscopeFile, RatesFile, TolerancesFile, part_to_mapping
 
 _Vector = tuple[float, float, float]
 _Quaternion = tuple[float, float, float, float]
@@ -25,9 +25,6 @@ _Offsets = tuple[_Vector, _Vector, _Vector]
 
 LookUp = Callable[[str], tuple[FloatArray, FloatArray]]
 """From the name of a frame to its origin (3,), metres, and the quaternion (4,) of its axes, in the array's frame."""
-
-_LEAST_DISTANCE_M = 1e-3
-"""Of two sensors: no tri-axial magnetometer is smaller than a millimetre."""
 
 
 class ArrayFile(Document):
@@ -105,11 +102,11 @@ class ArrayFile(Document):
     imu_rotation_quaternion: _Quaternion | None = None
     frame_ids: list[str] | None = None
     imu_frame_id: str | None = None
-    change_rates: RatesFile | None = None
-    tolerances: TolerancesFile | None = None
+    change_rates: quantities.RatesFile | None = None
+    tolerances: quantities.TolerancesFile | None = None
     attitude_noise_deg: float | Literal["estimate"] | None = None
     mounting_error_deg: float | None = None
-    gyroscope: GyroscopeFile | None = None
+    gyroscope: quantities.GyroscopeFile | None = None
     further_channels: list[str] = field(default_factory=list)
     notes: Any = None
     recording: Any = None
@@ -195,7 +192,8 @@ class ArrayFile(Document):
 def _require_apart(positions_m: FloatArray) -> None:
     for second, position in enumerate(positions_m):
         distances = np.linalg.norm(positions_m[:second] - position, axis=1)
-        if (distances < _LEAST_DISTANCE_M).any():
+        # No tri-axial magnetometer is smaller than a millimetre.
+        if (distances < 1e-3).any():
             first = int(np.argmin(distances))
             raise InputError(
                 f"sensors {first + 1} and {second + 1} are both at {position.tolist()} m, where there is room for one: "

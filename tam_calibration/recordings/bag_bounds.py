@@ -1,6 +1,9 @@
-"""Bounds for what a bag contains: checked before it is unpacked, and while it is."""
+"""Bounds for the content of a bag, checked before and during unpacking, and sentences for what is damaged."""
 
+import errno
 from bz2 import BZ2Decompressor
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from lz4.frame import LZ4FrameDecompressor
@@ -10,7 +13,6 @@ from zstandard import ZstdDecompressor
 
 from tam_calibration.files.yaml_document import parse_mapping
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.recordings.bag_damage import Damaged
 
 LARGEST_PIECE = 1 << 28
 """Most bytes of a chunk, a message or a block of messages, 256 MiB: recorders write chunks of 1 to 8 MiB."""
@@ -26,9 +28,6 @@ _LARGEST_QUALITY = 1 << 16
 
 MOST_TOPICS = 4096
 """Most topics of a file: a large robot has some hundreds."""
-
-_BLOCK = 1 << 17
-"""Bytes that are unpacked at once, 128 KiB as in zstd: of larger blocks more would be lost before a damaged one."""
 
 
 def check_expansion(packed: int, unpacked: int, what: str) -> None:
@@ -191,7 +190,58 @@ def unpack_file(source: Path, target: Path) -> None:
     packed, unpacked = source.stat().st_size, 0
     with source.open("rb") as stored, target.open("wb") as file:
         stream = ZstdDecompressor().stream_reader(stored, read_across_frames=True)
-        while block := stream.read(_BLOCK):
+        # 128 KiB as in zstd: with larger blocks more would be lost before a damaged one.
+        while block := stream.read(1 << 17):
             unpacked += len(block)
             check_expansion(packed, unpacked, source.name)
             file.write(block)
+
+
+NO_ROOM = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT)
+"""Error numbers of a disk without room: the input is not at fault."""
+
+NAMED = 3
+"""Faults that a sentence names."""
+
+_TELLING = {"tam_calibration", "rosbags", "zstandard", "apsw"}
+"""Packages whose exceptions are sentences for people."""
+
+
+class Damaged(InputError):
+    """A part of a bag is not what was written; other parts may be complete."""
+
+
+@contextmanager
+def damage_named(path: Path, may_recover: bool = True) -> Iterator[None]:
+    """Turn whatever is wrong with the content of a bag into one sentence with the bag's name.
+
+    Parameters
+    ----------
+    path : Path
+        The bag.
+    may_recover : bool
+        Whether `tam recover` is advised.
+
+    Raises
+    ------
+    InputError
+        For every exception within, except that a disk is full.
+    """
+    try:
+        yield
+    except Exception as problem:  # rosbags lets through whatever its decompressors and databases raise
+        if isinstance(problem, OSError) and problem.errno in NO_ROOM:
+            raise
+        if isinstance(problem, InputError) and not isinstance(problem, Damaged):
+            raise InputError(f"{path} cannot be read: {problem}") from problem
+        is_advised = may_recover and path.suffix != ".bag"
+        advice = f"; `tam recover {path} -o NEW` keeps the complete messages" if is_advised else ""
+        raise InputError(f"{path} is damaged or truncated: {reason_of(problem)}{advice}") from problem
+
+
+def reason_of(problem: Exception) -> str:
+    """Return what an exception says, unless it is one of Python itself."""
+    if isinstance(problem, OSError) and problem.strerror:
+        return problem.strerror
+    is_telling = type(problem).__module__.partition(".")[0] in _TELLING
+    return (" ".join(str(problem).split()) if is_telling else "") or "its parts do not fit together"

@@ -1,10 +1,9 @@
-"""The storage mcap: messages read chunk by chunk, by the index that follows each, and written as chunks with CRCs."""
+"""The storage mcap: messages read chunk by chunk, by the index that follows each; chunks are written with CRCs."""
 
 import struct
 from collections import Counter, deque
 from collections.abc import Iterator, Mapping
 from io import BytesIO
-from itertools import pairwise
 from pathlib import Path
 from typing import BinaryIO, Literal, NamedTuple
 from zlib import crc32
@@ -12,41 +11,20 @@ from zlib import crc32
 import numpy as np
 from rosbags.rosbag2.storage_mcap import McapWriter, read_bytes, read_string
 
-from tam_calibration.messages.cdr import ByteArray, RawMessages, join, windows
+from tam_calibration.messages.cdr import RawMessages, join, windows
 from tam_calibration.model.units import IntArray
-from tam_calibration.recordings.bag_bounds import check_piece, unpack
-from tam_calibration.recordings.bag_damage import NAMED, Damaged
+from tam_calibration.recordings import mcap_records
+from tam_calibration.recordings.bag_bounds import NAMED, Damaged, check_piece, unpack
 from tam_calibration.recordings.bag_storages import Condition
-from tam_calibration.recordings.mcap_records import (
-    CHUNK,
-    CHUNK_INDEX,
-    MAGIC,
-    MESSAGE,
-    MESSAGE_INDEX,
-    STATISTICS,
-    Topics,
-    complete_messages,
-    crc_of_data,
-    crc_of_summary,
-    read_content,
-    read_end,
-    records,
-    seal,
-)
+from tam_calibration.recordings.mcap_records import complete_messages
 
 _RECORD = np.dtype(
     [("kind", "u1"), ("size", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log_ns", "<u8"), ("publish_ns", "<u8")]
 )
 """Fields before the serialised message in the record of a message."""
 
-_SIZE_BEYOND_MESSAGE = 22
-"""Bytes of a record that its size counts in addition to the message."""
 
-_CHUNK_FIELDS = 40
-_CHECKSUM, _CHUNK_HEAD, _INDEX_HEAD = 9 + 24, 9 + _CHUNK_FIELDS, 15
-
-CHUNK_BYTES = 1 << 20
-"""Least bytes of messages in a chunk that is written, 1 MiB: the size that rosbags takes."""
+_CHECKSUM, _CHUNK_HEAD, _INDEX_HEAD = 9 + 24, 9 + 40, 15
 
 
 class _Chunk(NamedTuple):
@@ -73,15 +51,15 @@ class McapFile:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._chunks, topics, stated = list[_Chunk](), Topics(), None
+        self._chunks, topics, stated = list[_Chunk](), mcap_records.Topics(), None
         with path.open("rb") as file:
-            end = read_end(file)
-            for kind, place, size in records(file, end.summary, end.place) if end and end.summary else ():
+            end = mcap_records.read_end(file)
+            for kind, place, size in mcap_records.records(file, end.summary, end.place) if end and end.summary else ():
                 topics.learn(file, kind, place, size)
-                if kind == CHUNK_INDEX:
-                    self._chunks.append(_parse_chunk(read_content(file, place, size)))
-                elif kind == STATISTICS:
-                    stated = int.from_bytes(read_content(file, place, size)[:8], "little")
+                if kind == mcap_records.CHUNK_INDEX:
+                    self._chunks.append(_parse_chunk(mcap_records.read_content(file, place, size)))
+                elif kind == mcap_records.STATISTICS:
+                    stated = int.from_bytes(mcap_records.read_content(file, place, size)[:8], "little")
         counts: Counter[int] = Counter()
         for chunk in self._chunks:
             counts.update({channel: length // 16 for channel, (_, length) in chunk.indices.items()})
@@ -129,8 +107,9 @@ class McapFile:
         if len(record) and int(record.max()) + _RECORD.itemsize > len(block):
             raise Damaged("the index of a chunk does not fit the chunk")
         heads = windows(block, _RECORD.itemsize)[record].view(_RECORD)
-        start, size = record + _RECORD.itemsize, heads["size"].astype(np.int64) - _SIZE_BEYOND_MESSAGE
-        is_message = (heads["kind"] == MESSAGE) & (heads["channel"] == channel) & (np.diff(record, prepend=-1) > 0)
+        start, size = record + _RECORD.itemsize, heads["size"].astype(np.int64) - 22  # its fields before the message
+        is_message = (heads["kind"] == mcap_records.MESSAGE) & (heads["channel"] == channel)
+        is_message &= np.diff(record, prepend=-1) > 0
         if not is_message.all() or (size < 0).any() or (start + size > len(block)).any():
             raise Damaged("the index of a chunk does not fit the chunk")
         number = np.zeros(max(position) + 1, dtype=np.int64)
@@ -184,17 +163,17 @@ def _merge(parts: list[tuple[int, RawMessages]]) -> RawMessages:
 def condition_of(path: Path) -> Condition:
     """Return how a file was left, as ``Storage`` asks; what has a CRC is compared with it."""
     with path.open("rb") as file:
-        beginning = file.read(len(MAGIC))
-        end = read_end(file)
-        if end is None and beginning == MAGIC[: len(beginning)]:
+        beginning = file.read(len(mcap_records.MAGIC))
+        end = mcap_records.read_end(file)
+        if end is None and beginning == mcap_records.MAGIC[: len(beginning)]:
             return Condition.UNFINISHED
-        if end is None or beginning != MAGIC:
+        if end is None or beginning != mcap_records.MAGIC:
             raise Damaged("it does not begin as an mcap file does")
-        if end.summary and not len(MAGIC) <= end.summary <= end.place:
+        if end.summary and not len(mcap_records.MAGIC) <= end.summary <= end.place:
             raise Damaged("its summary lies outside")
-        if end.summary_crc not in (0, crc_of_summary(file, end)):
+        if end.summary_crc not in (0, mcap_records.crc_of_summary(file, end)):
             raise Damaged("its summary does not fit its CRC")
-        found, written = crc_of_data(file, end)
+        found, written = mcap_records.crc_of_data(file, end)
         if found != written:
             raise Damaged(_named_damage(path))
     return Condition.COMPLETE if McapFile(path).is_indexed else Condition.NOT_INDEXED
@@ -208,10 +187,10 @@ def _named_damage(path: Path) -> str:
 
 
 class McapBlockWriter(McapWriter):
-    """The mcap writer of rosbags that takes many messages at once, and writes them as chunks, all with CRCs."""
+    """The mcap writer of rosbags, with CRCs."""
 
     def close_chunk(self) -> None:
-        """Write the chunk of single messages, with its CRC."""
+        """Write the chunk that is complete, with its CRC."""
         begin, crc = self.bio.tell(), crc32(self.chunk.bio.getvalue())
         super().close_chunk()
         end = self.bio.tell()
@@ -230,68 +209,7 @@ class McapBlockWriter(McapWriter):
             What ``metadata.yaml`` of the bag says, kept in the file too.
         """
         super().close(version, metadata)
-        seal(self.path)
-
-    def write_block(self, messages: RawMessages) -> None:
-        """Write messages, each of the connection of that id."""
-        number = np.cumsum(messages.size + _RECORD.itemsize) // CHUNK_BYTES
-        bounds = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist(), len(messages)]
-        for first, last in pairwise(bounds):
-            self._write_chunk(messages.take(slice(first, last)))
-
-    def _write_chunk(self, messages: RawMessages) -> None:
-        content, offsets = self._lay_out(messages)
-        span = int(messages.recorded_ns.min()), int(messages.recorded_ns.max())
-        begin = self.bio.tell()
-        size, crc = len(content), crc32(content.data)
-        self.bio.write(struct.pack("<BQQQQIIQ", CHUNK, _CHUNK_FIELDS + size, *span, size, crc, 0, size))
-        self.bio.write(content.data)
-        end = self.bio.tell()
-        indices = self._write_index(messages, offsets)
-        index = BytesIO()
-        index.write(struct.pack("<QQQQI", *span, begin, end - begin, 10 * len(indices)))
-        index.write(b"".join(struct.pack("<HQ", *each) for each in indices))
-        index.write(struct.pack("<QIQQ", self.bio.tell() - end, 0, len(content), len(content)))
-        self.chunks.append(index)
-        self.message_start_time = min(self.message_start_time, span[0])
-        self.message_end_time = max(self.message_end_time, span[1])
-
-    def _lay_out(self, messages: RawMessages) -> tuple[ByteArray, IntArray]:
-        """Return the content of a chunk, which begins with new types and topics, and where its records begin."""
-        written = np.frombuffer(self.chunk.bio.getvalue(), np.uint8)
-        self.chunk.bio = BytesIO()
-        size = messages.size + _RECORD.itemsize
-        offsets = len(written) + np.cumsum(size) - size
-        content = np.empty(len(written) + int(size.sum()), np.uint8)
-        content[: len(written)] = written
-        _lay_records(content, offsets, messages)
-        return content, offsets
-
-    def _write_index(self, messages: RawMessages, offsets: IntArray) -> list[tuple[int, int]]:
-        """Write where the messages of each channel are, and return where that is written."""
-        places = []
-        for channel in np.unique(messages.connection).tolist():
-            places.append((channel, self.bio.tell()))
-            chosen = messages.connection == channel
-            entries = np.column_stack([messages.recorded_ns[chosen], offsets[chosen]]).astype("<u8")
-            self.bio.write(struct.pack("<BQHI", MESSAGE_INDEX, 6 + entries.nbytes, channel, entries.nbytes))
-            self.bio.write(entries.data)
-            self.channel_stats[channel] += len(entries)
-        return places
-
-
-def _lay_records(content: ByteArray, places: IntArray, messages: RawMessages) -> None:
-    """Put the records of messages at their places in the content of a chunk."""
-    heads = np.zeros(len(messages), _RECORD)
-    heads["kind"], heads["size"] = MESSAGE, messages.size + _SIZE_BEYOND_MESSAGE
-    heads["channel"], heads["log_ns"] = messages.connection, messages.recorded_ns
-    heads["publish_ns"] = messages.recorded_ns
-    windows(content, _RECORD.itemsize)[places] = heads.view(f"V{_RECORD.itemsize}")
-    for size in np.unique(messages.size).tolist():
-        chosen = np.flatnonzero(messages.size == size)
-        if size:
-            begins = places[chosen] + _RECORD.itemsize
-            windows(content, size)[begins] = windows(messages.block, size)[messages.start[chosen]]
+        mcap_records.seal(self.path)
 
 
 FILE, WRITER = McapFile, McapBlockWriter

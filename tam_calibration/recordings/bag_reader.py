@@ -7,23 +7,20 @@ from functools import lru_cache
 from glob import escape
 from itertools import groupby
 from pathlib import Path
-from typing import Any
 from weakref import finalize
 
 import numpy as np
 from rosbags.interfaces import Connection
-from zstandard import BufferWithSegments, ZstdDecompressor, frame_content_size
 
 from tam_calibration.files.text_files import require_regular
 from tam_calibration.files.whole_files import temporary_place, unfinished
 from tam_calibration.messages.cdr import RawMessages
 from tam_calibration.messages.samples import Progress
 from tam_calibration.model.exceptions import InputError, quoted
-from tam_calibration.recordings.bag_bounds import check_piece, unpack_bounded
-from tam_calibration.recordings.bag_damage import NAMED, Damaged, damage_named
-from tam_calibration.recordings.bag_folder import PACKED, data_files, read_metadata
-from tam_calibration.recordings.bag_recovered import Recovered, RecoveredFile, room_named, unpacked
-from tam_calibration.recordings.bag_storages import READABLE, Condition, StoredFile, serialisation_of, storage_for
+from tam_calibration.recordings import bag_storages
+from tam_calibration.recordings.bag_bounds import NAMED, Damaged, check_piece, damage_named, unpack_bounded
+from tam_calibration.recordings.bag_recovery import Recovered, RecoveredFile, room_named, unpacked
+from tam_calibration.recordings.bag_storages import Condition, StoredFile, serialisation_of, storage_for
 
 log = logging.getLogger(__name__)
 
@@ -107,13 +104,14 @@ def _checked(path: Path, folder: ExitStack) -> BagReader:
     """
     faults: list[str] = []
     with room_named(path), damage_named(path):
-        files = data_files(path)
-        if any(file.suffix == PACKED for file in files):
+        files = bag_storages.data_files(path)
+        if any(file.suffix == bag_storages.PACKED for file in files):
             files = unpacked(files, folder.enter_context(unfinished(temporary_place())))
         if missing := [file.name for file in files if not file.exists()]:
             raise Damaged(f"{missing[0]} is missing")
         conditions = {file: storage_for(file).condition_of(file) for file in files}
-    is_unfinished = Condition.UNFINISHED in conditions.values() or (path.is_dir() and read_metadata(path) is None)
+    has_metadata = not path.is_dir() or bag_storages.read_metadata(path) is not None
+    is_unfinished = Condition.UNFINISHED in conditions.values() or not has_metadata
     incomplete = [file for file, condition in conditions.items() if condition is not Condition.COMPLETE]
     with room_named(path), damage_named(path, may_recover=False):
         recovered = {file: RecoveredFile(file, faults) for file in incomplete}
@@ -142,7 +140,7 @@ def _require_names(bag: BagReader) -> None:
 
 def _require_counted(bag: BagReader) -> None:
     """Check that the files have the topics of which the metadata count messages: a damaged name would lose one."""
-    metadata = read_metadata(bag.path) if bag.path.is_dir() else None
+    metadata = bag_storages.read_metadata(bag.path) if bag.path.is_dir() else None
     topics = {one.topic for one in bag.topics}
     for topic, count in metadata.counts.items() if metadata else ():
         if count and topic not in topics:
@@ -171,7 +169,7 @@ def _chosen(path: Path, topics: Sequence[Connection]) -> list[Connection]:
     chosen = []
     for topic, group in groupby(sorted(topics, key=lambda one: one.topic), lambda one: one.topic):
         several = sorted(group, key=lambda one: -one.msgcount)
-        usable = [one for one in several if serialisation_of(one) in READABLE]
+        usable = [one for one in several if serialisation_of(one) in bag_storages.READABLE]
         for one in several:
             if one not in usable:
                 log.warning("%s: %s is not read: its messages are %s", path, topic, serialisation_of(one))
@@ -245,18 +243,18 @@ def raw_blocks(
 
 
 def _unpacked(messages: RawMessages) -> RawMessages:
-    """Return messages of which each may be compressed; all by one decompressor: making it takes most of the time."""
+    """Return messages of which each may be compressed by itself.
+
+    Raises
+    ------
+    InputError
+        When one, or all together, unpack to more than a recording could hold.
+    """
     if bytes(messages.block[messages.start[0] :][: len(_ZSTD)]) != _ZSTD:
         return messages
-    packed = messages.messages()
-    sizes = [frame_content_size(each) for each in packed]  # -1 where a frame does not tell
-    for each, size in zip(packed, sizes, strict=True):
-        check_piece(len(each), size, "a message")
-    check_piece(int(messages.size.sum()), sum(sizes), f"a block of {len(packed)} messages")
-    content: Any
-    if min(sizes) < 0:
-        content = [unpack_bounded(each, "zstd", "a message") for each in packed]
-    else:
-        segments = np.column_stack([messages.start, messages.size]).astype("<u8").tobytes()
-        content = ZstdDecompressor().multi_decompress_to_buffer(BufferWithSegments(messages.block.data, segments))
-    return RawMessages.of(messages.connection, messages.recorded_ns, list(content))
+    packed, content, total = messages.messages(), list[bytes](), 0
+    for each in packed:
+        content.append(unpack_bounded(each, "zstd", "a message"))
+        total += len(content[-1])
+        check_piece(int(messages.size.sum()), total, f"a block of {len(packed)} messages")
+    return RawMessages.of(messages.connection, messages.recorded_ns, content)

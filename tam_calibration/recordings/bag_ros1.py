@@ -11,8 +11,7 @@ from rosbags.rosbag1 import Reader
 
 from tam_calibration.messages.cdr import RawMessages, gather
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.recordings.bag_bounds import unpack_bounded
-from tam_calibration.recordings.bag_damage import reason_of
+from tam_calibration.recordings.bag_bounds import reason_of, unpack_bounded
 from tam_calibration.recordings.bag_storages import Condition
 
 _COMPRESSIONS = {decompress_bz2: "bz2", decompress_lz4: "lz4"}

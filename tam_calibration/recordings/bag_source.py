@@ -2,17 +2,17 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from functools import cache, cached_property, partial
+from functools import cache, cached_property
 
 import numpy as np
 from rosbags.interfaces import Connection, MessageDefinitionFormat
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 
-from tam_calibration.messages.cdr import RawMessages, read_float64s, read_stamped_doubles
+from tam_calibration.messages.cdr import RawMessages, in_large_blocks
 from tam_calibration.messages.message_fields import Definitions, MessageFields, stamp_fields
 from tam_calibration.messages.samples import Progress
 from tam_calibration.messages.stream_messages import StreamMessages
-from tam_calibration.messages.topics import FIELD_UNITS, FLOAT64, IMU, MAGNETIC_FIELD, TEMPERATURE
+from tam_calibration.messages.topics import FIELD_UNITS, IMU
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.recordings.bag_reader import BagReader, raw_blocks
@@ -31,8 +31,6 @@ _OF_IMU = (_ORIENTATION, _RATES, (*_ORIENTATION, *_RATES))
 """What is read of an IMU: its attitude, its angular velocity, or both."""
 
 _IMU_NUMBERS = (*_ORIENTATION, "orientation_covariance[0]", *_RATES, "angular_velocity_covariance[0]")
-_IMU_PLACES = (0, 1, 2, 3, 4, 13, 14, 15, 16)
-"""These numbers, and their places among the doubles of a message."""
 
 
 def _imu_values(
@@ -47,28 +45,8 @@ def _imu_values(
     )
 
 
-def _read_imu(paths: tuple[str, ...], messages: RawMessages) -> tuple[IntArray | None, FloatArray]:
-    stamps, doubles = read_stamped_doubles(messages, _IMU_PLACES[-1] + 1)
-    return _imu_values(paths, stamps, doubles[:, _IMU_PLACES])
-
-
-_FAST: dict[tuple[str, tuple[str, ...]], _Decoder] = {
-    (MAGNETIC_FIELD, tuple(f"magnetic_field.{axis}" for axis in "xyz")): lambda each: read_stamped_doubles(each, 3),
-    **{(IMU, paths): partial(_read_imu, paths) for paths in _OF_IMU},
-    (TEMPERATURE, ("temperature",)): lambda each: read_stamped_doubles(each, 1),
-    (FLOAT64, ("data",)): read_float64s,
-}
-"""Types whose numbers lie at fixed places, which is quicker than to go through the definition."""
-
-
-_LOOKED_AT = 16
-"""Messages of a topic that tell how long its lists are, and whether it has stamps."""
-
 _FRAME = 16
 """Place of the name of a header's frame: after the kind of CDR, the stamp, and the name's length."""
-
-_BULKY = 8192
-"""Bytes of a message, in the mean, from which it is no reading: 64 sensors with covariances have 6 kB."""
 
 
 class BagSource:
@@ -113,7 +91,8 @@ class BagSource:
             stamps_ns = fields.read(first, ())[0]
             is_stamped = stamps_ns is not None and (not len(stamps_ns) or bool(stamps_ns.any()))
         units = FIELD_UNITS.get(connection.msgtype, {})
-        is_bulky = len(first) > 0 and float(first.size.mean()) > _BULKY
+        # A longer message is no reading: 64 sensors with covariances have 6 kB.
+        is_bulky = len(first) > 0 and float(first.size.mean()) > 8192
         return Table(topic, paths, connection.msgtype, 0, count, is_stamped, units, (), publishers, frames, is_bulky)
 
     def _publishers(self, connection: Connection) -> int:
@@ -133,7 +112,7 @@ class BagSource:
             block, number = next(raw_blocks(self.bag, [self._connections[topic]]), None), 0
         if block is None:
             return RawMessages.of([], [], [])
-        return block.take(np.flatnonzero(block.connection == number)[:_LOOKED_AT])
+        return block.take(np.flatnonzero(block.connection == number)[:16])
 
     def _fields(self, topic: str) -> MessageFields:
         connection = self._connections[topic]
@@ -155,7 +134,7 @@ class BagSource:
         decoders = {topic: self._decoder(topic, paths[topic]) for topic in streams}
         parts: dict[str, list[StreamMessages]] = {stream: [] for stream in wanted}
         count, is_received = 0, clock == "received"
-        for block in raw_blocks(self.bag, connections, progress):
+        for block in in_large_blocks(raw_blocks(self.bag, connections, progress)):
             for number, (topic, own) in enumerate(streams.items()):
                 order = np.flatnonzero(block.connection == number)
                 if not len(order):
@@ -182,11 +161,7 @@ class BagSource:
         return messages.recorded_ns if stamps_ns is None else stamps_ns
 
     def _decoder(self, topic: str, paths: tuple[str, ...]) -> _Decoder:
-        connection = self._connections[topic]
-        fast = None if _is_ros1(connection) else _FAST.get((connection.msgtype, paths))
-        if fast is not None:
-            return fast
-        fields = self._fields(topic)
+        connection, fields = self._connections[topic], self._fields(topic)
         if connection.msgtype == IMU and paths in _OF_IMU:
             return lambda messages: _imu_values(paths, *fields.read(messages, _IMU_NUMBERS))
         return lambda messages: fields.read(messages, paths)

@@ -17,11 +17,10 @@ from rosbags.rosbag2 import CompressionMode
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 
 from tam_calibration.files.whole_files import temporary_place, unfinished
-from tam_calibration.messages.cdr import RawMessages, gather
+from tam_calibration.messages.cdr import RawMessages
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import IntArray
-from tam_calibration.recordings.bag_bounds import LARGEST_PIECE, check_topics, quality_of
-from tam_calibration.recordings.bag_damage import Damaged
+from tam_calibration.recordings.bag_bounds import LARGEST_PIECE, Damaged, check_topics, quality_of
 from tam_calibration.recordings.bag_storages import Condition
 
 ROWS, _BYTES = 8_192, 2_000_000
@@ -39,8 +38,6 @@ _STEPS = 100_000
 _FREE_STEPS, _STEPS_A_BYTE = 10_000_000, 10
 """Steps that any file may take, about a second, and further ones for each of its bytes: reading takes less than 1."""
 
-_LONGEST_SQL = 1 << 20
-"""Most bytes of a statement and of a definition in the schema, 1 MiB: those of bags have some hundreds."""
 
 _BEGINNING, _HEAD = b"SQLite format 3\0", 100
 _INDEX = "timestamp_idx"
@@ -75,7 +72,6 @@ _HAS_INDEX = f"""
 SELECT 1 FROM pragma_index_list('messages') AS i WHERE name = '{_INDEX}' AND NOT partial
     AND (SELECT group_concat(name) FROM pragma_index_info(i.name)) = 'timestamp'
 """
-_SORTED = "SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp"
 
 
 def in_uri(path: Path) -> str:
@@ -89,7 +85,8 @@ def _open(path: Path, words: str = "?immutable=1", flags: int = apsw.SQLITE_OPEN
     database.config(apsw.SQLITE_DBCONFIG_TRUSTED_SCHEMA, 0)
     database.config(apsw.SQLITE_DBCONFIG_ENABLE_VIEW, 0)
     database.limit(apsw.SQLITE_LIMIT_LENGTH, LARGEST_PIECE)
-    database.limit(apsw.SQLITE_LIMIT_SQL_LENGTH, _LONGEST_SQL)
+    # Statements and definitions of bags have some hundred bytes.
+    database.limit(apsw.SQLITE_LIMIT_SQL_LENGTH, 1 << 20)
     size = sum(file.stat().st_size for file in path.parent.glob(f"{escape(path.name)}*"))
     left = iter(range(int(_FREE_STEPS + _STEPS_A_BYTE * size) // _STEPS))
 
@@ -164,33 +161,21 @@ class Sqlite3File:
         position : mapping of int to int
             For the id of each wanted connection its number in the messages.
         """
-        size = self.path.stat().st_size
-        with closing(_open(self.path)) as database:
-            if _first(database, _HAS_INDEX):
-                yield from self._gathered(database, size, position)
-            else:  # somebody dropped it
-                rows = database.execute(_SORTED)
-                wanted = ((position[topic], *row) for topic, *row in rows if topic in position)
-                yield from gather(wanted, size / self.message_count)
-
-    def _gathered(
-        self, database: apsw.Connection, size: int, position: Mapping[int, int]
-    ) -> Iterator[tuple[RawMessages, int]]:
-        """Yield rows that the database itself joins, which spares an object for each."""
         is_all = len(position) == len(self.connections)
         query = _GATHER if is_all else f"{_GATHER} AND topic_id IN ({','.join(map(str, position))})"
         number = np.zeros(max(position) + 1, dtype=np.int64)
         number[list(position)] = list(position.values())
-        first, last, count = self.start_ns, self.end_ns, self.message_count
+        first, last, count, size = self.start_ns, self.end_ns, self.message_count, self.path.stat().st_size
         rows = max(min(ROWS, _BYTES * count // size), 1)
-        while first <= last:
-            following = _first(database, _NEXT, first, rows)
-            end = max(following[0], first + 1) if following else last + 1
-            topics, times, sizes, block = _first(database, query, first, end)
-            if block is not None:
-                connection = number[_parse(topics)]
-                yield _messages(connection, first + _parse(times), _parse(sizes), block), size * rows // count
-            first = end
+        with closing(_open(self.path)) as database:
+            while first <= last:
+                following = _first(database, _NEXT, first, rows)
+                end = max(following[0], first + 1) if following else last + 1
+                topics, times, sizes, block = _first(database, query, first, end)
+                if block is not None:
+                    connection = number[_parse(topics)]
+                    yield _messages(connection, first + _parse(times), _parse(sizes), block), size * rows // count
+                first = end
 
 
 def _parse(numbers: str) -> IntArray:
@@ -217,7 +202,7 @@ def condition_of(path: Path) -> Condition:
         query = f"SELECT id, {topic}, timestamp / 1e9 FROM messages WHERE NOT {_is_intact(database)} LIMIT 1"
         for number, name, recorded_s in database.execute(query):
             raise Damaged(f"message {number} is damaged, of {name} at {recorded_s:.3f} s")
-    return Condition.COMPLETE
+        return Condition.COMPLETE if _first(database, _HAS_INDEX) else Condition.NOT_INDEXED
 
 
 def _is_cut(path: Path) -> bool:
@@ -304,10 +289,7 @@ def _rows(database: apsw.Connection, faults: list[str] | None) -> Iterator[tuple
 
 
 class Sqlite3BlockWriter(Sqlite3Writer):
-    """The sqlite3 writer of rosbags that takes many messages at once; their index is made when all are there.
-
-    Each message has its CRC.
-    """
+    """The sqlite3 writer of rosbags, with the CRC of each message; their index is made when all are there."""
 
     def __init__(self, path: Path, compression: CompressionMode) -> None:
         super().__init__(Path(in_uri(path)), compression)
@@ -330,11 +312,6 @@ class Sqlite3BlockWriter(Sqlite3Writer):
         """
         self.cursor.execute(f"CREATE INDEX {_INDEX} ON messages (timestamp ASC)")
         super().close(version, metadata)
-
-    def write_block(self, messages: RawMessages) -> None:
-        """Write messages, each of the connection of that id."""
-        rows = zip(messages.connection.tolist(), messages.recorded_ns.tolist(), messages.messages(), strict=True)
-        self.cursor.executemany(_INSERT, ((*row, crc_of(*row)) for row in rows))
 
     def write(self, connection: Connection, timestamp: int, data: bytes | memoryview) -> None:
         """Write one message.

@@ -1,6 +1,10 @@
-"""The storages of bags: each is one module that reads, and mostly writes, its files, and one line in ``STORAGES``."""
+"""The storages of bags, and the folder of a bag: its metadata, and the files that hold its messages.
+
+A storage is one module that reads, and mostly writes, its files, and one line in ``STORAGES``.
+"""
 
 import os
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
@@ -8,13 +12,13 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
-from tam_calibration.files.text_files import require_regular
+from tam_calibration.files.text_files import read_text, require_regular
+from tam_calibration.files.yaml_document import parse_mapping
 from tam_calibration.messages.cdr import RawMessages
 from tam_calibration.model.exceptions import InputError
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
-
 
 READABLE = ("cdr", "ros1")
 """How messages that are read are serialised, as bags name it: by ROS 2, or by ROS 1."""
@@ -75,8 +79,7 @@ class Storage(Protocol):
     FILE : type of StoredFile
         Reads a complete file, and is made of its path.
     WRITER : type
-        Writes a file, as ``rosbags.rosbag2.Writer`` asks of a plugin; and ``write_block(messages)`` writes
-        ``RawMessages``. A storage that is only read has none.
+        Writes a file, as ``rosbags.rosbag2.Writer`` asks of a plugin. A storage that is only read has none.
     """
 
     FILE: type[Any]
@@ -203,8 +206,80 @@ def is_bag(path: Path) -> bool:
     require_regular(path)
     if path.is_dir():
         names = [part.name for part in path.iterdir()]
-        return "metadata.yaml" in names or not names or any(suffix in name for name in names for suffix in _SUFFIXES)
+        return METADATA in names or not names or any(suffix in name for name in names for suffix in _SUFFIXES)
     if path.suffix in _SUFFIXES:
         return True
     with path.open("rb") as file:
         return file.read(16).startswith(_BEGINNINGS)
+
+
+METADATA = "metadata.yaml"
+
+PACKED = ".zstd"
+"""Suffix behind that of a packed file."""
+
+
+@dataclass(frozen=True)
+class Metadata:
+    """The part of a bag's metadata that its files do not tell, the same in all versions since Foxy.
+
+    Parameters
+    ----------
+    files : tuple of str
+        Names of the data files, in their order.
+    counts : dict of str to int
+        Messages of each topic.
+    """
+
+    files: tuple[str, ...]
+    counts: dict[str, int]
+
+
+def read_metadata(folder: Path) -> Metadata | None:
+    """Return the metadata of a bag; None where the recorder did not write them to their end, or they are damaged."""
+    try:
+        information = parse_mapping(read_text(folder / METADATA))["rosbag2_bagfile_information"]
+        files = dict.fromkeys(Path(str(path)).name for path in information["relative_file_paths"])
+        topics = information["topics_with_message_count"]
+        return Metadata(tuple(files), {str(each["topic_metadata"]["name"]): each["message_count"] for each in topics})
+    except (InputError, LookupError, TypeError):
+        return None
+
+
+def data_files(path: Path) -> list[Path]:
+    """Return the files that hold the messages of a bag, in their order; a single file is its own.
+
+    Raises
+    ------
+    InputError
+        When the path is no bag.
+    """
+    if not path.is_dir():
+        return [path]
+    metadata = read_metadata(path)
+    files = _found_in(path) if metadata is None else [path / name for name in metadata.files]
+    for file in files:
+        if file.is_dir():
+            raise InputError(f"{file} is a folder, not a file of a bag")
+    return files
+
+
+def _found_in(folder: Path) -> list[Path]:
+    """Return the files that a recorder left without metadata, by the numbers in their names."""
+    files = [each for each in folder.iterdir() if each.name.removesuffix(PACKED).endswith(_SUFFIXES)]
+    names = {each.name for each in files}
+    # The recorder writes the packed file next to the original, which it then removes.
+    files = [each for each in files if each.name == each.name.removesuffix(PACKED) or each.stem not in names]
+    if not files:
+        kinds = " or ".join(_SUFFIXES)
+        raise InputError(f"{folder} contains no {METADATA}, nor a file that ends in {kinds}: is it a bag?")
+    if len(recordings := sorted({re.sub(r"_\d+$", "", each.name.partition(".")[0]) for each in files})) > 1:
+        raise InputError(
+            f"{folder} contains no {METADATA}, but files of several recordings, {recordings[0]} and {recordings[1]} "
+            "among them: name one of them"
+        )
+    return sorted(files, key=_in_order)
+
+
+def _in_order(path: Path) -> list[tuple[str, int]]:
+    return [(text, int(number or 0)) for text, number in re.findall(r"(\D*)(\d*)", path.name)]

@@ -1,8 +1,10 @@
-"""Writing of bags: blocks of messages, copied topics, and recordings."""
+"""Writing of bags: blocks of messages, copied topics, recordings, and the complete messages of damaged bags."""
 
+import logging
 import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +13,8 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_typestore
 
-from tam_calibration.files.text_files import write_whole
+from tam_calibration.files.text_files import require_regular, write_whole
+from tam_calibration.files.whole_files import temporary_place, unfinished
 from tam_calibration.messages.cdr import ByteArray, RawMessages, fill, interleave
 from tam_calibration.messages.point_cloud import FRAME_ID
 from tam_calibration.messages.samples import pieces, stamps_of
@@ -20,7 +23,11 @@ from tam_calibration.messages.topics import FLOAT64, IMU, MAGNETIC_FIELD, TEMPER
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, IntArray
-from tam_calibration.recordings.bag_storages import DEFAULT, serialisation_of, storage_alone, written
+from tam_calibration.recordings import bag_storages
+from tam_calibration.recordings.bag_bounds import damage_named
+from tam_calibration.recordings.bag_reader import BagReader, raw_blocks
+from tam_calibration.recordings.bag_recovery import Recovered, RecoveredFile, room_named, unpacked
+from tam_calibration.recordings.bag_storages import DEFAULT, data_files, serialisation_of
 
 TYPESTORE = get_typestore(Stores.ROS2_JAZZY)
 _TYPES = TYPESTORE.types
@@ -30,9 +37,9 @@ class BlockWriter(Writer):
     """The writer of rosbags that takes single messages, or many at once."""
 
     def __init__(self, path: Path, storage: str) -> None:
-        if storage not in written():
-            raise InputError(f"storage {storage!r} is not known: choose one of {', '.join(written())}")
-        plugin: Any = written()[storage]  # rosbags takes its name for metadata.yaml
+        if storage not in bag_storages.written():
+            raise InputError(f"storage {storage!r} is not known: choose one of {', '.join(bag_storages.written())}")
+        plugin: Any = bag_storages.written()[storage]  # rosbags takes its name for metadata.yaml
         super().__init__(path, version=9, storage_plugin=plugin)
         self.STORAGE_PLUGINS = {plugin: plugin.load().WRITER}
 
@@ -47,9 +54,11 @@ class BlockWriter(Writer):
         if not len(messages):
             return
         storage: Any = self.storage
-        storage.write_block(messages)
-        for number, count in zip(*np.unique(messages.connection, return_counts=True), strict=True):
-            self.counts[int(number)] += int(count)
+        by_id = {connection.id: connection for connection in self.connections}
+        rows = zip(messages.connection.tolist(), messages.recorded_ns.tolist(), messages.messages(), strict=True)
+        for number, recorded_ns, message in rows:
+            storage.write(by_id[number], recorded_ns, message)
+            self.counts[number] += 1
         self.min_timestamp = min(int(messages.recorded_ns.min()), self.min_timestamp)
         self.max_timestamp = max(int(messages.recorded_ns.max()), self.max_timestamp)
 
@@ -70,7 +79,7 @@ def write_bag(path: Path, storage: str) -> Iterator[BlockWriter]:
     InputError
         When the bag cannot be written.
     """
-    alone = storage_alone(path)
+    alone = bag_storages.storage_alone(path)
     if not alone and path.name.encode("utf-8", "replace").decode() != path.name:
         raise InputError(f"{path} is no name for a bag, which must be of UTF-8 characters: choose another")
     with write_whole(path) as temporary:
@@ -200,3 +209,44 @@ def _make_templates() -> dict[str, tuple[bytes, int, bool]]:
 
 
 _TEMPLATES = _make_templates()
+
+
+log = logging.getLogger(__name__)
+
+
+def recover(path: Path, target: Path) -> Recovered:
+    """Write a bag of all messages of another that are complete, in the order in which they were written.
+
+    Parameters
+    ----------
+    path : Path
+        The bag, which may be unfinished or damaged, and is not changed.
+    target : Path
+        The bag to write: a folder of the same storage, or a single file where its storage has single files.
+
+    Raises
+    ------
+    InputError
+        When it is no bag, no message of it is complete, or the new one cannot be written.
+    """
+    require_regular(path)
+    faults: list[str] = []
+    with unfinished(temporary_place()) as folder:
+        with room_named(path):
+            files = unpacked(data_files(path), folder, faults)
+        faults += [f"{file.name} is missing" for file in files if not file.exists()]
+        with damage_named(path, may_recover=False):
+            bag = BagReader(path, [RecoveredFile(file, faults) for file in files if file.exists()])
+        readable = [one for one in bag.topics if serialisation_of(one) in bag_storages.READABLE]
+        if not readable:
+            raise InputError(f"{path} is damaged or truncated: no message in it is complete")
+        with write_bag(target, bag_storages.storage_of(path)) as writer:
+            ids = np.array([copy_connection(writer, one).id for one in readable])
+            for block in raw_blocks(bag, readable):
+                writer.write_block(replace(block, connection=ids[block.connection]))
+    for one in bag.topics:
+        if one not in readable:
+            what = f"{one.msgcount} messages of {one.topic} in {serialisation_of(one)}"
+            log.warning("%s: %s are left out", path, what)
+    count = sum(one.msgcount for one in readable)
+    return Recovered(count, bag.start_time, bag.start_time + bag.duration, tuple(faults))

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from tam_calibration.messages.missing import in_words
 from tam_calibration.messages.topics import IMU, MAGNETIC_FIELD, TEMPERATURE
 from tam_calibration.recordings.channel_map import ChannelMap, Pick
-from tam_calibration.recordings.own_names import own_columns, own_map, unread
 from tam_calibration.recordings.resolving import NAMES
 from tam_calibration.recordings.tables import Source, Table, Wanted
 from tam_calibration.recordings.vectors import (
@@ -21,9 +20,12 @@ from tam_calibration.recordings.vectors import (
     is_magnetic,
     is_rate,
     lists_in,
+    own_columns,
+    own_map,
     pick_of,
     shortened,
     unit_in,
+    unread,
     vectors_in,
 )
 

@@ -20,9 +20,6 @@ GROUP = "tam_calibration.readers"
 
 log = logging.getLogger(__name__)
 
-_BEGINNING = 64
-"""Bytes by which a format is recognised."""
-
 
 @cache
 def _readers() -> tuple[Reader, ...]:
@@ -65,7 +62,7 @@ def open_source(path: Path, channel_map: ChannelMap | None = None) -> Iterator[S
     beginning = b""
     if path.is_file():
         with path.open("rb") as file:
-            beginning = file.read(_BEGINNING)
+            beginning = file.read(64)
     reader = next((each for each in _readers() if each.recognises(path, beginning)), None)
     if reader is None:
         raise InputError(f"{path} is a folder and no bag: name a file, or its files in a map")

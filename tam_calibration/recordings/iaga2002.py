@@ -1,17 +1,16 @@
-"""Observatory files in the IAGA-2002 format: what the geomagnetic field did at a place."""
+"""Observatory files in the IAGA-2002 format, and the intensity that such a base station gives a recording."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
 from tam_calibration.files.text_files import in_file, read_text
+from tam_calibration.messages.samples import Samples
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
-
-_MISSING_NT = 88_888.0
-"""Values of this size and above stand for "not reported" (88888) and "missing" (99999)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +84,8 @@ def _columns(lines: list[str]) -> tuple[datetime, FloatArray, dict[str, FloatArr
         raise InputError("the file has no values")
     stamps = np.array([stamp for stamp, _ in rows], dtype="datetime64[ms]")
     values = np.array([row for _, row in rows])
-    values[~(np.abs(values) < _MISSING_NT)] = np.nan
+    # 88888 stands for "not reported", 99999 for "missing".
+    values[~(np.abs(values) < 88_888.0)] = np.nan
     time_s = (stamps - stamps[0]) / np.timedelta64(1, "s")
     if not (np.diff(time_s) > 0).all():
         raise InputError("time repeats or goes backwards: give one file as the observatory publishes it")
@@ -124,3 +124,59 @@ def _turn_to_mean(north: FloatArray, east: FloatArray) -> tuple[FloatArray, Floa
     meridian = np.arctan2(np.nanmean(east), np.nanmean(north))
     cosine, sine = np.cos(meridian), np.sin(meridian)
     return north * cosine + east * sine, east * cosine - north * sine
+
+
+def with_base_station(samples: Samples, path: Path | None) -> Samples:
+    """Return samples whose intensity is the station's where they have none of their own.
+
+    Beside a scalar magnetometer the station's values are shifted by the median of what the two differ.
+
+    Parameters
+    ----------
+    samples : Samples
+        Their times are seconds since 1970.
+    path : Path, optional
+        IAGA-2002 file of the station; without one the samples stay as they are.
+
+    Raises
+    ------
+    InputError
+        When the station has no value at the time of the recording.
+    """
+    if path is None:
+        return samples
+    recording = samples.recording
+    station_T = _at(path, recording.time_s)
+    own_T = recording.scalar_T
+    if own_T is not None:
+        both = np.isfinite(own_T) & np.isfinite(station_T)
+        shift_T = float(np.median(own_T[both] - station_T[both])) if both.any() else 0.0
+        station_T = np.where(np.isnan(own_T), station_T + shift_T, own_T)
+    return replace(samples, recording=replace(recording, scalar_T=station_T))
+
+
+@lru_cache(maxsize=2)
+def _record(path: Path) -> tuple[FloatArray, FloatArray]:
+    return read_intensity(path)
+
+
+def _at(path: Path, time_s: FloatArray) -> FloatArray:
+    """Return the station's intensity (N,) at some times, NaN within its gaps.
+
+    Raises
+    ------
+    InputError
+        When it has none.
+    """
+    own_s, own_T = _record(path)
+    after = np.clip(np.searchsorted(own_s, time_s), 1, len(own_s) - 1)
+    # Longer gaps are not interpolated: pulsations and storms of the field take minutes.
+    is_near = (own_s[after] - own_s[after - 1] <= 180.0) & (time_s >= own_s[0]) & (time_s <= own_s[-1])
+    if not is_near.any():
+        first, last = (np.datetime64(int(each), "s") for each in (own_s[0], own_s[-1]))
+        own = np.datetime64(int(time_s[0]), "s")
+        raise InputError(
+            f"the base station has values from {first} to {last} UTC, and the recording begins at {own}: its times "
+            "must be times of day, and within those of the station"
+        )
+    return np.where(is_near, np.interp(time_s, own_s, own_T), np.nan)

@@ -17,8 +17,14 @@ from tam_calibration.model.units import FloatArray
 from tam_calibration.recordings.channel_map import ChannelMap, Clock
 from tam_calibration.recordings.choice import Choice, choose, reason
 from tam_calibration.recordings.formats import open_source, rows_of
-from tam_calibration.recordings.inspected_map import completed_map, unit_doubt
-from tam_calibration.recordings.inspection_result import Course, InspectedChannel, InspectedTable, Inspection
+from tam_calibration.recordings.inspection_result import (
+    Course,
+    InspectedChannel,
+    InspectedTable,
+    Inspection,
+    completed_map,
+    unit_doubt,
+)
 from tam_calibration.recordings.intake import field_size, likely_unit
 from tam_calibration.recordings.oddities import missing_of, of_readings, of_times, thinned, without_overlap
 from tam_calibration.recordings.reading import Reading
@@ -27,9 +33,6 @@ from tam_calibration.recordings.row_source import RowSource
 from tam_calibration.recordings.series import Series, read_messages, read_rows
 from tam_calibration.recordings.tables import Columns, MemorySource, Source, Wanted
 from tam_calibration.recordings.vectors import attitudes_in, is_magnetic, unit_in, vectors_in
-
-_STROKES = 1000
-"""Parts of a channel's course of which the smallest and the largest value are kept, so that a spike is seen."""
 
 
 def inspect(
@@ -176,7 +179,8 @@ class _Inspecting:
         values = np.where(np.abs(values) < HUGE, values, np.nan)
         times_ns = series.times_ns
         time_s = np.arange(len(values)) * 1.0 if times_ns is None else (times_ns - self._begin_ns) / 1e9
-        starts = np.arange(0, len(values), len(values) // _STROKES + 1)
+        # A thousand parts, each with its smallest and largest value, so that a spike is seen.
+        starts = np.arange(0, len(values), len(values) // 1000 + 1)
         if not len(starts):
             return Course(time_s, values, values)
         return Course(time_s[starts], np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts))

@@ -13,24 +13,12 @@ from tam_calibration.model.units import NANOTESLA_PER_TESLA, TESLA_PER_FIELD_UNI
 from tam_calibration.recordings.channel_map import Pick
 from tam_calibration.recordings.navigation import LOCAL, Axes, Navigation
 
-_COUNTER_BITS = (8, 12, 16, 24)
-"""Widths of converters whose readings overflow."""
-
 _JUMP = 0.75
 """Of a counter's range: a larger step between readings is an overflow; other steps are below the rest of the range."""
 
-_OFF_STEP, _COUNTED = 0.05, 0.9
-"""Part of a step by which counts may miss it, and least part of readings that are counts: chance makes a tenth."""
-
-_NORMALISED = 0.02
-"""Distance of a field's size from 1 up to which readings count as normalised: no field of 1 G is the Earth's."""
 
 _ROUND = 0.3
 """Least extent of readings, over the axes and in diameters of their sphere, from which this tells the field's size."""
-
-
-_SHELL = 0.25
-"""Largest standard deviation of readings' distances from a centre, over their mean, where they lie on a sphere."""
 
 
 class Intake:
@@ -191,7 +179,8 @@ def field_size(raw: FloatArray) -> float:
     *center, power = np.linalg.lstsq(matrix, np.sum(points**2, axis=1), rcond=None)[0]
     radius = float(np.sqrt(max(power + np.square(center).sum(), 0.0)))
     # The noise of a sensor that lies still fills a ball, in which no radius prevails.
-    is_shell = np.std(np.linalg.norm(points - center, axis=1)) < _SHELL * radius
+    # The distances from the centre then spread by a quarter of the radius at most.
+    is_shell = np.std(np.linalg.norm(points - center, axis=1)) < 0.25 * radius
     is_sphere = is_shell and np.ptp(points, axis=0).min() >= _ROUND * 2 * radius
     return scale * radius if is_sphere else float(np.median(lengths))
 
@@ -225,7 +214,8 @@ def size_doubt(stream: str, size: float) -> str:
 
 
 def _is_normalised(size: float) -> bool:
-    return abs(size - 1) < _NORMALISED
+    # No field of 1 G is the Earth's.
+    return abs(size - 1) < 0.02
 
 
 @dataclass
@@ -263,14 +253,15 @@ class Counter:
             if is_large.sum() < 2 or jumps[~is_large].max(initial=0.0) > 1.1 * (1 - _JUMP) / _JUMP * span:
                 continue
             # The steps of one axis alone: another may have another converter. A few readings miss its least step.
-            for step, bits in product({_step(raw[:, axis]), _step(raw)}, _COUNTER_BITS):
+            for step, bits in product({_step(raw[:, axis]), _step(raw)}, (8, 12, 16, 24)):
                 size = step * 2.0**bits
                 is_overflow = jumps > _JUMP * size
                 if not (_JUMP * size < span + step <= size * (1 + 1e-9)) or is_overflow.sum() < 2:
                     continue
-                is_count = np.abs(jumps / step - np.round(jumps / step)) < _OFF_STEP
+                # Almost all jumps must be whole counts: by chance a tenth are.
+                is_count = np.abs(jumps / step - np.round(jumps / step)) < 0.05
                 if (
-                    is_count.mean() >= _COUNTED
+                    is_count.mean() >= 0.9
                     and np.where(is_overflow, np.abs(jumps - size), jumps).max() < (1 - _JUMP) * size
                 ):
                     axes[axis], sizes[axis] = bits, size

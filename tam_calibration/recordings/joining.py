@@ -12,12 +12,11 @@ from tam_calibration.correction.partial import missing_codes
 from tam_calibration.messages.batch_synchroniser import BatchSynchroniser
 from tam_calibration.messages.cdr import NO_TIME
 from tam_calibration.messages.missing import Missing
-from tam_calibration.messages.mounted import expected_frames, other_frame, turns_of
 from tam_calibration.messages.point_cloud import SampleLayout, is_channel
-from tam_calibration.messages.run import Run
 from tam_calibration.messages.samples import Progress, Samples, seconds_of
 from tam_calibration.messages.stream import sensor_stream
-from tam_calibration.messages.stream_messages import StreamMessages
+from tam_calibration.messages.stream_messages import StreamMessages, expected_frames, other_frame, turns_of
+from tam_calibration.messages.timeline import Run
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
 from tam_calibration.model.conversion import RATE_COLUMNS
@@ -34,8 +33,6 @@ from tam_calibration.recordings.tables import Source, Wanted
 PATIENCE_NS = 5_000_000_000
 """How far in stamps the streams of a recording may lag behind each other."""
 
-_CAPACITY = 1 << 24
-"""More messages of a stream than wait within that patience."""
 
 log = logging.getLogger(__name__)
 
@@ -132,6 +129,7 @@ class Joining:
         self.intakes = streams.intakes(reading, array)
         self._missing, self._first_ns, self._run = Missing(), None, Run()
         self._averaged = AveragedRates()
+        # more messages than come within the patience
         self._synchroniser = BatchSynchroniser(
             streams.layout,
             round(reading.tolerance_s * 1e9),
@@ -139,7 +137,7 @@ class Joining:
             hold_patience_ns=PATIENCE_NS,
             scalar_is_held=streams.scalar_is_held,
             expected=streams.layout.channels,
-            capacity=_CAPACITY,
+            capacity=1 << 24,
             delay_s=None if array is None else array.stamp_delay_s,
         )
 

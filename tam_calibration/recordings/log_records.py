@@ -20,9 +20,6 @@ log = logging.getLogger(__name__)
 _PIECE = 1 << 24
 """Bytes that are searched at once."""
 
-_LAST_NS = 1 << 62
-"""Stamps beyond it, 146 years after an autopilot was switched on, are damaged."""
-
 
 class Field(NamedTuple):
     """A number, or a text, in the messages of one layout.
@@ -138,7 +135,8 @@ def records_of(table: Table, data: mmap, places: IntArray, layout: Layout, time:
         Nanoseconds of one of its units.
     """
     ticks = stored(data, places, {time: layout[time]})[time]
-    is_sound = ticks <= _LAST_NS // tick_ns
+    # Later stamps, 146 years after the autopilot was switched on, are damaged.
+    is_sound = ticks <= (1 << 62) // tick_ns
     fields = tuple(name for name, field in layout.items() if "S" not in field.kind and name != time)
     is_bulky = len(fields) > LONGEST_LISTED
     described = replace(table, fields=() if is_bulky else fields, count=int(is_sound.sum()), is_bulky=is_bulky)

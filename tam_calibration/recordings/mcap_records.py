@@ -21,8 +21,6 @@ FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX, STATISTICS,
 
 _HEAD = struct.Struct("<BQ")
 
-RECORD_HEAD = _HEAD.size
-"""Bytes of kind and size before the content of a record."""
 
 _END = struct.Struct("<BQQQI8s")
 """The end of a file: footer with places of summary and summary offsets, CRC of both, and magic."""
@@ -33,8 +31,6 @@ _CHUNK_HEAD = struct.Struct("<QQQI")
 MESSAGE_HEAD = struct.Struct("<HIQQ")
 """Channel, sequence number, time of recording and time of publishing before a message."""
 
-_BLOCK = 1 << 20
-"""Bytes that are read at once for a CRC."""
 
 _FORMATS = {
     "ros2msg": MessageDefinitionFormat.MSG,
@@ -176,7 +172,7 @@ def seal(path: Path) -> None:
 def _crc_of(file: BinaryIO, begin: int, end: int) -> int:
     file.seek(begin)
     crc = 0
-    while begin < end and (block := file.read(min(_BLOCK, end - begin))):
+    while begin < end and (block := file.read(min(1 << 20, end - begin))):
         crc, begin = crc32(block, crc), begin + len(block)
     return crc
 
@@ -214,7 +210,7 @@ def _walk(
             channel, _, recorded_ns, _ = MESSAGE_HEAD.unpack_from(content)
             if channel in topics.connections:
                 held = [(topics.connections[channel], recorded_ns, content[MESSAGE_HEAD.size :])]
-    if reached + RECORD_HEAD > end:
+    if reached + _HEAD.size > end:
         yield from held
 
 

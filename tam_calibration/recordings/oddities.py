@@ -16,27 +16,6 @@ _LOOKED_AT = 50_000
 _FEWEST = 20
 """Messages of a table that is looked at: fewer show no rate."""
 
-_GAP = 5.0
-"""Interval, over the median interval, from which it is a gap: one or two lost messages make no gap."""
-
-_MIXED = 0.1
-"""Part of the steps that go back from which it is no set clock, but two publishers or readings out of order."""
-
-_OTHER_CLOCK_S = 2.0
-"""Median difference of stamps and recorder: no driver delivers readings so late."""
-
-_DRIFT_S, _DRIFT_PPM = 0.01, 20.0
-"""Change of that difference over the recording: beyond what drivers and quartz clocks that are set by a net have."""
-
-_PARTS = 10
-"""Parts of a recording of which the shortest delays are compared."""
-
-_ALTERNATING = 3.0
-"""Median change from reading to reading over that across two: of one sensor, however noisy, it is 1 at most."""
-
-_HELD = 0.2
-"""Least part of the readings that repeat the one before that is reported: chance repeats fewer."""
-
 
 def of_times(series: Series) -> list[str]:
     """Return what is odd about the times of a table.
@@ -86,7 +65,8 @@ def _order(stamps_ns: IntArray, since_ns: IntArray) -> list[str]:
             f"{_of(steps == 0)} stamps repeat the one before, first {_at(int(np.argmax(steps == 0)), since_ns)}"
         )
     if (back := steps < 0).any():
-        why = ": two publishers on one topic, or readings out of order?" if back.mean() > _MIXED else ""
+        # A clock that was set steps back less often.
+        why = ": two publishers on one topic, or readings out of order?" if back.mean() > 0.1 else ""
         most, first = -float(steps.min()) / 1e9, _at(int(np.argmax(back)), since_ns)
         remarks.append(f"stamps go back {int(back.sum())} times, by up to {most:.3g} s, first {first}{why}")
     return remarks
@@ -96,7 +76,8 @@ def _pauses(stamps_ns: IntArray, received_ns: IntArray | None, since_ns: IntArra
     """Return the gaps, and the jumps of stamps where the recorder saw no gap."""
     steps = np.diff(stamps_ns)
     usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
-    is_long = steps > _GAP * usual
+    # One or two lost messages are no gap.
+    is_long = steps > 5.0 * usual
     if not usual or not is_long.any():
         return []
     is_jump = np.zeros_like(is_long) if received_ns is None else is_long & (np.diff(received_ns) < 0.5 * steps)
@@ -113,15 +94,17 @@ def _pauses(stamps_ns: IntArray, received_ns: IntArray | None, since_ns: IntArra
 def _clocks(stamps_ns: IntArray, received_ns: IntArray) -> list[str]:
     """Return how the clock of the stamps differs from the recorder's."""
     late_s = (received_ns - stamps_ns) / 1e9
-    least = [float(part.min()) for part in np.array_split(late_s, _PARTS)]
+    least = [float(part.min()) for part in np.array_split(late_s, 10)]
     span_s = float(received_ns[-1] - received_ns[0]) / 1e9
     remarks, median = [], float(np.median(late_s))
-    if abs(median) > _OTHER_CLOCK_S:
+    # No driver delivers readings so late.
+    if abs(median) > 2.0:
         remarks.append(
             f"the clock of the stamps is {abs(median):.6g} s {'behind' if median > 0 else 'ahead of'} the recorder's"
         )
     drift = least[-1] - least[0]
-    if span_s and abs(drift) > _DRIFT_S and abs(drift) / span_s > _DRIFT_PPM * 1e-6 and np.ptp(least) < 2 * abs(drift):
+    # Drivers, and quartz clocks that are set by a network, drift less.
+    if span_s and abs(drift) > 0.01 and abs(drift) / span_s > 20e-6 and np.ptp(least) < 2 * abs(drift):
         remarks.append(f"the clock of the stamps drifts by {1e6 * drift / span_s:+.3g} ppm ({drift:+.3g} s)")
     return remarks
 
@@ -188,11 +171,13 @@ def _of_vectors(values: FloatArray) -> list[str]:
     ]
     values = values[:_LOOKED_AT]
     steps = np.linalg.norm(np.diff(values, axis=0), axis=1)
-    if (held := float((steps == 0).mean())) > _HELD:
+    # By chance fewer readings repeat.
+    if (held := float((steps == 0).mean())) > 0.2:
         remarks.append(
             f"{100 * held:.0f} % of the readings repeat the one before: the sensor is slower than its messages"
         )
-    elif not remarks and np.median(steps) > _ALTERNATING * np.median(np.linalg.norm(values[2:] - values[:-2], axis=1)):
+    # With one sensor, however noisy, the ratio is 1 at most.
+    elif not remarks and np.median(steps) > 3.0 * np.median(np.linalg.norm(values[2:] - values[:-2], axis=1)):
         remarks.append("readings alternate between two values: two publishers on one topic?")
     return remarks
 

@@ -18,9 +18,6 @@ from tam_calibration.recordings.times import nanoseconds_of
 TOLERANCE_S = 0.0
 """Difference of stamps up to which readings count as of one moment; beyond it they are interpolated."""
 
-_EARLIEST_EPOCH_NS = 10**17
-"""Stamps from here on, of March 1973, are times of day; before, seconds since something was switched on."""
-
 
 @dataclass(frozen=True)
 class Moment:
@@ -74,7 +71,8 @@ class Moment:
         """
         if not self.is_absolute:
             return first_ns + self.time_ns
-        if first_ns < _EARLIEST_EPOCH_NS:
+        # Stamps before March 1973 count from when something was switched on.
+        if first_ns < 10**17:
             raise InputError("its times are no times of day: give --from and --until in seconds from the start")
         return self.time_ns
 

@@ -16,19 +16,17 @@ from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, printable
 from tam_calibration.model.recording import Recording, SampleSource
-from tam_calibration.recordings.bag_folder import data_files
-from tam_calibration.recordings.bag_storages import is_bag
-from tam_calibration.recordings.base_station import with_base_station
+from tam_calibration.recordings.bag_storages import data_files, is_bag
 from tam_calibration.recordings.channel_map import ChannelMap, TimeColumn, map_of, read_map
 from tam_calibration.recordings.choice import choose
 from tam_calibration.recordings.formats import open_source
+from tam_calibration.recordings.iaga2002 import with_base_station
 from tam_calibration.recordings.intake import Intake
 from tam_calibration.recordings.joining import Joining, Streams
 from tam_calibration.recordings.reading import AS_IT_IS, Moment, Reading, Window
 from tam_calibration.recordings.recording_stream import RecordingStream
 from tam_calibration.recordings.resolving import resolve
-from tam_calibration.recordings.row_source import RowSource
-from tam_calibration.recordings.rows import RowJoining
+from tam_calibration.recordings.row_source import RowJoining, RowSource
 from tam_calibration.recordings.tables import Source
 from tam_calibration.recordings.text_source import FrameSource
 

@@ -1,4 +1,4 @@
-"""Rows of numbers with a time each, whatever file they come from."""
+"""Rows that each contain the readings of one moment, whatever file they come from, and their samples."""
 
 import logging
 from collections.abc import Iterator, Mapping, Sequence
@@ -7,12 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from tam_calibration.messages.samples import Progress
+from tam_calibration.core.interpolation import without_delays
+from tam_calibration.messages.missing import Missing
+from tam_calibration.messages.point_cloud import CHANNEL_COLUMNS, is_channel
+from tam_calibration.messages.samples import Progress, Samples
 from tam_calibration.messages.stream_messages import StreamMessages
+from tam_calibration.messages.usage import Usage
+from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, quoted
-from tam_calibration.model.units import FloatArray
+from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.recordings.channel_map import Clock, TimeColumn
-from tam_calibration.recordings.own_names import is_own_column
+from tam_calibration.recordings.joining import Streams, samples_of
+from tam_calibration.recordings.reading import Reading
 from tam_calibration.recordings.tables import Columns, MemorySource, Table, Wanted
 from tam_calibration.recordings.times import (
     PER_SECOND,
@@ -23,6 +29,7 @@ from tam_calibration.recordings.times import (
     stamps_of_words,
     time_unit,
 )
+from tam_calibration.recordings.vectors import is_own_column
 
 log = logging.getLogger(__name__)
 
@@ -153,3 +160,144 @@ def joined_cells(parts: Sequence[Any]) -> Any:
     if not parts or parts[0] is None:
         return None
     return np.concatenate(parts) if isinstance(parts[0], np.ndarray) else [cell for part in parts for cell in part]
+
+
+class RowJoining:
+    """Makes samples of rows.
+
+    Parameters
+    ----------
+    source : RowSource
+        An open table.
+    streams : Streams
+        What is read of it.
+    reading : Reading
+        How it is read.
+    array : Array, optional
+        Whose delays are taken off, and into whose axes readings and attitude are turned.
+    with_partial : bool
+        Whether samples are kept that lack a sensor.
+    """
+
+    def __init__(
+        self, source: RowSource, streams: Streams, reading: Reading, array: Array | None, with_partial: bool
+    ) -> None:
+        self.source, self.streams, self._reading = source, streams, reading
+        self._array, self._with_partial = array, with_partial
+        self._fields = [field for wanted in streams.wanted.values() for field in wanted.fields]
+        self.intakes = streams.intakes(reading, array)
+        self._missing, self._count, self._whole = Missing(), 0, 0
+        self._first_ns: int | None = None
+
+    def whole(self, progress: Progress = lambda done, total: None) -> Samples | None:
+        """Return the samples of all rows at once; None where sensors are read in turn, so that few rows hold all.
+
+        Raises
+        ------
+        InputError
+            When a row is no row of numbers, or more than half of a sensor's readings are missing.
+        """
+        parts = list(self.source.rows(self._fields))
+        if not parts or not sum(len(values) for _, values in parts):
+            raise InputError("it contains no sample")
+        cells, values = joined_cells([cells for cells, _ in parts]), np.concatenate([each for _, each in parts])
+        samples = self._samples(cells, values, self.source.timed(cells, len(values)))
+        self._missing.require_half()
+        # If fewer rows hold all sensors, these are read in turn and have to be joined by time.
+        if self._count and self._whole < 0.5 * self._count and not self._with_partial:
+            return None
+        return self._finished(samples)
+
+    def pieces(self, progress: Progress) -> Iterator[Samples]:
+        """Yield the samples in pieces of some ten thousand rows; a channel without a value in one is None there.
+
+        Raises
+        ------
+        InputError
+            As `whole`; pieces before the fault have been yielded by then.
+        """
+        if self._array is not None and self._array.stamp_delay_s is not None:
+            yield self._finished(self.whole())
+            return
+        last, times, count = None, self.source.times(), 0
+        for cells, values in self.source.rows(self._fields):
+            samples = self._samples(cells, values, times.of(slice(count, count + len(values))))
+            count += len(values)
+            if samples is not None:
+                if last is not None:
+                    yield last
+                last = samples
+        yield self._finished(last)
+
+    def _finished(self, samples: Samples | None) -> Samples:
+        """Return the last samples with the usage of all.
+
+        Raises
+        ------
+        InputError
+            When there are none, or more than half of a sensor's readings are missing.
+        """
+        self._missing.require_half()
+        if samples is None:
+            raise InputError("it contains no sample that lies within --from and --until and has all sensors")
+        if self._missing.counts:
+            usage = Usage(self._whole, self._count, missing=self._missing.sentences())
+            return Samples(samples.recording, None, usage, samples.missing)
+        return samples
+
+    def _samples(self, cells: Sequence[str] | FloatArray | None, values: FloatArray, times: Times) -> Samples | None:
+        """Return the samples of some rows; None where none is wanted."""
+        if not len(values):
+            return None
+        self.source.tell(times)
+        if self._first_ns is None:
+            self._first_ns = int(times.stamps_ns[0])
+        inside = times.is_kept & self._reading.window.contains(times.stamps_ns, self._first_ns)
+        stamps_ns, values = times.stamps_ns[inside], values[inside]
+        if not len(values):
+            return None
+        rows = np.column_stack([self._time_s(cells, inside, stamps_ns), self._columns(values, stamps_ns)])
+        sensors = self.streams.layout.sensor_count
+        is_complete = ~np.isnan(rows[:, 1 : 1 + 3 * sensors]).any(axis=1)
+        self._count += len(rows)
+        self._whole += int(is_complete.sum())
+        rows = rows if self._with_partial else rows[is_complete]
+        has_any = ~np.isnan(rows[:, 1 : 1 + 3 * sensors].reshape(len(rows), sensors, 3)).any(axis=2).all(axis=1)
+        rows = rows if has_any.all() else rows[~np.isnan(rows[:, 1 : 1 + 3 * sensors]).all(axis=1)]
+        if not len(rows):
+            return None
+        samples = samples_of(self.streams.layout, None, rows, None)
+        recording = samples.recording
+        first_s, last_s = recording.time_span_s
+        # No array is read a million times a second.
+        if last_s - first_s < 1e-6 * (recording.sample_count - 1):
+            raise InputError(
+                f"{recording.sample_count} samples in {last_s - first_s:g} s: the time must be in seconds, or its "
+                "format be stated in a map"
+            )
+        if self._array is not None:
+            recording = self._array.mounting.turned(recording)
+            if self._array.stamp_delay_s is not None:
+                recording = without_delays(recording, self._array.stamp_delay_s)
+        return Samples(recording, None, None, samples.missing)
+
+    def _time_s(self, cells: Any, inside: np.ndarray, stamps_ns: IntArray) -> FloatArray:
+        """Return times in seconds; those of a file in seconds as they stand there, to the last digit."""
+        if isinstance(cells, np.ndarray) and cells.dtype.kind == "f" and self.source.time_unit == "s":
+            own: FloatArray = cells[inside]
+            if (np.diff(own) > 0).all():
+                return own
+        return stamps_ns / 1e9
+
+    def _columns(self, values: FloatArray, stamps_ns: IntArray) -> FloatArray:
+        """Return the values of all streams in SI, in the order of a sample's columns; NaN where one is missing."""
+        by_stream, first = {}, 0
+        for stream, wanted in self.streams.wanted.items():
+            last = first + len(wanted.fields)
+            taken, codes = self.intakes[stream].take(values[:, first:last])
+            self._missing.add(stream, codes, (stamps_ns - (self._first_ns or 0)) / 1e9)
+            by_stream[stream] = np.where(codes[:, None] > 0, np.nan, taken)
+            first = last
+        sensors = [name for name in by_stream if not is_channel(name)]
+        order = [*sensors, *(name for name in CHANNEL_COLUMNS if name in by_stream), *self.streams.layout.further]
+        return np.column_stack([by_stream[name] for name in order])

@@ -8,6 +8,7 @@ import numpy as np
 
 from tam_calibration.messages.message_fields import stamp_fields, stamps_of
 from tam_calibration.messages.samples import Progress
+from tam_calibration.messages.stream_messages import StreamMessages
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.recordings.row_source import RowSource, joined_cells
@@ -170,48 +171,21 @@ _Parts = dict[str, tuple[IntArray, FloatArray]]
 
 
 def _parts(source: Source, wanted: Mapping[str, Wanted], progress: Progress) -> _Parts:
-    rows = {name: _Rows(len(fields), table.count or 0) for name, (table, fields) in wanted.items()}
+    found: dict[str, list[StreamMessages]] = {}
     count = 0
     for batch in source.batches(wanted, "received", progress) if wanted else ():
         for name, messages in batch.items():
-            assert messages.stamps_ns is not None
-            rows[name].add(messages.stamps_ns, messages.values)
+            found.setdefault(name, []).append(messages)
             count += messages.values.size
         if count > _MOST_NUMBERS:
             break
-    return {name: each.whole() for name, each in rows.items() if each.count}
+    return {name: _in_columns(several) for name, several in found.items()}
 
 
-class _Rows:
-    """Times (n,) and values (n, fields) that come in parts.
-
-    Each is copied once, as new memory takes longest, and each field lies in one piece, as it is looked at by itself.
-
-    Parameters
-    ----------
-    width : int
-        Number of fields.
-    expected : int
-        Number of rows, as far as it is known.
-    """
-
-    def __init__(self, width: int, expected: int) -> None:
-        self.count, size = 0, min(expected, _MOST_NUMBERS // width)
-        self._times_ns, self._values = np.empty(size, dtype=np.int64), np.empty((width, size))
-
-    def add(self, times_ns: IntArray, values: FloatArray) -> None:
-        """Append rows."""
-        end = self.count + len(values)
-        if end > len(self._times_ns):
-            more = end + end // 2 - self.count
-            self._times_ns = np.append(self._times_ns[: self.count], np.empty(more, dtype=np.int64))
-            self._values = np.hstack([self._values[:, : self.count], np.empty((len(self._values), more))])
-        self._times_ns[self.count : end], self._values[:, self.count : end] = times_ns, values.T
-        self.count = end
-
-    def whole(self) -> tuple[IntArray, FloatArray]:
-        """Return all rows."""
-        return self._times_ns[: self.count], self._values[:, : self.count].T
+def _in_columns(several: Sequence[StreamMessages]) -> tuple[IntArray, FloatArray]:
+    """Return the times and values of messages, each field in one piece, as it is looked at by itself."""
+    times_ns = [each.stamps_ns for each in several if each.stamps_ns is not None]
+    return np.concatenate(times_ns), np.concatenate([each.values.T for each in several], axis=1).T
 
 
 def _series(wanted: Wanted, parts: tuple[IntArray, FloatArray] | None, fault: str) -> Series:

@@ -10,7 +10,7 @@ from pathlib import Path
 from tam_calibration.files.text_files import require_regular
 from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.recordings.channel_map import TextFormat
-from tam_calibration.recordings.own_names import is_own_column
+from tam_calibration.recordings.vectors import is_own_column
 
 MISSING = ("", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "n/a", "#N/A", "null", "NULL", "None", "-", "--", "?")
 """What cells hold that have no value, as loggers, R, pandas and spreadsheets write it."""
@@ -21,8 +21,6 @@ _BEGINNING = 1 << 17
 LONGEST_LINE = 1 << 16
 """Characters: a line of a hundred sensors has some six thousand."""
 
-_SAMPLE = 400
-"""Lines that are looked at."""
 
 _DELIMITERS = ("\t", ";", ",", "|", " ")
 """In the order in which they are preferred where several divide the lines equally; the blank is any white space."""
@@ -30,8 +28,6 @@ _DELIMITERS = ("\t", ";", ",", "|", " ")
 _COMMENTS = ("#", "%", "//", "!")
 """What lines begin with that are not read, where data lines do not."""
 
-_LEAST_NUMERIC = 0.5
-"""Part of the cells of a column that are numbers, or empty, in a column of numbers: a word in it is then a fault."""
 
 _NUMBER = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*|\s*[-+]?(inf|infinity)\s*", re.I)
 
@@ -73,7 +69,8 @@ class Dialect:
         """Whether a column, from 0, contains numbers, or nothing yet."""
         cells = [row[column].strip() for row in self.sample]
         numbers = sum(is_number(cell, self.decimal) or cell in MISSING for cell in cells)
-        return numbers >= _LEAST_NUMERIC * len(cells) or is_own_column(self.names[column])
+        # A word in a column that is mostly numbers is a fault of the file.
+        return numbers >= 0.5 * len(cells) or is_own_column(self.names[column])
 
 
 def is_number(cell: str, decimal: str) -> bool:
@@ -109,7 +106,7 @@ def detect_dialect(path: Path, stated: TextFormat) -> Dialect:
         When it is no text, or contains no table of numbers.
     """
     text, encoding = _beginning(path)
-    lines = text.splitlines()[:_SAMPLE]
+    lines = text.splitlines()[:400]
     comment = stated.comment if stated.comment is not None else _comment_in(lines)
     is_data = [line.strip() and not (comment and line.lstrip().startswith(comment)) for line in lines]
     rows = [(number, line) for number, line in enumerate(lines, 1) if is_data[number - 1]]

@@ -28,20 +28,9 @@ _NAMES = re.compile(
 _UNITS = {"m": "ms", "u": "us", "µ": "us", "n": "ns", "s": "s"}
 _WORDS = {"millis": "ms", "milliseconds": "ms", "micros": "us", "microseconds": "us", "nanoseconds": "ns"}
 
-_EPOCH_S = (3e8, 4e9)
-"""Seconds since 1970 of the years 1979 to 2096: larger numbers are of a shorter tick."""
 
 _SLOWEST_S = 10.0
 """Interval of samples, at most, that is taken for seconds: no array is read more rarely."""
-
-_COUNTER_BITS = (16, 24, 32)
-"""Widths of counters of time that wrap."""
-
-_WRAP = 0.5
-"""Of a counter's range: how far its value falls where it wraps."""
-
-_MANY_REPEATS = 0.1
-"""Part of the steps that are zero from which the times have too few digits; fewer are rows that came twice."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +105,8 @@ def detect_time_unit(values: FloatArray) -> str:
     rising = steps[steps > 0]
     step = float(np.median(rising)) if len(rising) else 0.0
     for unit, per_second in PER_SECOND.items():
-        low, high = (limit * per_second for limit in _EPOCH_S)
+        # Seconds since 1970 of the years 1979 to 2096; larger numbers have a shorter tick.
+        low, high = (limit * per_second for limit in (3e8, 4e9))
         if low <= largest <= high and step <= _SLOWEST_S * per_second:
             return unit
     is_complete = bool((values == np.round(values)).all())
@@ -196,7 +186,8 @@ def repaired(stamps_ns: IntArray, unit: str) -> Times:
         )
     is_kept = np.ones(len(stamps_ns), dtype=bool)
     repeats = steps == 0
-    if repeats.mean() > _MANY_REPEATS if len(steps) else False:
+    # A few repeated times are rows that came twice; many have too few digits.
+    if repeats.mean() > 0.1 if len(steps) else False:
         stamps_ns, per_stamp = _spread(stamps_ns)
         remarks.append(
             f"the times have too few digits: {per_stamp:.3g} samples share each, and were spread evenly, so that rates "
@@ -212,9 +203,10 @@ def _unwrapped(stamps_ns: IntArray, steps: IntArray, unit: str) -> tuple[IntArra
     """Return times whose counter goes on where it wraps, their steps, and a clause that says so."""
     tick = 1_000_000_000 // PER_SECOND[unit]
     typical = int(np.median(steps[steps > 0])) if (steps > 0).any() else 0
-    for bits in _COUNTER_BITS:
+    for bits in (16, 24, 32):
         size = tick << bits
-        falls = steps < -_WRAP * size
+        # A counter that wraps falls by more than half its range.
+        falls = steps < -0.5 * size
         if (
             falls.sum() == (steps < 0).sum()
             and (stamps_ns < size).all()

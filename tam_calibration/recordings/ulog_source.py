@@ -40,8 +40,6 @@ _DATA, _FORMAT, _ADDED, _FLAG_BITS = b"DFAB"
 _OTHERS = frozenset(b"FABIMPQRLCSO")
 """Kinds of messages that hold no readings."""
 
-_APPENDABLE = b"\x01".ljust(8, b"\0")
-"""The incompatible flags that are known: data were appended after a crash."""
 
 _KINDS = {
     **{f"{sign}int{8 * size}_t": f"<{sign or 'i'}{size}" for size in (1, 2, 4, 8) for sign in ("", "u")},
@@ -201,7 +199,8 @@ def _ends(data: mmap) -> list[int]:
     if kind != _FLAG_BITS or length < _FLAGS.size:
         return [len(data)]
     _, flags, *appended = _FLAGS.unpack_from(data, _FIRST)
-    if flags not in (bytes(8), _APPENDABLE):
+    # The one incompatible flag that is known: data were appended after a crash.
+    if flags not in (bytes(8), b"\x01".ljust(8, b"\0")):
         raise InputError("it is a ULog of a later kind, which has to be read otherwise")
     return [*sorted(each for each in set(appended) if _FIRST < each < len(data)), len(data)]
 

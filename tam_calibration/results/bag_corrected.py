@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -174,13 +175,12 @@ class _Topics:
 
     def __init__(self, writer: BlockWriter, namespace: str, first: Corrected) -> None:
         self._standard_errors = first.standard_errors
-        self._templates = {
-            "center": _center_template(first.standard_errors),
-            "gradient": _gradient_template(),
-            "field_gradient": _cloud_template(),
-        }
+        messages = _messages(first.standard_errors)
         if not np.isfinite(first.outputs[:, 3:]).any():
-            del self._templates["gradient"]
+            del messages["gradient"]
+        self._templates = {
+            topic: bytes(TYPESTORE.serialize_cdr(message, _TOPIC_TYPES[topic])) for topic, message in messages.items()
+        }
         self._ids = {
             topic: writer.add_connection(namespace + topic, _TOPIC_TYPES[topic], typestore=TYPESTORE).id
             for topic in self._templates
@@ -210,27 +210,20 @@ class _Topics:
         ]
 
 
-def _center_template(standard_errors: FloatArray) -> bytes:
+def _messages(standard_errors: FloatArray) -> dict[str, Any]:
+    """Return a message of each topic, its numbers and stamp to be filled in."""
     zero = _TYPES["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0)
-    message = _TYPES[_MAGNETIC_FIELD](header(), zero, point_cloud.center_covariance(standard_errors))
-    return bytes(TYPESTORE.serialize_cdr(message, _MAGNETIC_FIELD))
-
-
-def _gradient_template() -> bytes:
     dimension, layout = _TYPES["std_msgs/msg/MultiArrayDimension"], _TYPES["std_msgs/msg/MultiArrayLayout"]
-    message = _TYPES[_MULTI_ARRAY](
-        layout([dimension(*each) for each in point_cloud.GRADIENT_DIMENSIONS], 0), np.zeros(9)
-    )
-    return bytes(TYPESTORE.serialize_cdr(message, _MULTI_ARRAY))
-
-
-def _cloud_template() -> bytes:
-    point_field = _TYPES["sensor_msgs/msg/PointField"]
+    dimensions = [dimension(*each) for each in point_cloud.GRADIENT_DIMENSIONS]
     fields = [
-        point_field(name, offset, point_cloud.POINT_FIELD_FLOAT64, 1)
+        _TYPES["sensor_msgs/msg/PointField"](name, offset, point_cloud.POINT_FIELD_FLOAT64, 1)
         for name, offset in point_cloud.field_offsets(point_cloud.FIELD_GRADIENT_COLUMNS)
     ]
-    size = point_cloud.FLOAT64_SIZE * len(point_cloud.FIELD_GRADIENT_COLUMNS)
-    data = np.zeros(size, np.uint8)
-    message = _TYPES[_POINT_CLOUD](header(), 1, 1, fields, False, size, size, data, True)
-    return bytes(TYPESTORE.serialize_cdr(message, _POINT_CLOUD))
+    size = point_cloud.FLOAT64_SIZE * len(fields)
+    return {
+        "center": _TYPES[_MAGNETIC_FIELD](header(), zero, point_cloud.center_covariance(standard_errors)),
+        "gradient": _TYPES[_MULTI_ARRAY](layout(dimensions, 0), np.zeros(9)),
+        "field_gradient": _TYPES[_POINT_CLOUD](
+            header(), 1, 1, fields, False, size, size, np.zeros(size, np.uint8), True
+        ),
+    }

@@ -16,22 +16,8 @@ from tam_calibration.correction.calibration import (
 )
 from tam_calibration.correction.quality import Grade
 from tam_calibration.effects.library import check_numbers
-from tam_calibration.files.quantities import (
-    NOT_TURNED,
-    Celsius,
-    Nanotesla,
-    NanoteslaSize,
-    NanoteslaTensor,
-    NanoteslaVector,
-    Orientation,
-    ScaleFactor,
-    ScaleFactors,
-    Seconds,
-    Shears,
-    Tensor,
-    Turns,
-    in_si,
-)
+from tam_calibration.files import quantities
+from tam_calibration.files.quantities import in_si
 from tam_calibration.files.schema import Bounds, Document, check, require_schema
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.limits import is_covariance
@@ -44,6 +30,7 @@ from tam_calibration.results.update_schema import UpdateFile
 
 SCHEMA = "tam_calibration/calibration/1"
 
+_Size = quantities.NanoteslaSize
 _StandardError = Annotated[float, Bounds(least=0, most=1e12, may_be_nan=True)]
 _StandardErrors = tuple[_StandardError, _StandardError, _StandardError]
 _Covariance = Annotated[float, Bounds(least=-1e12, most=1e12)]
@@ -54,11 +41,11 @@ class SensorFile(Document):
     """The errors of one sensor."""
 
     sensor: int
-    scale_factor: ScaleFactors
-    non_orthogonality_deg: Shears
-    bias_nT: NanoteslaVector
-    misalignment_deg: Turns
-    orientation: Orientation = NOT_TURNED
+    scale_factor: quantities.ScaleFactors
+    non_orthogonality_deg: quantities.Shears
+    bias_nT: quantities.NanoteslaVector
+    misalignment_deg: quantities.Turns
+    orientation: quantities.Orientation = quantities.NOT_TURNED
 
 
 def errors_of(sensors: Sequence[SensorFile]) -> SensorErrors:
@@ -85,7 +72,7 @@ class _CalibratedSensor(SensorFile):
     non_orthogonality_standard_error_deg: _StandardErrors
     bias_standard_error_nT: _StandardErrors
     misalignment_standard_error_deg: _StandardErrors
-    matrix: Tensor
+    matrix: quantities.Tensor
 
 
 class _Array(ArrayFile):
@@ -93,10 +80,10 @@ class _Array(ArrayFile):
 
 
 class _Field(Document):
-    intensity_nT: Nanotesla
+    intensity_nT: quantities.Nanotesla
     has_scalar_reference: bool
     coverage_of_sphere: Annotated[float, Bounds(least=0, most=1)]
-    gradient_nT_per_m: NanoteslaTensor | None = None
+    gradient_nT_per_m: quantities.NanoteslaTensor | None = None
     gradient_standard_error_nT_per_m: tuple[_StandardErrors, _StandardErrors, _StandardErrors] | None = None
 
     def to_gradient(self) -> AmbientGradientEstimate | None:
@@ -108,10 +95,16 @@ class _Field(Document):
 class ResidualsFile(Document):
     """RMS residuals at one stage of a calibration."""
 
-    sensor_intensity_nT: list[NanoteslaSize]
-    center_intensity_nT: NanoteslaSize
-    tensor_nT_per_m: tuple[NanoteslaSize, NanoteslaSize, NanoteslaSize, NanoteslaSize, NanoteslaSize]
-    tensor_rmse_nT_per_m: NanoteslaSize
+    sensor_intensity_nT: list[_Size]
+    center_intensity_nT: _Size
+    tensor_nT_per_m: tuple[
+        _Size,
+        _Size,
+        _Size,
+        _Size,
+        _Size,
+    ]
+    tensor_rmse_nT_per_m: _Size
 
 
 class _AllResiduals(Document):
@@ -123,11 +116,11 @@ class _AllResiduals(Document):
 
 class _Recording(Document):
     samples: int
-    time_span_s: tuple[Seconds, Seconds]
+    time_span_s: tuple[quantities.Seconds, quantities.Seconds]
     name: str | None
     size_bytes: int | None
     sha256: str | None
-    mean_temperature_C: Celsius | None = None
+    mean_temperature_C: quantities.Celsius | None = None
 
     def to_provenance(self) -> Provenance | None:
         """Return where the recording came from, if that is known."""
@@ -137,8 +130,15 @@ class _Recording(Document):
 
 
 class _OfOutputs(Document):
-    field_nT: tuple[NanoteslaSize, NanoteslaSize, NanoteslaSize]
-    gradient_nT_per_m: tuple[NanoteslaSize, NanoteslaSize, NanoteslaSize, NanoteslaSize, NanoteslaSize, NanoteslaSize]
+    field_nT: tuple[_Size, _Size, _Size]
+    gradient_nT_per_m: tuple[
+        _Size,
+        _Size,
+        _Size,
+        _Size,
+        _Size,
+        _Size,
+    ]
 
     def to_tesla(self) -> FloatArray:
         """Return the (9,) numbers in SI."""
@@ -157,9 +157,9 @@ class _Effect(EffectFile):
 class KnownSourceFile(Document):
     """What a known source of field determined."""
 
-    baseline_scale: ScaleFactor
+    baseline_scale: quantities.ScaleFactor
     baseline_scale_standard_error: _StandardError
-    rotation_deg: Turns
+    rotation_deg: quantities.Turns
     rotation_standard_error_deg: _StandardErrors
     axis_offsets_standard_error_m: list[tuple[_StandardErrors, _StandardErrors, _StandardErrors]]
     reduced_chi_square: Annotated[float, Bounds(least=0)]

@@ -50,13 +50,9 @@ def write_csv_recording(path: Path, recording: Recording) -> None:
     layout = SampleLayout.of(recording)
     rows = layout.rows(recording)
     is_field = [name.endswith("_T") for name in layout.columns]
-    blocks = (_block_to_write(rows[start : start + BLOCK], is_field) for start in range(0, len(rows), BLOCK))
-    _write_blocks(path, [re.sub("_T$", "_nT", name) for name in layout.columns], blocks)
-
-
-def _block_to_write(rows: FloatArray, is_field: list[bool]) -> FloatArray:
     rows[:, is_field] = nanotesla_to_write(rows[:, is_field])
-    return rows
+    names = [re.sub("_T$", "_nT", name) for name in layout.columns]
+    _write_blocks(path, names, (rows[start : start + BLOCK] for start in range(0, len(rows), BLOCK)))
 
 
 _COLUMNS = ("time_s", *(f"{name}_nT" if name.startswith("b") else f"{name}_nT_per_m" for name in OUTPUT_NAMES))

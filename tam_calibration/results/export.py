@@ -67,14 +67,10 @@ Steps = Iterable[tuple[str, Sensor]]
 
 _GAUSS_T = TESLA_PER_FIELD_UNIT["G"]
 
-_LEAST_LOSS_T = 5e-12
-"""Smallest loss that is reported, tesla. Sizes are written in hundredths of a nT."""
 
 _PX4_LEAST_CHANGE = 0.01
 """Norm of the smallest change of offsets (gauss), scales or off-diagonals that PX4 adopts (Magnetometer.cpp)."""
 
-_PX4_SCALES = 0.1, 3.0
-"""Range of CAL_MAGn_XSCALE in PX4's parameter reference."""
 
 _OFF_DIAGONAL = (0, 0, 1), (1, 2, 2)
 """Rows and columns of the elements xy, xz, yz of a symmetric matrix, in the order of PX4 and ArduPilot."""
@@ -94,7 +90,7 @@ def _symmetric(sensor: Sensor) -> Steps:
 def _symmetric_in_range(sensor: Sensor) -> Steps:
     (rotation,) = _symmetric(sensor)
     yield rotation
-    least, most = _PX4_SCALES
+    least, most = 0.1, 3.0  # range of CAL_MAGn_XSCALE in PX4's parameter reference
     kept = _with_diagonal(rotation[1], np.clip(np.diag(rotation[1].matrix), least, most))
     yield f"scales are limited to between {least} and {most}", kept
 
@@ -304,5 +300,6 @@ def _losses(exact: Sensor, steps: Steps, intensity_T: float) -> Iterator[Loss]:
         of_matrix = norm((after.matrix - before.matrix) @ inv(exact.matrix), 2) * intensity_T
         size_T = float(of_matrix + norm(after.matrix @ (before.bias_T - after.bias_T)))
         before = after
-        if size_T > _LEAST_LOSS_T:
+        # Sizes are written in hundredths of a nT.
+        if size_T > 5e-12:
             yield Loss(f"sensor {exact.number}: {what}, up to {to_nanotesla(size_T):.2f} nT", size_T)

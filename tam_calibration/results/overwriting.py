@@ -7,8 +7,7 @@ from pathlib import Path
 from unicodedata import normalize
 
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.recordings.bag_folder import METADATA
-from tam_calibration.recordings.bag_storages import STORAGES, is_bag
+from tam_calibration.recordings.bag_storages import METADATA, STORAGES, is_bag
 
 
 def require_separate(outputs: Iterable[Path], inputs: Iterable[Path]) -> None:

@@ -14,13 +14,11 @@ from tam_calibration.files.text_files import to_json, write_text
 from tam_calibration.gap.checks import Check, Checks
 from tam_calibration.gap.laws.law import Signature
 from tam_calibration.gap.noise import AxisNoise
-from tam_calibration.gap.result import Cause, Considered, Gap, Size, Where
+from tam_calibration.gap.result import Cause, Considered, Gap, Size
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
 from tam_calibration.model.units import for_people, to_nanotesla
 
 _SCHEMA = "tam_calibration/gap/1"
-
-_DIGITS = 14
 
 
 def write_gap(path: Path, gap: Gap, source: Provenance | None = None) -> None:
@@ -57,9 +55,12 @@ def gap_to_mapping(gap: Gap, source: Provenance | None = None) -> dict[str, Any]
         "schema": _SCHEMA,
         **attributes(gap, "verdict", "statement", "remarks"),
         "signature": [law_to_mapping(one) for one in gap.signature],
-        "gap": _size(gap.size),
+        "gap": {
+            **sizes(gap.size),
+            **rounded({"closed_interval": gap.size.closed_interval, "floor_nT": to_nanotesla(gap.size.floor_T)}),
+        },
         "noise": [_noise(one) for one in gap.noise] or None,
-        "where": _where(gap.where),
+        "where": rounded(attributes(gap.where, "sensors", "axes", "time_s", "frequency_hz", "evidence")),
         "causes": [_cause(cause) for cause in gap.causes],
         "considered": [_considered(considered) for considered in gap.considered],
         **rounded(attributes(gap, "probabilities", "set_95", "smallest_gap", "most_unseen_errors")),
@@ -138,10 +139,6 @@ def _parameter(value: float, standard_error: float, unit: str) -> dict[str, Any]
     return {**rounded({"value": factor * value, "standard_error": factor * standard_error}), "unit": name}
 
 
-def _size(size: Size) -> dict[str, Any]:
-    return {**sizes(size), **rounded({"closed_interval": size.closed_interval, "floor_nT": to_nanotesla(size.floor_T)})}
-
-
 def sizes(gap: Size) -> dict[str, Any]:
     """Return what a gap was and what is left of it: in noise floors, nT and nT/m, and the part that closes."""
     in_tesla = attributes(gap, "before_T", "after_T", "before_T_per_m", "after_T_per_m")
@@ -178,10 +175,6 @@ def _checks(checks: Checks) -> dict[str, Any]:
 
 def _check(check: Check, row: int) -> dict[str, Any]:
     return rounded({"value": check.values[row], "twin": [check.low[row], check.high[row]]})
-
-
-def _where(where: Where) -> dict[str, Any]:
-    return rounded(attributes(where, "sensors", "axes", "time_s", "frequency_hz", "evidence"))
 
 
 def _cause(cause: Cause) -> dict[str, Any]:
@@ -230,4 +223,4 @@ def _round(value: Any) -> Any:
         return rounded(value)
     if isinstance(value, list):
         return list(map(_round, value))
-    return float(f"{value:.{_DIGITS}g}") if isinstance(value, float) else value
+    return float(f"{value:.14g}") if isinstance(value, float) else value

@@ -1,16 +1,16 @@
 """Scenario files, shipped ones by name, and the truth that is written with a simulated recording."""
 
 from collections.abc import Callable
-from dataclasses import field, replace
+from dataclasses import field, fields, replace
 from datetime import UTC, date, datetime
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
 from tam_calibration.files import quantities
 from tam_calibration.files.configuration import configuration_folder
-from tam_calibration.files.quantities import in_si
+from tam_calibration.files.quantities import GyroscopeFile, in_si
 from tam_calibration.files.schema import Bounds, Document, check
 from tam_calibration.files.text_files import write_text
 from tam_calibration.files.yaml_document import dump_mapping, mapping_in
@@ -18,7 +18,6 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import site_field_T
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla, to_nanotesla
-from tam_calibration.recordings.array_parts import GyroscopeFile
 from tam_calibration.recordings.array_yaml import ArrayFile
 from tam_calibration.recordings.iaga2002 import read_iaga2002
 from tam_calibration.results.calibration_schema import SensorFile, errors_of
@@ -62,32 +61,27 @@ class _Place(Document):
         return site_field_T(self.latitude_deg, self.longitude_deg, self.height_m, self.date)
 
 
-_KINDS: dict[str, Callable[..., Any]] = {
-    "sinusoid": sources.SinusoidDrift,
-    "ramp": sources.RampDrift,
-    "random": attitude.RandomAttitudes,
-    "three_axis_turns": attitude.ThreeAxisTurns,
-    "turntable": attitude.Turntable,
-    "random_euler_angles": attitude.RandomEulerAngles,
-    "tumble": attitude.Tumble,
-    "auv": attitude.Manoeuvre,
-}
-"""What drifts and motions make of their values."""
+class _Part(Document):
+    """A part of a scenario, which makes an object of its values in SI."""
 
+    makes: ClassVar[Callable[..., Any]]
 
-class _Kind(Document):
     def build(self, folder: Path) -> Any:
-        kind, *values = in_si(self)
-        return _KINDS[kind](*values)
+        """Return the object."""
+        values = dict(zip((each.name for each in fields(self)), in_si(self), strict=True))
+        values.pop("kind", None)
+        return type(self).makes(*values.values())
 
 
-class _Sinusoid(_Kind):
+class _Sinusoid(_Part):
+    makes = sources.SinusoidDrift
     kind: Literal["sinusoid"]
     standard_deviation_nT: _Spread
     period_s: quantities.Period
 
 
-class _Ramp(_Kind):
+class _Ramp(_Part):
+    makes = sources.RampDrift
     kind: Literal["ramp"]
     standard_deviation_nT: _Spread
 
@@ -105,64 +99,82 @@ class _Observatory(Document):
         return sources.ObservedDrift(record.time_s - (start - record.start).total_seconds(), record.field_T)
 
 
-class _Dipole(Document):
+class _Dipole(_Part):
+    makes = Dipole
     position_m: quantities.Place
     moment_Am2: quantities.Moment
 
 
-class _Motion(_Kind):
+class _Motion(Document):
     """A motion without parameters."""
 
     kind: Literal["random", "three_axis_turns", "turntable"]
 
+    def build(self, folder: Path) -> attitude.Motion:
+        """Return the motion."""
+        if self.kind == "random":
+            return attitude.RandomAttitudes()
+        return attitude.Turntable() if self.kind == "turntable" else attitude.ThreeAxisTurns()
 
-class _RandomEulerAngles(_Kind):
+
+class _RandomEulerAngles(_Part):
+    makes = attitude.RandomEulerAngles
     kind: Literal["random_euler_angles"]
     standard_deviation_deg: _Angle = 180.0
 
 
-class _Tumble(_Kind):
+class _Tumble(_Part):
+    makes = attitude.Tumble
     kind: Literal["tumble"]
     turn_rate_deg_per_s: _Angle = 90.0
 
 
-class _Auv(_Kind):
+class _Auv(_Part):
+    makes = attitude.Manoeuvre
     kind: Literal["auv"]
     pitch_limit_deg: quantities.Degrees
     roll_limit_deg: quantities.Degrees
     turn_period_s: quantities.Period
 
 
-class _Scalar(Document):
+class _Scalar(_Part):
+    makes = instruments.ScalarReference
     rate_hz: quantities.Hertz | None = None
     one_error_per_recording: bool = False
 
 
-class _Temperature(Document):
+class _Temperature(_Part):
+    makes = instruments.Temperature
     start_C: quantities.Celsius
     end_C: quantities.Celsius
     noise_C: _Spread = 0.0
 
 
-class _Current(Document):
+class _Current(_Part):
+    makes = instruments.Current
     low_A: quantities.Ampere
     high_A: quantities.Ampere
     period_s: quantities.Period
     noise_A: _Spread = 0.0
 
 
-class _Switched(Document):
+class _Switched(_Part):
+    makes = instruments.Current
     low: quantities.Ampere
     high: quantities.Ampere
     period_s: quantities.Period
     noise: _Spread = 0.0
 
 
-class _Attitude(Document):
+class _Attitude(_Part):
+    makes = instruments.AttitudeChannel
     noise_deg: _Spread = 0.0
 
 
 _Drift = _Sinusoid | _Ramp | _Observatory
+
+_PARTS = ("drift", "dipole", "scalar", "temperature", "current", "attitude")
+"""Keys of the parts that may be left out."""
 
 
 class ScenarioFile(Document):
@@ -200,16 +212,11 @@ class ScenarioFile(Document):
             sample_count=self.samples,
             rate_hz=self.rate_hz,
             seed=self.seed,
-            drift=None if self.drift is None else self.drift.build(folder),
-            dipole=None if self.dipole is None else Dipole(*in_si(self.dipole)),
             site_gradient_T_per_m=None if gradient is None else from_nanotesla(np.array(gradient)),
-            scalar=None if self.scalar is None else instruments.ScalarReference(*in_si(self.scalar)),
-            temperature=None if self.temperature is None else instruments.Temperature(*in_si(self.temperature)),
-            current=None if self.current is None else instruments.Current(*in_si(self.current)),
-            attitude=None if self.attitude is None else instruments.AttitudeChannel(*in_si(self.attitude)),
             effects=tuple(effect.to_fitted() for effect in self.effects),
-            further={name: instruments.Current(*in_si(channel)) for name, channel in self.further_channels.items()},
+            further={name: channel.build(folder) for name, channel in self.further_channels.items()},
             gyroscope=None if self.gyroscope is None else gyroscope,
+            **{name: part.build(folder) for name in _PARTS if (part := getattr(self, name)) is not None},
         )
 
     def _site_field_T(self) -> FloatArray:

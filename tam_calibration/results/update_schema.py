@@ -6,11 +6,11 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from tam_calibration.correction.update import Moved, Update
-from tam_calibration.files.quantities import Finite, Seconds, Vector, value_in_si, value_to_write
+from tam_calibration.files import quantities
+from tam_calibration.files.quantities import part_to_mapping, value_in_si, value_to_write
 from tam_calibration.files.schema import Bounds, Document
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray
-from tam_calibration.recordings.array_parts import RatesFile, part_to_mapping
 
 _Part = Annotated[float, Bounds(least=0, most=1, may_be_nan=True)]
 _StandardError = Annotated[float, Bounds(least=0, most=1e12)]
@@ -29,15 +29,15 @@ class _ChangeFile(Document):
 class _MovedFile(Document):
     kind: _Kind
     sensor: int
-    change: Vector | None = None
-    change_nT: Vector | None = None
-    change_deg: Vector | None = None
-    standard_error: Vector | None = None
-    standard_error_nT: Vector | None = None
-    standard_error_deg: Vector | None = None
+    change: quantities.Vector | None = None
+    change_nT: quantities.Vector | None = None
+    change_deg: quantities.Vector | None = None
+    standard_error: quantities.Vector | None = None
+    standard_error_nT: quantities.Vector | None = None
+    standard_error_deg: quantities.Vector | None = None
     probability: _Part
     rivals: list[_ChangeFile] = dataclasses.field(default_factory=list)
-    since_s: Seconds | None = None
+    since_s: quantities.Seconds | None = None
     together: _ChangeFile | None = None
 
     def to_moved(self) -> Moved:
@@ -58,9 +58,9 @@ class UpdateFile(Document):
     """The keys of ``update``: tables have a row of twelve numbers for each sensor, SI, as ``covariance_SI`` has."""
 
     prior: str
-    change_rates: RatesFile | None
+    change_rates: quantities.RatesFile | None
     elapsed_s: Annotated[float, Bounds(least=0)] | None
-    warming_K: Finite | None
+    warming_K: quantities.Finite | None
     prior_standard_errors_SI: list[list[_StandardError]]
     data_share: list[list[_Part]]
     chi_square: Annotated[float, Bounds(least=-1e-6)]

@@ -278,22 +278,27 @@ def simulate(scenario: Scenario) -> Simulation:
     fields = _field(scenario, rotation, np.vstack([np.zeros(3), at_scalar, scenario.array.positions_m]))
     center, at_sensors = fields[:, 0], fields[:, 2:]
     readings, scalar = _readings(scenario, _covariates(scenario, center, attitude), at_sensors, fields[:, 1])
+    further = {
+        name: channel.readings(time_s, _generator(scenario, "further", number))
+        for number, (name, channel) in enumerate(sorted(scenario.further.items()))
+    }
     recording = Recording(
         time_s,
         readings,
         scalar,
-        None
-        if scenario.temperature is None
-        else scenario.temperature.readings(time_s, _generator(scenario, "temperature")),
-        None if scenario.current is None else scenario.current.readings(time_s, _generator(scenario, "current")),
-        None if scenario.attitude is None else scenario.attitude.readings(attitude, _generator(scenario, "attitude")),
-        {
-            name: channel.readings(time_s, _generator(scenario, "further", number))
-            for number, (name, channel) in enumerate(sorted(scenario.further.items()))
-        },
+        _channel(scenario, "temperature", time_s),
+        _channel(scenario, "current", time_s),
+        _channel(scenario, "attitude", attitude),
+        further,
         angular_velocity_rad_s=_angular_velocity(scenario),
     )
     return Simulation(scenario, recording, attitude, center, _gradient(scenario, rotation))
+
+
+def _channel(scenario: Scenario, name: str, truth: FloatArray) -> FloatArray | None:
+    """Return the readings of a channel by the times or the true values; None where it is not recorded."""
+    channel = getattr(scenario, name)
+    return None if channel is None else channel.readings(truth, _generator(scenario, name))
 
 
 _MOMENT_S = 1e-4
@@ -321,28 +326,17 @@ def _generator(scenario: Scenario, part: str, number: int = 0) -> np.random.Gene
 
 def _field(scenario: Scenario, rotation: "Rotation", positions_m: FloatArray) -> FloatArray:
     """Return the (N, P, 3) field in the array frame at positions (P, 3) of that frame."""
-    field: FloatArray = np.repeat(_uniform_field(scenario, rotation)[:, None], len(positions_m), axis=1)
-    field += _dipole_field(scenario, rotation, positions_m)
-    if scenario.site_gradient_T_per_m is not None:
-        field += gradient_field(scenario.site_gradient_T_per_m, rotation.as_quat(), positions_m)
-    return field
-
-
-def _uniform_field(scenario: Scenario, rotation: "Rotation") -> FloatArray:
-    """Return the (N, 3) drifting field of the site in the array frame."""
     world = np.tile(scenario.site_field_T, (scenario.sample_count, 1))
     if scenario.drift is not None:
         world = world + scenario.drift.variation_T(scenario.time_s, scenario.site_field_T)
-    return np.asarray(rotation.inv().apply(world))
-
-
-def _dipole_field(scenario: Scenario, rotation: "Rotation", positions_m: FloatArray) -> FloatArray:
-    """Return the (N, P, 3) field of the dipole in the array frame at positions (P, 3) of that frame."""
-    if scenario.dipole is None:
-        return np.zeros((1, 1, 3))
-    matrix = rotation.as_matrix()
-    world = scenario.dipole.field_T(np.einsum("nij,pj->npi", matrix, positions_m))
-    return np.asarray(np.einsum("nji,npj->npi", matrix, world))
+    field: FloatArray = np.repeat(rotation.inv().apply(world)[:, None], len(positions_m), axis=1)
+    if scenario.dipole is not None:
+        matrix = rotation.as_matrix()
+        dipole_T = scenario.dipole.field_T(np.einsum("nij,pj->npi", matrix, positions_m))
+        field += np.einsum("nji,npj->npi", matrix, dipole_T)
+    if scenario.site_gradient_T_per_m is not None:
+        field += gradient_field(scenario.site_gradient_T_per_m, rotation.as_quat(), positions_m)
+    return field
 
 
 def _gradient(scenario: Scenario, rotation: "Rotation") -> FloatArray:

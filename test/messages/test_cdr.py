@@ -12,11 +12,10 @@ from tam_calibration.messages.cdr import (
     RawMessages,
     fill,
     read_float64,
-    read_float64s,
     read_frame_id,
     read_stamp_and_doubles,
-    read_stamped_doubles,
 )
+from tam_calibration.messages.message_fields import MessageFields
 from tam_calibration.model.exceptions import InputError
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -28,6 +27,17 @@ def field(frame_id):
     types = STORE.types
     header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](17, 999_999_999), frame_id)
     return types[FIELD](header, types["geometry_msgs/msg/Vector3"](1.0, -2.0, 3e-5), np.arange(9.0))
+
+
+def read_field(messages, count=3):
+    """Return stamps and the first numbers of many messages MagneticField, (n, count)."""
+    paths = [*(f"magnetic_field.{axis}" for axis in "xyz"), *(f"magnetic_field_covariance[{i}]" for i in range(9))]
+    return MessageFields(STORE.fielddefs, FIELD).read(messages, paths[:count])
+
+
+def read_float64s(messages):
+    """Return the numbers of many messages Float64, (n, 1), and no stamps."""
+    return MessageFields(STORE.fielddefs, "std_msgs/msg/Float64").read(messages, ["data"])
 
 
 FRAMES = ["", "a", "abc", "abcd", "abcdefg", "abcdefgh", "Ångström"]
@@ -44,7 +54,7 @@ def blocks(messages):
 def test_stamp_and_numbers_are_read(frame_id, little_endian):
     """Whatever the frame's name, whose length moves the numbers, and the byte order."""
     message = STORE.serialize_cdr(field(frame_id), FIELD, little_endian=little_endian)
-    stamps, values = read_stamped_doubles(blocks([message] * 3), 4)
+    stamps, values = read_field(blocks([message] * 3), 4)
     assert stamps.tolist() == [17_999_999_999] * 3
     assert values.tolist() == [[1.0, -2.0, 3e-5, 0.0]] * 3
 
@@ -53,7 +63,7 @@ def test_messages_of_many_frames_and_byte_orders_are_read_together():
     """A block may hold messages of any length and byte order, each keeps its place."""
     kinds = [(frame_id, little_endian) for frame_id in FRAMES for little_endian in (True, False)]
     messages = [STORE.serialize_cdr(field(frame), FIELD, little_endian=little) for frame, little in kinds]
-    _, values = read_stamped_doubles(blocks(messages), 12)
+    _, values = read_field(blocks(messages), 12)
     assert values.tolist() == [[1.0, -2.0, 3e-5, *range(9)]] * len(kinds)
 
 
@@ -72,7 +82,7 @@ def test_numbers_without_stamp_are_read(little_endian):
 def test_other_messages_are_refused(message):
     """What is too short or serialised otherwise is not read as numbers, also among others."""
     good = bytes(STORE.serialize_cdr(field("frame"), FIELD))
-    for read in (lambda messages: read_stamped_doubles(messages, 3), read_float64s):
+    for read in (lambda messages: read_field(messages, 3), read_float64s):
         for messages in ([message], [good, message, good]):
             with pytest.raises(InputError, match="a message is damaged"):
                 read(blocks(messages))
@@ -83,7 +93,7 @@ def test_a_name_that_reaches_beyond_the_message_is_refused():
     message = bytearray(STORE.serialize_cdr(field("frame"), FIELD))
     message[12:16] = (2**32 - 1).to_bytes(4, "little")
     with pytest.raises(InputError, match="a message is damaged"):
-        read_stamped_doubles(blocks([bytes(message)] * 2), 3)
+        read_field(blocks([bytes(message)] * 2), 3)
 
 
 def test_copies_have_their_own_stamps_and_numbers():
@@ -112,13 +122,13 @@ def test_one_message_is_read_as_many_are(frame_id, vector, little_endian, length
     message.magnetic_field.x, message.magnetic_field.y, message.magnetic_field.z = vector
     whole = bytes(STORE.serialize_cdr(message, FIELD, little_endian=little_endian))
     stamp_ns, values = read_stamp_and_doubles(whole, 3)
-    stamps, rows = read_stamped_doubles(RawMessages.of([0], [0], [whole]), 3)
+    stamps, rows = read_field(RawMessages.of([0], [0], [whole]), 3)
     assert (stamp_ns, values) == (stamps[0], tuple(rows[0].tolist())) == (17_999_999_999, vector)
     part = RawMessages.of([0], [0], [whole[:length]])
     try:
-        read_stamped_doubles(part, 3)
-    except InputError as problem:
-        with pytest.raises(InputError, match=str(problem)):
+        read_field(part, 3)
+    except InputError:
+        with pytest.raises(InputError, match="a message is damaged"):
             read_stamp_and_doubles(whole[:length], 3)
     else:
         read_stamp_and_doubles(whole[:length], 3)
@@ -143,7 +153,7 @@ def test_a_stamp_that_is_no_time_is_none(stamp):
     message[4:12] = stamp[0].to_bytes(4, "little", signed=True) + stamp[1].to_bytes(4, "little")
     with pytest.raises(InputError, match="the stamp is no time"):
         read_stamp_and_doubles(bytes(message), 3)
-    stamps, _ = read_stamped_doubles(blocks([good, bytes(message), good]), 3)
+    stamps, _ = read_field(blocks([good, bytes(message), good]), 3)
     assert stamps.tolist() == [17_999_999_999, NO_TIME, 17_999_999_999]
 
 

@@ -1,6 +1,6 @@
 """The run: time goes on where stamps step back, and begins again where the first sample comes again."""
 
-from tam_calibration.messages.run import Run
+from tam_calibration.messages.timeline import Run
 
 MS = 1_000_000
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tam_calibration.messages.stamp_figures import StampFigures
+from tam_calibration.messages.timeline import StampFigures
 
 MS = 1_000_000
 

@@ -11,7 +11,7 @@ from ros_bench import field_of_array
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.model.recording import Recording
 from tam_calibration.results import calibration_from_yaml, write_calibration
-from tam_calibration.results.live_state import read_live_state
+from tam_calibration.results.sample_file import read_live_state
 
 sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
 std_msgs = pytest.importorskip("std_msgs.msg", reason="the ROS message packages are not installed")

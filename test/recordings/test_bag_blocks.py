@@ -12,6 +12,7 @@ import yaml
 from numpy.testing import assert_array_equal, assert_array_max_ulp
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader
 from rosbags.typesys import Stores, get_typestore
+from small_chunks import cut_chunks
 from zstandard import ZstdCompressor
 
 from tam_calibration.messages import cdr
@@ -53,7 +54,7 @@ STORAGES = [
 @pytest.fixture(autouse=True)
 def small_blocks(monkeypatch):
     """Cut blocks, chunks and batches so small that a bag of some hundred samples has many of each."""
-    monkeypatch.setattr(bag_mcap, "CHUNK_BYTES", 4_000)
+    cut_chunks(monkeypatch, 4_000)
     monkeypatch.setattr(bag_sqlite3, "ROWS", 57)
     monkeypatch.setattr(cdr, "COUNT", 57)
     monkeypatch.setattr(bag_source, "BATCH", 400)
@@ -286,7 +287,7 @@ def test_a_block_is_written_as_single_messages_are(tmp_path, storage):
 
 def test_an_index_that_does_not_fit_is_refused(tmp_path, monkeypatch):
     """An index of messages that points elsewhere is damage, not data, also where no CRC tells."""
-    monkeypatch.setattr(bag_mcap, "seal", lambda path: None)
+    monkeypatch.setattr(bag_mcap.mcap_records, "seal", lambda path: None)
     path = write(tmp_path / "bag", rough_messages(), "mcap", as_block=True)
     data = path / "bag.mcap"
     with Reader(path) as reader:

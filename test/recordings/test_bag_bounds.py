@@ -14,8 +14,8 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.recordings import read_recording
 from tam_calibration.recordings.bag_bounds import check_expansion, check_piece, unpack
 from tam_calibration.recordings.bag_reader import open_bag, raw_messages
-from tam_calibration.recordings.bag_recovery import recover
 from tam_calibration.recordings.bag_storages import written
+from tam_calibration.recordings.bag_writing import recover
 from tam_calibration.results import write_recording
 
 ZEROS = 200 << 20

@@ -14,10 +14,11 @@ import pytest
 import yaml
 from numpy.testing import assert_array_equal
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader
+from small_chunks import cut_chunks
 
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
-from tam_calibration.recordings import bag_mcap, bag_reader, bag_recovery, read_recording
+from tam_calibration.recordings import bag_mcap, bag_reader, bag_recovery, bag_writing, read_recording
 from tam_calibration.recordings.bag_writing import TYPESTORE, BlockWriter
 from tam_calibration.results import write_recording
 
@@ -131,7 +132,7 @@ def test_the_damaged_message_is_named(tmp_path):
 @pytest.mark.parametrize("name", ["run.mcap", "run"])
 def test_a_damaged_chunk_is_named(tmp_path, monkeypatch, name):
     """With its place and times; the other chunks are recovered."""
-    monkeypatch.setattr(bag_mcap, "CHUNK_BYTES", 4_000)
+    cut_chunks(monkeypatch, 9_000)
     path = tmp_path / name
     write_recording(path, small_recording(), "mcap")
     spoil(path if path.is_file() else path / "run.mcap", 0, 0)
@@ -139,7 +140,7 @@ def test_a_damaged_chunk_is_named(tmp_path, monkeypatch, name):
     assert (
         "damaged or truncated: the chunk at byte 52, recorded at 1700000000.000 s to 1700000000.125 s, is dam" in told
     )
-    found = bag_recovery.recover(path, tmp_path / "new")
+    found = bag_writing.recover(path, tmp_path / "new")
     assert found.faults[0] in told and len(found.faults) == 1 and 60 < found.messages < 180
     assert f"{found.messages} complete messages are recovered" in str(found) and found.faults[0] in str(found)
     again = read_recording(tmp_path / "new")
@@ -148,7 +149,7 @@ def test_a_damaged_chunk_is_named(tmp_path, monkeypatch, name):
 
 def test_a_chunk_is_checked_where_only_it_has_a_crc(tmp_path, monkeypatch):
     """As in the files of ROS, which have no CRC of the data section."""
-    monkeypatch.setattr(bag_mcap, "seal", lambda path: None)
+    monkeypatch.setattr(bag_mcap.mcap_records, "seal", lambda path: None)
     path = tmp_path / "run.mcap"
     write_recording(path, small_recording())
     assert read_recording(path).sample_count == 60
@@ -213,7 +214,7 @@ def test_of_a_packed_file_that_is_damaged_the_beginning_is_recovered(tmp_path):
     content = file.read_bytes()
     file.write_bytes(content[: len(content) // 2] + b"\xff" * 1000 + content[len(content) // 2 + 1000 :])
     assert f"{path} is damaged or truncated: " in refusal(path)
-    found = bag_recovery.recover(path, tmp_path / "new")
+    found = bag_writing.recover(path, tmp_path / "new")
     assert found.faults[0] == f"{file.name} cannot be unpacked to its end"
     assert 1_000 < found.messages < 5_000
 

@@ -18,7 +18,7 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.recordings import read_recording, read_samples
 from tam_calibration.recordings.bag_reader import open_bag, raw_messages
-from tam_calibration.recordings.bag_recovery import recover
+from tam_calibration.recordings.bag_writing import recover
 from tam_calibration.recordings.recording_file import is_bag
 
 ROS2, ROS1 = get_typestore(Stores.ROS2_JAZZY), get_typestore(Stores.ROS1_NOETIC)

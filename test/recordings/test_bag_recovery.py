@@ -18,9 +18,8 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.recordings import bag_mcap
 from tam_calibration.recordings.bag_reader import open_bag, raw_messages
-from tam_calibration.recordings.bag_recovery import recover
 from tam_calibration.recordings.bag_storages import written
-from tam_calibration.recordings.bag_writing import BlockWriter
+from tam_calibration.recordings.bag_writing import BlockWriter, recover
 
 RECORDER = Path(bag_recorder.__file__)
 

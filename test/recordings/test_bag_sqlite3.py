@@ -14,7 +14,7 @@ from numpy.testing import assert_array_equal
 
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.recordings import bag_reader, bag_sqlite3, read_recording
-from tam_calibration.recordings.bag_recovery import recover
+from tam_calibration.recordings.bag_writing import recover
 from tam_calibration.results import write_recording
 
 MOST_S, MOST_BYTES = 10.0, 64 << 20

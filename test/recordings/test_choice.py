@@ -15,9 +15,9 @@ from tam_calibration.model.mounting import Mounting
 from tam_calibration.recordings import read_recording
 from tam_calibration.recordings.channel_map import Pick, map_of
 from tam_calibration.recordings.choice import choose
-from tam_calibration.recordings.own_names import is_own_column
 from tam_calibration.recordings.resolving import resolve
 from tam_calibration.recordings.tables import Table
+from tam_calibration.recordings.vectors import is_own_column
 
 MAGNETIC_FIELD, IMU, TEMPERATURE = (f"sensor_msgs/msg/{name}" for name in ("MagneticField", "Imu", "Temperature"))
 FIELD = tuple(f"magnetic_field.{axis}" for axis in "xyz")

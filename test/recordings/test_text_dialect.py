@@ -11,7 +11,7 @@ from inspected import times, turned
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.recordings import read_recording, text_numbers, text_source
+from tam_calibration.recordings import read_recording, text_source
 from tam_calibration.recordings.channel_map import TextFormat
 from tam_calibration.recordings.text_dialect import Dialect, cells_of, detect_dialect, is_number
 
@@ -220,10 +220,10 @@ def test_large_files_give_the_same_numbers(tmp_path, monkeypatch, delimiter, dec
         lines[place] = delimiter.join([*lines[place].split(delimiter)[:-1], word])
     (tmp_path / "run.csv").write_text("\n".join(lines))
     small = read_recording(tmp_path / "run.csv")
-    by_arrow = text_numbers._by_arrow
+    by_arrow = text_source._by_arrow
     called = []
-    monkeypatch.setattr(text_numbers, "_LARGE", 0)
-    monkeypatch.setattr(text_numbers, "_by_arrow", lambda *given: called.append(by_arrow(*given)) or called[-1])
+    monkeypatch.setattr(text_source, "_LARGE", 0)
+    monkeypatch.setattr(text_source, "_by_arrow", lambda *given: called.append(by_arrow(*given)) or called[-1])
     large = read_recording(tmp_path / "run.csv")
     assert called and called[0] is not None
     for name, values in small.values().items():

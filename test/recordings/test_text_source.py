@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
-from tam_calibration.recordings import read_recording, text_numbers
+from tam_calibration.recordings import read_recording, text_source
 from tam_calibration.results import write_recording
 
 
@@ -87,7 +87,7 @@ def test_pyarrow_and_numpy_read_the_same(tmp_path, monkeypatch):
     recording = full_recording(4, 3000)
     write_recording(tmp_path / "a.csv", recording)
     small = read_recording(tmp_path / "a.csv")
-    monkeypatch.setattr(text_numbers, "_LARGE", 0)
+    monkeypatch.setattr(text_source, "_LARGE", 0)
     large = read_recording(tmp_path / "a.csv")
     for name, values in small.values().items():
         assert_array_equal(large.values()[name], values)

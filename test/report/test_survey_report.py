@@ -9,7 +9,7 @@ from tam_calibration.localization.solutions import EulerSolutions, Status
 from tam_calibration.localization.survey import WORLD_FRAME, Line, Overall, Survey
 from tam_calibration.report.survey_report import plot_source_spectrum, plot_survey_map, write_survey_report
 from tam_calibration.report.survey_rows import MOST_ROWS, sample_rows, statements
-from tam_calibration.results.targets_json import survey_to_mapping
+from tam_calibration.results.targets_file import survey_to_mapping
 from tam_calibration.sources.demodulation import Spectrum
 
 

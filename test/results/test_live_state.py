@@ -9,7 +9,7 @@ from numpy.testing import assert_array_equal
 
 from tam_calibration.live.live import Change, Live
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.results.live_state import read_live_state, write_live_state
+from tam_calibration.results.sample_file import read_live_state, write_live_state
 
 
 @pytest.fixture(scope="module")
