@@ -28,19 +28,17 @@ from asked import ANYTHING, Figure, show
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.correction.update import KINDS
+from tam_calibration.correction.parts import KINDS
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit import calibrate
-from tam_calibration.fit.frames import in_first_frame
 from tam_calibration.fit.information import inverted
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.posterior import posterior_of
-from tam_calibration.fit.prior import Prior, prior_of
+from tam_calibration.fit.prior import Prior, in_first_frame, prior_of
 from tam_calibration.fit.prior_changes import update_prior
-from tam_calibration.fit.problem import Known, Place, Problem
+from tam_calibration.fit.problem import Known, Place, Problem, posterior_of
 from tam_calibration.model.array import Array
-from tam_calibration.model.change_rates import DAY_S
+from tam_calibration.model.data_sheet import DAY_S
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.residuals import measure_residuals

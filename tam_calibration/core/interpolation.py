@@ -21,8 +21,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.interpolated_noise import LAGS, InterpolatedNoise
-from tam_calibration.model.recording import Recording
+from tam_calibration.model.recording import LAGS, InterpolatedNoise, Recording
 from tam_calibration.model.units import FloatArray, IntArray
 
 BEFORE = 4

@@ -8,10 +8,19 @@ from typing import Any, Literal, overload
 import numpy as np
 from numpy.linalg import inv
 
-from tam_calibration.core.variance_factors import VarianceFactors
-from tam_calibration.correction.parts import AmbientGradientEstimate, Corrected, EffectSize, KnownSource, Provenance
-from tam_calibration.correction.quality import Grade, Quality, quality_for, residual_in_words
-from tam_calibration.correction.update import Update
+from tam_calibration.core.slow_cosines import VarianceFactors
+from tam_calibration.correction.parts import (
+    AmbientGradientEstimate,
+    Corrected,
+    EffectSize,
+    Grade,
+    KnownSource,
+    Provenance,
+    Quality,
+    Update,
+    quality_for,
+    residual_in_words,
+)
 from tam_calibration.effects.removal import added_to, of_sensors, removable
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError

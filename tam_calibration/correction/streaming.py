@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tam_calibration.correction.calibration import Calibration, Corrected, without_rows
-from tam_calibration.correction.contradiction import ContradictionSearch
-from tam_calibration.correction.partial import PartialCorrection
+from tam_calibration.correction.partial import ContradictionSearch, PartialCorrection
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import effect_named
 from tam_calibration.effects.removal import EffectStream, linear_effect, removable

@@ -1,6 +1,8 @@
 """Whether one calibration describes a whole recording, and what speaks against trusting it.
 
 Of a recording of more than ``SKETCH`` samples every n-th one is looked at.
+
+What speaks against trusting a calibration: each doubt says what is wrong and, behind the last colon, what to do.
 """
 
 from collections.abc import Callable, Collection
@@ -11,14 +13,16 @@ from numpy.linalg import norm
 
 from tam_calibration.correction.acceptance import WRONG_PART
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.identifiability import require_accurate
+from tam_calibration.fit.coverage import field_of, measure_coverage
+from tam_calibration.fit.identifiability import FEWEST_SAMPLES, require_accurate
 from tam_calibration.fit.recorded_attitude import as_if_uniform
+from tam_calibration.fit.scalar_check import FOLLOWS
 from tam_calibration.fit.scale import normalize, sphere_of_most
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import SKETCH, SampleSource
 from tam_calibration.model.residuals import residual_series
-from tam_calibration.model.units import FloatArray, to_nanotesla
+from tam_calibration.model.units import FloatArray, from_degrees, to_degrees, to_nanotesla
 
 _PARTS = 10
 """Of equal length, of which each is long enough for some turns of a usual survey."""
@@ -195,3 +199,170 @@ def require_one_field(recording: SampleSource, calibration: Calibration) -> None
     """
     uniform = as_if_uniform(recording, calibration.errors, calibration.array, calibration.ambient_gradient)
     require_one_calibration(uniform, calibration)
+
+
+_ASKEW = from_degrees(5.0)
+"""Turn of all other sensors against sensor 1 that no mounting makes by accident: sensors are aligned to degrees."""
+
+_LARGEST_BIAS = 2.0
+"""Bias over the field from which a magnet or an offset of the driver is suspected: it uses up most of a usual range."""
+
+LOOK_FOR_CAUSE = "look for the cause with tam diagnose"
+"""What to do about a residual."""
+
+_FEWEST_FOR_GRADIENT = 3
+"""Sensors that determine a gradient wherever they do not stand in one line."""
+
+_ACCEPTED_RATIO = 1.1
+"""Largest residual over noise floor, apart from chance: data sheets are hardly more exact."""
+
+_FEW_INDEPENDENT = 100.0
+"""Samples over how long their noise lasts, from which standard errors hold (benchmarks/error_coverage.py)."""
+
+_SMALLEST = 0.25
+"""Smallest reduced χ², of half the stated noise: data sheets guarantee more than sensors make."""
+
+_ACCEPTED_GROWTH = np.sqrt(2)
+"""Largest standard error of a corrected sample over what sensor noise alone makes: both have an equal part in it."""
+
+
+def doubts_of(recording: SampleSource, calibration: Calibration) -> tuple[str, ...]:
+    """Return what speaks against trusting a calibration, one sentence each, the gravest first.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        Raw readings, an ambient gradient taken off; of a large one every n-th sample is looked at.
+    calibration : Calibration
+        What was fitted to them, with its residuals of held-out samples where there are any.
+    """
+    some, has_attitude = recording.thinned(SKETCH), calibration.array.attitude_noise is not None
+    found = (
+        _residual(calibration),
+        _small_residual(calibration),
+        residual_that_changes(some, calibration),
+        # What a prior or attitude tells need not be visited: the standard errors say whether both are enough.
+        "" if calibration.update or has_attitude else _coverage(some, calibration),
+        "" if has_attitude else _standard_errors(calibration),
+        _geometry(calibration),
+        _first_sensor(calibration),
+        "" if calibration.update else _bias(calibration),
+    )
+    return tuple(filter(None, found))
+
+
+_CHANNELS = {"differential": "between the sensors", "common_mode": "against the reference intensity"}
+
+_MOST_NAMED = 2
+"""Residuals that a doubt names, the largest first."""
+
+
+def is_unexplained(calibration: Calibration) -> bool:
+    """Whether a residual is doubted whose cause a diagnosis may find: effects that were fitted are known causes."""
+    return not calibration.effects and any(LOOK_FOR_CAUSE in warning for warning in calibration.warnings)
+
+
+def _residual(calibration: Calibration) -> str:
+    """Compare with the floor, leaving room for three standard deviations of an RMS of so many samples."""
+    accepted = _ACCEPTED_RATIO + 3 / np.sqrt(2 * calibration.samples)
+    residuals, floor = calibration.best_residuals, calibration.floor
+    sensors = residuals.sensor_intensity_T / floor.sensor_intensity_T
+    ratios = {f"|B| of sensor {sensor + 1}": float(value) for sensor, value in enumerate(sensors)}
+    if calibration.array.has_gradient:
+        ratios["the tensor"] = residuals.tensor_rmse_T_per_m / floor.tensor_rmse_T_per_m
+    chi_square = calibration.reduced_chi_square
+    ratios |= {words: float(np.sqrt(chi_square[name])) for name, words in _CHANNELS.items() if name in chi_square}
+    high = [(name, value) for name, value in ratios.items() if not value <= accepted]
+    worst = ", ".join(
+        f"{name} {value:.3g} times" for name, value in sorted(high, key=lambda one: -one[1])[:_MOST_NAMED]
+    )
+    factor = float(np.sqrt(calibration.variance_factors.largest))
+    widened = (
+        f"; its slow part is {factor:.3g} times that of white noise, and standard errors have been increased"
+        if factor > 1
+        else ""
+    )
+    if widened and (independent := calibration.samples / factor**2) < _FEW_INDEPENDENT:
+        widened += f" but may still be too small ({independent:.0f} independent samples)"
+    if high:
+        return f"the residual is above the noise floor ({worst}){widened}: {LOOK_FOR_CAUSE}"
+    if widened:
+        return f"the residual is correlated in time{widened}: {LOOK_FOR_CAUSE}"
+    return ""
+
+
+def _small_residual(calibration: Calibration) -> str:
+    """Say where less than half of the stated noise is left, six standard deviations of χ² below that."""
+    chance = 6 * np.sqrt(2 / max(1, calibration.samples - FEWEST_SAMPLES))
+    chi_square = calibration.reduced_chi_square
+    small = {name: chi_square[name] for name in _CHANNELS if chi_square.get(name, 1.0) < min(_SMALLEST, 1 - chance)}
+    if not small:
+        return ""
+    ratio = float(np.sqrt(max(small.values())))
+    words = " and ".join(_CHANNELS[name] for name in small)
+    return (
+        f"the residual {words} is only {ratio:.2g} times the stated noise, so standard errors are {1 / ratio:.2g} "
+        "times too large: state less noise, or leave it out to have it estimated"
+    )
+
+
+def _coverage(recording: SampleSource, calibration: Calibration) -> str:
+    coverage = measure_coverage(field_of(recording.whole(), calibration.errors))
+    if coverage.enough:
+        return ""
+    return f"the field visited only {coverage.fraction:.0%} of the sphere of directions: {coverage.advice}"
+
+
+def _standard_errors(calibration: Calibration) -> str:
+    """Compare the standard error of corrected samples, as a mean over all directions, with that of sensor noise."""
+    noise = np.sqrt(calibration.correction_matrix**2 @ np.repeat(calibration.array.vector_noise_T**2, 3))
+    growth = float(np.nanmax(calibration.output_standard_errors / noise))
+    if growth <= _ACCEPTED_GROWTH:
+        return ""
+    if of_scalar := next((note for note in calibration.notes if note.startswith(FOLLOWS)), ""):
+        return of_scalar
+    return (
+        f"the parameter errors increase the error of a corrected sample to {growth:.3g} times that of sensor noise "
+        "alone: record longer, in more directions"
+    )
+
+
+def _geometry(calibration: Calibration) -> str:
+    if calibration.array.sensor_count < _FEWEST_FOR_GRADIENT or calibration.array.has_gradient:
+        return ""
+    return "the sensors lie on one line, so the outputs have no gradient: place one sensor off that line"
+
+
+def _first_sensor(calibration: Calibration) -> str:
+    """Compare the turns of the other sensors, which all lie askew in the axes of a sensor 1 that does itself."""
+    left, _, right = np.linalg.svd(calibration.errors.matrix)
+    turns = left @ right
+    if calibration.errors.sensor_count < _FEWEST_FOR_GRADIENT or (np.linalg.det(turns) < 0).any():
+        return ""
+    sizes = _angles(turns[1:])
+    size = float(sizes.min())
+    if size < _ASKEW or _angles(turns[2:] @ turns[1].T).max() > size / 3:
+        return ""
+    return (
+        f"all other sensors are turned by {to_degrees(size):.2g}° against sensor 1, whose axes are those of the array: "
+        "state how sensor 1 is mounted (rotations_deg in the array file), or record attitude and use --method "
+        "integrated"
+    )
+
+
+def _angles(turns: FloatArray) -> FloatArray:
+    """Return the angles (n,) of rotation matrices (n, 3, 3), radians."""
+    angles: FloatArray = np.arccos(np.clip((np.trace(turns, axis1=1, axis2=2) - 1) / 2, -1, 1))
+    return angles
+
+
+def _bias(calibration: Calibration) -> str:
+    bias_T = np.abs(calibration.errors.bias_T)
+    sensor, axis = divmod(int(np.argmax(bias_T)), 3)
+    ratio = float(bias_T[sensor, axis]) / calibration.intensity_T
+    if ratio <= _LARGEST_BIAS:
+        return ""
+    return (
+        f"the bias of sensor {sensor + 1} {'xyz'[axis]} is {to_nanotesla(float(bias_T[sensor, axis])):.6g} nT, "
+        f"{ratio:.2g} times the field: look for a magnet at the sensor, and for an offset of its driver"
+    )

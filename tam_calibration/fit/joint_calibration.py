@@ -9,14 +9,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.core.variance_factors import WHITE, VarianceFactors
+from tam_calibration.core.slow_cosines import WHITE, VarianceFactors
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.correction.update import SEVERAL, Moved, Update, in_words
+from tam_calibration.correction.parts import SEVERAL, Moved, Update, in_words
 from tam_calibration.effects.removal import of_array
 from tam_calibration.fit.agreement import FAR
 from tam_calibration.fit.attitude_check import judge_attitude
 from tam_calibration.fit.consistency import Fit, accepted, require_one_field, require_one_sphere
-from tam_calibration.fit.contradiction import PLAUSIBLE, SIGNIFICANT
+from tam_calibration.fit.contradiction import PLAUSIBLE, SIGNIFICANT, Unnamed
 from tam_calibration.fit.estimate import mean_temperature
 from tam_calibration.fit.gyroscope_check import MOST_LINKS, MOST_SAMPLES, judge_gyroscope
 from tam_calibration.fit.identifiability import require_determined
@@ -26,7 +26,6 @@ from tam_calibration.fit.prior_changes import MOST_TIMES, UpdatedPrior, update_p
 from tam_calibration.fit.problem import Intensity, Known, Place
 from tam_calibration.fit.scalar_check import turning_scalar
 from tam_calibration.fit.slow_residuals import variance_factors
-from tam_calibration.fit.unnamed_changes import Unnamed
 from tam_calibration.fit.weak_prior import SETTLED, calibrate_with_weak_prior, is_weak, prior_of_tolerances
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused

@@ -3,7 +3,7 @@
 import numpy as np
 
 from tam_calibration.fit.coverage import CELLS, Coverage, judge_coverage, measure_coverage
-from tam_calibration.fit.expected import expected_covariance
+from tam_calibration.fit.plan_turns import expected_covariance
 from tam_calibration.fit.problem import Known, Place
 from tam_calibration.fit.scale import sphere_center
 from tam_calibration.model.array import Array

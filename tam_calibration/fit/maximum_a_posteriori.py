@@ -8,13 +8,11 @@ from tam_calibration.core.noise import complete_noise
 from tam_calibration.correction.acceptance import LARGEST_ANGLE_ERROR
 from tam_calibration.correction.calibration import FRAME_STATEMENT as FIRST_SENSOR
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.correction.update import Moved, Update
+from tam_calibration.correction.parts import Moved, Update
 from tam_calibration.fit.contradiction import probability_of
 from tam_calibration.fit.estimate import Estimate, make_calibration, measure_chi_square
-from tam_calibration.fit.frames import turned
-from tam_calibration.fit.posterior import Posterior, posterior_of
-from tam_calibration.fit.prior import Prior
-from tam_calibration.fit.problem import Known
+from tam_calibration.fit.prior import Prior, turned
+from tam_calibration.fit.problem import Known, Posterior, posterior_of
 from tam_calibration.fit.recorded_attitude import FRAME_STATEMENT
 from tam_calibration.fit.slow_residuals import with_variance_factors
 from tam_calibration.model.array import Array, KnownNoiseArray

@@ -30,7 +30,7 @@ from tam_calibration.fit.recorded_attitude import (
 )
 from tam_calibration.fit.reference import LARGEST_SHARE, interpolate, is_worth_interpolating
 from tam_calibration.fit.scale import Normalized, normalize
-from tam_calibration.fit.student_noise import StudentNoise
+from tam_calibration.fit.slow_residuals import StudentNoise
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording, SampleSource

@@ -16,16 +16,15 @@ from itertools import accumulate, pairwise
 import numpy as np
 from numpy.linalg import slogdet
 
-from tam_calibration.core.variance_factors import VarianceFactors
-from tam_calibration.correction.update import KINDS, Moved
+from tam_calibration.core.slow_cosines import VarianceFactors
+from tam_calibration.correction.parts import KINDS, Moved
 from tam_calibration.fit import contradiction
+from tam_calibration.fit.contradiction import Unnamed, unnamed_changes
 from tam_calibration.fit.estimate import sample_energies
 from tam_calibration.fit.information import inverted
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, with_noise
-from tam_calibration.fit.posterior import Posterior, posterior_of
 from tam_calibration.fit.prior import Prior
-from tam_calibration.fit.problem import Known, Place, Problem
-from tam_calibration.fit.unnamed_changes import Unnamed, unnamed_changes
+from tam_calibration.fit.problem import Known, Place, Posterior, Problem, posterior_of
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.recording import Recording, SampleSource

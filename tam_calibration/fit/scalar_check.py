@@ -13,9 +13,8 @@ from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import whitening
 from tam_calibration.core.noise import complete_noise
-from tam_calibration.core.slow_cosines import BLOCKS, slow_cosines
+from tam_calibration.core.slow_cosines import BLOCKS, SlowSums, slow_cosines
 from tam_calibration.fit.coverage import ellipsoid_rows
-from tam_calibration.fit.slow_sums import SlowSums
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import SKETCH, SampleSource
 from tam_calibration.model.units import FloatArray, to_nanotesla

@@ -12,17 +12,16 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.core.noise import complete_noise
-from tam_calibration.core.variance_factors import VarianceFactors
+from tam_calibration.core.slow_cosines import VarianceFactors
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.correction.update import Update
+from tam_calibration.correction.parts import Update
 from tam_calibration.fit.consistency import Fit
 from tam_calibration.fit.estimate import Estimate, make_calibration, measure_chi_square
-from tam_calibration.fit.frames import in_first_frame
 from tam_calibration.fit.identifiability import open_parameters, require_accurate
 from tam_calibration.fit.information import inverted
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, noise_left_in, update_of
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.prior import Prior
+from tam_calibration.fit.prior import Prior, in_first_frame
 from tam_calibration.fit.problem import Known, Place, Problem
 from tam_calibration.fit.slow_residuals import variance_factors
 from tam_calibration.model.array import Array, KnownNoiseArray

@@ -16,12 +16,9 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.identifiability import open_parameters
 from tam_calibration.fit.likelihood import Linearization
 from tam_calibration.fit.prior import Prior
-from tam_calibration.live.block_noise import BlockMeans, BlockNoise
 from tam_calibration.live.change import GRADIENT
-from tam_calibration.live.change_window import BLOCK_S, ChangeWindow, Step, Suspicion
-from tam_calibration.live.moments import MomentLikelihood, SampleMoments
-from tam_calibration.live.recursion import Belief, Recursion, Walk, solve
-from tam_calibration.live.trial import Trial
+from tam_calibration.live.change_window import BLOCK_S, BlockMeans, BlockNoise, ChangeWindow, Step, Suspicion
+from tam_calibration.live.recursion import Belief, MomentLikelihood, Recursion, SampleMoments, Trial, Walk, solve
 from tam_calibration.live.turns import Stretch
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.units import FloatArray

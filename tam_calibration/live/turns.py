@@ -10,7 +10,7 @@ import numpy as np
 
 from tam_calibration.core.averaged_rates import AveragedRates
 from tam_calibration.core.normal_equations import Normal
-from tam_calibration.core.variance_factors import VarianceFactors
+from tam_calibration.core.slow_cosines import VarianceFactors
 from tam_calibration.fit.gyroscope_check import judge_gyroscope
 from tam_calibration.fit.prior import Prior
 from tam_calibration.fit.problem import Known, Problem

@@ -5,9 +5,7 @@ from typing import Annotated, Any
 
 from tam_calibration.files.quantities import block_to_write, in_si
 from tam_calibration.files.schema import Bounds, Document
-from tam_calibration.model.change_rates import ChangeRates
-from tam_calibration.model.gyroscope import Gyroscope
-from tam_calibration.model.tolerances import Tolerances
+from tam_calibration.model.data_sheet import ChangeRates, Gyroscope, Tolerances
 
 _Rate = Annotated[float, Bounds(least=0)]
 

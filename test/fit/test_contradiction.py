@@ -8,7 +8,7 @@ from moved_sensors import lone, turn
 from numpy.testing import assert_allclose
 
 from tam_calibration.fit.contradiction import Difference, candidates_of, changes_that_explain
-from tam_calibration.fit.posterior import posterior_of
+from tam_calibration.fit.problem import posterior_of
 from tam_calibration.model.sensor_errors import SensorErrors
 
 

@@ -10,10 +10,17 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.coverage import CELLS, cell_directions
-from tam_calibration.fit.lossless import lossless
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.plan import field_directions, make_plan, reach_of_turntable, reach_of_vehicle
-from tam_calibration.fit.plan_start import start_from_calibration, start_from_nothing, start_from_recording
+from tam_calibration.fit.plan import (
+    field_directions,
+    make_plan,
+    reach_of_turntable,
+    reach_of_vehicle,
+    start_from_calibration,
+    start_from_nothing,
+    start_from_recording,
+)
+from tam_calibration.fit.published import lossless
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.units import from_degrees

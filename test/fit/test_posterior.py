@@ -9,12 +9,10 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.fit import calibrate
-from tam_calibration.fit.frames import in_first_frame
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.posterior import posterior_of
-from tam_calibration.fit.prior import ChangeRates, prior_of
-from tam_calibration.fit.problem import Known, Problem
+from tam_calibration.fit.prior import ChangeRates, in_first_frame, prior_of
+from tam_calibration.fit.problem import Known, Problem, posterior_of
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.sensor_errors import SensorErrors

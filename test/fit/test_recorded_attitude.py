@@ -9,8 +9,8 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.fit import calibrate
-from tam_calibration.fit.integrated import integrated
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
+from tam_calibration.fit.published import integrated
 from tam_calibration.fit.recorded_attitude import (
     aligned,
     find_turn,

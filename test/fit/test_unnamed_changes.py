@@ -7,12 +7,10 @@ import pytest
 from moved_sensors import SIZES, lone, moved, turn
 
 from tam_calibration.fit import calibrate
-from tam_calibration.fit.contradiction import Difference, candidates_of
+from tam_calibration.fit.contradiction import Difference, candidates_of, small_changes
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
-from tam_calibration.fit.posterior import posterior_of
 from tam_calibration.fit.prior_changes import update_prior
-from tam_calibration.fit.problem import Known
-from tam_calibration.fit.unnamed_changes import small_changes
+from tam_calibration.fit.problem import Known, posterior_of
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import from_degrees
 from tam_calibration.simulation import simulate
