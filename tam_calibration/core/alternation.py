@@ -7,12 +7,6 @@ from tam_calibration.model.units import FloatArray, to_nanotesla
 FEWEST = 50
 """Samples of which the ratio of the medians is 1 ± 0.14 for noise alone."""
 
-ALTERNATES = 0.5
-"""Median distance from the middle of the readings two samples away over that of the next ones: 1 for noise, 4 for a
-smooth course; noise falls so low by 3.5 standard deviations of the fewest samples."""
-
-REVERSES = -0.5
-"""Median cosine of successive changes; noise has it too, a sensor that is read at half the rate has zero."""
 
 _MOST = 4096
 """Samples in a row that are looked at: some tens of seconds."""
@@ -35,7 +29,10 @@ def alternations(readings_T: FloatArray) -> dict[int, str]:
     if len(readings_T) < FEWEST or readings_T.shape[1] < 2:
         return {}
     next_T, second_T = (_distance(readings_T, lag) for lag in (1, 2))
-    is_alternating = (second_T < ALTERNATES * next_T) & (_cosine(readings_T) < REVERSES)
+    # 0.5: median distance from the middle of the readings two samples away over that of the next ones: 1 for noise, 4
+    # for a smooth course; noise falls so low by 3.5 standard deviations of the fewest samples.
+    # -0.5: median cosine of successive changes; noise has it too, a sensor that is read at half the rate has zero.
+    is_alternating = (second_T < 0.5 * next_T) & (_cosine(readings_T) < -0.5)
     if is_alternating.all():
         return {}  # the array itself was turned to and fro
     return {

@@ -13,20 +13,9 @@ State = TypeVar("State")
 _MOST_STEPS = 60
 """Damped steps after which a problem that has not settled is left where it is."""
 
-_FIRST_DAMPING, _LARGEST_DAMPING = 1e-3, 1e12
-"""Added to a diagonal of one: nearly a Gauss-Newton step, and one so short that no shorter one lowers χ² either."""
-
-_LEAST_DAMPING = 1e-14
-"""Added to a diagonal of one: fifty times its rounding, so that equal unknowns make no singular matrix."""
-
-_EASED, _RAISED = 0.03, 10.0
-"""By what the damping is multiplied after a step that lowers χ², and after one that does not."""
 
 _ROUNDING = 1e-13
 """Part of the squares of the data by which rounding may raise χ²."""
-
-_LARGEST_CONDITION = 1e12
-"""Of scaled normal equations that determine every unknown."""
 
 
 def iterate(step: Callable[[State], tuple[State, bool]], state: State, most_steps: int) -> tuple[State, bool]:
@@ -125,7 +114,9 @@ def solve_damped(
         After which a problem that has not settled is left where it is.
     """
     unknowns = np.array(start, dtype=float)
-    damping = np.full(len(data), _FIRST_DAMPING)
+    # 1e-3 and 1e12: added to a diagonal of one: nearly a Gauss-Newton step, and one so short that no shorter one lowers
+    # χ² either.
+    damping = np.full(len(data), 1e-3)
     is_open, is_found = np.full(len(data), True), np.full(len(data), False)
     chi_square, normal, slope = _linearize(predict, data, unknowns, np.arange(len(data)))
     rounding = _ROUNDING * np.sum(data**2, axis=1)
@@ -139,10 +130,12 @@ def solve_damped(
         better = at[is_better]
         unknowns[better], chi_square[better] = tried[is_better], new_chi_square[is_better]
         normal[better], slope[better] = new_normal[is_better], new_slope[is_better]
-        damping[at] = np.maximum(damping[at] * np.where(is_better, _EASED, _RAISED), _LEAST_DAMPING)
+        # 1e-14: added to a diagonal of one: fifty times its rounding, so that equal unknowns make no singular matrix.
+        # 0.03 and 10.0: by what the damping is multiplied after a step that lowers χ², and after one that does not.
+        damping[at] = np.maximum(damping[at] * np.where(is_better, 0.03, 10.0), 1e-14)
         is_last = is_small(unknowns[at], change)
         is_found[at[is_last]] = True
-        is_open[at[is_last | (damping[at] > _LARGEST_DAMPING)]] = False
+        is_open[at[is_last | (damping[at] > 1e12)]] = False
         return is_open, not is_open.any()
 
     if len(data):
@@ -176,6 +169,7 @@ def _invert(normal: FloatArray) -> tuple[FloatArray, np.ndarray]:
     """Return the inverses (M, P, P) and whether each exists; NaN where it does not."""
     unit, scale = scaled(np.where(np.isfinite(normal), normal, 0.0))
     values, vectors = np.linalg.eigh(unit)
-    exists = values[:, 0] > values[:, -1] / _LARGEST_CONDITION
+    # 1e12: of scaled normal equations that determine every unknown.
+    exists = values[:, 0] > values[:, -1] / 1e12
     inverse = vectors / np.where(exists[:, None], values, np.nan)[:, None, :] @ np.swapaxes(vectors, 1, 2)
     return inverse / scale[:, :, None] / scale[:, None, :], exists

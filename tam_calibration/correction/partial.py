@@ -279,14 +279,8 @@ _OUTPUTS_OF_FIELD = np.vstack([np.eye(8), [0.0, 0.0, 0.0, -1.0, 0.0, 0.0, -1.0, 
 """(9, 8) the outputs of the eight numbers of a linear field; the last is gzz."""
 
 
-_FEWEST = 3
-"""Sensors of which the others outvote one."""
-
 _APART = 0.1
 """Smallest deviation of a failing sensor, as a part of the field: a dipole of 150 A m² makes 2 % of 50 µT at 3 m."""
-
-_OVER_OTHERS = 20.0
-"""That deviation over the largest of the others: a dipole 0.6 m from the centre of a 0.5 m cross makes at most 17."""
 
 
 def left_out(count: int, total: int, whose: str, when: str) -> str:
@@ -326,7 +320,8 @@ class ContradictionSearch:
         codes = np.zeros(len(time_s), dtype=np.int64)
         self._begin_s = self._begin_s if self._count else float(time_s[0])
         self._count += len(codes)
-        if self._sensor_count >= _FEWEST and (suspected := np.flatnonzero(self._may_fail(readings_T))).size:
+        # 3: sensors of which the others outvote one.
+        if self._sensor_count >= 3 and (suspected := np.flatnonzero(self._may_fail(readings_T))).size:
             codes[suspected] = self._failing(time_s[suspected], readings_T[suspected])
         return codes
 
@@ -347,7 +342,9 @@ class ContradictionSearch:
             others_T = np.delete(fields_T, sensor, axis=1)
             center_T = others_T.mean(axis=1)
             spread_T = np.linalg.norm(others_T - center_T[:, None], axis=2).max(axis=1)
-            least_T = np.maximum(_APART * np.linalg.norm(center_T, axis=1), _OVER_OTHERS * spread_T)
+            # 20.0: that deviation over the largest of the others: a dipole 0.6 m from the centre of a 0.5 m cross makes
+            # at most 17.
+            least_T = np.maximum(_APART * np.linalg.norm(center_T, axis=1), 20.0 * spread_T)
             is_wrong = np.linalg.norm(fields_T[:, sensor] - center_T, axis=1) > least_T
             codes[is_wrong] |= 1 << sensor
             self._wrong[sensor] += int(is_wrong.sum())

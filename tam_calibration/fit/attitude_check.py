@@ -247,9 +247,6 @@ the largest ratio of what sensors' errors make of a heading to its noise that is
 _USUAL, _DRAWS = Tolerances(0.01, from_degrees(0.5), 300e-9, from_degrees(0.5)), 9
 """Errors of a chip, by which a single sensor's heading is judged, and how many are drawn."""
 
-_SEEN = 1e-3
-"""Part of the largest singular value below which a turn of the mounting does not show in the heading."""
-
 
 @dataclass(frozen=True, eq=False)
 class RawHeadings:
@@ -311,7 +308,8 @@ class RawHeadings:
         errors = -_heading(np.einsum("nij,nkj->kni", agreeing, np.concatenate([raw, usual], axis=1)))
         columns = _by_mounting(field, agreeing, direction)
         headings = np.vstack([_heading(world), _heading(world) - errors[: len(names)], errors[len(names) :]])
-        left = headings - headings @ pinv(columns, rcond=_SEEN).T @ columns.T
+        # 1e-3: part of the largest singular value below which a turn of the mounting does not show in the heading.
+        left = headings - headings @ pinv(columns, rcond=1e-3).T @ columns.T
         return cls(
             names,
             errors[: len(names)],
@@ -375,8 +373,6 @@ USE_IT = (
     "accelerometer only"
 )
 
-_MOST_SAMPLES = 1000
-"""By which the worth of attitude is judged."""
 
 _WORTHLESS = 0.95
 """Ratio of standard errors with attitude to those without, above which it is not worth its risk."""
@@ -398,7 +394,8 @@ def worth_of(recording: SampleSource, calibration: Calibration) -> str:
     calibration : Calibration
         With a covariance.
     """
-    some = recording.thinned(_MOST_SAMPLES)
+    # 1000: by which the worth of attitude is judged.
+    some = recording.thinned(1000)
     if some.attitude is None or not np.isfinite(some.attitude).all(axis=1).any() or calibration.covariance is None:
         return ""
     array = replace(calibration.array, attitude_noise=ATTITUDE_NOISE.most)

@@ -26,8 +26,6 @@ or with a compass on a vehicle, it turns by less."""
 _BETTER = 4.0
 """How many times less it turns in that of the right one."""
 
-_MOST_SAMPLES = 2000
-"""By which an attitude is judged."""
 
 _INVERSE, _SCALAR_FIRST = np.array([-1.0, -1.0, -1.0, 1.0]), [1, 2, 3, 0]
 """Signs of the inverse of a quaternion x, y, z, w, and the order that makes one of w, x, y, z."""
@@ -100,7 +98,8 @@ def misread_attitude(recording: SampleSource, errors: SensorErrors | None = None
     errors : SensorErrors, optional
         By which readings are corrected; without them those of sensor 1 count about the centre of their sphere.
     """
-    some = recording.thinned(_MOST_SAMPLES).whole()
+    # 2000: by which an attitude is judged.
+    some = recording.thinned(2000).whole()
     if some.attitude is None:
         return ""
     known = np.isfinite(some.attitude).all(axis=1) & (norm(some.attitude, axis=1) > 0)

@@ -52,9 +52,6 @@ METHODS: dict[str, Fit] = {
 }
 DEFAULT_METHOD = "maximum_likelihood"
 
-_FEWEST_FOR_SLOW = 160
-"""Samples from which noise that lasts shows in the residuals: ten in each of the blocks that are compared."""
-
 
 def calibrate(
     recording: SampleSource,
@@ -175,7 +172,8 @@ def _checked(
     faults = require_sound(recording, array, accept, screened=screened)
     found = [fault.sentence for fault in faults if fault.severity != "note"]
     notes = [fault.sentence for fault in faults if fault.severity == "note"]
-    if used.sample_count < _FEWEST_FOR_SLOW:
+    # 160: samples from which noise that lasts shows in the residuals: ten in each of the blocks that are compared.
+    if used.sample_count < 160:
         notes.append(
             f"{used.sample_count} samples do not show whether their noise is white, as the standard errors assume: "
             "record more if it may last from sample to sample"

@@ -27,18 +27,6 @@ from tam_calibration.model.units import FloatArray, from_degrees, to_degrees, to
 _PARTS = 10
 """Of equal length, of which each is long enough for some turns of a usual survey."""
 
-_FEWEST_IN_PART = 10
-"""Fewest samples in a part: their median is certain to a third."""
-
-_STEADY_RATIO = 4.0
-"""Of the largest to the smallest residual; in the shortest parts white noise of four sensors makes 2.5 once in 1000."""
-
-_LARGEST_STEADY_RESIDUAL = 1e-5
-"""Part of the intensity, half a nanotesla: what is less, no calibration is asked for."""
-
-_LARGEST_DISTANCE = 0.05
-"""Part of the radius of a sphere that most readings are near; errors of scale and angles make readings miss it too."""
-
 
 SOMETHING_MAGNETIC = "something magnetic came near, or a sensor changed"
 """What is suspected of a residual that changes, as long as no diagnosis finds another cause."""
@@ -55,7 +43,9 @@ class _Parts:
     def exceeds(self, residual_T: float) -> bool:
         """Whether the residual changes much between the parts and grows above a size."""
         loud = float(self.residual_T.max())
-        return loud > residual_T and loud > _STEADY_RATIO * float(self.residual_T.min())
+        # 4.0: of the largest to the smallest residual; in the shortest parts white noise of four sensors makes 2.5 once
+        # in 1000.
+        return loud > residual_T and loud > 4.0 * float(self.residual_T.min())
 
     def sentence(self) -> str:
         loud, quiet = int(self.residual_T.argmax()), int(self.residual_T.argmin())
@@ -111,7 +101,9 @@ def require_one_sphere(recording: SampleSource) -> None:
         center, radius = sphere_of_most(points)
         distance = np.maximum(distance, np.abs(norm(points - center, axis=1) - radius))
     parts = _in_parts(data.radius_T * distance, some.time_s)
-    if parts is not None and parts.exceeds(_LARGEST_DISTANCE * data.radius_T):
+    # 0.05: part of the radius of a sphere that most readings are near; errors of scale and angles make readings miss it
+    # too.
+    if parts is not None and parts.exceeds(0.05 * data.radius_T):
         raise Refused(f"the recording is not one calibration: {parts.sentence()}; calibrate the parts apart")
 
 
@@ -126,7 +118,8 @@ def residual_that_changes(recording: SampleSource, calibration: Calibration) -> 
         What was fitted to them.
     """
     parts = _residual_in_parts(recording, calibration)
-    if parts is None or not parts.exceeds(_LARGEST_STEADY_RESIDUAL * calibration.intensity_T):
+    # 1e-5: part of the intensity, half a nanotesla: what is less, no calibration is asked for.
+    if parts is None or not parts.exceeds(1e-5 * calibration.intensity_T):
         return ""
     return f"{parts.sentence()}: leave that time out with --from and --until"
 
@@ -139,7 +132,8 @@ def _residual_in_parts(recording: SampleSource, calibration: Calibration) -> _Pa
 
 
 def _in_parts(residual: FloatArray, time: FloatArray) -> _Parts | None:
-    if len(residual) < _PARTS * _FEWEST_IN_PART:
+    # 10: fewest samples in a part: their median is certain to a third.
+    if len(residual) < _PARTS * 10:
         return None
     chunks = np.array_split(np.arange(len(residual)), _PARTS)
     return _Parts(
@@ -201,29 +195,11 @@ def require_one_field(recording: SampleSource, calibration: Calibration) -> None
     require_one_calibration(uniform, calibration)
 
 
-_ASKEW = from_degrees(5.0)
-"""Turn of all other sensors against sensor 1 that no mounting makes by accident: sensors are aligned to degrees."""
-
-_LARGEST_BIAS = 2.0
-"""Bias over the field from which a magnet or an offset of the driver is suspected: it uses up most of a usual range."""
-
 LOOK_FOR_CAUSE = "look for the cause with tam diagnose"
 """What to do about a residual."""
 
 _FEWEST_FOR_GRADIENT = 3
 """Sensors that determine a gradient wherever they do not stand in one line."""
-
-_ACCEPTED_RATIO = 1.1
-"""Largest residual over noise floor, apart from chance: data sheets are hardly more exact."""
-
-_FEW_INDEPENDENT = 100.0
-"""Samples over how long their noise lasts, from which standard errors hold (benchmarks/error_coverage.py)."""
-
-_SMALLEST = 0.25
-"""Smallest reduced χ², of half the stated noise: data sheets guarantee more than sensors make."""
-
-_ACCEPTED_GROWTH = np.sqrt(2)
-"""Largest standard error of a corrected sample over what sensor noise alone makes: both have an equal part in it."""
 
 
 def doubts_of(recording: SampleSource, calibration: Calibration) -> tuple[str, ...]:
@@ -253,9 +229,6 @@ def doubts_of(recording: SampleSource, calibration: Calibration) -> tuple[str, .
 
 _CHANNELS = {"differential": "between the sensors", "common_mode": "against the reference intensity"}
 
-_MOST_NAMED = 2
-"""Residuals that a doubt names, the largest first."""
-
 
 def is_unexplained(calibration: Calibration) -> bool:
     """Whether a residual is doubted whose cause a diagnosis may find: effects that were fitted are known causes."""
@@ -264,7 +237,8 @@ def is_unexplained(calibration: Calibration) -> bool:
 
 def _residual(calibration: Calibration) -> str:
     """Compare with the floor, leaving room for three standard deviations of an RMS of so many samples."""
-    accepted = _ACCEPTED_RATIO + 3 / np.sqrt(2 * calibration.samples)
+    # 1.1: largest residual over noise floor, apart from chance: data sheets are hardly more exact.
+    accepted = 1.1 + 3 / np.sqrt(2 * calibration.samples)
     residuals, floor = calibration.best_residuals, calibration.floor
     sensors = residuals.sensor_intensity_T / floor.sensor_intensity_T
     ratios = {f"|B| of sensor {sensor + 1}": float(value) for sensor, value in enumerate(sensors)}
@@ -273,16 +247,16 @@ def _residual(calibration: Calibration) -> str:
     chi_square = calibration.reduced_chi_square
     ratios |= {words: float(np.sqrt(chi_square[name])) for name, words in _CHANNELS.items() if name in chi_square}
     high = [(name, value) for name, value in ratios.items() if not value <= accepted]
-    worst = ", ".join(
-        f"{name} {value:.3g} times" for name, value in sorted(high, key=lambda one: -one[1])[:_MOST_NAMED]
-    )
+    # 2: residuals that a doubt names, the largest first.
+    worst = ", ".join(f"{name} {value:.3g} times" for name, value in sorted(high, key=lambda one: -one[1])[:2])
     factor = float(np.sqrt(calibration.variance_factors.largest))
     widened = (
         f"; its slow part is {factor:.3g} times that of white noise, and standard errors have been increased"
         if factor > 1
         else ""
     )
-    if widened and (independent := calibration.samples / factor**2) < _FEW_INDEPENDENT:
+    # 100.0: samples over how long their noise lasts, from which standard errors hold (benchmarks/error_coverage.py).
+    if widened and (independent := calibration.samples / factor**2) < 100.0:
         widened += f" but may still be too small ({independent:.0f} independent samples)"
     if high:
         return f"the residual is above the noise floor ({worst}){widened}: {LOOK_FOR_CAUSE}"
@@ -295,7 +269,8 @@ def _small_residual(calibration: Calibration) -> str:
     """Say where less than half of the stated noise is left, six standard deviations of χ² below that."""
     chance = 6 * np.sqrt(2 / max(1, calibration.samples - FEWEST_SAMPLES))
     chi_square = calibration.reduced_chi_square
-    small = {name: chi_square[name] for name in _CHANNELS if chi_square.get(name, 1.0) < min(_SMALLEST, 1 - chance)}
+    # 0.25: smallest reduced χ², of half the stated noise: data sheets guarantee more than sensors make.
+    small = {name: chi_square[name] for name in _CHANNELS if chi_square.get(name, 1.0) < min(0.25, 1 - chance)}
     if not small:
         return ""
     ratio = float(np.sqrt(max(small.values())))
@@ -317,7 +292,9 @@ def _standard_errors(calibration: Calibration) -> str:
     """Compare the standard error of corrected samples, as a mean over all directions, with that of sensor noise."""
     noise = np.sqrt(calibration.correction_matrix**2 @ np.repeat(calibration.array.vector_noise_T**2, 3))
     growth = float(np.nanmax(calibration.output_standard_errors / noise))
-    if growth <= _ACCEPTED_GROWTH:
+    # np.sqrt(2): largest standard error of a corrected sample over what sensor noise alone makes: both have an equal
+    # part in it.
+    if growth <= np.sqrt(2):
         return ""
     if of_scalar := next((note for note in calibration.notes if note.startswith(FOLLOWS)), ""):
         return of_scalar
@@ -341,7 +318,9 @@ def _first_sensor(calibration: Calibration) -> str:
         return ""
     sizes = _angles(turns[1:])
     size = float(sizes.min())
-    if size < _ASKEW or _angles(turns[2:] @ turns[1].T).max() > size / 3:
+    # from_degrees(5.0): turn of all other sensors against sensor 1 that no mounting makes by accident: sensors are
+    # aligned to degrees.
+    if size < from_degrees(5.0) or _angles(turns[2:] @ turns[1].T).max() > size / 3:
         return ""
     return (
         f"all other sensors are turned by {to_degrees(size):.2g}° against sensor 1, whose axes are those of the array: "
@@ -360,7 +339,9 @@ def _bias(calibration: Calibration) -> str:
     bias_T = np.abs(calibration.errors.bias_T)
     sensor, axis = divmod(int(np.argmax(bias_T)), 3)
     ratio = float(bias_T[sensor, axis]) / calibration.intensity_T
-    if ratio <= _LARGEST_BIAS:
+    # 2.0: bias over the field from which a magnet or an offset of the driver is suspected: it uses up most of a usual
+    # range.
+    if ratio <= 2.0:
         return ""
     return (
         f"the bias of sensor {sensor + 1} {'xyz'[axis]} is {to_nanotesla(float(bias_T[sensor, axis])):.6g} nT, "

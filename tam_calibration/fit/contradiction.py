@@ -106,12 +106,6 @@ def _of(kind: str, sensor: int, directions: FloatArray, components: tuple[str, .
 SIGNIFICANT = 1e-4
 """Probability of a difference below which data and prior contradict: one false alarm in ten thousand updates."""
 
-_CONVINCING = np.log(1e4)
-"""Logarithm of the evidence of a change from which it contradicts, however little it is of the whole difference: by
-chance a given one is convincing at most once in ten thousand updates."""
-
-_LEAST_GAIN = 0.01
-"""Information of the data over that of the prior above which a direction counts: in others they cannot contradict."""
 
 _SIZES_T = from_nanotesla(np.geomspace(10.0, 1e4, 7))
 """Standard deviations of what may happen to a sensor, from a screwdriver at a metre to an amplifier that broke: as a
@@ -122,8 +116,6 @@ _LOG_ODDS = -float(np.log(100.0))
 
 _EVERYTHING = in_words(SEVERAL, 0)
 
-_NO_CHANGE = 1e-9
-"""Part of a change that is left of it in the convention of the prior where that holds it: rounding."""
 
 MOST_CHANGES = 3
 """Found one after the other: where more moved, the whole array has, which is one of them."""
@@ -189,7 +181,9 @@ class Difference:
         left, turns = np.linalg.eigh(prior.whitening.T @ covariance @ prior.whitening)
         left = np.clip(left, np.finfo(float).eps, 1.0)
         gain, along, back = 1 / left - 1, turns.T @ distance, prior.whitening @ turns
-        is_seen = gain > _LEAST_GAIN
+        # 0.01: information of the data over that of the prior above which a direction counts: in others they cannot
+        # contradict.
+        is_seen = gain > 0.01
         chi_square = float(np.sum(along[is_seen] ** 2 * (1 + 1 / gain[is_seen])))
         return cls(back @ along, back * (1 - left) @ back.T, chi_square, int(is_seen.sum()))
 
@@ -258,7 +252,9 @@ def changes_that_explain(difference: Difference, candidates: Sequence[Sequence[C
         ]
         best = [max(sizes, key=itemgetter(0)) for sizes in weighed]
         evidence, strongest = max(best, key=itemgetter(0))
-        if evidence < (0.0 if difference.probability < SIGNIFICANT else _CONVINCING):
+        # np.log(1e4): logarithm of the evidence of a change from which it contradicts, however little it is of the
+        # whole difference: by chance a given one is convincing at most once in ten thousand updates.
+        if evidence < (0.0 if difference.probability < SIGNIFICANT else np.log(1e4)):
             break
         found.append([difference.estimated(change) for change in plausible(best)])
         if is_everything(strongest):
@@ -328,7 +324,8 @@ def candidates_of(prior: Prior, sees_scale: bool) -> list[list[Change]]:
         directions = derivative @ hypothesis.directions
         if not sees_scale and (sensors == 1 or hypothesis.sensor == 0):
             directions = without_scale(errors) @ directions
-        if np.abs(directions).max() < _NO_CHANGE * np.abs(hypothesis.directions).max():
+        # 1e-9: part of a change that is left of it in the convention of the prior where that holds it: rounding.
+        if np.abs(directions).max() < 1e-9 * np.abs(hypothesis.directions).max():
             continue
         is_bias = hypothesis.directions.reshape(-1, 12, hypothesis.directions.shape[1])[:, 6:9].any(axis=(0, 1))
         unit = np.where(is_bias, 1.0, 1 / prior.calibration.intensity_T)
@@ -339,17 +336,10 @@ def candidates_of(prior: Prior, sees_scale: bool) -> list[list[Change]]:
 _UNNOTICED = 0.01
 """Probability that something moved since the prior by more than its rates of change say."""
 
-_LOG_FASTER = float(np.log(0.05))
-"""Logarithm of the probability, before any reading, that rates are stated too small."""
 
 _TIMES = (3.0, 10.0, 30.0)
 """Changes that are tried: so many times the random walk of a day, so many kelvins, or both."""
 
-_LOG_MORE = 0.0
-"""Logarithm of the odds, before any reading, that more has changed with what is named: as likely as not."""
-
-_PARTS = (1.0, 0.3, 0.1, 0.03)
-"""Sizes that are tried for the other changes, over that of the change that is named."""
 
 _MATRIX = [0, 1, 2, 3, 4, 5, 9, 10, 11]
 """Places of the errors that multiply the field among the twelve of a sensor."""
@@ -426,8 +416,10 @@ def _more(left: Difference, change: Change, prior: Prior) -> Unnamed:
         name, directions, scaled = in_words(SEVERAL, sensor), every[:, sensor - 1], np.isin(np.arange(12), _MATRIX)
     intensity_T = prior.calibration.intensity_T
     size_T = np.sqrt(np.mean(change.estimate**2)) * (1.0 if "bias" in change.hypothesis.parameters else intensity_T)
-    variances = np.square(np.outer(_PARTS, size_T * np.where(scaled, 1 / intensity_T, 1.0)))
-    return _weighed(name, left, prior, directions, variances, _LOG_MORE)
+    # (1.0, 0.3, 0.1, 0.03): sizes that are tried for the other changes, over that of the change that is named.
+    variances = np.square(np.outer((1.0, 0.3, 0.1, 0.03), size_T * np.where(scaled, 1 / intensity_T, 1.0)))
+    # 0.0: logarithm of the odds, before any reading, that more has changed with what is named: as likely as not.
+    return _weighed(name, left, prior, directions, variances, 0.0)
 
 
 def _faster(difference: Difference, prior: Prior, few: float) -> Unnamed:
@@ -437,7 +429,8 @@ def _faster(difference: Difference, prior: Prior, few: float) -> Unnamed:
     rates = np.array([prior.rates.variances(walk**2 * DAY_S, warming_K) for walk, warming_K in sizes])
     variances = np.tile(rates, prior.errors.sensor_count)
     every = np.eye(variances.shape[1])
-    return _weighed("all errors, faster than stated", difference, prior, every, variances, _LOG_FASTER - few)
+    # float(np.log(0.05)): logarithm of the probability, before any reading, that rates are stated too small.
+    return _weighed("all errors, faster than stated", difference, prior, every, variances, float(np.log(0.05)) - few)
 
 
 def _weighed(

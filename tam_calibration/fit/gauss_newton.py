@@ -17,8 +17,6 @@ Kept = TypeVar("Kept")
 
 _MOST_STEPS = 100
 
-_FARTHEST = 1e6
-"""Size of a step of matrices and biases, which are of order one, from which no way leads back."""
 
 _NOT_ONE = "the readings do not fit one calibration, look for a change of field or sensor during the recording"
 
@@ -67,7 +65,8 @@ def gauss_newton(
         return here.information[np.ix_(free, free)], here.score[free], here.information
 
     def moved(before: Point, change: FloatArray) -> Point:
-        if not np.abs(change).max() < _FARTHEST:
+        # 1e6: size of a step of matrices and biases, which are of order one, from which no way leads back.
+        if not np.abs(change).max() < 1e6:
             raise Refused(f"the fit goes astray: {_NOT_ONE}")
         step = np.zeros(free.size)
         step[free] = change

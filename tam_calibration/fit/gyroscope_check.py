@@ -31,20 +31,12 @@ from tam_calibration.model.limits import RATE_NOISE
 from tam_calibration.model.recording import Recording, SampleSource
 from tam_calibration.model.units import FloatArray, from_degrees, to_degrees, to_nanotesla
 
-_STRIDE, _FEWEST_STRIDES = 8, 50
-"""Intervals over which noise is measured, and how many of these there are at least."""
-
 _MOST_ROUNDS, _SETTLED = 6, 0.05
 """To find the noise, and the part by which it may change in the last of them."""
 
-_MOST_FITTED = 200_000
-"""Turns of a fit to all samples: of more those over several samples."""
 
 _TYPICAL_SCALE = 1e-3
 """Scale error of a gyroscope that was calibrated, whose effect is reported."""
-
-_LATE, _ASKEW = 0.5, from_degrees(2.0)
-"""Delay in intervals of samples, and turn in radians, from which they are worth a note."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +82,8 @@ class GyroscopeFit(MotionFit):
     @property
     def begun(self) -> GyroscopeUse:
         """How the angular velocity counts, its fit begun where this one ends."""
-        return replace(self.use, start=self.state, stride=-(-self.likelihood.sample_count // _MOST_FITTED))
+        # 200_000: turns of a fit to all samples: of more those over several samples.
+        return replace(self.use, start=self.state, stride=-(-self.likelihood.sample_count // 200_000))
 
     def _settled_with(self, use: GyroscopeUse) -> "GyroscopeFit":
         problem = replace(self.problem, motion=replace(self.likelihood, use=use))
@@ -105,7 +98,8 @@ class GyroscopeFit(MotionFit):
     def measured(self, sigmas: float = 0.0) -> float:
         """Return the density of the noise that the residuals show over several samples."""
         path = self.likelihood.path
-        slow = self.likelihood.coarser(max(1, min(-(-_STRIDE // path.stride), len(path.links) // _FEWEST_STRIDES)))
+        # 8 and 50: intervals over which noise is measured, and how many of these there are at least.
+        slow = self.likelihood.coarser(max(1, min(-(-8 // path.stride), len(path.links) // 50)))
         return slow.scatter(*self.problem.rows_at(self.place), self.state, self.taken, sigmas)
 
     def weighed(self) -> "GyroscopeFit":
@@ -147,11 +141,13 @@ class GyroscopeFit(MotionFit):
         covariance = inverted(information, self.basis)
         errors = np.sqrt(np.diag(covariance))[-self.state.size :]
         count, notes = self.state.bias.size, []
-        if abs(self.state.delay_s) > max(FAR * errors[count], _LATE * self.use.interval_s):
+        # 0.5 and from_degrees(2.0): delay in intervals of samples, and turn in radians, from which they are worth a
+        # note.
+        if abs(self.state.delay_s) > max(FAR * errors[count], 0.5 * self.use.interval_s):
             late = "late" if self.state.delay_s > 0 else "early"
             notes.append(f"the angular velocity is {abs(self.state.delay_s):.3g} s {late}, which is taken off")
         turn = float(norm(Rotation.from_matrix(self.state.mount).as_rotvec()))
-        if turn > max(FAR * float(norm(errors[count + 1 : count + 4])), _ASKEW):
+        if turn > max(FAR * float(norm(errors[count + 1 : count + 4])), from_degrees(2.0)):
             notes.append(f"the gyroscope is turned by {to_degrees(turn):.2g}° against sensor 1, which is estimated")
         # A scale error of all axes moves the errors of the sensors by so much.
         shift = -covariance @ information[:, -6:-3].sum(axis=1)
@@ -167,23 +163,11 @@ class GyroscopeFit(MotionFit):
         return tuple(notes)
 
 
-_FEWEST = 100
-"""Intervals whose turn is known: with fewer the noise is uncertain by more than a tenth."""
-
 MOST_SAMPLES = 2_000_000
 """Samples up to which angular velocity is used: all are in memory then."""
 
 MOST_LINKS = 20_000
 """Turns from sample to sample that are judged: of more those over several samples."""
-
-_SURE = 3.0
-"""Standard deviations of chance by which residuals may be less than those of the noise that is used."""
-
-_SHAPE = 0.03
-"""Standard deviation of the scale and the angles of axes that are not true: data sheets bound them by 1 to 3 %."""
-
-_SATURATED = 4
-"""Readings of an axis that are its largest, over those of the next value, from which they are the end of its range."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,7 +219,8 @@ def judge_gyroscope(recording: Recording, array: Array, known: Known, since_s: f
     some, rates = recording.take(is_judged), cleaned[is_judged]
     interval_s = float(np.median(np.diff(some.time_s))) if some.sample_count > 1 else 0.0
     path = GyroscopePath(some.time_s, rates, interval_s, some.time_span_s)
-    if len(path.links) < _FEWEST:
+    # 100: intervals whose turn is known: with fewer the noise is uncertain by more than a tenth.
+    if len(path.links) < 100:
         return GyroscopeJudgement(recording, None, "the angular velocity spans too few samples without gaps")
     try:
         noisy, _ = complete_noise(array, some)
@@ -254,7 +239,9 @@ def judge_gyroscope(recording: Recording, array: Array, known: Known, since_s: f
         use = GyroscopeUse(noise, stated.bias, interval_s, start, stated.scale_error, stride=stride)
         fit = GyroscopeFit.settled(some, array, known, use)
         if not use.shape_error and fit.is_bent:
-            fit = GyroscopeFit.settled(some, array, known, replace(fit.use, start=fit.state, shape_error=_SHAPE))
+            # 0.03: standard deviation of the scale and the angles of axes that are not true: data sheets bound them by
+            # 1 to 3 %.
+            fit = GyroscopeFit.settled(some, array, known, replace(fit.use, start=fit.state, shape_error=0.03))
             notes += (fit.bent,)
         if (bias := float(norm(fit.state.bias[0]))) > FAR * stated.bias:
             fit = GyroscopeFit.settled(some, array, known, replace(fit.use, start=fit.state, bias_error=bias))
@@ -274,7 +261,9 @@ def _within_range(rates: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
     for axis, side in product(range(3), (1.0, -1.0)):
         values, counts = np.unique(side * rates[known, axis], return_counts=True)
         # Of a coarse gyroscope each value is frequent; at the end of its range all that is beyond is one value.
-        if counts[-1] >= _SATURATED * max(counts[-2:-1].max(initial=1), 1):
+        # 4: readings of an axis that are its largest, over those of the next value, from which they are the end of its
+        # range.
+        if counts[-1] >= 4 * max(counts[-2:-1].max(initial=1), 1):
             at_end |= side * rates[:, axis] == values[-1]
     if not at_end.any():
         return rates, ()
@@ -291,7 +280,8 @@ def _fast_density(rates: FloatArray, interval_s: float) -> float:
 
 def _used_density(gyroscope: Gyroscope | None, fit: GyroscopeFit) -> tuple[float, str]:
     """Return the density to fit with, and what is wrong with the stated one."""
-    found, most = fit.measured(), max(fit.measured(_SURE), RATE_NOISE.least)
+    # 3.0: standard deviations of chance by which residuals may be less than those of the noise that is used.
+    found, most = fit.measured(), max(fit.measured(3.0), RATE_NOISE.least)
     stated = None if gyroscope is None else gyroscope.noise_density
     if stated is None:
         return max(found, most), ""

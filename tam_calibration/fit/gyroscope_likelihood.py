@@ -42,9 +42,6 @@ from tam_calibration.model.units import FloatArray
 _BAND = 3
 """Diagonals below that of a covariance of blocks of two."""
 
-_HALVINGS = 14
-"""Of the exponent of a density: nine decades to a thousandth."""
-
 
 class _Chain(NamedTuple):
     """The intervals at a point: directions across the field, its turns, and what they are whitened by."""
@@ -173,7 +170,8 @@ class GyroscopeLikelihood:
         low, high = (float(np.log10(each)) for each in (RATE_NOISE.least, RATE_NOISE.most))
         if excess(low) <= 0:
             return 0.0
-        for _ in range(_HALVINGS):
+        # 14: of the exponent of a density: nine decades to a thousandth.
+        for _ in range(14):
             middle = (low + high) / 2
             low, high = (middle, high) if excess(middle) > 0 else (low, middle)
         return float(10**high)

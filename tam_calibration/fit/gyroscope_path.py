@@ -24,23 +24,6 @@ from tam_calibration.core.noise import fast_noise
 from tam_calibration.model.sensor_errors import ORIENTATIONS
 from tam_calibration.model.units import FloatArray, from_degrees
 
-_SLOWEST_S, _MOST_MODES = 100.0, 6
-"""Time in which a bias may wander there and back at most, and the most cosines that describe it."""
-
-_ANY_TURN, _ANY_DELAY_S = np.pi, 1.0
-"""Standard deviations of a mounting and a delay of which nothing is known, radians and seconds: they keep the normal
-equations regular."""
-
-_AT = 0.02
-"""Part of an interval within which a reading is that of a moment."""
-
-_GAP = 1.5
-"""Interval over the usual one from which samples between are missing: what the array did there is not known."""
-
-_WINDOWS, _MORE_THAN_NOISE = (2, 4, 8, 16, 32), 1.5
-"""Intervals over whose mean an angular velocity may be taken for the derivative by the delay, and what that may take
-off it, over the variance of its noise. A reading's own noise looks like a delay where the array turns steadily."""
-
 SHAPE_ROWS, SHAPE_COLUMNS = np.array([[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
 """Row and column of the six elements of S."""
 
@@ -142,7 +125,9 @@ class GyroscopeUse:
         modes = np.maximum(np.arange(len(state.bias)), 1)
         shape = 1 / self.shape_error**2 if self.shape_error else 0.0
         of_bias = np.repeat((modes / self.bias_error) ** 2, 3)
-        precision = np.concatenate([of_bias, [_ANY_DELAY_S**-2], np.full(3, _ANY_TURN**-2), np.full(6, shape)])
+        # np.pi and 1.0: standard deviations of a mounting and a delay of which nothing is known, radians and seconds:
+        # they keep the normal equations regular.
+        precision = np.concatenate([of_bias, [1.0**-2], np.full(3, np.pi**-2), np.full(6, shape)])
         away = np.concatenate([state.bias.ravel(), np.zeros(4), (state.shape - np.eye(3))[SHAPE_ROWS, SHAPE_COLUMNS]])
         return precision, -precision * away
 
@@ -203,14 +188,17 @@ class GyroscopePath:
     def _is_known(self) -> np.ndarray:
         """(N - 1,) whether the turn between two samples is known."""
         known = np.asarray(np.isfinite(self.rates).all(axis=1))
-        is_short = np.asarray(np.diff(self.time_s) < _GAP * self.interval_s)
+        # 1.5: interval over the usual one from which samples between are missing: what the array did there is not
+        # known.
+        is_short = np.asarray(np.diff(self.time_s) < 1.5 * self.interval_s)
         # Readings must be known on both sides of the moment at which that of a sample was stamped, or at it.
         at_s = self.time_s + self.delay_s
         after = np.searchsorted(self.time_s, at_s)
         between = np.clip(after - 1, 0, len(is_short) - 1)
         is_told = np.asarray((known[:-1] & known[1:] & is_short)[between] & (after - 1 == between))
         for neighbour in (between, between + 1):
-            is_told |= known[neighbour] & (np.abs(self.time_s[neighbour] - at_s) < _AT * self.interval_s)
+            # 0.02: part of an interval within which a reading is that of a moment.
+            is_told |= known[neighbour] & (np.abs(self.time_s[neighbour] - at_s) < 0.02 * self.interval_s)
         return np.asarray(is_told[:-1] & is_told[1:] & is_short)
 
     @cached_property
@@ -237,7 +225,8 @@ class GyroscopePath:
     @property
     def modes(self) -> int:
         """Number of cosines that describe how the bias wanders."""
-        return min(_MOST_MODES, int((self.span_s[1] - self.span_s[0]) / _SLOWEST_S))
+        # 100.0 and 6: time in which a bias may wander there and back at most, and the most cosines that describe it.
+        return min(6, int((self.span_s[1] - self.span_s[0]) / 100.0))
 
     @cached_property
     def courses(self) -> FloatArray:
@@ -269,12 +258,15 @@ class GyroscopePath:
         at_s = np.clip(self.time_s + self.delay_s, *self.time_s[known][[0, -1]])
         velocity = steady = np.asarray(self._spline[0](at_s))
         noise = float(np.sum(fast_noise(self.rates[known]) ** 2))
-        for count in _WINDOWS:
+        # (2, 4, 8, 16, 32) and 1.5: intervals over whose mean an angular velocity may be taken for the derivative by
+        # the delay, and what that may take off it, over the variance of its noise. A reading's own noise looks like a
+        # delay where the array turns steadily.
+        for count in (2, 4, 8, 16, 32):
             half_s = count * self.interval_s / 2
             ends = (np.clip(at_s + side, at_s[0], at_s[-1]) for side in (half_s, -half_s))
             last_s, first_s = ends
             mean = (self.integral(last_s) - self.integral(first_s)) / (last_s - first_s)[:, None]
-            if float(np.mean(np.sum((velocity - mean)[known] ** 2, axis=1))) > _MORE_THAN_NOISE * noise:
+            if float(np.mean(np.sum((velocity - mean)[known] ** 2, axis=1))) > 1.5 * noise:
                 break
             steady = mean
         return velocity, np.diff(self.integral(at_s), axis=0), np.diff(steady[:: self.stride], axis=0)
@@ -312,26 +304,17 @@ def rotated(angle: FloatArray, vectors: FloatArray) -> FloatArray:
     return np.asarray(vectors + sine * across + versine * np.cross(axis, across))
 
 
-_TURN = 0.05
-"""Turn of the field over which changes are compared, radians: far above the noise, and nearly linear."""
-
 _MOST = 4000
 """Changes that are compared."""
 
-_DELAYS_S = np.linspace(-1.0, 1.0, 81)
-"""Delays that are tried, seconds."""
 
 _TRIED, _STEPS = 4, 12
 """Rotations by right angles, the best of all 24, from which the fit begins, and its steps."""
 
-_LEAST_EXPLAINED = 0.5
-"""Part of the changes of the field that the angular velocity must explain."""
 
 _UNIT_ERROR = 1.5
 """Factor by which the size of the readings may miss that of their unit; degrees are 57 times as many as radians."""
 
-_MUCH_BETTER = 0.5
-"""Sum of squares of a mirrored rotation over that of a rotation from which axes are left-handed."""
 
 _RIDGE = 1e-6
 """Part of the information that is added: it decides where the changes tell nothing."""
@@ -373,14 +356,17 @@ def matched(along: FloatArray, path: GyroscopePath) -> Match:
         The angular velocities.
     """
     before, after, turns = _changes(along, path)
-    tried = [_Quadratic.of(before, after, turns(delay_s), float(delay_s)) for delay_s in _DELAYS_S]
+    # np.linspace(-1.0, 1.0, 81): delays that are tried, seconds.
+    tried = [_Quadratic.of(before, after, turns(delay_s), float(delay_s)) for delay_s in np.linspace(-1.0, 1.0, 81)]
     best = min(tried, key=lambda quadratic: quadratic.least)
     (cost, scale, mount), (mirrored, _, _) = best.rotation(1.0), best.rotation(-1.0)
     unit = min(UNITS, key=lambda name: abs(np.log(scale / UNITS[name])))
     match = Match(unit, mount, best.delay_s)
-    if min(cost, mirrored) > (1 - _LEAST_EXPLAINED) * best.square:
+    # 0.5: part of the changes of the field that the angular velocity must explain.
+    if min(cost, mirrored) > (1 - 0.5) * best.square:
         return replace(match, reason="the angular velocity does not go with the turns of the field")
-    if mirrored < _MUCH_BETTER * cost:
+    # 0.5: sum of squares of a mirrored rotation over that of a rotation from which axes are left-handed.
+    if mirrored < 0.5 * cost:
         return replace(
             match, reason="the field turns as if the axes of the gyroscope or of the sensors were left-handed"
         )
@@ -395,7 +381,8 @@ def _changes(along: FloatArray, path: GyroscopePath) -> tuple[FloatArray, FloatA
     steps = np.array([1, 2, 5, 10, 20, 50, 100, 200])
     steps = steps[steps <= max(count // 10, 1)]
     chords = [np.sqrt(np.mean(np.sum((along[step:] - along[:-step]) ** 2, axis=1))) for step in steps]
-    step = int(steps[min(int(np.searchsorted(np.maximum.accumulate(chords), _TURN)), len(steps) - 1)])
+    # 0.05: turn of the field over which changes are compared, radians: far above the noise, and nearly linear.
+    step = int(steps[min(int(np.searchsorted(np.maximum.accumulate(chords), 0.05)), len(steps) - 1)])
     first = path.links[path.links < count - step]
     first = first[np.isin(first + step - 1, path.links)]
     first = first[:: len(first) // _MOST + 1]

@@ -36,9 +36,6 @@ from tam_calibration.model.units import FloatArray, to_nanotesla
 _MOST_ROUNDS = 5
 """Of an update: the first may take what is slow for a change of the sensors. Three were the most that were needed."""
 
-_MUCH_MORE = 3.0
-"""Noise over that of the prior, where none is stated: estimates from twenty samples differ by less."""
-
 
 class JointCalibration(NamedTuple):
     """A calibration, its samples without effects, the array as it is known, the fit, and what this knew.
@@ -321,7 +318,8 @@ def _doubts(calibration: Calibration, given: Prior, update: Update, unnamed: Seq
             "turn the array all round"
         )
     noise, before = (norm(each.array.vector_noise_T) for each in (calibration, given.calibration))
-    if calibration.noise_is_estimated and given.rates is not None and noise > _MUCH_MORE * before:
+    # 3.0: noise over that of the prior, where none is stated: estimates from twenty samples differ by less.
+    if calibration.noise_is_estimated and given.rates is not None and noise > 3.0 * before:
         doubts.append(
             f"the readings scatter {noise / before:.3g} times as much as those of the prior did: their noise has "
             "grown, which the array file should state then, or something moved for a while"

@@ -11,9 +11,6 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
-_BOUGHT_BY, _FEWEST_BOUGHT = 512, 20
-"""Samples from which the standard error is computed, at most and at least: more change it by a hundredth."""
-
 
 class LiveCoverage:
     """Coverage while samples arrive, from the raw readings of sensor 1 about the centre of their sphere.
@@ -55,10 +52,12 @@ class LiveCoverage:
 
         Infinite before the readings tell it; the second is None where no gyroscope is stated or most samples have none.
         """
-        sparse = -(-len(self._kept) // _BOUGHT_BY)
+        # 512 and 20: samples from which the standard error is computed, at most and at least: more change it by a
+        # hundredth.
+        sparse = -(-len(self._kept) // 512)
         kept = np.array(self._kept[:: max(sparse, 1)])
         is_used = array.gyroscope is not None and 2 * self._turned > self._seen
-        if not is_used or len(kept) < _FEWEST_BOUGHT or array.vector_noise_T is None or array.scalar_noise_T is None:
+        if not is_used or len(kept) < 20 or array.vector_noise_T is None or array.scalar_noise_T is None:
             return np.inf, None
         if (np.diff(kept[:, 3]) <= 0).any():  # the clock was set
             return np.inf, None

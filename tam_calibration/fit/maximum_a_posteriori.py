@@ -27,8 +27,6 @@ FRAME_OF_GYROSCOPE = (
     "sensors as the angular velocity says."
 )
 
-_MOST_SCALINGS = 10
-"""Of a noise that is not stated, down to what the errors leave."""
 
 _SETTLED = 0.9
 """Noise that the errors leave, over the one that they were fitted with, from which it counts as the same."""
@@ -111,7 +109,8 @@ def with_noise(recording: SampleSource, array: Array, known: Known) -> tuple[Kno
     """
     noisy, is_estimated = complete_noise(array, recording)
     posterior = posterior_of(recording, noisy, known)
-    for _ in range(_MOST_SCALINGS if array.vector_noise_T is None else 0):
+    # 10: of a noise that is not stated, down to what the errors leave.
+    for _ in range(10 if array.vector_noise_T is None else 0):
         left = noise_left_in(recording, noisy, posterior.errors, posterior.intensity_T)
         if left.vector_noise_T[0] > _SETTLED * noisy.vector_noise_T[0]:
             break

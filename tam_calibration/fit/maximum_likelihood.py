@@ -37,9 +37,6 @@ from tam_calibration.model.recording import Recording, SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
-_SMALLEST_SPREAD = 1e-12
-"""Smallest over largest variance of readings that are not all in a plane: rounding leaves 1e-16 of a plane."""
-
 
 def closed_form(data: Normalized, vector_noise: FloatArray, scalar_noise: float) -> tuple[FloatArray, FloatArray]:
     """Return what ``principal_form`` tells in the frame of sensor 1: the start of ``maximum_likelihood``.
@@ -84,7 +81,8 @@ def principal_form(data: Normalized, vector_noise: FloatArray, scalar_noise: flo
     mean = data.moments[-1, :-1] / count
     spread = weight[:, None] * (data.moments[:-1, :-1] / count - np.outer(mean, mean)) * weight
     values, vectors = np.linalg.eigh(spread)
-    if values[-3] < _SMALLEST_SPREAD * values[-1]:
+    # 1e-12: smallest over largest variance of readings that are not all in a plane: rounding leaves 1e-16 of a plane.
+    if values[-3] < 1e-12 * values[-1]:
         raise InputError(ellipsoid.NO_ELLIPSOID)
     components = vectors[:, -3:]
     scores = _Scores(data, (weight[:, None] * components).T, mean)

@@ -226,10 +226,6 @@ def lasting_factor(replicates: FloatArray) -> float:
     return factor
 
 
-_LARGEST_TURN = from_degrees(80.0)
-"""Of a sensor whose angle is found by its sine, radians: noise counts six times there, and without bound at 90°."""
-
-
 def field_products(joint: FloatArray, unmix: FloatArray, center: FloatArray) -> FloatArray:
     """Return the sums of the outer products of the restored fields.
 
@@ -299,7 +295,9 @@ def rotation_by_regression(regression: FloatArray) -> FloatArray:
         When sensors are mirror images of others.
     """
     require_one_hand(regression)
-    beyond = (regression[..., 0, 0] < np.cos(_LARGEST_TURN)).reshape(-1, regression.shape[-3]).any(axis=0)
+    # from_degrees(80.0): of a sensor whose angle is found by its sine, radians: noise counts six times there, and
+    # without bound at 90°.
+    beyond = (regression[..., 0, 0] < np.cos(from_degrees(80.0))).reshape(-1, regression.shape[-3]).any(axis=0)
     if beyond.any():
         raise InputError(
             f"sensor {np.argmax(beyond) + 1} is turned by more than 80° against the reference, "

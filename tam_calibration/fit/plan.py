@@ -181,12 +181,6 @@ def _standard_errors(model: InformationModel, information: Information) -> Float
 _STEP = from_degrees(15.0)
 """Finer steps than this are not distinguished: they hardly change the errors."""
 
-_FINEST_STEP = from_degrees(0.001)
-"""Least step of a turntable, radians: motorised rotation stages resolve no finer one."""
-
-_DISTINCT = 0.01
-"""Difference of unit vectors from which two directions of the field are different: half a degree."""
-
 
 @dataclass(frozen=True, eq=False)
 class Reach:
@@ -219,7 +213,8 @@ def reach_of_turntable(steps: FloatArray, inclination: float) -> Reach:
     InputError
         When a step is neither 0 nor between the finest one and half a turn.
     """
-    if not ((steps == 0) | (steps >= _FINEST_STEP) & (steps <= np.pi)).all():
+    # from_degrees(0.001): least step of a turntable, radians: motorised rotation stages resolve no finer one.
+    if not ((steps == 0) | (steps >= from_degrees(0.001)) & (steps <= np.pi)).all():
         raise InputError("the steps of a turntable must be 0 (an axis that does not turn) or 0.001 to 180 degrees")
     return _reach([_turn(float(step)) for step in steps], inclination)
 
@@ -282,16 +277,10 @@ def _reach(axes: list[FloatArray], inclination: float) -> Reach:
     angles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     angles = angles[np.argsort(np.abs(angles[:, 1:]).sum(axis=1), kind="stable")]
     directions = field_directions(angles, inclination)
-    _, first = np.unique(np.round(directions / _DISTINCT), axis=0, return_index=True)
+    # 0.01: difference of unit vectors from which two directions of the field are different: half a degree.
+    _, first = np.unique(np.round(directions / 0.01), axis=0, return_index=True)
     first = np.sort(first)
     return Reach(angles[first], directions[first])
-
-
-_IGNORANCE = 1e-9
-"""Information that is there before any sample, as part of that of a planned pose, so that nothing is infinite."""
-
-_SMALLEST_GAIN = 1e-3
-"""Relative fall of the errors below which a further exchange of poses is not worth its time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -386,7 +375,9 @@ class _PoseSearch:
     def _ignorance(self) -> Information:
         poses = self._poses
         sizes = (np.mean(poses.ellipsoid**2) * np.eye(9), np.mean(poses.affine**2) * np.eye(4))
-        return Information(*sizes) * _IGNORANCE
+        # 1e-9: information that is there before any sample, as part of that of a planned pose, so that nothing is
+        # infinite.
+        return Information(*sizes) * 1e-9
 
     def with_poses(self, chosen: list[int]) -> Information:
         """Return the information of what is known before and of poses."""
@@ -405,7 +396,8 @@ class _PoseSearch:
             for place, old in enumerate(chosen):
                 scores = self.scores(chosen[:place] + chosen[place + 1 :], criterion)
                 chosen[place] = int(np.argmin(scores))
-                if scores[chosen[place]] < (1 - _SMALLEST_GAIN) * scores[old]:
+                # 1e-3: relative fall of the errors below which a further exchange of poses is not worth its time.
+                if scores[chosen[place]] < (1 - 1e-3) * scores[old]:
                     gained = True
                 else:
                     chosen[place] = old

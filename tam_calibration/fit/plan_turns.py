@@ -19,17 +19,8 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, from_degrees
 
-_YAWS = from_degrees(np.array([0.0, 90.0, 180.0, 360.0]))
-"""Turns of the heading that are compared, radians: straight on, a quarter, half and whole circle."""
-
 _GOLDEN_RATIO = (1 + np.sqrt(5)) / 2
 """By which the roll swings more slowly than the pitch, so that the two never repeat together."""
-
-_SWINGS = 2
-"""Of pitch and roll at least, in a turn that has them."""
-
-_MINUTE_S = 60.0
-"""Seconds in a minute."""
 
 
 @dataclass(frozen=True)
@@ -117,20 +108,24 @@ def best_turns(prior: Prior, vehicle: Vehicle, inclination: float, gyroscope: Gy
     before = excess_of(prior, prior.covariance)
     swings = [(0.0,) if limit == 0 else (0.0, limit) for limit in (vehicle.pitch_limit, vehicle.roll_limit)]
     turns = []
-    for yaw, pitch, roll in product(_YAWS.tolist(), *swings):
+    # from_degrees(np.array([0.0, 90.0, 180.0, 360.0])): turns of the heading that are compared, radians: straight on, a
+    # quarter, half and whole circle.
+    for yaw, pitch, roll in product(from_degrees(np.array([0.0, 90.0, 180.0, 360.0])).tolist(), *swings):
         if not (yaw or pitch or roll):
             continue
         angles = _angles(yaw, pitch, roll, vehicle)
         duration_s = len(angles) / vehicle.sample_rate_hz
         excess = excess_of(prior, _covariance_after(prior, angles, vehicle, inclination, gyroscope))
-        turns.append(Turn(yaw, pitch, roll, duration_s, excess, (before - excess) * _MINUTE_S / duration_s))
+        # 60.0: seconds in a minute.
+        turns.append(Turn(yaw, pitch, roll, duration_s, excess, (before - excess) * 60.0 / duration_s))
     return sorted(turns, key=lambda turn: -turn.gain_per_minute)
 
 
 def _angles(yaw: float, pitch: float, roll: float, vehicle: Vehicle) -> FloatArray:
     """Return yaw, pitch and roll (N, 3) at the samples of a turn, none faster than the vehicle."""
     periods_s = 2 * np.pi * np.array([pitch, roll * _GOLDEN_RATIO]) / vehicle.turn_rate
-    duration_s = max(yaw / vehicle.turn_rate, _SWINGS * float(periods_s.max()))
+    # 2: of pitch and roll at least, in a turn that has them.
+    duration_s = max(yaw / vehicle.turn_rate, 2 * float(periods_s.max()))
     time_s = np.arange(max(2, round(duration_s * vehicle.sample_rate_hz))) / vehicle.sample_rate_hz
     swings = [
         limit * np.sin(2 * np.pi * time_s / period) if period else np.zeros_like(time_s)

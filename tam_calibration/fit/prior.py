@@ -75,17 +75,9 @@ def in_first_frame(errors: SensorErrors) -> tuple[SensorErrors, FloatArray]:
 
 __all__ = ["ChangeRates", "Prior", "has_date", "prior_of"]
 
-_FIRST_DATE_S = 1e8
-"""Since 1970: stamps before March 1973 count from the start of a recording, not from an epoch."""
 
 _ASSUMED_AGE_S = DAY_S
 """Where a calibration or a recording has no date: the one of the pier is a day old at most when the vehicle dives."""
-
-_NULL = 1e-13
-"""Part of the largest eigenvalue of a scaled covariance below which a direction is held, and not uncertain."""
-
-_NEGATIVE = 1e-6
-"""Part of the largest eigenvalue of a scaled covariance that rounding may make negative in a file."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +127,9 @@ class Prior:
     @cached_property
     def whitening(self) -> FloatArray:
         """(12 K, R) matrix W of the precision W Wᵀ: Wᵀ (θ' - θ₀) has unit variance; nothing along what is held."""
-        return whitening(self.covariance, _NULL)
+        # 1e-13: part of the largest eigenvalue of a scaled covariance below which a direction is held, and not
+        # uncertain.
+        return whitening(self.covariance, 1e-13)
 
     @cached_property
     def precision(self) -> FloatArray:
@@ -217,7 +211,8 @@ def prior_of(
 
 def has_date(time_s: float) -> bool:
     """Whether a stamp counts from 1970."""
-    return time_s > _FIRST_DATE_S
+    # 1e8: since 1970: stamps before March 1973 count from the start of a recording, not from an epoch.
+    return time_s > 1e8
 
 
 def is_of_first_sensor(calibration: Calibration) -> bool:
@@ -254,7 +249,8 @@ def _covariance_of(calibration: Calibration) -> FloatArray:
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0))
     scale = np.divide(1, deviation, out=np.zeros_like(deviation), where=deviation > 0)
     values = np.linalg.eigvalsh((covariance + covariance.T) / 2 * np.outer(scale, scale))
-    if values[0] < -_NEGATIVE * max(values[-1], 1.0) or (np.diag(covariance) < 0).any():
+    # 1e-6: part of the largest eigenvalue of a scaled covariance that rounding may make negative in a file.
+    if values[0] < -1e-6 * max(values[-1], 1.0) or (np.diag(covariance) < 0).any():
         raise InputError(
             "the covariance of the calibration is not valid: it gives a combination of the errors a negative variance; "
             "calibrate its recording anew"

@@ -30,9 +30,6 @@ from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.recording import Recording, SampleSource
 from tam_calibration.model.units import FloatArray
 
-_MOST_SAMPLES = 500
-"""Of a recording, spread over it: what contradicts by as much shows in some."""
-
 
 def large_change(
     recording: SampleSource, array: KnownNoiseArray, known: Known, candidates: Sequence[Sequence[contradiction.Change]]
@@ -52,7 +49,8 @@ def large_change(
     """
     prior, some = known.prior, recording.whole()
     assert prior is not None
-    some = some.take(slice(None, None, -(-some.sample_count // _MOST_SAMPLES)))
+    # 500: of a recording, spread over it: what contradicts by as much shows in some.
+    some = some.take(slice(None, None, -(-some.sample_count // 500)))
     weighed = []
     for *_, largest in candidates:
         used = prior.widened(largest.directions, largest.variance)
@@ -63,16 +61,6 @@ def large_change(
             left += used.terms(place.errors).energy + len(largest.variance) * np.log(some.sample_count)
             weighed.append((contradiction.log_odds(largest) - left / 2, largest))
     return contradiction.plausible(weighed) if weighed else []
-
-
-_MOST_BLOCKS = 100
-"""Of equal length, at the beginning of one of which the change is placed: to a hundredth of the recording."""
-
-_BY_CHANCE = 1e-6
-"""Probability of a sample's energy beyond which it does not fit: none in most recordings."""
-
-_CONVINCING = 5.0
-"""Logarithm of the evidence, in addition to that of the number of times tried, for a change within the recording."""
 
 
 def time_of_change(
@@ -97,7 +85,8 @@ def time_of_change(
         What moved.
     """
     known = replace(known, gyroscope=None)  # its turns reach from one block into the next
-    count = min(_MOST_BLOCKS, recording.sample_count)
+    # 100: of equal length, at the beginning of one of which the change is placed: to a hundredth of the recording.
+    count = min(100, recording.sample_count)
     starts = np.linspace(0, recording.sample_count, count + 1).astype(int)
     place = Place(posterior.errors, posterior.intensity_T, posterior.motion)
     has_scalar = recording.scalar_count is not None
@@ -116,7 +105,9 @@ def time_of_change(
         gain = score @ np.linalg.solve(information + np.diag(1 / change.variance), score)
         evidence.append((gain - slogdet(np.eye(unknowns) + change.variance[:, None] * information)[1]) / 2)
     best = int(np.argmax(evidence))
-    if evidence[best] - evidence[0] < _CONVINCING + np.log(count):
+    # 5.0: logarithm of the evidence, in addition to that of the number of times tried, for a change within the
+    # recording.
+    if evidence[best] - evidence[0] < 5.0 + np.log(count):
         return None
     return float(recording.time_s[starts[best]])
 
@@ -156,18 +147,14 @@ def _largest(energies: FloatArray, channels: int) -> float:
     """Return the energy beyond which a sample does not fit, where most do, or do as well as these."""
     from scipy.special import chdtri
 
-    usual, limit = chdtri(channels, [0.5, _BY_CHANCE])
+    # 1e-6: probability of a sample's energy beyond which it does not fit: none in most recordings.
+    usual, limit = chdtri(channels, [0.5, 1e-6])
     return float(limit * max(1.0, np.median(energies) / usual))
 
 
 MOST_TIMES = 3
 """That something moves within a recording: a tool is picked up, used and dropped."""
 
-_MOST_TRIES = 5
-"""To place a change within a recording, each with the errors before and after the last: two or three are enough."""
-
-_PART_UNSURE = 50
-"""A fiftieth of the recording to both sides of the first estimate of a change: what it may be wrong by, or last for."""
 
 _Found = Sequence[Sequence[contradiction.Change]]
 """Changes, each with its plausible rivals after it."""
@@ -332,10 +319,14 @@ def _split(
     if since_s is None or prior is None:
         return None
     place = int(np.searchsorted(whole.time_s, since_s))
-    margin = min(count // _PART_UNSURE, place // 2, (count - place) // 2)
+    # 50: a fiftieth of the recording to both sides of the first estimate of a change: what it may be wrong by, or last
+    # for.
+    margin = min(count // 50, place // 2, (count - place) // 2)
     last, first = place - margin, place + margin
     with suppress(Refused):
-        for _ in range(_MOST_TRIES):
+        # 5: to place a change within a recording, each with the errors before and after the last: two or three are
+        # enough.
+        for _ in range(5):
             later = whole.take(slice(first, None))
             before = posterior_of(whole.take(slice(last)), array, known)
             strongest = _contradiction(later, array, known, most=1)[1]

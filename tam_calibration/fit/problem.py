@@ -91,17 +91,6 @@ class Motion(Protocol):
         """Return which of the unknowns are fitted."""
 
 
-_SHORTER = 0.6
-"""Length of the steps where whole ones do not settle: what is taken off the gradient has a slope that the information
-does not hold, which is as large where a narrow turn contains little compared with wide tolerances."""
-
-_SEEN = 1e-13
-"""Part of the largest eigenvalue of a scaled information below which a direction is open."""
-
-_LEAST_ANGLE = 1e-8
-"""Of a mounting that is stated to be exact, radians."""
-
-
 class Intensity(NamedTuple):
     """Intensity of a constant field, and its standard error, tesla."""
 
@@ -220,7 +209,10 @@ class Problem:
                 return self.settled(self.start, is_corrected=True)
         end, kept = self.settled(self.start, is_corrected=False)
         # Noise that is stated larger than it is, in a turn that tells little more than the prior, has no such place.
-        for length in (1.0, _SHORTER):
+        # 0.6: length of the steps where whole ones do not settle: what is taken off the gradient has a slope that the
+        # information does not hold, which is as large where a narrow turn contains little compared with wide
+        # tolerances.
+        for length in (1.0, 0.6):
             with suppress(Refused):
                 return self.settled(end, is_corrected=True, length=length)
         return end, kept
@@ -305,7 +297,8 @@ class Problem:
         information = self.data_at(place).information
         # Of an attitude's mounting and the world's direction, which come last, lengths tell nothing.
         curvature = np.pad(curvature, (0, len(information) - len(curvature)))
-        white = information @ whitening(information + curvature, _SEEN)
+        # 1e-13: part of the largest eigenvalue of a scaled information below which a direction is open.
+        white = information @ whitening(information + curvature, 1e-13)
         return white @ white.T + self.known_at(place).information
 
     def known_at(self, place: Place) -> Normal:
@@ -332,7 +325,8 @@ class Problem:
         assert self.motion is not None
         precisions, downhill = self.motion.prior(state, self.known.main_field_T)
         if self.mounting_error is not None:
-            precisions[state.turn] += (own := 1 / max(self.mounting_error, _LEAST_ANGLE) ** 2)
+            # 1e-8: of a mounting that is stated to be exact, radians.
+            precisions[state.turn] += (own := 1 / max(self.mounting_error, 1e-8) ** 2)
             downhill[state.turn] -= own * Rotation.from_matrix(state.mount).as_rotvec()
         return precisions, downhill
 

@@ -236,8 +236,6 @@ def regress(square: FloatArray, cross: FloatArray) -> tuple[FloatArray, FloatArr
     return unmix, bias
 
 
-_NOISE_MARGIN = 10.0
-"""Times the noise that a direction must be turned through to count: less would let noise determine a parameter."""
 _ROUNDING = 1e-9
 """Least turn that counts without noise, of the field: what least squares lose to rounding."""
 
@@ -295,7 +293,9 @@ def count_determined(recording: Recording, array: Array) -> tuple[int, int]:
     centered = recording.readings_T[:, 0] - recording.readings_T[:, 0].mean(axis=0)
     radius = np.sqrt(np.mean(np.sum(centered**2, axis=1)))
     points = centered / radius
-    least = max(_NOISE_MARGIN * float(noisy.vector_noise_T[0]) / radius, _ROUNDING) * np.sqrt(len(points))
+    # 10.0: times the noise that a direction must be turned through to count: less would let noise determine a
+    # parameter.
+    least = max(10.0 * float(noisy.vector_noise_T[0]) / radius, _ROUNDING) * np.sqrt(len(points))
     linear = _rank(np.column_stack([points, np.ones(len(points))]), least)
     quadratic = min(_rank(ellipsoid.monomial_columns(points.T, np.ones(len(points)))[:10].T, least), 9)
     scale = 1 if recording.scalar_T is None else 0
@@ -376,12 +376,6 @@ FRAME_STATEMENT = (
     "and the frame is taken from it."
 )
 
-_RATIOS = (100.0, 4.0)
-"""Bounds on I²/J of the ellipsoid, I the trace of A and J the sum of its principal minors (Li and Griffiths 2004).
-
-It is 3 for a sphere. The first bound admits axes of 14 to 1; what is fitted under the second is always an ellipsoid.
-"""
-
 
 def integrated(recording: SampleSource, array: Array) -> Calibration:
     """Fit the matrices and biases of sensors near iron by Chi 2017.
@@ -456,7 +450,10 @@ def constrained_ellipsoid(moments: FloatArray, mean_square: FloatArray) -> tuple
     InputError
         When the points determine no ellipsoid.
     """
-    for ratio in _RATIOS:
+    # (100.0, 4.0): bounds on I²/J of the ellipsoid, I the trace of A and J the sum of its principal minors (Li and
+    # Griffiths 2004). It is 3 for a sphere. The first bound admits axes of 14 to 1; what is fitted under the second is
+    # always an ellipsoid.
+    for ratio in (100.0, 4.0):
         try:
             shape, linear, constant = _nearest(moments, ratio)
             center = -np.linalg.solve(shape, linear[..., None])[..., 0] / 2

@@ -19,9 +19,6 @@ FRAME_STATEMENT = (
     "which is constant in the world while the array turns."
 )
 
-_SMALLEST_SHARE = 1e-3
-"""How far the second best turn must be from the field standing still, as part of the field's square."""
-
 
 def find_turn(field: FloatArray, to_world: FloatArray) -> FloatArray:
     """Return the rotation X with which the fields to_world X field are nearest to one vector w.
@@ -70,7 +67,8 @@ def _still_turns(field: FloatArray, to_world: FloatArray) -> FloatArray:
     mixed = np.einsum("naj,ni->jia", to_world, field).reshape(9, 3)
     residuals = np.kron(np.eye(3), field.T @ field) - mixed @ mixed.T / len(field)
     values, vectors = np.linalg.eigh(residuals)
-    return vectors[:, : max(1, int(np.searchsorted(values, _SMALLEST_SHARE * len(field))))]
+    # 1e-3: how far the second best turn must be from the field standing still, as part of the field's square.
+    return vectors[:, : max(1, int(np.searchsorted(values, 1e-3 * len(field))))]
 
 
 def _nearest_rotation(matrix: FloatArray) -> FloatArray:
@@ -80,9 +78,6 @@ def _nearest_rotation(matrix: FloatArray) -> FloatArray:
 
 _OPEN = 1e-12
 """Information of a direction, that of each unknown alone one, up to which it is open: rounding leaves as much."""
-
-_LARGEST_ANGLE = from_degrees(10.0)
-"""Of the field in the world of the attitude; more is not noise of the attitude."""
 
 
 def aligned(attitude: FloatArray, field: FloatArray) -> FloatArray:
@@ -121,7 +116,8 @@ def aligned(attitude: FloatArray, field: FloatArray) -> FloatArray:
 
 def strayed(angle: float) -> str:
     """Return why attitudes in whose world the field turns by an angle, radians, are wrong; nothing if it is small."""
-    if angle < _LARGEST_ANGLE:
+    # from_degrees(10.0): of the field in the world of the attitude; more is not noise of the attitude.
+    if angle < from_degrees(10.0):
         return ""
     return (
         f"the field of the readings is not constant in the world of the attitude but turns by "

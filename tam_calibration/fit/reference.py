@@ -15,14 +15,8 @@ import numpy as np
 
 from tam_calibration.model.units import FloatArray
 
-_LONGEST_GAP = 3.0
-"""Gaps between readings are bridged up to this multiple of the usual one."""
-
 LARGEST_SHARE = 0.5
 """Largest part of the samples with a reading of their own at which interpolation is worth its time."""
-
-_ROUGHNESS = (1 / 8, 2.0)
-"""Bounds of the ratio of the walk's rates at neighbouring octaves of time: smooth curves, and white noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +164,8 @@ def interpolate(time_s: FloatArray, scalar: FloatArray, noise: float) -> Referen
     known = np.flatnonzero(np.isfinite(scalar))
     when, reading = time_s[known], scalar[known]
     gap = np.diff(when)
-    is_bridged = gap <= _LONGEST_GAP * np.median(gap)
+    # 3.0: gaps between readings are bridged up to this multiple of the usual one.
+    is_bridged = gap <= 3.0 * np.median(gap)
     interval = np.clip(np.searchsorted(when, time_s, side="right") - 1, 0, len(gap) - 1)
     way = (time_s - when[interval]) / gap[interval]
     inside = np.isfinite(scalar) | (is_bridged[interval] & (way > 0) & (way < 1))
@@ -190,7 +185,9 @@ def _rate(when_s: FloatArray, reading: FloatArray, noise: float) -> float:
     """
     one = _rate_over(when_s, reading, noise, 1)
     two = _rate_over(when_s, reading, noise, 2) if len(reading) > 4 else one
-    return one * float(np.clip(one / max(two, np.finfo(float).tiny), *_ROUGHNESS)) if one > 0 else 0.0
+    # (1 / 8, 2.0): bounds of the ratio of the walk's rates at neighbouring octaves of time: smooth curves, and white
+    # noise.
+    return one * float(np.clip(one / max(two, np.finfo(float).tiny), *(1 / 8, 2.0))) if one > 0 else 0.0
 
 
 def _rate_over(when_s: FloatArray, reading: FloatArray, noise: float, steps: int) -> float:

@@ -99,8 +99,6 @@ GROWING = (
     "standard errors, above all of biases, may still be too small"
 )
 
-_SEEN = 1e-9
-"""Part of the largest eigenvalue of a scaled information below which a direction is open."""
 
 _FRAME = np.s_[9:12]
 """Turns of sensor 1: a turn of all sensors is seen by no uniform field."""
@@ -173,7 +171,8 @@ def widened(calibration: Calibration, recording: SampleSource) -> Calibration:
 
 def _slow_sums(information: FloatArray, score: FloatArray) -> list[SlowSums]:
     """Return what each channel shows, from what ``_by_block`` returns."""
-    white = whitening(information.sum(axis=(0, 1)), _SEEN)
+    # 1e-9: part of the largest eigenvalue of a scaled information below which a direction is open.
+    white = whitening(information.sum(axis=(0, 1)), 1e-9)
     return list(map(SlowSums.of, white.T @ information @ white, score @ white))
 
 

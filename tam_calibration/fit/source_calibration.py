@@ -81,9 +81,6 @@ class SourceReadings:
         return np.einsum("kai,nkai->nka", rows, turned), derivative
 
 
-_LARGEST_CONDITION = 1e6
-"""Condition of the scaled design from which a parameter is open: its error is a thousand times the usual."""
-
 _OTHER_SOURCE = (
     "the readings cannot be those of the stated source: check its position, axis, strength and radius, and the poses"
 )
@@ -232,7 +229,8 @@ def _is_determined(normal: Normal) -> bool:
     if normal.count < len(normal.score) or not (np.diag(normal.information) > 0).all():
         return False
     values = np.linalg.eigvalsh(scaled(normal.information)[0])
-    return bool(values[0] * _LARGEST_CONDITION**2 >= values[-1])
+    # 1e6: condition of the scaled design from which a parameter is open: its error is a thousand times the usual.
+    return bool(values[0] * 1e6**2 >= values[-1])
 
 
 def _allowed(array: Array) -> FloatArray:
@@ -277,8 +275,6 @@ _FRAME_STATEMENT = (
     "The array frame is the one whose attitude was recorded. A source of known place, axis and strength showed the "
     "rotation of the calibration's frame, the length of the baselines, and the places of the elements of the axes."
 )
-_LARGEST_CHI_SQUARE = 10.0
-"""Reject the stated source above this ratio of the squared residuals to the noise floor."""
 
 
 def complete(calibration: Calibration, recording: Recording, source: Source, frequency_hz: float) -> Calibration:
@@ -307,7 +303,8 @@ def complete(calibration: Calibration, recording: Recording, source: Source, fre
         seen.amplitudes_T, seen.noise_T, source, seen.poses, calibration.errors, calibration.array
     )
     reduced = found.chi_square / found.degrees_of_freedom
-    if reduced > _LARGEST_CHI_SQUARE:
+    # 10.0: reject the stated source above this ratio of the squared residuals to the noise floor.
+    if reduced > 10.0:
         raise Refused(
             f"the readings differ from those of the stated source by {reduced**0.5:.3g} times their noise: check its "
             "position, axis, strength and radius, and the gain of the sensors at its frequency"

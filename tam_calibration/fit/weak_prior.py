@@ -36,12 +36,6 @@ NAME = "tolerances"
 _MOST_WEIGHINGS = 20
 """From above, of the weight of the readings, and of curvature: fourteen were the most that were needed."""
 
-_MOST_SCALINGS = 2
-"""Of a noise that is not stated to what is left: with a prior that is contradicted it would grow without end."""
-
-_LARGEST_FALL = 10.0
-"""Of the variance from one round to the next: what a fit far above leaves tells too little, and a fit that follows it
-takes what is slow for errors of the sensors."""
 
 _DRAWS, _SAMPLES, _SEED = 100, 1000, 0
 """Draws and samples by which curvature is measured, twice as many as there are errors; and the seed of the draws."""
@@ -103,7 +97,8 @@ def calibrate_with_weak_prior(recording: SampleSource, array: Array, known: Know
     assert prior is not None
     noisy, is_estimated = complete_noise(array, recording)
     settled, calibration = _settled(replace(known, start=_plain_fit(recording, noisy)), recording, noisy)
-    for _ in range(_MOST_SCALINGS if array.vector_noise_T is None else 0):
+    # 2: of a noise that is not stated to what is left: with a prior that is contradicted it would grow without end.
+    for _ in range(2 if array.vector_noise_T is None else 0):
         before = noisy.vector_noise_T
         noisy = noise_left_in(recording, noisy, calibration.errors, calibration.intensity_T)
         if np.allclose(noisy.vector_noise_T, before, rtol=SETTLED, atol=0):
@@ -143,7 +138,9 @@ def _settled(known: Known, recording: SampleSource, array: KnownNoiseArray) -> t
         measured = variance_factors(calibration, recording)
         if measured.is_near(factors, SETTLED):
             break
-        factors = measured.at_least(factors.times(1 / _LARGEST_FALL))
+        # 10.0: of the variance from one round to the next: what a fit far above leaves tells too little, and a fit that
+        # follows it takes what is slow for errors of the sensors.
+        factors = measured.at_least(factors.times(1 / 10.0))
     else:
         raise Refused(
             "the weight of the readings against the prior does not settle: turn the array further, or "

@@ -36,17 +36,11 @@ from tam_calibration.model.data_sheet import DAY_S
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, IntArray
 
-_REMEMBERED = 64
-"""Blocks, two minutes: a change or a source within them spoils less than half of the differences."""
-
 _LAGS = (1, 4, 8)
 """Blocks between two that are compared: up to a quarter of a minute."""
 
 _PAIRS = 4
 """Pairs of blocks over the blocks between them, from which they are compared: a change is in a quarter of them."""
-
-_SURE = 5.0
-"""Standard deviations of the logarithm of a mean of normal squares by which a median may exceed that of white noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +108,8 @@ class BlockNoise:
 
     def __init__(self, array: KnownNoiseArray) -> None:
         self._noise_T, self._freedom = noise_of(array), 3 * len(array.vector_noise_T) - 3
-        self._blocks: deque[BlockMeans] = deque(maxlen=_REMEMBERED)
+        # 64: blocks, two minutes: a change or a source within them spoils less than half of the differences.
+        self._blocks: deque[BlockMeans] = deque(maxlen=64)
 
     def add(self, means: BlockMeans) -> None:
         """Add a block."""
@@ -153,7 +148,9 @@ def _factor(values: FloatArray, counts: IntArray, freedom: int) -> float:
         if pairs >= _PAIRS * lag:
             energies = np.sum((values[lag:] - values[:-lag]) ** 2, axis=1) / (1 / counts[lag:] + 1 / counts[:-lag])
             ratio = float(np.median(energies) / chdtri(freedom, 0.5))
-            by_chance = np.exp(_SURE * np.sqrt(2 / (freedom * pairs)))
+            # 5.0: standard deviations of the logarithm of a mean of normal squares by which a median may exceed that of
+            # white noise.
+            by_chance = np.exp(5.0 * np.sqrt(2 / (freedom * pairs)))
             ratio = ratio if ratio > by_chance else 1.0
             ratio_of_next = ratio if lag == 1 else ratio_of_next
             lasting = ratio - ratio_of_next if ratio > by_chance * ratio_of_next else 0.0
@@ -175,15 +172,6 @@ the blocks in which it begins and ends it is reported within half a minute."""
 MOST_AFTER = int(DECIDE_S / BLOCK_S)
 """Blocks that are looked at while something passes: once these show nothing it has passed."""
 
-UNSTEADY = 0.01
-"""Probability of what a change leaves, by chance, below which it is none: of a change of the sensors as it came."""
-
-BENT = 1e-3
-"""Part of what a change explains that it may leave: over large changes lengths are no straight lines."""
-
-PASSING = 3.0
-"""Change of the intensity from block to block over what sensors differ by, from which a source passes: on a vehicle of
-1 m/s, whose sensors are 0.25 m from their centre, that of a distant source is eight."""
 
 FEWEST_AFTER = 2
 """Blocks after the alarm from which a change, or that it has passed, is reported."""
@@ -271,11 +259,16 @@ def _passes(evidence: Evidence, first: Step, after: Sequence[Step]) -> bool:
     weight = np.array([_counts(step, values_T.shape[1]) for step in after]) / variance_T2
     left_T = values_T - np.sum(weight * values_T, axis=0) / np.maximum(weight.sum(axis=0), np.finfo(float).tiny)
     freedom = (len(after) - 1) * (3 * errors.sensor_count - 2)
-    if freedom and float(np.sum(weight * left_T**2)) > max(chdtri(freedom, UNSTEADY), BENT * evidence.ratio):
+    # 0.01: probability of what a change leaves, by chance, below which it is none: of a change of the sensors as it
+    # came.
+    # 1e-3: part of what a change explains that it may leave: over large changes lengths are no straight lines.
+    if freedom and float(np.sum(weight * left_T**2)) > max(chdtri(freedom, 0.01), 1e-3 * evidence.ratio):
         return True
     seen_T = np.abs(np.mean([step.means.at(first.before.errors) for step in after], axis=0)).max()
     intensity_T = np.array([step.means.intensity_T for step in (first, *after)])
-    return bool(np.abs(np.diff(intensity_T)).max() > PASSING * seen_T)
+    # 3.0: change of the intensity from block to block over what sensors differ by, from which a source passes: on a
+    # vehicle of 1 m/s, whose sensors are 0.25 m from their centre, that of a distant source is eight.
+    return bool(np.abs(np.diff(intensity_T)).max() > 3.0 * seen_T)
 
 
 def _counts(step: Step, channels: int) -> FloatArray:

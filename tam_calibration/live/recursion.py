@@ -37,9 +37,6 @@ from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
-_SQUARES = (0, 5, 10)
-"""Places of the squares of the field's components among its products with itself and 1."""
-
 _DIRECTION = (3, 7, 11, 15)
 """Places there of the field's components by themselves, and of the 1."""
 
@@ -150,7 +147,8 @@ class MomentLikelihood:
         turn[:16, :16] = np.kron(affine, affine)
         choose = np.zeros((13, 17))
         choose[:12, :12] = np.eye(12)
-        choose[12, _SQUARES], choose[12, 16] = 0.5, -0.5
+        # (0, 5, 10): places of the squares of the field's components among its products with itself and 1.
+        choose[12, (0, 5, 10)], choose[12, 16] = 0.5, -0.5
         turned = turn @ moments.fourth @ turn.T
         covariance = back @ self._elimination.covariance @ back.T
         by_direction = turned[np.ix_(_DIRECTION, _DIRECTION)]
@@ -421,10 +419,6 @@ CLEARLY_BETTER = 100.0
 """Fall of the squared residuals, in units of the noise, from which a calibration predicts better: chance makes half of
 it once in ten thousand trials of four sensors."""
 
-NOTICEABLY_BETTER = 0.01
-"""Part of the squared residuals by which they fall as well: biases of all sensors were off by a tenth of the noise.
-With less, errors that the mission does not turn through may become worse."""
-
 
 @dataclass(frozen=True, eq=False)
 class Trial:
@@ -468,6 +462,8 @@ class Trial:
         metal that turns with it.
         """
         of_sensors, of_all = float(self.fall[0]), float(self.fall.sum())
-        least = max(CLEARLY_BETTER, NOTICEABLY_BETTER * float(self.energy.sum()))
+        # 0.01: part of the squared residuals by which they fall as well: biases of all sensors were off by a tenth of
+        # the noise. With less, errors that the mission does not turn through may become worse.
+        least = max(CLEARLY_BETTER, 0.01 * float(self.energy.sum()))
         fall = min(of_sensors, of_all) if self.energy[0] else of_all
         return self.blocks >= TRIED and fall >= least

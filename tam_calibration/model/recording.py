@@ -24,9 +24,6 @@ if TYPE_CHECKING:
 LAGS = 8
 """Samples after which nothing is left of the correlation: five readings take less at seven tenths of the rate."""
 
-_LEAST = 0.05
-"""Part of white noise that is left at any frequency, at least: between readings at even steps it is 0.08."""
-
 
 @dataclass(frozen=True, eq=False)
 class InterpolatedNoise:
@@ -46,7 +43,8 @@ class InterpolatedNoise:
     def spectrum(self, frequency: FloatArray) -> FloatArray:
         """Return the power (K, F) of white noise of variance one at frequencies (F,), cycles a sample."""
         turns = np.cos(2 * np.pi * np.outer(np.arange(1, LAGS + 1), frequency))
-        power: FloatArray = np.maximum(1 + 2 * self.correlation @ turns, _LEAST)
+        # 0.05: part of white noise that is left at any frequency, at least: between readings at even steps it is 0.08.
+        power: FloatArray = np.maximum(1 + 2 * self.correlation @ turns, 0.05)
         return power
 
 

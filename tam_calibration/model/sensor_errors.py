@@ -37,9 +37,6 @@ ORIENTATIONS = np.array(
 )
 """(24, 3, 3) the rotations that exchange and reverse axes, that without effect first."""
 
-_STEEPEST = np.pi / 4
-"""Largest β without an orientation, radians: half way to where α and γ are one; their errors grow by 1.4 there."""
-
 
 @dataclass(frozen=True, eq=False)
 class SensorErrors:
@@ -255,7 +252,9 @@ def _are_orientations(rotations: FloatArray) -> NDArray[np.bool_]:
 def _orientations_of(rotation: FloatArray) -> FloatArray:
     """Return the orientations (K, 3, 3) nearest to rotations where their β is steep, and none elsewhere."""
     overlap = np.einsum("kij,oij->ko", rotation, ORIENTATIONS)
-    is_steep = np.abs(rotation[:, 0, 2]) > np.sin(_STEEPEST)
+    # np.pi / 4: largest β without an orientation, radians: half way to where α and γ are one; their errors grow by 1.4
+    # there.
+    is_steep = np.abs(rotation[:, 0, 2]) > np.sin(np.pi / 4)
     return ORIENTATIONS[np.where(is_steep, overlap.argmax(axis=1), 0)]
 
 
