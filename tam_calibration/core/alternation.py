@@ -47,8 +47,7 @@ def alternations(readings_T: FloatArray) -> dict[int, str]:
 def _distance(readings_T: FloatArray, lag: int) -> FloatArray:
     """Return the median distance (K,) of readings from the middle of those some samples before and after, tesla."""
     middle_T = (readings_T[2 * lag :] + readings_T[: -2 * lag]) / 2
-    distance_T: FloatArray = np.median(np.linalg.norm(readings_T[lag:-lag] - middle_T, axis=2), axis=0)
-    return distance_T
+    return np.asarray(np.median(np.linalg.norm(readings_T[lag:-lag] - middle_T, axis=2), axis=0))
 
 
 def _cosine(readings_T: FloatArray) -> FloatArray:
@@ -56,5 +55,4 @@ def _cosine(readings_T: FloatArray) -> FloatArray:
     changes_T = np.diff(readings_T, axis=0)
     product = np.einsum("nki,nki->nk", changes_T[1:], changes_T[:-1])
     sizes = np.linalg.norm(changes_T[1:], axis=2) * np.linalg.norm(changes_T[:-1], axis=2)
-    cosine: FloatArray = np.median(np.divide(product, sizes, out=np.zeros_like(product), where=sizes > 0), axis=0)
-    return cosine
+    return np.asarray(np.median(np.divide(product, sizes, out=np.zeros_like(product), where=sizes > 0), axis=0))

@@ -139,8 +139,7 @@ class Correlation:
     @property
     def values(self) -> FloatArray:
         """(LAGS,) correlation of values that lie so many apart; 0 where there is no pair."""
-        known: FloatArray = self._products / np.maximum(self._pairs, 1)
-        return known
+        return np.asarray(self._products / np.maximum(self._pairs, 1))
 
 
 def interpolated(times: IntArray, values: FloatArray, asked: IntArray) -> tuple[FloatArray, IntArray, FloatArray]:

@@ -120,8 +120,9 @@ def solve_damped(
     is_open, is_found = np.full(len(data), True), np.full(len(data), False)
     chi_square, normal, slope = _linearize(predict, data, unknowns, np.arange(len(data)))
     rounding = _ROUNDING * np.sum(data**2, axis=1)
-
-    def step(is_open: np.ndarray) -> tuple[np.ndarray, bool]:
+    for _ in range(most_steps):
+        if not is_open.any():
+            break
         at = np.flatnonzero(is_open)
         change = _damped_step(normal[at], slope[at], damping[at])
         tried = unknowns[at] + change
@@ -136,10 +137,6 @@ def solve_damped(
         is_last = is_small(unknowns[at], change)
         is_found[at[is_last]] = True
         is_open[at[is_last | (damping[at] > 1e12)]] = False
-        return is_open, not is_open.any()
-
-    if len(data):
-        iterate(step, is_open, most_steps)
     covariance, is_determined = _invert(normal)
     return Solution(unknowns, covariance, chi_square, is_found & is_determined & np.isfinite(unknowns).all(axis=1))
 

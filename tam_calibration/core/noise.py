@@ -19,8 +19,7 @@ def noise_deviation(values: FloatArray, axis: int | None = None) -> FloatArray:
     """
     from scipy.special import ndtri
 
-    deviation: FloatArray = np.median(np.abs(values), axis=axis) / ndtri(0.75)
-    return deviation
+    return np.asarray(np.median(np.abs(values), axis=axis) / ndtri(0.75))
 
 
 def noise_energy(energy: FloatArray, freedom: int) -> float:
@@ -85,5 +84,4 @@ def fast_noise(values: FloatArray) -> FloatArray:
     difference = np.diff(values, n=min(3, len(values) - 1), axis=0)
     # np.sqrt(20.0): of the weights 1, 3, 3, 1: by so much white noise grows in third differences.
     spread = noise_deviation(difference, axis=0) / np.sqrt(20.0)
-    noise: FloatArray = np.maximum(spread, _SMALLEST_T)
-    return noise
+    return np.asarray(np.maximum(spread, _SMALLEST_T))

@@ -223,8 +223,7 @@ class Calibration:
     def correction_matrix(self) -> FloatArray:
         """(9, 3K) matrix C of outputs = C (y - o), y the stacked raw readings and o the stacked biases."""
         sensors = self.array.operator.reshape(9, -1, 3)
-        matrix: FloatArray = np.einsum("rki,kij->rkj", sensors, inv(self.errors.matrix)).reshape(9, -1)
-        return matrix
+        return np.asarray(np.einsum("rki,kij->rkj", sensors, inv(self.errors.matrix)).reshape(9, -1))
 
     @cached_property
     def output_standard_errors(self) -> FloatArray:
@@ -232,8 +231,7 @@ class Calibration:
 
         The second part is the root mean square over all directions of a field of the calibration's intensity.
         """
-        errors: FloatArray = np.sqrt(np.diag(self.output_covariance))
-        return errors
+        return np.asarray(np.sqrt(np.diag(self.output_covariance)))
 
     @cached_property
     def output_covariance(self) -> FloatArray:
@@ -258,8 +256,7 @@ class Calibration:
         (9, 9) array
             As ``output_covariance``.
         """
-        covariance: FloatArray = self._noise_covariance(matrix) + self._calibration_covariance(matrix)
-        return covariance
+        return np.asarray(self._noise_covariance(matrix) + self._calibration_covariance(matrix))
 
     def _noise_covariance(self, matrix: FloatArray) -> FloatArray:
         """Return the part of ``covariance_of`` that sensor noise and effects make."""
@@ -280,8 +277,7 @@ class Calibration:
         (9,) array
             Ratio of the variances of equal sensors; 1 for ``correction_matrix``.
         """
-        growth: FloatArray = (matrix**2).sum(axis=1) / (self.correction_matrix**2).sum(axis=1)
-        return growth
+        return np.asarray((matrix**2).sum(axis=1) / (self.correction_matrix**2).sum(axis=1))
 
     def _calibration_covariance(self, matrix: FloatArray) -> FloatArray:
         """Return the part of ``covariance_of`` that errors of the calibration make, the mean over all directions."""
@@ -289,18 +285,16 @@ class Calibration:
             return np.zeros((9, 9))
         by_parameter = self._by_parameter(matrix).reshape(9, 4, -1)
         mean_square = np.array([*[self.intensity_T**2 / 3] * 3, 1.0])
-        covariance: FloatArray = np.einsum(
-            "rdp,pq,sdq,d->rs", by_parameter, self.covariance, by_parameter, mean_square, optimize=True
+        return np.asarray(
+            np.einsum("rdp,pq,sdq,d->rs", by_parameter, self.covariance, by_parameter, mean_square, optimize=True)
         )
-        return covariance
 
     def _by_parameter(self, matrix: FloatArray) -> FloatArray:
         """Return (9, 4, K, 12) derivatives of the outputs by the parameters for each component of the field, and 1."""
         # d output = -C_i (dM_i b + do_i)
-        derivatives: FloatArray = np.einsum(
-            "rki,kidp->rdkp", matrix.reshape(9, self.errors.sensor_count, 3), self.errors.jacobian()
+        return np.asarray(
+            np.einsum("rki,kidp->rdkp", matrix.reshape(9, self.errors.sensor_count, 3), self.errors.jacobian())
         )
-        return derivatives
 
     def correct(self, recording: Recording) -> Corrected:
         """Return the centre vector and gradient tensor of raw readings, what the effects of the sensors add taken off.
@@ -451,8 +445,7 @@ class Calibration:
             for output, by_parameter in enumerate(self._by_parameter(self.correction_matrix)):
                 quadratic = np.einsum("dkp,kplq,clq->kdlc", by_parameter, covariance, by_parameter, optimize=True)
                 variance[:, output] += ((field_T @ quadratic.reshape(field_T.shape[1], -1)) * field_T).sum(axis=1)
-        errors: FloatArray = np.sqrt(variance)
-        return errors
+        return np.asarray(np.sqrt(variance))
 
     def _check(self, recording: Recording) -> None:
         if recording.sensor_count != self.errors.sensor_count:

@@ -24,10 +24,6 @@ from tam_calibration.model.recording import SKETCH, SampleSource
 from tam_calibration.model.residuals import residual_series
 from tam_calibration.model.units import FloatArray, from_degrees, to_degrees, to_nanotesla
 
-_PARTS = 10
-"""Of equal length, of which each is long enough for some turns of a usual survey."""
-
-
 SOMETHING_MAGNETIC = "something magnetic came near, or a sensor changed"
 """What is suspected of a residual that changes, as long as no diagnosis finds another cause."""
 
@@ -47,6 +43,11 @@ class _Parts:
         # in 1000.
         return loud > residual_T and loud > 4.0 * float(self.residual_T.min())
 
+    def require_steady(self, residual_T: float) -> None:
+        """Refuse a residual that changes and exceeds a size."""
+        if self.exceeds(residual_T):
+            raise Refused(f"the recording is not one calibration: {self.sentence()}; calibrate the parts apart")
+
     def sentence(self) -> str:
         loud, quiet = int(self.residual_T.argmax()), int(self.residual_T.argmin())
         return (
@@ -65,7 +66,7 @@ def require_one_calibration(recording: SampleSource, calibration: Calibration) -
     Parameters
     ----------
     recording : SampleSource
-        Raw readings, an ambient gradient taken off.
+        Raw readings of K sensors.
     calibration : Calibration
         What was fitted to them.
 
@@ -75,11 +76,10 @@ def require_one_calibration(recording: SampleSource, calibration: Calibration) -
         With the reason, and the times at which the residual is smallest and largest.
     """
     field = calibration.array.field
-    parts = _residual_in_parts(recording, calibration)
-    if parts is not None and parts.exceeds(WRONG_PART * calibration.intensity_T):
-        raise Refused(f"the recording is not one calibration: {parts.sentence()}; calibrate the parts apart")
+    uniform = as_if_uniform(recording, calibration.errors, calibration.array, calibration.ambient_gradient)
+    _residual_in_parts(uniform, calibration).require_steady(WRONG_PART * calibration.intensity_T)
     if not field.hold(calibration.intensity_T):
-        require_one_sphere(recording)
+        require_one_sphere(uniform)
         raise Refused(
             f"the fitted intensity of {calibration.intensity_T * 1e6:.4g} µT is outside the "
             f"{field.range_uT} µT of {field.whose} field: the readings are not those of one sensor turned in one field"
@@ -100,11 +100,9 @@ def require_one_sphere(recording: SampleSource) -> None:
     for points in np.swapaxes(data.points, 0, 1):
         center, radius = sphere_of_most(points)
         distance = np.maximum(distance, np.abs(norm(points - center, axis=1) - radius))
-    parts = _in_parts(data.radius_T * distance, some.time_s)
     # 0.05: part of the radius of a sphere that most readings are near; errors of scale and angles make readings miss it
     # too.
-    if parts is not None and parts.exceeds(0.05 * data.radius_T):
-        raise Refused(f"the recording is not one calibration: {parts.sentence()}; calibrate the parts apart")
+    _in_parts(data.radius_T * distance, some.time_s).require_steady(0.05 * data.radius_T)
 
 
 def residual_that_changes(recording: SampleSource, calibration: Calibration) -> str:
@@ -119,23 +117,24 @@ def residual_that_changes(recording: SampleSource, calibration: Calibration) -> 
     """
     parts = _residual_in_parts(recording, calibration)
     # 1e-5: part of the intensity, half a nanotesla: what is less, no calibration is asked for.
-    if parts is None or not parts.exceeds(1e-5 * calibration.intensity_T):
+    if not parts.exceeds(1e-5 * calibration.intensity_T):
         return ""
     return f"{parts.sentence()}: leave that time out with --from and --until"
 
 
-def _residual_in_parts(recording: SampleSource, calibration: Calibration) -> _Parts | None:
+def _residual_in_parts(recording: SampleSource, calibration: Calibration) -> _Parts:
     some = recording.thinned(SKETCH)
     series = residual_series(calibration.errors, calibration.array, some, calibration.intensity_T)
     known = np.isfinite(series.center_intensity_T)
     return _in_parts(np.abs(series.sensor_intensity_T[known]).max(axis=1), some.time_s[known])
 
 
-def _in_parts(residual: FloatArray, time: FloatArray) -> _Parts | None:
-    # 10: fewest samples in a part: their median is certain to a third.
-    if len(residual) < _PARTS * 10:
-        return None
-    chunks = np.array_split(np.arange(len(residual)), _PARTS)
+def _in_parts(residual: FloatArray, time: FloatArray) -> _Parts:
+    """Return the medians of ten parts; of one that changes nothing where there are too few samples."""
+    # Ten samples make the median of a part certain to a third; each part has some turns of a usual survey.
+    if len(residual) < 100:
+        return _Parts(*np.zeros((3, 1)))
+    chunks = np.array_split(np.arange(len(residual)), 10)
     return _Parts(
         np.array([np.median(residual[chunk]) for chunk in chunks]),
         np.array([time[chunk[0]] for chunk in chunks]),
@@ -172,27 +171,8 @@ def accepted(recording: SampleSource, array: Array, fit: Fit, accept: Collection
     except (InputError, Refused):
         require_one_sphere(recording)
         raise
-    require_one_field(recording, calibration)
+    require_one_calibration(recording, calibration)
     return require_accurate(calibration, recording, accept)
-
-
-def require_one_field(recording: SampleSource, calibration: Calibration) -> None:
-    """Check that a recording is one calibration in one field.
-
-    Parameters
-    ----------
-    recording : SampleSource
-        Raw readings of K sensors.
-    calibration : Calibration
-        Made from them.
-
-    Raises
-    ------
-    Refused
-        When it is not.
-    """
-    uniform = as_if_uniform(recording, calibration.errors, calibration.array, calibration.ambient_gradient)
-    require_one_calibration(uniform, calibration)
 
 
 LOOK_FOR_CAUSE = "look for the cause with tam diagnose"
@@ -331,8 +311,7 @@ def _first_sensor(calibration: Calibration) -> str:
 
 def _angles(turns: FloatArray) -> FloatArray:
     """Return the angles (n,) of rotation matrices (n, 3, 3), radians."""
-    angles: FloatArray = np.arccos(np.clip((np.trace(turns, axis1=1, axis2=2) - 1) / 2, -1, 1))
-    return angles
+    return np.asarray(np.arccos(np.clip((np.trace(turns, axis1=1, axis2=2) - 1) / 2, -1, 1)))
 
 
 def _bias(calibration: Calibration) -> str:

@@ -9,7 +9,7 @@ from tam_calibration.core.noise import complete_noise
 from tam_calibration.correction.acceptance import LARGEST_ANGLE_ERROR, LARGEST_RELATIVE_ERROR
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.coverage import CELLS, ENOUGH_RELATIVE_ERROR, cell_directions, field_of, measure_coverage
-from tam_calibration.fit.information import InformationModel, bound
+from tam_calibration.fit.information import InformationModel, bound, information_of
 from tam_calibration.fit.scale import Normalized, normalize
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
@@ -235,8 +235,8 @@ def find_weakness(recording: Recording, calibration: Calibration) -> Weakness:
         field_T = field_T[np.isfinite(recording.scalar_T)]
     intensity_T = calibration.intensity_T
     model = InformationModel(calibration.errors, calibration.array, recording.scalar_T is not None, intensity_T)
-    sphere = model.rows(intensity_T * cell_directions()).information * (len(field_T) / CELLS)
-    own, best = model.variances(model.rows(field_T).information), model.variances(sphere)
+    sphere = information_of(model.rows(intensity_T * cell_directions())) * (len(field_T) / CELLS)
+    own, best = model.variances(information_of(model.rows(field_T))), model.variances(sphere)
     ratio = np.sqrt(np.divide(own, best, out=np.full_like(own, np.nan), where=best > 0)).reshape(-1, 12)
     parameters = _worst(ratio)
     return Weakness(ratio, parameters, _reason(field_T, intensity_T) if parameters else "")

@@ -15,18 +15,25 @@ from tam_calibration.correction.parts import SEVERAL, Moved, Update, in_words
 from tam_calibration.effects.removal import of_array
 from tam_calibration.fit.agreement import FAR
 from tam_calibration.fit.attitude_check import judge_attitude
-from tam_calibration.fit.consistency import Fit, accepted, require_one_field, require_one_sphere
+from tam_calibration.fit.consistency import Fit, accepted, require_one_calibration, require_one_sphere
 from tam_calibration.fit.contradiction import PLAUSIBLE, SIGNIFICANT, Unnamed
 from tam_calibration.fit.estimate import mean_temperature
 from tam_calibration.fit.gyroscope_check import MOST_LINKS, MOST_SAMPLES, judge_gyroscope
 from tam_calibration.fit.identifiability import require_determined
-from tam_calibration.fit.maximum_a_posteriori import FRAME_OF_GYROSCOPE, maximum_a_posteriori, update_of
+from tam_calibration.fit.maximum_a_posteriori import (
+    FRAME_OF_GYROSCOPE,
+    SETTLED,
+    calibrate_with_weak_prior,
+    is_weak,
+    maximum_a_posteriori,
+    prior_of_tolerances,
+    update_of,
+)
 from tam_calibration.fit.prior import Prior, has_date, prior_of
 from tam_calibration.fit.prior_changes import MOST_TIMES, UpdatedPrior, update_prior
 from tam_calibration.fit.problem import Intensity, Known, Place
 from tam_calibration.fit.scalar_check import turning_scalar
 from tam_calibration.fit.slow_residuals import variance_factors
-from tam_calibration.fit.weak_prior import SETTLED, calibrate_with_weak_prior, is_weak, prior_of_tolerances
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.geomagnetic_field import LOCAL_STANDARD_ERROR_T
@@ -345,7 +352,7 @@ def _with_weak_prior(recording: SampleSource, array: Array, known: Known) -> Joi
     update = calibration.update
     assert update is not None
     if update.probability >= SIGNIFICANT:
-        require_one_field(recording, calibration)
+        require_one_calibration(recording, calibration)
         has_motion = known.gyroscope is not None or array.attitude_noise is not None
         return JointCalibration(calibration, recording, array, fit, None if has_motion else settled)
     contradiction = (

@@ -19,12 +19,11 @@ from tam_calibration.effects.ambient_gradient import require_attitude
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.estimate import Estimate, make_calibration
 from tam_calibration.fit.gauss_newton import Point, free_rows, gauss_newton
-from tam_calibration.fit.information import parameter_covariance
+from tam_calibration.fit.information import inverted, parameter_covariance
 from tam_calibration.fit.likelihood import Likelihood, Linearization, UniformLikelihood
 from tam_calibration.fit.moments import into_frame_of_first
 from tam_calibration.fit.recorded_attitude import (
     gradient_of,
-    marginal_information,
     require_gradient_determined,
     turning_of,
 )
@@ -233,11 +232,18 @@ def _estimate(data: Normalized, point: Point, information: FloatArray) -> Estima
     intensity_T = data.radius_T / factor
     gradient = None
     if len(point.gradient):
-        information, of_gradient = marginal_information(information, free_rows(len(point.matrix)))
-        gradient = gradient_of(point.gradient, of_gradient, intensity_T)
+        gradient = gradient_of(point.gradient, _covariance_of_gradient(information), intensity_T)
+        cross, own = information[:-5, -5:], information[-5:, -5:]
+        information = information[:-5, :-5] - cross @ np.linalg.solve(own, cross.T)
     free_intensity = None if data.has_scalar else intensity_T
     covariance = parameter_covariance(information, errors, data.radius_T, free_intensity)
     return Estimate(errors, covariance, True, intensity_T, gradient)
+
+
+def _covariance_of_gradient(information: FloatArray) -> FloatArray:
+    """Return the (5, 5) covariance of an ambient gradient; infinite on the diagonal where the data leave it open."""
+    free = np.append(free_rows(len(information) // 12), np.ones(5, dtype=bool))
+    return inverted(information, np.eye(len(free))[:, free])[-5:, -5:]
 
 
 def _errors(data: Normalized, point: Point) -> tuple[SensorErrors, float]:
@@ -345,7 +351,6 @@ def _aligned_start(
         if start:
             point = point._replace(gradient=np.zeros(5))
             information = _linearize(likelihood, False, point).both.information
-            _, covariance = marginal_information(information, free_rows(recording.sensor_count))
-            require_gradient_determined(covariance, likelihood.vector_noise, array)
+            require_gradient_determined(_covariance_of_gradient(information), likelihood.vector_noise, array)
             point, _ = gauss_newton(partial(_linearize, likelihood, False), point)
     return likelihood, point

@@ -5,7 +5,6 @@ What is known before a plan: nothing, a recording, or a calibration.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.linalg import inv, norm
@@ -14,7 +13,7 @@ from tam_calibration.core.noise import complete_noise
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.coverage import field_of
 from tam_calibration.fit.identifiability import refuse_open, require_determined
-from tam_calibration.fit.information import Information, InformationModel, SensitivityRows
+from tam_calibration.fit.information import InformationModel, information_of
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
@@ -31,7 +30,7 @@ class PlanStart:
     ----------
     model : Model
         Errors, noise and field.
-    information : Information
+    information : (13, 13) array
         Of what was recorded.
     standard_errors : (K, 12) array, optional
         Before the plan, SI; None where parameters are open.
@@ -42,7 +41,7 @@ class PlanStart:
     """
 
     model: InformationModel
-    information: Information
+    information: FloatArray
     standard_errors: FloatArray | None
     inclination: float | None = None
     note: str = ""
@@ -75,7 +74,7 @@ def start_from_nothing(array: Array, intensity_T: float) -> PlanStart:
     model = InformationModel(
         SensorErrors.none(array.sensor_count), array.with_stated_noise(), array.scalar_noise_T is not None, intensity_T
     )
-    return PlanStart(model, Information(np.zeros((9, 9)), np.zeros((4, 4))), None)
+    return PlanStart(model, np.zeros((13, 13)), None)
 
 
 def start_from_recording(recording: Recording, array: Array) -> PlanStart:
@@ -108,7 +107,7 @@ def start_from_recording(recording: Recording, array: Array) -> PlanStart:
     if calibration.has_scalar_reference:
         return replace(start_from_calibration(calibration), inclination=inclination)
     model = _model_of(calibration)
-    information = model.rows(field).information
+    information = information_of(model.rows(field))
     return PlanStart(model, information, _standard_errors(model, information), inclination)
 
 
@@ -134,16 +133,19 @@ def start_from_calibration(calibration: Calibration) -> PlanStart:
     return PlanStart(model, information, standard_errors)
 
 
-def _taken_apart(model: InformationModel, covariance: FloatArray) -> Information:
+def _taken_apart(model: InformationModel, covariance: FloatArray) -> FloatArray:
     """Return the information whose inverse is nearest to a covariance (12 K, 12 K) of the parameters."""
     ellipsoid, affine = model.loadings
     channels, units = affine.shape[1], model.noise_units
     loadings = np.hstack([ellipsoid, affine.reshape(len(affine), -1)])
     elements = np.linalg.pinv(units[:, None] * loadings) * units
     inside = elements @ covariance @ elements.T
-    blocks = inside[9:, 9:].reshape(channels, 4, channels, 4)
-    each = inv(np.einsum("kikj->ij", blocks) / channels) if channels else np.zeros((4, 4))
-    return Information(inv(inside[:9, :9]), each)
+    information = np.zeros((13, 13))
+    information[:9, :9] = inv(inside[:9, :9])
+    if channels:
+        blocks = inside[9:, 9:].reshape(channels, 4, channels, 4)
+        information[9:, 9:] = inv(np.einsum("kikj->ij", blocks) / channels)
+    return information
 
 
 def _model_of(calibration: Calibration) -> InformationModel:
@@ -159,8 +161,8 @@ def _start_from_raw(recording: Recording, array: KnownNoiseArray, note: str) -> 
     field = intensity_T * field / length
     rows = model.rows(field)
     if scalar is not None:
-        rows.ellipsoid[~np.isfinite(scalar)] = 0
-    return PlanStart(model, rows.information, None, _inclination(recording, field), note)
+        rows[~np.isfinite(scalar), :9] = 0
+    return PlanStart(model, information_of(rows), None, _inclination(recording, field), note)
 
 
 def _inclination(recording: Recording, field_T: FloatArray) -> float | None:
@@ -174,7 +176,7 @@ def _inclination(recording: Recording, field_T: FloatArray) -> float | None:
     return float(np.arctan2(-up, np.hypot(east, north)))
 
 
-def _standard_errors(model: InformationModel, information: Information) -> FloatArray:
+def _standard_errors(model: InformationModel, information: FloatArray) -> FloatArray:
     return np.sqrt(model.variances(information)).reshape(-1, 12)
 
 
@@ -331,7 +333,7 @@ def make_plan(
     Refused
         When parameters stay open; it names them.
     """
-    search = _PoseSearch(start.model, start.information, start.model.rows(field_T), samples_per_pose)
+    search = _PoseSearch(start.model, start.information, np.sqrt(samples_per_pose) * start.model.rows(field_T))
     chosen: list[int] = []
     for _ in range(pose_count):
         chosen.append(int(np.argmin(search.scores(chosen, _sum))))
@@ -359,33 +361,21 @@ def _largest(squares: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class _PoseSearch:
-    """The candidates, and what is known before."""
+    """The rows of each candidate pose, and what is known before."""
 
     model: InformationModel
-    start: Information
-    candidates: SensitivityRows
-    samples: int
+    start: FloatArray
+    poses: FloatArray
 
-    @cached_property
-    def _poses(self) -> SensitivityRows:
-        factor = np.sqrt(self.samples)
-        return SensitivityRows(factor * self.candidates.ellipsoid, factor * self.candidates.affine)
-
-    @cached_property
-    def _ignorance(self) -> Information:
-        poses = self._poses
-        sizes = (np.mean(poses.ellipsoid**2) * np.eye(9), np.mean(poses.affine**2) * np.eye(4))
-        # 1e-9: information that is there before any sample, as part of that of a planned pose, so that nothing is
-        # infinite.
-        return Information(*sizes) * 1e-9
-
-    def with_poses(self, chosen: list[int]) -> Information:
+    def with_poses(self, chosen: list[int]) -> FloatArray:
         """Return the information of what is known before and of poses."""
-        return self.start + self._poses[np.array(chosen, dtype=int)].information
+        return self.start + information_of(self.poses[np.array(chosen, dtype=int)])
 
     def scores(self, chosen: list[int], criterion: Callable[[FloatArray], FloatArray]) -> FloatArray:
         """Return the criterion of the squared standard errors with each candidate added to the chosen ones."""
-        variances = self.model.variances_with(self.with_poses(chosen) + self._ignorance, self._poses)
+        # 1e-9: information that is there before any sample, as part of that of a pose, so that nothing is infinite.
+        least = 1e-9 * np.repeat([np.mean(self.poses[:, :9] ** 2), np.mean(self.poses[:, 9:] ** 2)], [9, 4])
+        variances = self.model.variances_with(self.with_poses(chosen) + np.diag(least), self.poses)
         return criterion(variances * self.model.noise_units**2)
 
     def exchange(self, chosen: list[int], criterion: Callable[[FloatArray], FloatArray]) -> list[int]:

@@ -17,7 +17,7 @@ from numpy.linalg import inv
 from tam_calibration.core.least_squares import whitening
 from tam_calibration.core.normal_equations import Normal
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.scale import free_scale, free_scale_gradient
+from tam_calibration.fit.scale import free_scale, without_scale
 from tam_calibration.model.data_sheet import DAY_S, ChangeRates
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -222,19 +222,6 @@ def is_of_first_sensor(calibration: Calibration) -> bool:
     )
     is_uncertain = calibration.covariance is not None and calibration.covariance[9:12, 9:12].any()
     return not (is_turned or is_uncertain)
-
-
-def without_scale(errors: SensorErrors) -> FloatArray:
-    """Return the (12 K, 12 K) projection of changes of the errors on those that keep the mean determinant.
-
-    Parameters
-    ----------
-    errors : SensorErrors
-        Of K sensors, which are changed.
-    """
-    gradient, scale = free_scale_gradient(errors), errors.to_vector()
-    scale[:, 3:] = 0
-    return np.eye(gradient.size) - np.outer(scale, gradient) / (gradient @ scale.ravel())
 
 
 def _covariance_of(calibration: Calibration) -> FloatArray:

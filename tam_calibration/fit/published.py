@@ -38,7 +38,7 @@ constraint that admits ellipsoids only, split by Cholesky factorisation, and the
 from dataclasses import replace
 
 import numpy as np
-from numpy.linalg import LinAlgError, inv
+from numpy.linalg import inv
 
 from tam_calibration.core.noise import complete_noise
 from tam_calibration.correction.calibration import Calibration
@@ -134,6 +134,7 @@ def simplified_linear(recording: SampleSource, array: Array) -> Calibration:
     return replace(calibration, covariance=covariance, notes=(*calibration.notes, FIRST_ORDER))
 
 
+@ellipsoid.determined()
 def first_order(moments: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return M and i of the field M (z - i) that meets s² - |z|² = 2 Σ δ z² + 2 (m xy + g xz + n yz) - 2 zᵀi.
 
@@ -153,10 +154,7 @@ def first_order(moments: FloatArray) -> tuple[FloatArray, FloatArray]:
         When the readings determine no ellipsoid.
     """
     right = moments[..., :9, 10] - moments[..., :9, :3].sum(axis=-1)
-    try:
-        unknowns = np.linalg.solve(moments[..., :9, :9], right[..., None])[..., 0]
-    except LinAlgError:
-        raise InputError(ellipsoid.NO_ELLIPSOID) from None
+    unknowns = np.linalg.solve(moments[..., :9, :9], right[..., None])[..., 0]
     unmix = np.zeros((*unknowns.shape[:-1], 3, 3))
     for axis in range(3):
         unmix[..., axis, axis] = 1 + unknowns[..., axis] / 2
@@ -207,6 +205,7 @@ def _normal_equations(joint: FloatArray, sensors: int) -> tuple[FloatArray, Floa
     return square, cross
 
 
+@ellipsoid.determined()
 def regress(square: FloatArray, cross: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return T M and I of the fields T M (B_i - I) nearest to a reference: Li 2018a eqs. 7 to 14.
 
@@ -227,17 +226,9 @@ def regress(square: FloatArray, cross: FloatArray) -> tuple[FloatArray, FloatArr
     InputError
         When the readings lie in a plane.
     """
-    try:
-        affine = np.linalg.solve(square, cross)
-        unmix = np.swapaxes(affine[..., :3, :], -1, -2)
-        bias = -np.linalg.solve(unmix, affine[..., 3, :, None])[..., 0]
-    except LinAlgError:
-        raise InputError(ellipsoid.NO_ELLIPSOID) from None
-    return unmix, bias
-
-
-_ROUNDING = 1e-9
-"""Least turn that counts without noise, of the field: what least squares lose to rounding."""
+    affine = np.linalg.solve(square, cross)
+    unmix = np.swapaxes(affine[..., :3, :], -1, -2)
+    return unmix, -np.linalg.solve(unmix, affine[..., 3, :, None])[..., 0]
 
 
 def fast_rotation(recording: SampleSource, array: Array) -> Calibration:
@@ -295,7 +286,8 @@ def count_determined(recording: Recording, array: Array) -> tuple[int, int]:
     points = centered / radius
     # 10.0: times the noise that a direction must be turned through to count: less would let noise determine a
     # parameter.
-    least = max(10.0 * float(noisy.vector_noise_T[0]) / radius, _ROUNDING) * np.sqrt(len(points))
+    # 1e-9: least turn that counts without noise, of the field: least squares lose as much to rounding.
+    least = max(10.0 * float(noisy.vector_noise_T[0]) / radius, 1e-9) * np.sqrt(len(points))
     linear = _rank(np.column_stack([points, np.ones(len(points))]), least)
     quadratic = min(_rank(ellipsoid.monomial_columns(points.T, np.ones(len(points)))[:10].T, least), 9)
     scale = 1 if recording.scalar_T is None else 0
@@ -430,6 +422,7 @@ def _turns(moments: Moments, matrix: FloatArray, center: FloatArray) -> FloatArr
     return np.array(turns)
 
 
+@ellipsoid.determined()
 def constrained_ellipsoid(moments: FloatArray, mean_square: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the shapes and centres of the ellipsoids nearest to points in algebraic distance: Chi 2017 eqs. 9 to 14.
 
@@ -454,11 +447,8 @@ def constrained_ellipsoid(moments: FloatArray, mean_square: FloatArray) -> tuple
     # Griffiths 2004). It is 3 for a sphere. The first bound admits axes of 14 to 1; what is fitted under the second is
     # always an ellipsoid.
     for ratio in (100.0, 4.0):
-        try:
-            shape, linear, constant = _nearest(moments, ratio)
-            center = -np.linalg.solve(shape, linear[..., None])[..., 0] / 2
-        except LinAlgError:
-            raise InputError(ellipsoid.NO_ELLIPSOID) from None
+        shape, linear, constant = _nearest(moments, ratio)
+        center = -np.linalg.solve(shape, linear[..., None])[..., 0] / 2
         if (np.linalg.eigvalsh(shape)[..., 0] > 0).all():
             break
     size = np.einsum("...i,...ij,...j->...", center, shape, center) - constant

@@ -97,10 +97,9 @@ class InterpolationNoise:
             return np.zeros_like(columns)
         free, bands = self._walk
         diagonal = np.where(free, bands[0] + self.rate * precision, 1.0)
-        wandering: FloatArray = solveh_banded(
-            np.stack([diagonal, bands[1]]), np.where(free[:, None], self.rate * columns, 0.0), lower=True
+        return np.asarray(
+            solveh_banded(np.stack([diagonal, bands[1]]), np.where(free[:, None], self.rate * columns, 0.0), lower=True)
         )
-        return wandering
 
     @cached_property
     def _walk(self) -> tuple[np.ndarray, FloatArray]:

@@ -144,3 +144,16 @@ def free_scale_gradient(errors: SensorErrors) -> FloatArray:
     gradient[:, :3] = 1 / errors.scale_factor
     gradient[:, 3:6] = -np.tan(errors.non_orthogonality)
     return gradient.ravel()
+
+
+def without_scale(errors: SensorErrors) -> FloatArray:
+    """Return the (12 K, 12 K) projection of changes of the errors on those that keep the mean determinant.
+
+    Parameters
+    ----------
+    errors : SensorErrors
+        Of K sensors, which are changed.
+    """
+    gradient, scale = free_scale_gradient(errors), errors.to_vector()
+    scale[:, 3:] = 0
+    return np.eye(gradient.size) - np.outer(scale, gradient) / (gradient @ scale.ravel())

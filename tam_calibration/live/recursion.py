@@ -24,11 +24,12 @@ from functools import cached_property
 import numpy as np
 from numpy.linalg import inv
 
-from tam_calibration.core.least_squares import iterate, scaled
+from tam_calibration.core.least_squares import scaled
 from tam_calibration.core.normal_equations import Elimination, Normal, gram
 from tam_calibration.core.slow_cosines import WHITE, VarianceFactors
 from tam_calibration.correction.acceptance import are_possible
 from tam_calibration.fit.channel_maps import ChannelMaps
+from tam_calibration.fit.gauss_newton import descend
 from tam_calibration.fit.information import rows_by_unknowns
 from tam_calibration.fit.likelihood import UNIFORM, CommonModeSums, Linearization, normal_equations
 from tam_calibration.fit.prior import Prior
@@ -172,10 +173,6 @@ class MomentLikelihood:
 LARGEST_WALK = 0.1
 """Sum, over all directions, of the walk's variance over that of the estimate at which a stretch ends: within a stretch
 the estimate is that of constant errors, and no variance is too small by more than this part."""
-
-_MOST_STEPS = 20
-_SETTLED = 1e-8
-"""Twice the fall of the energy that a last step promises: a ten thousandth of a standard error."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -384,24 +381,21 @@ def solve(
     orientation = begin.errors.orientation
     certainty = begin.certainty
 
-    def step_from(state: tuple[FloatArray, FloatArray]) -> tuple[tuple[FloatArray, FloatArray], bool]:
-        vector, _ = state
+    def normal_at(vector: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         here = likelihood.linearize(moments, SensorErrors.from_vector(vector, orientation)).both
-        covariance = inverted(here.information[np.ix_(free, free)] + certainty)
-        gradient = here.score[free] - certainty @ (vector - mean)[free]
-        step = covariance @ gradient
-        moved = vector.copy()
-        moved[free] += step
-        if not are_possible(moved.reshape(-1, 12)):
-            raise Refused("the update leads to sensors that cannot be: the readings do not fit the calibration")
-        return (moved, covariance), float(step @ gradient) < _SETTLED
+        information = here.information[np.ix_(free, free)] + certainty
+        return information, here.score[free] - certainty @ (vector - mean)[free], information
 
-    begin_with: tuple[FloatArray, FloatArray] = (start.to_vector().ravel(), certainty)
-    (vector, inside), is_settled = iterate(step_from, begin_with, _MOST_STEPS)
-    if not is_settled:
-        raise Refused(f"the update did not settle in {_MOST_STEPS} steps: the readings do not fit the calibration")
+    def moved(vector: FloatArray, step: FloatArray) -> FloatArray:
+        vector = vector.copy()
+        vector[free] += step
+        if not are_possible(vector.reshape(-1, 12)):
+            raise Refused("the update leads to sensors that cannot be: the readings do not fit the calibration")
+        return vector
+
+    vector, information = descend(normal_at, moved, start.to_vector().ravel())
     covariance = np.zeros_like(begin.covariance)
-    covariance[np.ix_(free, free)] = inside
+    covariance[np.ix_(free, free)] = inverted(information)
     return Belief(SensorErrors.from_vector(vector, orientation), covariance, time_s, temperature_C)
 
 

@@ -44,8 +44,7 @@ class InterpolatedNoise:
         """Return the power (K, F) of white noise of variance one at frequencies (F,), cycles a sample."""
         turns = np.cos(2 * np.pi * np.outer(np.arange(1, LAGS + 1), frequency))
         # 0.05: part of white noise that is left at any frequency, at least: between readings at even steps it is 0.08.
-        power: FloatArray = np.maximum(1 + 2 * self.correlation @ turns, 0.05)
-        return power
+        return np.asarray(np.maximum(1 + 2 * self.correlation @ turns, 0.05))
 
 
 CHANNELS = ("scalar_T", "temperature_C", "current_A", "attitude", "angular_velocity_rad_s", "position_m")
