@@ -141,8 +141,8 @@ def score(case: Case, scenario: Scenario, prior: Prior, seed: int) -> tuple[Floa
     """Return the errors of a run over their bound, and over what the fit tells."""
     truth = drawn(prior, np.random.default_rng([seed, 7]))
     array = replace(scenario.array.with_stated_noise(), attitude_noise=from_degrees(case.attitude_deg))
-    found = posterior_of(case.turned(scenario, truth, seed), array, prior)
-    silent = Problem.of(case.turned(scenario, truth, seed, is_silent=True), array, prior)
+    found = posterior_of(case.turned(scenario, truth, seed), array, Known(prior))
+    silent = Problem.of(case.turned(scenario, truth, seed, is_silent=True), array, Known(prior))
     there = Place(truth, silent.unit_T, silent.motion.view(*silent.rows_at(Place(truth, silent.unit_T))))
     information = silent.normal_at(there).information
     size = 12 * case.sensors

@@ -8,10 +8,6 @@ FEWEST = 50
 """Samples of which the ratio of the medians is 1 ± 0.14 for noise alone."""
 
 
-_MOST = 4096
-"""Samples in a row that are looked at: some tens of seconds."""
-
-
 def alternations(readings_T: FloatArray) -> dict[int, str]:
     """Return the sensors whose readings lie nearer to those two samples away than to the next, where others' do not.
 
@@ -25,7 +21,8 @@ def alternations(readings_T: FloatArray) -> dict[int, str]:
     dict of int to str
         Number of each such sensor, from 1, and what it does, in words.
     """
-    readings_T = readings_T[:_MOST]
+    # 4096: samples in a row that are looked at: some tens of seconds.
+    readings_T = readings_T[:4096]
     if len(readings_T) < FEWEST or readings_T.shape[1] < 2:
         return {}
     next_T, second_T = (_distance(readings_T, lag) for lag in (1, 2))

@@ -9,9 +9,6 @@ import numpy as np
 
 from tam_calibration.model.units import FloatArray, IntArray
 
-_MOST = 65_536
-"""Angular velocities that wait for a sample at most."""
-
 
 class AveragedRates:
     """The angular velocities since the last sample."""
@@ -28,8 +25,10 @@ class AveragedRates:
             self._is_even = False
             return
         known = np.isfinite(rates).all(axis=1)
-        self._stamps_ns = np.concatenate([self._stamps_ns, stamps_ns[known]])[-_MOST:]
-        self._rates = np.concatenate([self._rates, rates[known]])[-_MOST:]
+        # Angular velocities that wait for a sample at most.
+        most = 65_536
+        self._stamps_ns = np.concatenate([self._stamps_ns, stamps_ns[known]])[-most:]
+        self._rates = np.concatenate([self._rates, rates[known]])[-most:]
 
     def means(self, stamps_ns: IntArray, newest: FloatArray) -> FloatArray:
         """Return the angular velocities (n, 3) of samples, the newest ones where there are not several for one.

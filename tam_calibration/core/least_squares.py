@@ -14,10 +14,6 @@ _MOST_STEPS = 60
 """Damped steps after which a problem that has not settled is left where it is."""
 
 
-_ROUNDING = 1e-13
-"""Part of the squares of the data by which rounding may raise χ²."""
-
-
 def iterate(step: Callable[[State], tuple[State, bool]], state: State, most_steps: int) -> tuple[State, bool]:
     """Take steps until one is the last.
 
@@ -119,12 +115,15 @@ def solve_damped(
     damping = np.full(len(data), 1e-3)
     is_open, is_found = np.full(len(data), True), np.full(len(data), False)
     chi_square, normal, slope = _linearize(predict, data, unknowns, np.arange(len(data)))
-    rounding = _ROUNDING * np.sum(data**2, axis=1)
+    # 1e-13: part of the squares of the data by which rounding may raise χ².
+    rounding = 1e-13 * np.sum(data**2, axis=1)
     for _ in range(most_steps):
         if not is_open.any():
             break
         at = np.flatnonzero(is_open)
-        change = _damped_step(normal[at], slope[at], damping[at])
+        unit, scale = scaled(normal[at])
+        damped = unit + damping[at, None, None] * np.eye(normal.shape[1])
+        change = np.linalg.solve(damped, (slope[at] / scale)[..., None])[..., 0] / scale
         tried = unknowns[at] + change
         new_chi_square, new_normal, new_slope = _linearize(predict, data[at], tried, at)
         is_better = new_chi_square <= chi_square[at] + rounding[at]
@@ -154,12 +153,6 @@ def _linearize(
     chi_square = np.sum(residual**2, axis=1)
     finite = np.where(np.isfinite(chi_square), chi_square, np.inf)
     return finite, turned @ derivative, (turned @ residual[..., None])[..., 0]
-
-
-def _damped_step(normal: FloatArray, slope: FloatArray, damping: FloatArray) -> FloatArray:
-    unit, scale = scaled(normal)
-    damped = unit + damping[:, None, None] * np.eye(normal.shape[1])
-    return np.linalg.solve(damped, (slope / scale)[..., None])[..., 0] / scale
 
 
 def _invert(normal: FloatArray) -> tuple[FloatArray, np.ndarray]:

@@ -169,9 +169,4 @@ class Normal:
 
     def __sub__(self, other: "Normal") -> "Normal":
         """Return the normal equations without a part of the samples."""
-        return Normal(
-            self.information - other.information,
-            self.score - other.score,
-            self.energy - other.energy,
-            self.count - other.count,
-        )
+        return self + replace(other.over(-1.0), count=-other.count)

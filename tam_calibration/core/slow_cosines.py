@@ -35,15 +35,6 @@ def slow_cosines(count: int = COSINES) -> FloatArray:
     return np.asarray(np.sqrt(2) * np.cos(np.outer(phase, np.arange(1, count + 1))))
 
 
-_BEYOND = 3.09
-"""Standard deviations of a normal law beyond which white noise of the stated size is once in a thousand recordings: as
-often standard errors are widened without need."""
-
-_OWN = 0.5
-"""Part of the information on a direction from which it is one of a channel: each channel tells what the other does not,
-so that it is all or nothing but for rounding."""
-
-
 @dataclass(frozen=True)
 class SlowSums:
     """What the slow sums of a channel's scores show.
@@ -72,7 +63,10 @@ class SlowSums:
             Of the channel in these blocks.
         """
         part, directions = np.linalg.eigh(information.sum(axis=0))
-        white = directions[:, part > _OWN] / np.sqrt(part[part > _OWN])
+        # Part of the information on a direction from which it is one of a channel: each channel tells what the other
+        # does not, so that it is all or nothing but for rounding.
+        own = 0.5
+        white = directions[:, part > own] / np.sqrt(part[part > own])
         information, score = white.T @ information @ white, score @ white
         # At the best errors the channels' sums balance each other, and a prior: what is left is no sign of slowness.
         score = score - score.sum(axis=0) @ information
@@ -81,9 +75,12 @@ class SlowSums:
         slow, every, fast = (
             _Ratio.of(information, score, some) for some in (cosines[:, :COSINES], cosines, cosines[:, COSINES:])
         )
-        if max(slow.deviation, every.deviation) <= _BEYOND:
+        # Standard deviations of a normal law beyond which white noise of the stated size is once in a thousand
+        # recordings: as often standard errors are widened without need.
+        beyond = 3.09
+        if max(slow.deviation, every.deviation) <= beyond:
             return cls()
-        return cls(max(1.0, slow.value, every.value), slow.deviation_from(fast) > _BEYOND)
+        return cls(max(1.0, slow.value, every.value), slow.deviation_from(fast) > beyond)
 
 
 @dataclass(frozen=True)

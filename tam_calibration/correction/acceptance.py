@@ -33,13 +33,6 @@ _LARGEST_BIAS_T = 2e-3
 """Tesla: beyond the range of sensors that read the field of the Earth; near the magnets of a phone it is 0.6 mT."""
 
 
-_SAME_ERRORS = 44.0
-"""Squared distance of two sensors' twelve errors over its variance; by chance one pair in a thousand has more.
-
-12 + 2 √(12 ln 1000) + 2 ln 1000, by Laurent and Massart 2000, lemma 1.
-"""
-
-
 _ROBUST = "robust"
 """Method whose residuals hold the outliers that it held down."""
 
@@ -187,16 +180,19 @@ def _one_sensor(calibration: Calibration) -> str:
         return float(whitened @ np.linalg.pinv(correlation, hermitian=True) @ whitened)
 
     same = []
+    # Squared distance of two sensors' twelve errors over its variance; by chance one pair in a thousand has more. 12 +
+    # 2 √(12 ln 1000) + 2 ln 1000, by Laurent and Massart 2000, lemma 1.
+    same_errors = 44.0
     for one, other in combinations(range(count), 2):
         own, its, shared = blocks[one, :, one], blocks[other, :, other], blocks[one, :, other]
-        if distance(errors[one] - errors[other], own + its - shared - shared.T) < _SAME_ERRORS:
+        if distance(errors[one] - errors[other], own + its - shared - shared.T) < same_errors:
             same.append((one, other))
     if not same or len(same) == count * (count - 1) // 2:
         return ""
     one, other = same[0]
     # 100.0: times that distance, by which errors must differ from those of an ideal sensor: others are small, or
     # unknown.
-    if distance(errors[other] - np.repeat([1.0, 0.0], [3, 9]), blocks[other, :, other]) < 100.0 * _SAME_ERRORS:
+    if distance(errors[other] - np.repeat([1.0, 0.0], [3, 9]), blocks[other, :, other]) < 100.0 * same_errors:
         return ""
     return (
         f"sensors {one + 1} and {other + 1} have the same errors, all twelve within their standard errors: both "

@@ -337,10 +337,7 @@ class Calibration:
         InputError
             As ``correct``.
         """
-        self._check(recording)
-        if effects := of_sensors(self.effects):
-            recording = without_rows(recording, added_to(recording, effects, self.errors, self.array))
-        return recording.readings_T
+        return self._without(of_sensors(self.effects), recording).readings_T
 
     def without_effects(self, recording: Recording) -> Recording:
         """Return the recording as it would be if no effect had added to its sensors and its scalar.
@@ -360,11 +357,7 @@ class Calibration:
         InputError
             As ``correct``.
         """
-        self._check(recording)
-        effects = removable(self.effects)
-        if not effects:
-            return recording
-        return without_rows(recording, added_to(recording, effects, self.errors, self.array))
+        return self._without(removable(self.effects), recording)
 
     def residuals(self, recording: Recording) -> ResidualSeries:
         """Return the residuals of a recording in a uniform field, effects of the calibration removed.
@@ -447,13 +440,17 @@ class Calibration:
                 variance[:, output] += ((field_T @ quadratic.reshape(field_T.shape[1], -1)) * field_T).sum(axis=1)
         return np.asarray(np.sqrt(variance))
 
-    def _check(self, recording: Recording) -> None:
+    def _without(self, effects: tuple[FittedEffect, ...], recording: Recording) -> Recording:
+        """Return a recording of this array without what some effects add to it."""
         if recording.sensor_count != self.errors.sensor_count:
             raise InputError(
                 f"the calibration is of {self.errors.sensor_count} sensors, the recording of {recording.sensor_count}: "
                 "use the calibration of this array"
             )
         recording.check_units(self.array.field)
+        if not effects:
+            return recording
+        return without_rows(recording, added_to(recording, effects, self.errors, self.array))
 
 
 def without_rows(recording: Recording, rows_T: FloatArray) -> Recording:

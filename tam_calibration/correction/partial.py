@@ -61,10 +61,6 @@ class EffectRemoval:
         return without_rows(recording, added.rows_T).take(np.asarray(added.is_known.all(axis=1)))
 
 
-_DETERMINED = 1e-6
-"""Part of an output, at most, that may lie outside what the sensors see: rounding, and a micrometre of a metre."""
-
-
 def missing_codes(readings_T: FloatArray) -> IntArray:
     """Return for each sample a number whose bit k is set where sensor k + 1 is missing, all or part of its reading NaN.
 
@@ -259,15 +255,17 @@ def _outputs_without(calibration: Calibration, is_there: np.ndarray) -> PartialO
     fields, wanted = array.linear_field[rows], _OUTPUTS_OF_FIELD
     if not array.has_gradient:
         fields, wanted = fields[:, :3], wanted[:, :3]
-    seen = np.linalg.pinv(fields, rcond=_DETERMINED) @ fields
-    is_determined = np.abs(wanted @ seen - wanted).max(axis=1) < _DETERMINED
+    # Part of an output, at most, that may lie outside what the sensors see: rounding, and a micrometre of a metre.
+    determined = 1e-6
+    seen = np.linalg.pinv(fields, rcond=determined) @ fields
+    is_determined = np.abs(wanted @ seen - wanted).max(axis=1) < determined
     is_determined &= wanted.any(axis=1)
     weight = 1 / np.repeat(array.vector_noise_T[is_there], 3)
     response = (calibration.errors.matrix[is_there] @ fields.reshape(-1, 3, fields.shape[1])).reshape(fields.shape)
     scale = np.ones(fields.shape[1])
     scale[3:] = 1 / max(float(np.abs(fields[:, 3:]).max(initial=0.0)), np.finfo(float).tiny)
     whitened = weight[:, None] * response * scale
-    estimate = scale[:, None] * np.linalg.pinv(whitened, rcond=_DETERMINED) * weight
+    estimate = scale[:, None] * np.linalg.pinv(whitened, rcond=determined) * weight
     matrix = np.zeros((9, len(rows)))
     matrix[np.ix_(is_determined, rows)] = wanted[is_determined] @ estimate
     covariance = calibration.covariance_of(matrix)

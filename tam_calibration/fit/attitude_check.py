@@ -7,7 +7,7 @@ therefore used only where these tests pass:
 - What it tells agrees with what all else tells (Hausman 1978).
 - Its heading error contains neither the errors of a sensor's raw readings nor their low-pass, as a filter with a
   gyroscope leaves them: both are columns in addition to the errors of the sensors (a score test).
-- Where the recording tells too little for that, the raw readings of no sensor stand still in the heading as well as the
+- Where the recording tells too little for that, the raw readings of no sensor are as constant in the heading as the
   calibrated field does: good sensors would, so the sizes of the errors by which the sensors differ are the measure.
 
 Roll and pitch come from gravity. Where only the heading fails they are kept, if they agree with all else.
@@ -373,9 +373,6 @@ USE_IT = (
 )
 
 
-_WORTHLESS = 0.95
-"""Ratio of standard errors with attitude to those without, above which it is not worth its risk."""
-
 _UNITS = (("", 1.0), ("°", to_degrees(1.0)), (" nT", to_nanotesla(1.0)), ("°", to_degrees(1.0)))
 """Of scale factor, non-orthogonality, bias and misalignment in a sentence, and of one SI unit in it."""
 
@@ -406,11 +403,13 @@ def worth_of(recording: SampleSource, calibration: Calibration) -> str:
     used = MotionFit(replace(problem, motion=replace(problem.motion, attitude_noise=noise)), problem.start)
     information = used.own.information * recording.sample_count / some.sample_count
     words = f"recorded attitude (noise {to_degrees(noise):.2g}°) is not used: "
-    if _ratio(calibration, information).min() < _WORTHLESS:
+    # Ratio of standard errors with attitude to those without, above which it is not worth its risk.
+    worthless = 0.95
+    if _ratio(calibration, information).min() < worthless:
         information /= used.lasting()
     ratio = _ratio(calibration, information)
-    if ratio.min() > _WORTHLESS:
-        return f"{words}it would reduce no standard error by more than {1 - _WORTHLESS:.0%}"
+    if ratio.min() > worthless:
+        return f"{words}it would reduce no standard error by more than {1 - worthless:.0%}"
     sensor, parameter = np.unravel_index(int(np.argmin(ratio)), ratio.shape)
     unit, factor = _UNITS[parameter // 3]
     before = factor * float(calibration.standard_errors[sensor, parameter])

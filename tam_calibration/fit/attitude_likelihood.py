@@ -150,11 +150,7 @@ class AttitudeLikelihood:
 
     def start(self, errors: SensorErrors) -> WorldView:
         """Return the view by the errors about whose biases the readings are taken."""
-        return self.view(errors.matrix, np.zeros_like(errors.bias_T))
-
-    def view(self, matrix: FloatArray, bias: FloatArray) -> WorldView:
-        """Return mounting and direction that agree with the readings corrected by matrices and biases."""
-        field = self.field(matrix, bias)
+        field = self.field(errors.matrix, np.zeros_like(errors.bias_T))
         mount = likely_turn(field, self.to_world)
         direction = np.einsum("nij,nj->i", self.to_world, field @ mount.T)
         return WorldView(mount, direction / norm(direction))

@@ -112,10 +112,13 @@ def calibrate(
     """
     fit = _fit_of(method, ambient_gradient)
     takes_priors = method == DEFAULT_METHOD and not ambient_gradient
-    is_joint = _has_more_data(recording, array, takes_priors, prior, main_field_T)
+    is_joint = prior is not None or main_field_T is not None or _is_attitude_data(recording, array)
     if is_joint and not takes_priors:
         kind = "an ambient gradient" if ambient_gradient else method
         raise InputError(f"priors and attitude as data go with {DEFAULT_METHOD} in a uniform field, not with {kind}")
+    if takes_priors and not is_joint:
+        has_rates = recording.thinned(SKETCH).angular_velocity_rad_s is not None
+        is_joint = has_rates or array.tolerances is not None
     array.require_recording(recording)
     is_screened = not (ambient_gradient or method == "robust")
     recording, found, notes = _checked(recording, array, accept, is_screened, is_joint)
@@ -143,20 +146,6 @@ def calibrate(
     warnings = (*found, *calibration.warnings, *doubts_of(uniform, calibration))
     notes = [note for note in (*notes, *calibration.notes) if note not in warnings]
     return within_limits(replace(calibration, warnings=warnings, notes=tuple(notes)), accept)
-
-
-def _has_more_data(
-    recording: SampleSource,
-    array: Array,
-    takes_priors: bool,
-    prior: Prior | Calibration | None,
-    main_field_T: FloatArray | None,
-) -> bool:
-    """Return whether a fit has more than readings, or a method that takes none is asked to use more."""
-    if prior is not None or main_field_T is not None or _is_attitude_data(recording, array):
-        return True
-    has_rates = takes_priors and recording.thinned(SKETCH).angular_velocity_rad_s is not None
-    return has_rates or (takes_priors and array.tolerances is not None)
 
 
 def _is_attitude_data(recording: SampleSource, array: Array) -> bool:
@@ -245,9 +234,12 @@ def held_out_residuals(
     try:
         if known is not None:
             return _pool(_by_steps(held_out, array, calibration, known), sizes)
-        return _pool(
-            [_by_fit(recording.take(fold_of != fold), held_out[fold], array, fit) for fold in range(_FOLDS)], sizes
-        )
+        found = []
+        for fold, samples in enumerate(held_out):
+            fitted = fit(recording.take(fold_of != fold), array)
+            seen = as_if_uniform(samples, fitted.errors, array, fitted.ambient_gradient)
+            found.append(measure_residuals(fitted.errors, array, seen, fitted.intensity_T))
+        return _pool(found, sizes)
     except (InputError, Refused):
         return None
 
@@ -257,12 +249,6 @@ def _folds(count: int) -> np.ndarray:
     block = np.arange(_FOLDS * _BLOCKS_PER_FOLD)
     starts = -(-np.append(block, len(block)) * count // len(block))
     return np.repeat((block % _FOLDS).astype(np.int8), np.diff(starts))
-
-
-def _by_fit(others: SampleSource, samples: SampleSource, array: Array, fit: Fit) -> Residuals:
-    fitted = fit(others, array)
-    seen = as_if_uniform(samples, fitted.errors, array, fitted.ambient_gradient)
-    return measure_residuals(fitted.errors, array, seen, fitted.intensity_T)
 
 
 def _by_steps(folds: list[SampleSource], array: Array, calibration: Calibration, known: Known) -> list[Residuals]:

@@ -179,7 +179,7 @@ LOOK_FOR_CAUSE = "look for the cause with tam diagnose"
 """What to do about a residual."""
 
 _FEWEST_FOR_GRADIENT = 3
-"""Sensors that determine a gradient wherever they do not stand in one line."""
+"""Sensors that determine a gradient unless they lie on one line."""
 
 
 def doubts_of(recording: SampleSource, calibration: Calibration) -> tuple[str, ...]:

@@ -112,8 +112,6 @@ _SIZES_T = from_nanotesla(np.geomspace(10.0, 1e4, 7))
 """Standard deviations of what may happen to a sensor, from a screwdriver at a metre to an amplifier that broke: as a
 bias, and as a scale factor or angle times the field."""
 
-_LOG_ODDS = -float(np.log(100.0))
-"""Of all errors of a sensor, and of all biases, over one kind of one sensor; of all errors of all twice as much."""
 
 _EVERYTHING = in_words(SEVERAL, 0)
 
@@ -269,9 +267,11 @@ def log_odds(change: Change) -> float:
 
     Unknowns that no sample shows cost no evidence: of what explains as much, the least is chosen.
     """
+    # Of all errors of a sensor, and of all biases, over one kind of one sensor; of all errors of all twice as much.
+    log_odds = -float(np.log(100.0))
     if is_everything(change):
-        return 2 * _LOG_ODDS
-    return _LOG_ODDS if change.hypothesis.parameters in (SEVERAL, ALL_BIASES) else 0.0
+        return 2 * log_odds
+    return log_odds if change.hypothesis.parameters in (SEVERAL, ALL_BIASES) else 0.0
 
 
 def plausible(weighed: Sequence[tuple[float, Change]]) -> list[Change]:

@@ -35,8 +35,8 @@ def determined() -> Iterator[None]:
         raise InputError(NO_ELLIPSOID) from None
 
 
-ROWS, COLUMNS = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
-"""Where the six elements xx yy zz xy xz yz stand in a symmetric matrix."""
+ROWS, COLUMNS = np.array([[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+"""Row and column of the six elements xx yy zz xy xz yz of a symmetric matrix."""
 
 
 def _shifts() -> FloatArray:

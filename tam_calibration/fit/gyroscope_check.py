@@ -35,10 +35,6 @@ _MOST_ROUNDS, _SETTLED = 6, 0.05
 """To find the noise, and the part by which it may change in the last of them."""
 
 
-_TYPICAL_SCALE = 1e-3
-"""Scale error of a gyroscope that was calibrated, whose effect is reported."""
-
-
 @dataclass(frozen=True, eq=False)
 class GyroscopeFit(MotionFit):
     """A fit with angular velocity as data."""
@@ -152,12 +148,14 @@ class GyroscopeFit(MotionFit):
         # A scale error of all axes moves the errors of the sensors by so much.
         shift = -covariance @ information[:, -6:-3].sum(axis=1)
         biases = np.arange(12 * self.place.errors.sensor_count).reshape(-1, 12)[:, 6:9].ravel()
-        moved_nT = _TYPICAL_SCALE * to_nanotesla(float(norm(shift[biases])))
+        # Scale error of a gyroscope that was calibrated, whose effect is reported.
+        typical_scale = 1e-3
+        moved_nT = typical_scale * to_nanotesla(float(norm(shift[biases])))
         if not self.use.shape_error and moved_nT > to_nanotesla(
             float(np.sqrt(np.trace(covariance[biases][:, biases])))
         ):
             notes.append(
-                f"the gyroscope's scale is taken for true: {100 * _TYPICAL_SCALE:g} % of it would move the biases by "
+                f"the gyroscope's scale is taken for true: {100 * typical_scale:g} % of it would move the biases by "
                 f"{moved_nT:.2g} nT; state scale_error_percent"
             )
         return tuple(notes)
@@ -233,7 +231,9 @@ def judge_gyroscope(recording: Recording, array: Array, known: Known, since_s: f
         if match.unit != "rad/s":
             notes += (f"the angular velocity is in {match.unit}, and taken as that: state it in rad/s",)
         stated = array.gyroscope or Gyroscope()
-        noise = stated.noise_density or _fast_density(UNITS[match.unit] * rates, interval_s)
+        fast = np.sqrt(np.mean(fast_noise(UNITS[match.unit] * rates[np.isfinite(rates).all(axis=1)]) ** 2))
+        limited = np.clip(fast * np.sqrt(2 * interval_s), RATE_NOISE.least, RATE_NOISE.most)
+        noise = stated.noise_density or float(limited)
         start = GyroscopeState.at_rest(match.mount, match.delay_s)
         stride = -(-some.sample_count // MOST_LINKS)
         use = GyroscopeUse(noise, stated.bias, interval_s, start, stated.scale_error, stride=stride)
@@ -245,7 +245,8 @@ def judge_gyroscope(recording: Recording, array: Array, known: Known, since_s: f
             notes += (fit.bent,)
         if (bias := float(norm(fit.state.bias[0]))) > FAR * stated.bias:
             fit = GyroscopeFit.settled(some, array, known, replace(fit.use, start=fit.state, bias_error=bias))
-            notes += (_biased(bias, stated.bias),)
+            beyond = f"beyond the {to_degrees(stated.bias):.3g} °/s of bias_deg_per_s"
+            notes += (f"the gyroscope's bias is {to_degrees(bias):.3g} °/s, {beyond}, and is estimated",)
         density, doubt = _used_density(array.gyroscope, fit)
         fit = fit.with_density(density).weighed()
     except (InputError, Refused):
@@ -272,12 +273,6 @@ def _within_range(rates: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
     return np.where(at_end[:, None], np.nan, rates), (note,)
 
 
-def _fast_density(rates: FloatArray, interval_s: float) -> float:
-    """Return the density of the noise that fast differences of the angular velocity show."""
-    noise = float(np.sqrt(np.mean(fast_noise(rates[np.isfinite(rates).all(axis=1)]) ** 2)))
-    return float(np.clip(noise * np.sqrt(2 * interval_s), RATE_NOISE.least, RATE_NOISE.most))
-
-
 def _used_density(gyroscope: Gyroscope | None, fit: GyroscopeFit) -> tuple[float, str]:
     """Return the density to fit with, and what is wrong with the stated one."""
     # 3.0: standard deviations of chance by which residuals may be less than those of the noise that is used.
@@ -288,18 +283,8 @@ def _used_density(gyroscope: Gyroscope | None, fit: GyroscopeFit) -> tuple[float
     if stated < TOO_FAR * most and found < TOO_FAR * stated:
         return max(stated, found), ""
     size, used = ("small", found) if stated < found else ("large", most)
-    words = (
-        f"noise_mdps_per_sqrt_Hz, {_in_mdps(stated):.3g}, is too {size}: its errors are those of {_in_mdps(used):.3g}"
-    )
-    return used, f"the stated {words}, and count as that"
-
-
-def _in_mdps(density: float) -> float:
-    return 1000 * to_degrees(density)
-
-
-def _biased(bias: float, stated: float) -> str:
-    return (
-        f"the gyroscope's bias is {to_degrees(bias):.3g} °/s, beyond the {to_degrees(stated):.3g} °/s of "
-        "bias_deg_per_s, and is estimated"
+    stated_mdps, used_mdps = 1000 * to_degrees(stated), 1000 * to_degrees(used)
+    return used, (
+        f"the stated noise_mdps_per_sqrt_Hz, {stated_mdps:.3g}, is too {size}: its errors are those of {used_mdps:.3g}"
+        ", and count as that"
     )

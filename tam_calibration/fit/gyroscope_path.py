@@ -15,17 +15,15 @@ of a rotation. A multiple of a mirrored rotation that fits better shows axes tha
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.core.noise import fast_noise
+from tam_calibration.fit.ellipsoid import COLUMNS, ROWS
 from tam_calibration.model.sensor_errors import ORIENTATIONS
 from tam_calibration.model.units import FloatArray, from_degrees
-
-SHAPE_ROWS, SHAPE_COLUMNS = np.array([[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
-"""Row and column of the six elements of S."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +77,8 @@ class GyroscopeState:
         from scipy.spatial.transform import Rotation
 
         count, shape = self.bias.size, self.shape.copy()
-        shape[SHAPE_ROWS, SHAPE_COLUMNS] += step[count + 4 :]
-        shape[SHAPE_COLUMNS, SHAPE_ROWS] = shape[SHAPE_ROWS, SHAPE_COLUMNS]
+        shape[ROWS, COLUMNS] += step[count + 4 :]
+        shape[COLUMNS, ROWS] = shape[ROWS, COLUMNS]
         return replace(
             self,
             bias=self.bias + step[:count].reshape(-1, 3),
@@ -128,7 +126,7 @@ class GyroscopeUse:
         # np.pi and 1.0: standard deviations of a mounting and a delay of which nothing is known, radians and seconds:
         # they keep the normal equations regular.
         precision = np.concatenate([of_bias, [1.0**-2], np.full(3, np.pi**-2), np.full(6, shape)])
-        away = np.concatenate([state.bias.ravel(), np.zeros(4), (state.shape - np.eye(3))[SHAPE_ROWS, SHAPE_COLUMNS]])
+        away = np.concatenate([state.bias.ravel(), np.zeros(4), (state.shape - np.eye(3))[ROWS, COLUMNS]])
         return precision, -precision * away
 
     def is_free(self, state: GyroscopeState) -> np.ndarray:
@@ -136,21 +134,6 @@ class GyroscopeUse:
         free = np.ones(state.size, dtype=bool)
         free[-6:] = self.shape_error > 0
         return free
-
-
-class Turns(NamedTuple):
-    """Turns of L intervals in the frame of the gyroscope, and what they depend on.
-
-    Parameters
-    ----------
-    angle : (L, 3) array
-        φ: rotation vectors, radians.
-    by_delay : (L, 3) array
-        Their derivative by the delay, rad/s: without the noise of the readings, which would be taken for turns.
-    """
-
-    angle: FloatArray
-    by_delay: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,11 +200,6 @@ class GyroscopePath:
         """(L,) durations of the intervals."""
         return np.asarray(np.diff(self.time_s[:: self.stride])[self.links])
 
-    @cached_property
-    def _middle_s(self) -> FloatArray:
-        """(L,) times in the middle of the intervals."""
-        return np.asarray(self.time_s[:: self.stride][self.links] + self.duration_s / 2)
-
     @property
     def modes(self) -> int:
         """Number of cosines that describe how the bias wanders."""
@@ -231,7 +209,7 @@ class GyroscopePath:
     @cached_property
     def courses(self) -> FloatArray:
         """(1 + M, L) courses of the bias: constant, and slow cosines."""
-        return self._courses(self._middle_s)
+        return self._courses(self.time_s[:: self.stride][self.links] + self.duration_s / 2)
 
     def _courses(self, time_s: FloatArray) -> FloatArray:
         first_s, last_s = self.span_s
@@ -271,21 +249,25 @@ class GyroscopePath:
             steady = mean
         return velocity, np.diff(self.integral(at_s), axis=0), np.diff(steady[:: self.stride], axis=0)
 
-    def turns(self, state: GyroscopeState) -> Turns:
-        """Return the turns of the intervals that a state of the gyroscope makes of its readings.
+    @property
+    def by_delay(self) -> FloatArray:
+        """(L, 3) derivatives of the turns by the delay, rad/s: without the readings' noise, which looks like turns."""
+        return np.asarray(self._measured[2][self.links])
+
+    def turns(self, state: GyroscopeState) -> FloatArray:
+        """Return the turns (L, 3) φ of the intervals in the gyroscope's frame, rotation vectors, radians.
 
         Parameters
         ----------
         state : GyroscopeState
             Its bias and delay count.
         """
-        velocity, integral, change = self._measured
+        velocity, integral, _ = self._measured
         duration_s = np.diff(self.time_s)[:, None]
         bias = self._courses(self.time_s[:-1] + duration_s[:, 0] / 2).T @ state.bias
         angle = integral - bias * duration_s
         angle += np.cross(velocity[:-1] - bias, velocity[1:] - bias) * duration_s**2 / 12
-        by_delay = change[self.links]
-        return Turns(self._combined(angle)[self.links] + (state.delay_s - self.delay_s) * by_delay, by_delay)
+        return np.asarray(self._combined(angle)[self.links] + (state.delay_s - self.delay_s) * self.by_delay)
 
     def _combined(self, angle: FloatArray) -> FloatArray:
         """Return the turns over strides: turns that follow each other, to second order in them."""
@@ -304,16 +286,8 @@ def rotated(angle: FloatArray, vectors: FloatArray) -> FloatArray:
     return np.asarray(vectors + sine * across + versine * np.cross(axis, across))
 
 
-_MOST = 4000
-"""Changes that are compared."""
-
-
 _TRIED, _STEPS = 4, 12
 """Rotations by right angles, the best of all 24, from which the fit begins, and its steps."""
-
-
-_UNIT_ERROR = 1.5
-"""Factor by which the size of the readings may miss that of their unit; degrees are 57 times as many as radians."""
 
 
 _RIDGE = 1e-6
@@ -370,7 +344,9 @@ def matched(along: FloatArray, path: GyroscopePath) -> Match:
         return replace(
             match, reason="the field turns as if the axes of the gyroscope or of the sensors were left-handed"
         )
-    if not 1 / _UNIT_ERROR < scale / UNITS[unit] < _UNIT_ERROR:
+    # Factor by which the size of the readings may miss that of their unit; degrees are 57 times as many as radians.
+    unit_error = 1.5
+    if not 1 / unit_error < scale / UNITS[unit] < unit_error:
         return replace(match, reason=f"the field turns {scale:.3g} times as far as the angular velocity in rad/s says")
     return match
 
@@ -385,7 +361,8 @@ def _changes(along: FloatArray, path: GyroscopePath) -> tuple[FloatArray, FloatA
     step = int(steps[min(int(np.searchsorted(np.maximum.accumulate(chords), 0.05)), len(steps) - 1)])
     first = path.links[path.links < count - step]
     first = first[np.isin(first + step - 1, path.links)]
-    first = first[:: len(first) // _MOST + 1]
+    # 4000: changes that are compared.
+    first = first[:: len(first) // 4000 + 1]
     last = first + step
 
     def turns(delay_s: float) -> FloatArray:

@@ -14,6 +14,7 @@ from numpy.linalg import inv, norm
 
 from tam_calibration.core.normal_equations import Elimination
 from tam_calibration.fit.coverage import ellipsoid_rows
+from tam_calibration.fit.ellipsoid import COLUMNS, ROWS
 from tam_calibration.fit.likelihood import Likelihood
 from tam_calibration.fit.scale import free_scale_gradient, without_scale
 from tam_calibration.model.array import KnownNoiseArray
@@ -132,10 +133,6 @@ def inverted(information: FloatArray, basis: FloatArray) -> FloatArray:
     return covariance
 
 
-_FIRST, _SECOND = np.array([[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
-"""Row and column of the elements of a symmetric matrix in the order of ``ellipsoid_rows``."""
-
-
 def information_of(rows: FloatArray) -> FloatArray:
     """Return the (13, 13) Fisher information of samples, which adds up, from what each is sensitive to.
 
@@ -247,7 +244,7 @@ class InformationModel:
         jacobian[:, 3] /= self.intensity_T
         jacobian = jacobian[..., free]
         common = np.tensordot(self._elimination.unmixing, jacobian, 1)
-        symmetric = (common[_FIRST, _SECOND] + common[_SECOND, _FIRST]) / 2
+        symmetric = (common[ROWS, COLUMNS] + common[COLUMNS, ROWS]) / 2
         affine = np.tensordot(self._elimination.directions.T, jacobian, 1).reshape(12 * count - 12, 12 * count - 3)
         loadings = np.zeros((12 * count, 12 * count - 3))
         loadings[free] = inv(np.concatenate([symmetric, common[:, 3], affine]))

@@ -154,7 +154,7 @@ def prior_for(recording: SampleSource, array: Array, prior: Prior | Calibration)
 def _as_far_as_they_agree(recording: SampleSource, array: Array, known: Known) -> JointCalibration:
     """Return the calibration with scalar, place and attitude as far as they agree, and depend on no sensor.
 
-    A field that pulsates as the array turns cannot be told from a magnet near the scalar. The standard errors
+    A field that pulsates as the array turns looks like a magnet near the scalar. The standard errors
     therefore hold by how much the errors differ with and without a scalar that follows the direction of the field.
     """
     scalar = turning_scalar(recording, array)

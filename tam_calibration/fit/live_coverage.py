@@ -83,7 +83,7 @@ def _bias_errors(points_T: FloatArray, time_s: FloatArray, array: Array, count: 
     array : Array
         Whose noise is stated, and of whose gyroscope.
     count : float
-        How many samples each stands for.
+        Number of samples that each represents.
     has_rates : bool
         Whether the angular velocity counts.
     """

@@ -264,8 +264,7 @@ def calibrate_with_weak_prior(recording: SampleSource, array: Array, known: Know
     Refused
         When the fit does not settle.
     """
-    prior = known.prior
-    assert prior is not None
+    prior = known.given
     noisy, is_estimated = complete_noise(array, recording)
     settled, calibration = _settled(replace(known, start=_plain_fit(recording, noisy)), recording, noisy)
     # 2: of a noise that is not stated to what is left: with a prior that is contradicted it would grow without end.
@@ -299,8 +298,7 @@ def _plain_fit(recording: SampleSource, array: KnownNoiseArray) -> Calibration |
 
 def _settled(known: Known, recording: SampleSource, array: KnownNoiseArray) -> tuple[Known, Calibration]:
     """Return what is known, with the weight of the readings that their residuals show, and the calibration by it."""
-    assert known.prior is not None
-    start = known.start or known.prior.calibration
+    start = known.start or known.given.calibration
     energy = max([1.0, *measure_chi_square(recording, array, start.errors, start.intensity_T).values()])
     factors = VarianceFactors(recording.sample_count * energy, recording.sample_count * energy)
     for _ in range(_MOST_WEIGHINGS):

@@ -6,7 +6,7 @@ that map up to a rotation.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -29,7 +29,7 @@ from tam_calibration.fit.recorded_attitude import (
 )
 from tam_calibration.fit.reference import LARGEST_SHARE, interpolate, is_worth_interpolating
 from tam_calibration.fit.scale import Normalized, normalize
-from tam_calibration.fit.slow_residuals import StudentNoise
+from tam_calibration.fit.slow_residuals import student_noises
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording, SampleSource
@@ -84,7 +84,8 @@ def principal_form(data: Normalized, vector_noise: FloatArray, scalar_noise: flo
     if values[-3] < 1e-12 * values[-1]:
         raise InputError(ellipsoid.NO_ELLIPSOID)
     components = vectors[:, -3:]
-    scores = _Scores(data, (weight[:, None] * components).T, mean)
+    projection = (weight[:, None] * components).T
+    scores = partial(_scores, data, np.column_stack([projection, -projection @ mean]))
     center, shape = _weighted_ellipsoid(scores, 1 / precision.mean(), scalar_noise)
     matrix = (components @ inv(shape) / weight[:, None]).reshape(-1, 3, 3)
     bias = mean + components @ center / weight
@@ -93,23 +94,18 @@ def principal_form(data: Normalized, vector_noise: FloatArray, scalar_noise: flo
     return matrix, bias.reshape(-1, 3)
 
 
-@dataclass(frozen=True, eq=False)
-class _Scores:
-    """Three principal components of readings about their mean, and the intensities there are."""
-
-    data: Normalized
-    projection: FloatArray
-    mean: FloatArray
-
-    def blocks(self) -> Iterator[tuple[FloatArray, FloatArray]]:
-        centered = np.column_stack([self.projection, -self.projection @ self.mean])
-        for points, intensity in self.data.blocks():
-            scores = centered @ points
-            known = np.isfinite(intensity)
-            yield (scores, intensity) if known.all() else (scores[:, known], intensity[known])
+_ScoresOfBlocks = Callable[[], Iterator[tuple[FloatArray, FloatArray]]]
 
 
-def _weighted_ellipsoid(scores: _Scores, noise: float, scalar_noise: float) -> tuple[FloatArray, FloatArray]:
+def _scores(data: Normalized, principal: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Yield three principal components (3, n) of readings about their mean, and the intensities (n,) there are."""
+    for points, intensity in data.blocks():
+        known = np.isfinite(intensity)
+        scores = principal @ points
+        yield (scores, intensity) if known.all() else (scores[:, known], intensity[known])
+
+
+def _weighted_ellipsoid(scores: _ScoresOfBlocks, noise: float, scalar_noise: float) -> tuple[FloatArray, FloatArray]:
     """Return the centre o and the square root Ω of the ellipsoid |Ω (p - o)| = s of scores with equal noise."""
     center, shape = ellipsoid.fitted(_moments(scores, lambda points: 1.0))
 
@@ -126,10 +122,10 @@ def _weighted_ellipsoid(scores: _Scores, noise: float, scalar_noise: float) -> t
         return center, shape
 
 
-def _moments(scores: _Scores, variance: Callable[[FloatArray], FloatArray | float]) -> FloatArray:
+def _moments(scores: _ScoresOfBlocks, variance: Callable[[FloatArray], FloatArray | float]) -> FloatArray:
     """Return the (11, 11) moments of the monomials, each sample over its variance."""
     moments = np.zeros((11, 11))
-    for points, intensity in scores.blocks():
+    for points, intensity in scores():
         columns = ellipsoid.monomial_columns(points, intensity)
         columns *= 1 / np.sqrt(variance(points))
         moments += gram(columns)
@@ -303,7 +299,7 @@ def _fit_in_memory(
         likelihood, point = _aligned_start(recording, array, likelihood, point)
     point, information = gauss_newton(partial(_linearize, likelihood, robust), point, robust)
     if robust:
-        differential, common = _student_noises(likelihood, point)
+        differential, common = student_noises(likelihood, *point)
         # The residuals are smaller than the noise by what the errors have taken of it.
         channels = float(likelihood.channel_count.sum())
         kept = max(channels - 12 * recording.sensor_count, 1.0) / channels
@@ -316,21 +312,16 @@ def _fit_in_memory(
 def _linearize(likelihood: Likelihood, robust: bool, point: Point) -> Linearization:
     weights = None
     if robust:
-        weights = np.array([noise.weights / noise.square for noise in _student_noises(likelihood, point)])
+        weights = np.array([noise.weights / noise.square for noise in student_noises(likelihood, *point)])
     return likelihood.linearize(point.matrix, point.bias, weights, point.gradient)
-
-
-def _student_noises(likelihood: Likelihood, point: Point) -> list[StudentNoise]:
-    """Return the noise of the differential channels and of the common mode: each may be other than stated."""
-    return list(map(StudentNoise.of, likelihood.energy(*point), likelihood.channel_count))
 
 
 def _likelihood(recording: Recording, array: KnownNoiseArray, data: Normalized, may_interpolate: bool) -> Likelihood:
     vector_noise, scalar_noise = _noise(array, data)
     if not may_interpolate or not is_worth_interpolating(data.intensity):
         return Likelihood(data.points, data.intensity, vector_noise, scalar_noise)
-    reference = interpolate(recording.time_s, data.intensity, scalar_noise)
-    return Likelihood(data.points, reference.intensity, vector_noise, 0.0, reference.noise)
+    intensity, shared_noise = interpolate(recording.time_s, data.intensity, scalar_noise)
+    return Likelihood(data.points, intensity, vector_noise, 0.0, shared_noise)
 
 
 def _noise(array: KnownNoiseArray, data: Normalized) -> tuple[FloatArray, float]:

@@ -29,8 +29,6 @@ from tam_calibration.model.sensors_in_words import numbered
 from tam_calibration.model.units import FloatArray, IntArray, from_degrees
 
 _JACKKNIFE_GROUPS = 64
-_FEWEST_SAMPLES = 10
-"""An ellipsoid has nine parameters; one sample more lets the jackknife leave one out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,8 +96,10 @@ def gather(
         When there are too few samples.
     """
     known = source.sample_count if source.scalar_count is None else source.scalar_count
-    if known < _FEWEST_SAMPLES:
-        raise InputError(f"{known} samples are too few for the {method} calibration: it needs {_FEWEST_SAMPLES}")
+    # An ellipsoid has nine parameters; one sample more lets the jackknife leave one out.
+    fewest_samples = 10
+    if known < fewest_samples:
+        raise InputError(f"{known} samples are too few for the {method} calibration: it needs {fewest_samples}")
     if source.sample_count <= BLOCK:
         groups = -(-known // _length_of_run(known, min(groups, known)))
     data = normalize(source)
@@ -349,7 +349,7 @@ def mirror_images(hands: IntArray) -> str:
     Parameters
     ----------
     hands : (K,) array
-        1 or -1 for the two kinds, at least one of them -1; 0 where it cannot be told.
+        1 or -1 for the two kinds, at least one of them -1; 0 where it is unknown.
     """
     mirrored, others = (np.flatnonzero(hands == hand) for hand in (-1, 1))
     if not len(others):

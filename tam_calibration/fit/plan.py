@@ -5,6 +5,7 @@ What is known before a plan: nothing, a recording, or a calibration.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.linalg import inv, norm
@@ -351,12 +352,7 @@ def make_plan(
     return Plan(np.array(poses), worst, standard_errors.reshape(-1, 12))
 
 
-def _sum(squares: FloatArray) -> FloatArray:
-    return np.asarray(squares.sum(axis=-1))
-
-
-def _largest(squares: FloatArray) -> FloatArray:
-    return np.asarray(squares.max(axis=-1))
+_sum, _largest = partial(np.sum, axis=-1), partial(np.max, axis=-1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,11 +20,8 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.scale import free_scale, without_scale
 from tam_calibration.model.data_sheet import DAY_S, ChangeRates
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.sensor_errors import CROSS, SensorErrors
 from tam_calibration.model.units import FloatArray
-
-_CROSS = np.swapaxes(np.cross(np.eye(3)[:, None], np.eye(3)[None]), 1, 2)
-"""(3, 3, 3) matrices [e]× of the unit vectors."""
 
 
 def turned(
@@ -55,7 +52,7 @@ def turned(
         columns = slice(12 * sensor, 12 * sensor + 12)
         rows[sensor, :, :3, columns] = np.einsum("ijp,jk->ikp", own[:, :3], rotation)
         rows[sensor, :, 3, columns] = own[:, 3]
-    rows[:, :, :3, -3:] = np.einsum("kij,djl,lm->kimd", errors.matrix, _CROSS, rotation)
+    rows[:, :, :3, -3:] = np.einsum("kij,djl,lm->kimd", errors.matrix, CROSS, rotation)
     back = inv(after.jacobian().reshape(count, 12, 12))
     return after, (back @ rows.reshape(count, 12, -1)).reshape(12 * count, -1)
 
@@ -112,7 +109,9 @@ class Prior:
     @property
     def knows_frame(self) -> bool:
         """Whether the common frame is known, and not that of sensor 1 by convention."""
-        return not is_of_first_sensor(self.calibration)
+        errors, covariance = self.calibration.errors, self.calibration.covariance
+        is_turned = errors.misalignment[0].any() or not np.array_equal(errors.orientation[0], np.eye(3))
+        return bool(is_turned or (covariance is not None and covariance[9:12, 9:12].any()))
 
     @property
     def knows_scale(self) -> bool:
@@ -213,15 +212,6 @@ def has_date(time_s: float) -> bool:
     """Whether a stamp counts from 1970."""
     # 1e8: since 1970: stamps before March 1973 count from the start of a recording, not from an epoch.
     return time_s > 1e8
-
-
-def is_of_first_sensor(calibration: Calibration) -> bool:
-    """Whether the frame of a calibration is that of sensor 1, whose misalignment is then zero by convention."""
-    is_turned = calibration.errors.misalignment[0].any() or not np.array_equal(
-        calibration.errors.orientation[0], np.eye(3)
-    )
-    is_uncertain = calibration.covariance is not None and calibration.covariance[9:12, 9:12].any()
-    return not (is_turned or is_uncertain)
 
 
 def _covariance_of(calibration: Calibration) -> FloatArray:

@@ -47,8 +47,7 @@ def large_change(
     candidates : sequence of sequence of Change
         What may have changed, each in all sizes.
     """
-    prior, some = known.prior, recording.whole()
-    assert prior is not None
+    prior, some = known.given, recording.whole()
     # 500: of a recording, spread over it: what contradicts by as much shows in some.
     some = some.take(slice(None, None, -(-some.sample_count // 500)))
     weighed = []
@@ -224,7 +223,7 @@ def update_prior(recording: SampleSource, array: Array, known: Known, most_times
     unnamed = unnamed_changes(difference, known.prior, found, _candidates(recording, known))
     if not found:
         return UpdatedPrior(recording, _allowing_for(unnamed, known), difference, unnamed=unnamed)
-    widened = replace(known, prior=_widened(known.prior, found))
+    widened = _less_certain(known, found)
     updated = UpdatedPrior(recording, widened, None, found, _moved(found, None))
     parts: list[Recording] = []
     while updated.refusal is None and len(parts) <= most_times:
@@ -255,8 +254,7 @@ def _in_sequence(parts: Sequence[Recording], array: KnownNoiseArray, known: Know
             _, found = _contradiction(part, array, known)
             if part is parts[-1] and not found:
                 return None
-            assert known.prior is not None
-            known = replace(known, prior=_widened(known.prior, found))
+            known = _less_certain(known, found)
             if part is not parts[-1]:
                 earlier.append((part, known))
                 known = _known_after(part, array, known)
@@ -274,25 +272,23 @@ def _contradiction(
 ) -> tuple[contradiction.Difference, _Found]:
     """Return the difference of readings and prior, and the changes that explain it: large ones, then what is left."""
     large: list[Sequence[contradiction.Change]] = []
-    prior = known.prior
-    assert prior is not None
     candidates = _candidates(recording, known)
-    left = difference = contradiction.Difference.of(prior, posterior_of(recording, array, known))
+    left = difference = contradiction.Difference.of(known.given, posterior_of(recording, array, known))
     with suppress(Refused):
         while left.chi_square > contradiction.FAR_RATIO and len(large) < most:
-            strongest = large_change(recording, array, replace(known, prior=prior), candidates)
+            strongest = large_change(recording, array, known, candidates)
             if not strongest:
                 break
-            used = _widened(prior, [strongest])
-            posterior = posterior_of(recording, array, replace(known, prior=used))
-            large.append([contradiction.estimated_with(strongest[0], prior, posterior), *strongest[1:]])
+            used = _less_certain(known, [strongest])
+            posterior = posterior_of(recording, array, used)
+            large.append([contradiction.estimated_with(strongest[0], known.given, posterior), *strongest[1:]])
             if contradiction.is_everything(strongest[0]):
                 return difference, large
-            prior, left = used, contradiction.Difference.of(used, posterior)
+            known, left = used, contradiction.Difference.of(used.given, posterior)
     found = contradiction.changes_that_explain(left, candidates)
     if any(contradiction.is_everything(change) for change, *_ in found):
         try:
-            posterior_of(recording, array, replace(known, prior=_widened(prior, found)))
+            posterior_of(recording, array, _less_certain(known, found))
         except Refused:
             found = contradiction.changes_that_explain(
                 left, [sizes for sizes in candidates if not contradiction.is_everything(sizes[0])]
@@ -301,10 +297,8 @@ def _contradiction(
 
 
 def _candidates(recording: SampleSource, known: Known) -> list[list[contradiction.Change]]:
-    assert known.prior is not None
-    return contradiction.candidates_of(
-        known.prior, recording.scalar_count is not None or known.main_field_T is not None
-    )
+    sees_scale = recording.scalar_count is not None or known.main_field_T is not None
+    return contradiction.candidates_of(known.given, sees_scale)
 
 
 def _split(
@@ -315,8 +309,8 @@ def _split(
     None where they tell of no change within the recording.
     """
     since_s = time_of_change(whole, array, known, posterior, change)
-    prior, count = known.prior, whole.sample_count
-    if since_s is None or prior is None:
+    count = whole.sample_count
+    if since_s is None:
         return None
     place = int(np.searchsorted(whole.time_s, since_s))
     # 50: a fiftieth of the recording to both sides of the first estimate of a change: what it may be wrong by, or last
@@ -330,7 +324,7 @@ def _split(
             later = whole.take(slice(first, None))
             before = posterior_of(whole.take(slice(last)), array, known)
             strongest = _contradiction(later, array, known, most=1)[1]
-            after = posterior_of(later, array, replace(known, prior=_widened(prior, strongest)))
+            after = posterior_of(later, array, _less_certain(known, strongest))
             tried = last, first
             last, first = samples_between(whole, array, known.variance_factors, before, after)
             if (last, first) == tried:
@@ -343,13 +337,11 @@ def _known_after(earlier: Recording, array: KnownNoiseArray, known: Known) -> Kn
 
     The errors of a main field, and of how attitude is mounted, are the same in both.
     """
-    prior = known.prior
-    assert prior is not None
     if known.main_field_T is not None or array.mounting_error is not None:
         return known
     before = maximum_a_posteriori(earlier, array, known)
     assert before.covariance is not None
-    return replace(known, prior=replace(prior, calibration=before, covariance=before.covariance))
+    return replace(known, prior=replace(known.given, calibration=before, covariance=before.covariance))
 
 
 def _widened(prior: Prior, found: _Found) -> Prior:
@@ -359,11 +351,15 @@ def _widened(prior: Prior, found: _Found) -> Prior:
     return prior
 
 
+def _less_certain(known: Known, found: _Found) -> Known:
+    """Return what is known with a prior that is less certain by all plausible changes."""
+    return replace(known, prior=_widened(known.given, found))
+
+
 def _allowing_for(unnamed: Sequence[Unnamed], known: Known) -> Known:
     """Return what is known with a prior that is less certain by what may have changed and is not named."""
-    assert known.prior is not None
-    more = sum((each.covariance for each in unnamed), np.zeros_like(known.prior.covariance))
-    return replace(known, prior=known.prior.with_more(more))
+    more = sum((each.covariance for each in unnamed), np.zeros_like(known.given.covariance))
+    return replace(known, prior=known.given.with_more(more))
 
 
 def _moved(found: _Found, since_s: float | None) -> tuple[Moved, ...]:

@@ -135,6 +135,12 @@ class Known:
     gyroscope: GyroscopeUse | None = None
 
     @property
+    def given(self) -> Prior:
+        """The prior, where there must be one."""
+        assert self.prior is not None
+        return self.prior
+
+    @property
     def intensities(self) -> tuple[Intensity, ...]:
         """What is known of the intensity, without any scalar reading in the samples."""
         of_model = self.main_field_T
@@ -174,14 +180,13 @@ class Problem:
 
     @classmethod
     def of(
-        cls, recording: SampleSource, array: KnownNoiseArray, known: Known | Prior, has_scalar: bool | None = None
+        cls, recording: SampleSource, array: KnownNoiseArray, known: Known, has_scalar: bool | None = None
     ) -> "Problem":
         """Return that of a recording, its readings taken about the biases of the start.
 
         Of a part of a recording ``has_scalar`` says whether the whole has a scalar.
         """
         has_scalar = recording.scalar_count is not None if has_scalar is None else has_scalar
-        known = known if isinstance(known, Known) else Known(known)
         begun = known.start or (None if known.prior is None else known.prior.calibration)
         if begun is None:
             start, unit_T = first_guess(recording, array), normalize(recording).radius_T
@@ -397,7 +402,7 @@ class Posterior:
     with_mount: FloatArray | None = None
 
 
-def posterior_of(recording: SampleSource, array: KnownNoiseArray, known: Known | Prior) -> Posterior:
+def posterior_of(recording: SampleSource, array: KnownNoiseArray, known: Known) -> Posterior:
     """Return what is known of the errors of an array's sensors after a recording in a uniform field.
 
     Parameters
@@ -407,7 +412,7 @@ def posterior_of(recording: SampleSource, array: KnownNoiseArray, known: Known |
         where the array states its standard deviation.
     array : KnownNoiseArray
         With every noise.
-    known : Known or Prior
+    known : Known
         What is known before.
 
     Raises
@@ -417,7 +422,7 @@ def posterior_of(recording: SampleSource, array: KnownNoiseArray, known: Known |
     Refused
         When the iteration does not settle, or leads to sensors that cannot be.
     """
-    problem = Problem.of(recording, array, known if isinstance(known, Known) else Known(known))
+    problem = Problem.of(recording, array, known)
     end, kept = problem.most_probable()
     if problem.known.curvature is not None:
         kept = problem.information_with(problem.known.curvature, end), problem.basis_at(end)

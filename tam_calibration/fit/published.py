@@ -19,7 +19,7 @@ the two are 1.2, 2.0 and -0.9 degrees apart. Here the result is turned into the 
 The simplified linear calibration of Zhang 2015: the errors to first order, then the alignment.
 
 Li 2018a and Li 2018b compare themselves with it. It leaves what is of second order in the errors, about a thousand
-nanotesla for scale factors that are a quarter off: no noise-free data and no number of samples mends that.
+nanotesla for scale factors that are a quarter off: neither noise-free data nor more samples remove that.
 
 The two-step linear calibration of Yin 2014: each sensor's ellipsoid by least squares, then a linear alignment.
 

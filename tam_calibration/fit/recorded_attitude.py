@@ -2,9 +2,9 @@
 
 How a recorded attitude may have been written otherwise: inverted, w first, in FRD axes, or not at all.
 
-The right attitude turns the corrected field into one that stands still in the world. A constant turn of the world, such
+The right attitude turns the corrected field into one that is constant in the world. A constant turn of the world, such
 as NED for ENU, cannot be seen, and does no harm. Where the stated attitude leaves the field turning and another reading
-of the same numbers makes it stand still, the recording was written in that way.
+of the same numbers makes it constant, the recording was written in that way.
 """
 
 from dataclasses import dataclass, replace
@@ -72,7 +72,7 @@ def likely_turn(field: FloatArray, to_world: FloatArray) -> FloatArray:
 
 
 def _still_turns(field: FloatArray, to_world: FloatArray) -> FloatArray:
-    """Return the (9, M) turns X with which the field stands still in the world, M ≥ 1, the best first.
+    """Return the (9, M) turns X with which the field is constant in the world, M ≥ 1, the best first.
 
     The sum of |X b - Qᵀ w|² is quadratic in X and w together; w is eliminated, and the best X of unit norm is an
     eigenvector.
@@ -90,7 +90,7 @@ def _nearest_rotation(matrix: FloatArray) -> FloatArray:
 
 
 def aligned(attitude: FloatArray, field: FloatArray) -> FloatArray:
-    """Return attitudes that agree with the field, which all but stands still in the world.
+    """Return attitudes that agree with the field, which is almost constant in the world.
 
     Parameters
     ----------
@@ -244,9 +244,6 @@ _TURNS = from_degrees(10.0)
 """Angle, root mean square, by which the field turns in the world of an attitude that is not the array's: near a source,
 or with a compass on a vehicle, it turns by less."""
 
-_BETTER = 4.0
-"""How many times less it turns in that of the right one."""
-
 
 _INVERSE, _SCALAR_FIRST = np.array([-1.0, -1.0, -1.0, 1.0]), [1, 2, 3, 0]
 """Signs of the inverse of a quaternion x, y, z, w, and the order that makes one of w, x, y, z."""
@@ -332,11 +329,13 @@ def misread_attitude(recording: SampleSource, errors: SensorErrors | None = None
     if len(field) < 4 or (turning := _turning(_AS_EXPECTED, attitude, field)) < _TURNS:
         return ""
     still, convention = min(((_turning(each, attitude, field), each) for each in _CONVENTIONS), key=lambda one: one[0])
-    if _BETTER * still < turning:
+    # How many times less it turns in that of the right one.
+    better = 4.0
+    if better * still < turning:
         return f"the recorded attitude {convention.what}: {convention.remedy}"
     turns = _AS_EXPECTED.to_world(attitude)
     constant = float((turns[0].inv() * turns).magnitude().max())
-    if _BETTER * constant < turning:
+    if better * constant < turning:
         return "the recorded attitude hardly changes while the readings turn: look at its driver"
     return ""
 

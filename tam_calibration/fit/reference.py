@@ -1,7 +1,7 @@
 """The reference intensity between the readings of a scalar magnetometer that is slower than the sensors.
 
 Between two readings the intensity is taken as the straight line, off which it wanders as a random walk that is tied to
-both. How far it wanders is told by how far the readings themselves lie off the lines between their neighbours.
+both. The distances of the readings from the lines between their neighbours show how far it wanders.
 
 All samples between two readings share the errors of both. Taken for their own, one reading would count hundreds of
 times; the likelihood therefore needs the covariance of all samples, C = D + q B + σ² H Hᵀ: D the variances of the
@@ -123,32 +123,13 @@ class InterpolationNoise:
         return np.asarray(transposed.tocsr() @ columns)
 
 
-@dataclass(frozen=True, eq=False)
-class Reference:
-    """The intensity at each sample.
-
-    Parameters
-    ----------
-    intensity : (N,) array
-        Read or interpolated; NaN before the first reading, after the last, and in long gaps.
-    standard_deviation : (N,) array
-        Of each by itself; NaN likewise.
-    noise : InterpolationNoise
-        The errors of those that are not NaN, and what they share.
-    """
-
-    intensity: FloatArray
-    standard_deviation: FloatArray
-    noise: InterpolationNoise
-
-
 def is_worth_interpolating(scalar: FloatArray) -> bool:
     """Whether at least three samples (N,) hold a reading, and at most every second one."""
     known = np.isfinite(scalar)
     return bool(3 <= known.sum() <= LARGEST_SHARE * len(scalar))
 
 
-def interpolate(time_s: FloatArray, scalar: FloatArray, noise: float) -> Reference:
+def interpolate(time_s: FloatArray, scalar: FloatArray, noise: float) -> tuple[FloatArray, InterpolationNoise]:
     """Return the intensity at every sample between the readings of a slower scalar magnetometer.
 
     Parameters
@@ -159,6 +140,13 @@ def interpolate(time_s: FloatArray, scalar: FloatArray, noise: float) -> Referen
         Readings, at least three; NaN where there is none. Any unit.
     noise : float
         Standard deviation of a reading, in the same unit.
+
+    Returns
+    -------
+    (N,) array
+        Read or interpolated; NaN before the first reading, after the last, and in long gaps.
+    InterpolationNoise
+        The errors of those that are not NaN, and what they share.
     """
     known = np.flatnonzero(np.isfinite(scalar))
     when, reading = time_s[known], scalar[known]
@@ -170,10 +158,9 @@ def interpolate(time_s: FloatArray, scalar: FloatArray, noise: float) -> Referen
     inside = np.isfinite(scalar) | (is_bridged[interval] & (way > 0) & (way < 1))
     interval, way = interval[inside], way[inside]
     errors = InterpolationNoise(time_s[inside], interval, way, gap[interval], noise, _rate(when, reading, noise))
-    intensity, deviation = np.full((2, len(time_s)), np.nan)
+    intensity = np.full(len(time_s), np.nan)
     intensity[inside] = (1 - way) * reading[interval] + way * reading[interval + 1]
-    deviation[inside] = np.sqrt(errors.variance)
-    return Reference(intensity, deviation, errors)
+    return intensity, errors
 
 
 def _rate(when_s: FloatArray, reading: FloatArray, noise: float) -> float:

@@ -20,9 +20,6 @@ from tam_calibration.model.recording import SKETCH, Block, Recording, SampleSour
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, IntArray
 
-_MOST = 1 / 3
-"""Part of the samples above which no clear majority tells which readings are bad."""
-
 _STRETCH = 0.1
 """Length of an event, as a part of the recording: if more than half of such a stretch is bad, a magnet came near.
 
@@ -145,7 +142,9 @@ def without_bad_readings(recording: SampleSource, array: Array) -> tuple[SampleS
     except (InputError, Refused):
         pass  # bad readings may be the reason
     is_far = _far_off(recording)
-    if is_far.mean() >= _MOST:
+    # Part of the samples above which no clear majority tells which readings are bad.
+    most = 1 / 3
+    if is_far.mean() >= most:
         return recording, None
     near = recording.take(~is_far)
     noisy, some = complete_noise(array, near)[0], near.thinned(SKETCH)
@@ -153,7 +152,7 @@ def without_bad_readings(recording: SampleSource, array: Array) -> tuple[SampleS
         judge = _Judge(maximum_likelihood(some, noisy, robust=True).errors, noisy, some, is_stated)
         is_bad = judge.is_bad(recording)
         for _ in range(_MOST_ROUNDS):
-            if not 0 < is_bad.mean() < _MOST:
+            if not 0 < is_bad.mean() < most:
                 return recording, None
             left = recording.take(~is_bad)
             noisy, some = complete_noise(array, left)[0], left.thinned(SKETCH)
@@ -163,7 +162,7 @@ def without_bad_readings(recording: SampleSource, array: Array) -> tuple[SampleS
                 break
     except (InputError, Refused):
         return recording, None
-    if not 0 < is_bad.mean() < _MOST:
+    if not 0 < is_bad.mean() < most:
         return recording, None
     bad = recording.take(is_bad).whole()
     since_s = bad.time_s - recording.time_span_s[0]

@@ -35,9 +35,6 @@ _DEGREES_OF_FREEDOM = 6.0
 _MOST_STEPS = 200
 """Of the scale of the noise, each of which leaves a constant part of the way."""
 
-_SMALLEST_SQUARE = 1e-4
-"""Of the scale of the noise: below a hundredth of what is stated lies only rounding."""
-
 
 @dataclass(frozen=True, eq=False)
 class StudentNoise:
@@ -64,11 +61,13 @@ class StudentNoise:
         known = channels > 0
         if not known.any():
             return cls(energy, channels, 1.0)
-        noise = cls(energy, channels, max(float(np.median(energy[known] / channels[known])), _SMALLEST_SQUARE))
+        # Of the scale of the noise: below a hundredth of what is stated lies only rounding.
+        smallest_square = 1e-4
+        noise = cls(energy, channels, max(float(np.median(energy[known] / channels[known])), smallest_square))
         for _ in range(_MOST_STEPS):
             previous, square = noise.square, noise.spread_of(1)
-            noise = cls(energy, channels, max(square, _SMALLEST_SQUARE))
-            if square <= _SMALLEST_SQUARE or abs(square - previous) <= 1e-10 * square:
+            noise = cls(energy, channels, max(square, smallest_square))
+            if square <= smallest_square or abs(square - previous) <= 1e-10 * square:
                 break
         return noise
 
@@ -103,8 +102,6 @@ GROWING = (
 _FRAME = np.s_[9:12]
 """Turns of sensor 1: a turn of all sensors is seen by no uniform field."""
 
-_ROUNDING = 1e-13
-"""Part of the largest eigenvalue of a scaled covariance below which lies rounding."""
 
 _DIFFERENTIAL, _COMMON_MODE = 0, 1
 """Places of the channels in what is summed by blocks."""
@@ -146,7 +143,10 @@ def widened(calibration: Calibration, recording: SampleSource) -> Calibration:
     """
     if recording.sample_count < BLOCKS:
         return calibration
-    student = _student_noises(calibration, recording) if calibration.method == "robust" else ()
+    student: Sequence[StudentNoise] = ()
+    if calibration.method == "robust":
+        likelihood = _likelihood(calibration, recording, recording.scalar_count is not None)
+        student = student_noises(likelihood, calibration.errors.matrix, np.zeros_like(calibration.errors.bias_T))
     by_block = _by_block(calibration, recording, student)
     slow = _slow_sums(*by_block)
     factors = stated = VarianceFactors(*(one.factor for one in slow))
@@ -199,7 +199,8 @@ def _sandwich(covariance: FloatArray, differential: FloatArray, factors: Varianc
     factors : VarianceFactors
         f_d and f_c.
     """
-    root = covariance @ whitening(covariance, _ROUNDING)
+    # 1e-13: part of the largest eigenvalue of a scaled covariance below which lies rounding.
+    root = covariance @ whitening(covariance, 1e-13)
     part, turn = np.linalg.eigh(root.T @ differential @ root)
     directions, part = root @ turn, np.clip(part, 0, 1)
     least = min(factors.differential, factors.common_mode)
@@ -247,10 +248,14 @@ def _likelihood(calibration: Calibration, recording: SampleSource, has_scalar: b
     return Likelihood(data.points, data.intensity, array.vector_noise_T / intensity_T, scalar_noise)
 
 
-def _student_noises(calibration: Calibration, recording: SampleSource) -> list[StudentNoise]:
-    likelihood = _likelihood(calibration, recording, recording.scalar_count is not None)
-    energy = likelihood.energy(calibration.errors.matrix, np.zeros_like(calibration.errors.bias_T))
-    return list(map(StudentNoise.of, energy, likelihood.channel_count))
+def student_noises(
+    likelihood: Likelihood, matrix: FloatArray, bias: FloatArray, *gradient: FloatArray
+) -> list[StudentNoise]:
+    """Return the noise of the differential channels and of the common mode, at a point as of ``Likelihood.energy``.
+
+    Each may be other than stated.
+    """
+    return list(map(StudentNoise.of, likelihood.energy(matrix, bias, *gradient), likelihood.channel_count))
 
 
 def _parts(recording: SampleSource) -> Iterator[tuple[int, Recording]]:

@@ -259,10 +259,6 @@ _EXPLAINED = 2.0
 """Largest variance of the residuals under a hypothesis over that of the calibrated part: its directions may differ."""
 
 
-_ROUNDING = 1e-3
-"""Least variance of the residuals over that of the noise."""
-
-
 _NOISE_ALONE = 2.0
 """Variance of the calibrated part's residuals over that of the noise, from which chance is not that of white noise."""
 
@@ -443,7 +439,8 @@ class _Parts:
         # 16.0: ratio of the residuals' variances from which the shorter part is calibrated: readings that are none fit
         # nothing.
         best = int(variances[1] < 16.0 * variances[0]) if all(steady) else steady.index(True)
-        model, level = models[best], max(variances[best], _ROUNDING)
+        # 1e-3: least variance of the residuals over that of the noise.
+        model, level = models[best], max(variances[best], 1e-3)
         if model is None:
             return None
         other = replace(model, samples=span.some.take(parts[1 - best]))

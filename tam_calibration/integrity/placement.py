@@ -25,8 +25,6 @@ FITS = 0.1
 """Share of the readings' variance that attitude may leave: scale errors of 5 %, 3° of misalignment and 5° in attitude
 leave some 0.02, axes that are turned wrongly more than half of what turns."""
 
-BETTER = 5.0
-"""Times the unexplained variance of the best axes that other axes may leave."""
 
 ROUNDING = 0.005
 """Share of variance that separates no axes: sensors that are otherwise exact have errors of 4°."""
@@ -72,7 +70,8 @@ def turn_in_words(turn: FloatArray) -> str:
 
 def allowed(least: float) -> float:
     """Return the share of the variance that other axes may leave where the best ones leave the least."""
-    return min(BETTER * least + ROUNDING, FITS)
+    # 5.0: times the unexplained variance of the best axes that other axes may leave.
+    return min(5.0 * least + ROUNDING, FITS)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,9 +18,6 @@ SHORTEST = 10
 """Samples of one value, and different readings that a copy repeats: readings up to eight samples late are stale
 samples, an effect that is fitted as well."""
 
-SURE = 1e-6
-"""Probability of a false alarm in one recording."""
-
 
 def is_chance(equal: int, share: float, count: int) -> bool:
     """Whether so many equalities in a row may happen by chance.
@@ -34,26 +31,19 @@ def is_chance(equal: int, share: float, count: int) -> bool:
     count : int
         Number of samples, at each of which the row may begin.
     """
-    return share >= 1 or equal * log(share) > log(SURE / count)
+    # 1e-6: probability of a false alarm in one recording.
+    return share >= 1 or equal * log(share) > log(1e-6 / count)
 
 
 PROBES = 16
 """Readings of a sensor in each block that are looked for among those of the others."""
 
-FOUND = 4
-"""Of these, that are met again equally late, before a copy is looked for there."""
 
 LATEST = 4096
 """Samples by which a copy may be late: 40 s at 100 Hz."""
 
 COPIED = 1 - 1e-13
 """Correlation of two axes that differ by rounding only; noise of a millionth of the readings' spread makes less."""
-
-FLAT = 1e-12
-"""Variance out of a plane of readings without noise, in units of theirs: axes agree there because the field does."""
-
-_MIXED = np.array([1.0, 0.6180339887498949, 0.41421356237309503])
-"""Weights of x, y and z in the number by which readings are compared: different readings have different ones."""
 
 
 class _Pair:
@@ -98,7 +88,13 @@ class Copies:
         self._count += len(block.time_s)
         if not self._pairs:
             return
-        numbers = np.ascontiguousarray((block.readings_T.reshape(-1, 3) @ _MIXED).reshape(-1, self._sensors).T)
+        # np.array([1.0, 0.6180339887498949, 0.41421356237309503]): weights of x, y and z in the number by which
+        # readings are compared: different readings have different ones.
+        numbers = np.ascontiguousarray(
+            (block.readings_T.reshape(-1, 3) @ np.array([1.0, 0.6180339887498949, 0.41421356237309503]))
+            .reshape(-1, self._sensors)
+            .T
+        )
         for copy, original in self._pairs:
             if copy > original and (numbers[copy] == numbers[original]).any():
                 self._pairs[copy, original].add(numbers[copy], numbers[original], block.time_s, 0)
@@ -141,7 +137,8 @@ def _lags(numbers: FloatArray) -> list[tuple[int, int, int]]:
     late = here - place[probe]
     later = (copy != original) & (late > 0)
     found, times = np.unique(np.stack([copy, original, late])[:, later], axis=1, return_counts=True)
-    return [(int(k), int(j), int(lag)) for k, j, lag in found[:, times >= FOUND].T]
+    # 4: of these, that are met again equally late, before a copy is looked for there.
+    return [(int(k), int(j), int(lag)) for k, j, lag in found[:, times >= 4].T]
 
 
 def _axes(overview: Overview, known: set[frozenset[int]]) -> list[Fault]:
@@ -153,7 +150,9 @@ def _axes(overview: Overview, known: set[frozenset[int]]) -> list[Fault]:
     faults = []
     correlation, count = unit @ unit.T, overview.sensor_count
     own = correlation.reshape(count, 3, count, 3)[range(count), :, range(count)]
-    is_flat = np.linalg.eigvalsh(own)[:, 0] < FLAT
+    # 1e-12: variance out of a plane of readings without noise, in units of theirs: axes agree there because the field
+    # does.
+    is_flat = np.linalg.eigvalsh(own)[:, 0] < 1e-12
     for copy, original in np.argwhere(np.tril(np.abs(correlation) > COPIED, -1)).tolist():
         witnesses = is_flat if copy // 3 != original // 3 else np.delete(is_flat, copy // 3)
         if frozenset((copy // 3, original // 3)) not in known and not (len(witnesses) and witnesses.all()):

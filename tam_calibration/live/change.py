@@ -105,12 +105,8 @@ class Evidence:
 
 
 def _in_unit(value: float, unit: str, form: str = "+") -> str:
-    shown = {"T": to_nanotesla, "rad": to_degrees}.get(unit, _to_ppm)(float(value))
+    shown = {"T": to_nanotesla, "rad": to_degrees}.get(unit, lambda part: 1e6 * part)(float(value))
     return f"{shown:{form}.3g}"
-
-
-def _to_ppm(part: float) -> float:
-    return 1e6 * part
 
 
 class Before(NamedTuple):

@@ -218,12 +218,12 @@ class Recording:
                 first_s, last_s = self.time_s[bad_samples[[0, -1]]].tolist()
                 has_times = np.isfinite([first_s, last_s]).all()
                 span = f", between {first_s:.12g} and {last_s:.12g} s" if has_times else ""
-                kind, mend = f"{'' if is_channel else 'NaN or '}infinite values", "leave those samples out"
+                kind, remedy = f"{'' if is_channel else 'NaN or '}infinite values", "leave those samples out"
                 if np.isfinite(first):
-                    kind, mend = f"values beyond {largest:g}", f"{first:g} is of another unit, or damage"
+                    kind, remedy = f"values beyond {largest:g}", f"{first:g} is of another unit, or damage"
                 raise InputError(
                     f"{len(bad_samples)} of {self.sample_count} samples hold {kind}, first {where} in sample "
-                    f"{index[0] + 1}{span}: {mend}"
+                    f"{index[0] + 1}{span}: {remedy}"
                 )
 
     def _check_attitude(self) -> None:
@@ -442,7 +442,7 @@ class Recording:
         """
         from importlib import import_module
 
-        # The readers of files know tables too; they stand above the model, which does not import them.
+        # The readers of files know tables too; their room is above the model, which does not import it.
         made: Recording = import_module("tam_calibration.recordings.recording_file").recording_of_frame(frame, map)
         return made
 

@@ -14,7 +14,6 @@ from itertools import permutations, product
 
 import numpy as np
 from numpy.linalg import inv, norm
-from numpy.typing import NDArray
 
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray
@@ -80,7 +79,8 @@ class SensorErrors:
         if not (self.scale_factor > 0).all():
             raise InputError("scale factors must be positive: turn a reversed axis round before")
         orientation = np.asarray(self.orientation, dtype=float)
-        for sensor, is_one in enumerate(_are_orientations(orientation), start=1):
+        is_known = (ORIENTATIONS[None] == orientation.reshape(-1, 1, 3, 3)).all(axis=(2, 3)).any(axis=1)
+        for sensor, is_one in enumerate(is_known, start=1):
             if not is_one:
                 raise InputError(
                     f"the orientation of sensor {sensor} must exchange and reverse axes and stay right-handed: "
@@ -207,13 +207,13 @@ class SensorErrors:
         alpha, beta, gamma = self.misalignment.T
         about_x, about_yz = _rotate(0, alpha), _rotate(1, beta) @ _rotate(2, gamma) @ self.orientation
         # A passive rotation by an angle has the derivative -[axis]× times itself.
-        matrix[:, 9] = measurement @ -_CROSS[0] @ rotation
-        matrix[:, 10] = measurement @ about_x @ -_CROSS[1] @ about_yz
-        matrix[:, 11] = measurement @ self._misaligned @ -_CROSS[2] @ self.orientation
+        matrix[:, 9] = measurement @ -CROSS[0] @ rotation
+        matrix[:, 10] = measurement @ about_x @ -CROSS[1] @ about_yz
+        matrix[:, 11] = measurement @ self._misaligned @ -CROSS[2] @ self.orientation
         return np.moveaxis(derivative, 1, 3)
 
 
-_CROSS = np.array(
+CROSS = np.array(
     [[[0, 0, 0], [0, 0, -1], [0, 1, 0]], [[0, 0, 1], [0, 0, 0], [-1, 0, 0]], [[0, -1, 0], [1, 0, 0], [0, 0, 0]]],
     dtype=float,
 )
@@ -242,11 +242,6 @@ def orientation_from_axes(axes: Sequence[str]) -> FloatArray:
     for row, axis in zip(rows, axes, strict=True):
         row["xyz".index(axis[-1])] = -1 if len(axis) > 1 else 1
     return rows
-
-
-def _are_orientations(rotations: FloatArray) -> NDArray[np.bool_]:
-    nearest = ORIENTATIONS[None] == rotations.reshape(-1, 1, 3, 3)
-    return np.asarray(nearest.all(axis=(2, 3)).any(axis=1))
 
 
 def _orientations_of(rotation: FloatArray) -> FloatArray:

@@ -18,7 +18,7 @@ CODE_OF_SHELLS = 128
 def held_back() -> Iterator[None]:
     """Hold the signals back from processes that are started in the block, until they ask for them.
 
-    A process that is told to end while its interpreter still starts then ends as well as any other.
+    A process that gets a signal while its interpreter still starts then ends as well as any other.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
     try:

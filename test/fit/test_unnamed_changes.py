@@ -67,7 +67,7 @@ def test_a_hint_of_a_change_widens_a_prior(wu_scenario, array, prior):
     small, larger = (small_changes(lone(prior, evidence), candidates).covariance[30, 30] for evidence in (2.0, 5.0))
     square = [(lone(prior, evidence).score[30] / 1e18) ** 2 for evidence in (2.0, 5.0)]
     assert larger / square[1] == pytest.approx(np.exp(3) * small / square[0], rel=0.3)
-    difference = Difference.of(prior, posterior_of(turn(wu_scenario, wu_scenario.errors, 3), array, prior))
+    difference = Difference.of(prior, posterior_of(turn(wu_scenario, wu_scenario.errors, 3), array, Known(prior)))
     widened = np.diag(small_changes(difference, candidates).covariance)
     free = np.diag(prior.covariance) > 0
     assert (widened[free] < 0.02 * np.diag(prior.covariance)[free]).all()
