@@ -105,8 +105,8 @@ class Evidence:
 
 
 def _in_unit(value: float, unit: str, form: str = "+") -> str:
-    shown = {"T": to_nanotesla, "rad": to_degrees}.get(unit, lambda part: 1e6 * part)(float(value))
-    return f"{shown:{form}.3g}"
+    factor = {"T": to_nanotesla(1.0), "rad": to_degrees(1.0)}.get(unit, 1e6)
+    return f"{factor * float(value):{form}.3g}"
 
 
 class Before(NamedTuple):
