@@ -13,10 +13,10 @@ from tam_calibration.effects.ambient_gradient import gradient_field, turned
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Effect, LinearEffect
 from tam_calibration.effects.library import effect_named
+from tam_calibration.model.data_sheet import Gyroscope
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.further_channels import is_further
-from tam_calibration.model.gyroscope import Gyroscope
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
