@@ -161,7 +161,7 @@ class Window:
         def field_at(arms: FloatArray) -> FloatArray:
             points = place[:, None] + arms
             dipoles = field_alone(points[:, :, None] - every[:, :3], every[:, 3:]).sum(axis=2)
-            return uniform[:, None] + (aside[:, None] + arms) @ tensor + dipoles + added
+            return np.asarray(uniform[:, None] + (aside[:, None] + arms) @ tensor + dipoles + added)
 
         expected, measured = self._mean(field_at(data.arms_m)), self._mean(data.fields_T)
         total = (_shortest(turned.apply(expected), measured) * turned).inv()

@@ -167,9 +167,9 @@ def solve(window: Window, start: FloatArray, most_steps: int = _MOST_STEPS, leas
         unit, fall = normal / scale[:, None] / scale, 0.0
         while damping < _LARGEST_DAMPING:
             root = cho_factor(unit + damping * np.eye(len(free)))
-            step = np.zeros(len(start))
-            step[free] = cho_solve(root, slope / scale) / scale
-            step = _limited(window, unknowns, step)
+            full = np.zeros(len(start))
+            full[free] = cho_solve(root, slope / scale) / scale
+            step = _limited(window, unknowns, full)
             # The second derivative along the step bends it into the valley (Transtrum and Sethna 2012, equation 5).
             ahead = window.linearized(unknowns + _PART * step, False)[0].ravel()
             bend = 2 / _PART**2 * (residual.ravel() - ahead - _PART * rows @ step[free])
