@@ -391,7 +391,10 @@ def _in_phase(frequency_hz: float, amplitudes: FloatArray, covariance: FloatArra
         amplitude = inv(both.T @ weight @ both) @ both.T @ weight @ values
         by_phase = np.concatenate([-np.sin(phase) * amplitude, np.cos(phase) * amplitude])
         design = np.column_stack([both, by_phase])
-        spread = np.linalg.pinv(design.T @ weight @ design, hermitian=True)
+        # The last column is the signal over the noise, which has no end in simulated data: scaled, no digits are lost.
+        normal = design.T @ weight @ design
+        length = np.sqrt(np.where(np.diag(normal) > 0, np.diag(normal), 1.0))
+        spread = np.linalg.pinv(normal / np.outer(length, length), hermitian=True) / np.outer(length, length)
         left = values - both @ amplitude
         step = spread[-1] @ design.T @ weight @ left
         phase += step
