@@ -13,11 +13,12 @@ from tam_calibration.cli.answer import Answer, answering
 from tam_calibration.cli.locate_options import Wanted
 from tam_calibration.cli.streams import GradedBad, say
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.localization import line_path
 from tam_calibration.localization.alternating import locate_alternating
 from tam_calibration.localization.steady import locate_steady
 from tam_calibration.localization.survey import Survey
 from tam_calibration.localization.target_list import merged
-from tam_calibration.localization.targets import SurveyLine, find_targets, path_in
+from tam_calibration.localization.targets import find_targets, path_in
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.geomagnetic_field import LOCAL_VARIANCE_T2
@@ -53,6 +54,7 @@ from tam_calibration.results.targets_file import require_table, write_targets
     "--attitude-noise-deg", default=0.0, show_default=True, help="Standard deviation of the attitude about each axis."
 )
 @click.option("--targets", "table", type=terminal.PATH, help="Write the targets of lines as a table: .csv or .geojson.")
+@click.option("--grid", type=terminal.PATH, help="Write a map of the field over lines: netCDF, .nc.")
 @click.option(
     "--origin",
     help="LAT,LON or LAT,LON,HEIGHT [°, m] where x = y = z = 0: geographic positions count from there, and the "
@@ -65,6 +67,7 @@ def command(
     recordings: tuple[Path, ...],
     calibration_path: Path,
     table: Path | None,
+    grid: Path | None,
     how: Reading,
     answer: Answer,
     report: Path | None,
@@ -81,13 +84,13 @@ def command(
         require_table(table, wanted.begin)
     calibration = read_calibration(calibration_path)
     inputs = [*recordings, calibration_path, *how.files]
-    with _graded(answer.is_json), answer.files(inputs, report=report, table=table) as places:
+    with _graded(answer.is_json), answer.files(inputs, report=report, table=table, grid=grid) as places:
         data = [_read(each, calibration.array, replace(how, origin=wanted.begin)) for each in recordings]
         if wanted.are_lines(data):
             suffix = "" if table is None else table.suffix
             _give_targets(data, calibration, wanted, answer, places, suffix, [each.name for each in recordings])
         else:
-            wanted.require_one(data, has_table=table is not None)
+            wanted.require_one(data, of_lines=table is not None or grid is not None)
             _give_survey(_located(data[0], calibration, wanted), answer, places.get("report"), recordings[0].name)
 
 
@@ -100,10 +103,9 @@ def _read(path: Path, array: Array, how: Reading) -> Recording:
     return data
 
 
-def _line(data: Recording, calibration: Calibration, wanted: Wanted) -> SurveyLine:
-    """Return the targets along one line."""
-    path = path_in(data, wanted.speed, wanted.velocity_error, wanted.position_error_m, wanted.position_drift_m or 0.0)
-    return find_targets(data, calibration, path, wanted.attitude_noise)
+def _path(data: Recording, wanted: Wanted) -> line_path.Path:
+    """Return the path of the platform along one line."""
+    return path_in(data, wanted.speed, wanted.velocity_error, wanted.position_error_m, wanted.position_drift_m or 0.0)
 
 
 def _located(data: Recording, calibration: Calibration, wanted: Wanted) -> Survey:
@@ -129,13 +131,25 @@ def _give_targets(
     suffix: str,
     names: list[str],
 ) -> None:
-    """Find the targets of lines, write the table and the page that are wanted, and give the answer."""
+    """Find the targets of lines, write the table, map and page that are wanted, and give the answer."""
     from tam_calibration.results.targets_file import targets_to_mapping
 
-    lines = [_line(each, calibration, wanted) for each in data]
+    paths = [_path(each, wanted) for each in data]
+    if "grid" in places:
+        from tam_calibration.localization.field_map import require_area
+
+        require_area([path.at(each.time_s) for path, each in zip(paths, data, strict=True)])
+    lines = [
+        find_targets(each, calibration, path, wanted.attitude_noise) for path, each in zip(paths, data, strict=True)
+    ]
     targets = merged([each.targets for each in lines])
     if "table" in places:
         write_targets(places["table"], targets, wanted.begin, suffix=suffix)
+    if "grid" in places:
+        from tam_calibration.localization.field_map import field_map
+        from tam_calibration.results.map_file import write_map
+
+        write_map(places["grid"], field_map(lines), wanted.begin)
     if "report" in places:
         from tam_calibration.report.targets_report import write_targets_report
 

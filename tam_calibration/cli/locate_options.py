@@ -109,7 +109,7 @@ class Wanted:
         _require_one_frame(data)
         return True
 
-    def require_one(self, data: list[Recording], has_table: bool) -> None:
+    def require_one(self, data: list[Recording], of_lines: bool) -> None:
         """Check that a single recording without the options of lines is given.
 
         Raises
@@ -119,9 +119,10 @@ class Wanted:
         """
         if len(data) > 1:
             raise InputError("several recordings are located as survey lines alone, and one has no positions")
-        if has_table:
+        if of_lines:
             raise InputError(
-                "--targets is of survey lines: record positions or state --velocity, and leave out --index, --place"
+                "--targets and --grid are of survey lines: record positions or state --velocity, and leave out "
+                "--index and --place"
             )
         if self.position_error_m is not None or self.position_drift_m is not None:
             raise InputError(

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from scipy.io import netcdf_file
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.cli.main import main
@@ -23,8 +24,20 @@ def folder(tmp_path_factory, recording, cross, true_errors):
     """Return a folder with a calibration, a line past two dipoles, and its first samples."""
     folder = tmp_path_factory.mktemp("line")
     write_calibration(folder / "c.yaml", calibrate(recording, cross))
+    names = ["time_s", *(f"b{sensor}{axis}_T" for sensor in range(1, 5) for axis in "xyz")]
+    names += ["qx", "qy", "qz", "qw", "x_m", "y_m", "z_m"]
+    for file, aside in (("beside.csv", 4.0), ("line.csv", 0.0)):
+        rows = passed(aside, cross, true_errors)
+        np.savetxt(folder / file, rows, delimiter=",", header=",".join(names), comments="", fmt="%.15g")
+    np.savetxt(folder / "short.csv", rows[:12], delimiter=",", header=",".join(names), comments="", fmt="%.15g")
+    np.savetxt(folder / "bare.csv", rows[:, :-3], delimiter=",", header=",".join(names[:-3]), comments="", fmt="%.15g")
+    return folder
+
+
+def passed(aside_m, cross, true_errors):
+    """Return the rows of a line past two dipoles."""
     turns = Rotation.from_euler("zyx", 0.08 * np.sin(np.outer(TIME_S, [0.9, 0.7, 1.1])))
-    path = np.column_stack([TIME_S, 0.1 * np.sin(TIME_S), np.zeros(600)])
+    path = np.column_stack([TIME_S, aside_m + 0.1 * np.sin(TIME_S), np.zeros(600)])
     points = path[:, None] + np.einsum("nij,kj->nki", turns.as_matrix(), cross.positions_m)
     world = EARTH_T + sum(
         dipole_field(points - place, moment)[0] for place, moment in zip(PLACES_M, MOMENTS_AM2, strict=True)
@@ -32,13 +45,7 @@ def folder(tmp_path_factory, recording, cross, true_errors):
     fields = np.einsum("nji,nkj->nki", turns.as_matrix(), world)
     noise = 1e-9 * np.random.default_rng(3).normal(size=fields.shape)
     readings = true_errors.distort(fields) + noise
-    names = ["time_s", *(f"b{sensor}{axis}_T" for sensor in range(1, 5) for axis in "xyz")]
-    names += ["qx", "qy", "qz", "qw", "x_m", "y_m", "z_m"]
-    rows = np.column_stack([TIME_S, readings.reshape(600, -1), turns.as_quat(), path])
-    for name, count in (("line.csv", 600), ("short.csv", 12)):
-        np.savetxt(folder / name, rows[:count], delimiter=",", header=",".join(names), comments="", fmt="%.15g")
-    np.savetxt(folder / "bare.csv", rows[:, :-3], delimiter=",", header=",".join(names[:-3]), comments="", fmt="%.15g")
-    return folder
+    return np.column_stack([TIME_S, readings.reshape(600, -1), turns.as_quat(), path])
 
 
 def run(folder, name, *words):
@@ -59,6 +66,31 @@ def test_targets_are_listed_with_their_errors(folder):
         assert len(target["moment_A_m2"]) == 3
     words = run(folder, "line.csv").stdout
     assert words.startswith("2 targets along the line.")
+
+
+@pytest.mark.parametrize("origin", [None, "54.0,10.0"])
+def test_lines_beside_each_other_give_a_map(folder, tmp_path, origin):
+    """As netCDF, with degrees where the origin is known; its largest contraction is near a dipole."""
+    to = tmp_path / "map.nc"
+    more = ["--origin", origin] if origin else []
+    assert run(folder, "line.csv", str(folder / "beside.csv"), "--grid", str(to), *more).exit_code == 0
+    with netcdf_file(to, mmap=False) as file:
+        y, x = file.variables["contraction_nT_per_m"].dimensions
+        steepest = np.nan_to_num(file.variables["contraction_nT_per_m"][:])
+        anomaly = file.variables["anomaly_nT"][:]
+        row, column = np.unravel_index(np.argmax(steepest), steepest.shape)
+        place = [file.variables[x][column], file.variables[y][row]]
+    assert np.nanmax(np.abs(anomaly)) > 100
+    if origin:
+        place = [(place[0] - 10) * 111320 * np.cos(np.radians(54)), (place[1] - 54) * 111320]
+    assert np.linalg.norm(PLACES_M[0, :2] - place) < 4
+
+
+def test_one_line_gives_no_map(folder, tmp_path):
+    """Nothing is known beside it."""
+    result = run(folder, "line.csv", "--grid", str(tmp_path / "map.nc"))
+    assert result.exit_code == 2 and "lines beside each other" in result.stderr
+    assert not (tmp_path / "map.nc").exists()
 
 
 def test_a_refusal_has_a_reason_and_no_target(folder):
