@@ -7,7 +7,7 @@ each sample by the shortest rotation from the expected to the measured mean. Dat
 differences between sensors.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 
@@ -33,6 +33,10 @@ _BEND_T, _CHANGE_T_PER_M = 20e-9, 2e-9
 _DIRECTION, _GRADIENT_T_PER_M = 3e-3, 1e-6
 """Standard deviations of the regional field, as a part of the median of the readings, and of its gradient, T/m."""
 
+_KNOWN_M, _KNOWN = 2.0, 0.5
+"""Standard deviations between two windows of a neighbour's place, metres, and of its moment, as a part of that: a drift
+of the path is less. A window sees its neighbours from the side alone, where they would move to anywhere."""
+
 _CROSSING = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2).reshape(3, 9)
 """Matrices of the cross product with unit vectors from the left, row by row."""
 
@@ -51,12 +55,15 @@ class Window:
         Places and moments of dipoles that are not fitted here.
     roughness : float
         How far the regional field and its gradient may change, as a part of the most.
+    known : (N, 6) array, optional
+        Places and moments of neighbours, found in other windows: the first dipoles that are fitted, near these.
     """
 
     data: LineData
     path: Path
     fixed: FloatArray
     roughness: float = 1.0
+    known: FloatArray = field(default_factory=lambda: np.zeros((0, OF_SOURCE)))
 
     @cached_property
     def _path_error(self) -> list[FloatArray]:
@@ -99,6 +106,13 @@ class Window:
         )
         unit = sum(each.shape[1] for each in self._path_error) + turns + 3 + self.data.errors_T.shape[2]
         return np.asarray(block_diag(np.eye(unit), *[bend] * 3, *[change] * 5))
+
+    @cached_property
+    def known_precision(self) -> FloatArray:
+        """(6 N,) of the neighbours' places and moments."""
+        size = norm(self.known[:, 3:], axis=1, keepdims=True)
+        spread = np.hstack([np.full((len(size), 3), _KNOWN_M), np.repeat(_KNOWN * size, 3, axis=1)])
+        return np.asarray(spread.ravel() ** -2.0)
 
     @property
     def precision(self) -> FloatArray:

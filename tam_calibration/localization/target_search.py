@@ -36,8 +36,12 @@ _TOGETHER_M = 10.0
 _MOST_LEFT = 2.0
 """Median of the residuals along a line, over the noise, above which it is refused."""
 
-_CLEAR = 1.05
-"""Mean squared residual, over the noise, below which all dipoles of a window have been found."""
+_CLEAR, _ROUNDS = 1.05, 2
+"""Mean squared residual, over the noise, below which all dipoles of a window have been found; and how often others are
+fitted anew, with what their neighbours have found since."""
+
+_LAST_STEPS = 100
+"""Most steps of the fit that an answer comes from."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,9 +92,13 @@ def search(data: LineData, path: Path) -> tuple[list[Found], FloatArray]:
     sources = line.choose_roughness(sources)
     for section in line.sections(sources):
         sources = line.restart(section, sources)
+    for _round in range(_ROUNDS):
+        for section in line.sections(sources):
+            if line.misfit(section.middle) > _CLEAR:
+                sources, _ = line.fit_window(section.middle, sources, _CLEAR)
     found: list[Found] = []
     for section in line.sections(sources):
-        sources, solved = line.fit_window(section.middle, sources, np.inf)
+        _, solved = line.fit_window(section.middle, sources, np.inf)
         found += line.dipoles_in(section, solved)
     return found, line.left
 
@@ -159,7 +167,7 @@ class _Line:
         at = np.flatnonzero(np.abs(self._data.along_m - middle) <= _HALF_M)
         away = np.abs(self._way(sources)[0] - middle)
         own, neighbours = sources[away <= _OWN_M], sources[(away > _OWN_M) & (away <= _SEEN_M)]
-        window = Window(self._data.take(at), self._path, sources[away > _SEEN_M], self._roughness)
+        window = Window(self._data.take(at), self._path, sources[away > _SEEN_M], self._roughness, neighbours)
         solved = fit_from(window, np.concatenate([neighbours.ravel(), own.ravel(), window.start()]))
         while mean_square(solved) > clear and (more := add_dipole(solved, len(neighbours))):
             solved = more
@@ -206,7 +214,7 @@ class _Line:
 
     def dipoles_in(self, section: _Section, rough: Solved) -> Iterator[Found]:
         """Yield the dipoles of a window that are passed in a section of the line."""
-        solved = solve(rough.window, rough.unknowns)
+        solved = solve(rough.window, rough.unknowns, _LAST_STEPS)
         covariance, data = solved.covariance, solved.window.data
         ways, distances = self._way(solved.sources)
         worth = evidence_of(solved)

@@ -142,15 +142,19 @@ def solve(window: Window, start: FloatArray, most_steps: int = _MOST_STEPS, leas
         Fall of χ² below which a step is the last.
     """
     split = len(start) - window.nuisance_count
-    prior = np.hstack([np.zeros((len(window.prior), split)), window.prior])
-    precision = prior.T @ prior
-    expected = np.concatenate([np.zeros(split), window.start()])
+    known = window.known.size
+    precision = np.zeros((len(start),) * 2)
+    precision[split:, split:] = window.precision
+    precision[range(known), range(known)] = window.known_precision
+    expected = np.concatenate([window.known.ravel(), np.zeros(split - known), window.start()])
     unknowns, damping = start, _FIRST_DAMPING
 
     def cost(tried: FloatArray) -> float:
         if not _can_be(window, tried):
             return np.inf
-        total = float(np.sum(window.linearized(tried, False)[0] ** 2) + np.sum((prior @ (tried - expected)) ** 2))
+        total = float(
+            np.sum(window.linearized(tried, False)[0] ** 2) + (tried - expected) @ precision @ (tried - expected)
+        )
         return total if np.isfinite(total) else np.inf
 
     lowest, stalled = cost(unknowns), 0
