@@ -6,7 +6,6 @@ The terms of an effect are chosen by forward selection and backward elimination,
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations_with_replacement
 from math import log
 from typing import Any, TypeVar
 
@@ -136,13 +135,9 @@ class Base:
 
     def __init__(self, channels: WhitenedChannels, designs: Sequence[Regressors]) -> None:
         self.channels, self.designs = channels, tuple(designs)
-        blocks = {}
-        for (row, left), (column, right) in combinations_with_replacement(enumerate(self.designs), 2):
-            blocks[row, column] = channels.cross(left, right)
-            blocks[column, row] = blocks[row, column].T
-        numbers = range(len(self.designs))
-        information = np.block([[blocks[row, column] for column in numbers] for row in numbers])
-        self._score = np.concatenate([channels.score(design) for design in designs])
+        self._design = self.designs[0] if len(self.designs) == 1 else Regressors.joined(self.designs)
+        information = channels.cross(self._design, self._design)
+        self._score = channels.score(self._design)
         is_free = channels.has_scalar or channels.covariates.follows_attitude
         intensity_T = None if is_free else float(np.median(channels.covariates.intensity_T))
         prior = prior_at(channels.covariates.errors, intensity_T, channels.covariates.array.field)
@@ -150,9 +145,7 @@ class Base:
         self.prior_energy = prior.energy
         self.prior_weight = max(1.0, channels.energy / max(channels.count, 1.0))
         information[:own, :own] += self.prior_weight * prior.information
-        self._prior_score = np.zeros(len(self._score))
-        self._prior_score[:own] = self.prior_weight * prior.score
-        self._score = self._score + self._prior_score
+        self._score[:own] += self.prior_weight * prior.score
         self.inverse = pseudo_inverse(information)
         self.step = self.inverse @ self._score
         self.information = information
@@ -166,7 +159,7 @@ class Base:
     def project(self, design: Regressors) -> Projected:
         """Return the normal equations of a design with the base eliminated."""
         own = self.channels.cross(design, design)
-        crossed = np.concatenate([self.channels.cross(left, design) for left in self.designs])
+        crossed = self.channels.cross(self._design, design)
         eliminated = crossed.T @ self.inverse
         return Projected(
             own - eliminated @ crossed,
