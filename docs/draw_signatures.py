@@ -9,7 +9,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from tam_calibration.gap.laws.causes import CAUSES
+from tam_calibration.gap.laws.law import CAUSES
 from tam_calibration.model.units import FloatArray
 from tam_calibration.report.style import STYLE
 

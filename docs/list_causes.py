@@ -5,7 +5,7 @@ Run ``python docs/list_causes.py`` after the table was changed; a test compares 
 
 from pathlib import Path
 
-from tam_calibration.gap.laws.causes import CAUSES, PossibleCause
+from tam_calibration.gap.laws.law import CAUSES, PossibleCause
 
 PAGE = Path(__file__).parent / "reference" / "causes.md"
 

@@ -14,7 +14,7 @@ from tam_calibration.comparison.mend import Mend, NoiseTerm
 from tam_calibration.comparison.noise import is_noise
 from tam_calibration.comparison.result import NoiseDifference, Side, SourceError
 from tam_calibration.effects.states import WINDOW_UNITS
-from tam_calibration.gap.recorded_noise import field_of
+from tam_calibration.gap.noise import field_of
 from tam_calibration.localization.turned_samples import Regional, locate_each, regional_of, turned
 from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.recording import Recording

@@ -10,7 +10,7 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.gap.laws.law import Signature
 from tam_calibration.gap.noise import AxisNoise
 from tam_calibration.gap.result import Gap, Size
-from tam_calibration.gap.search_result import Search
+from tam_calibration.gap.steps import Search
 from tam_calibration.model.array import Array
 from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.recording import Recording

@@ -12,7 +12,7 @@ import numpy as np
 from tam_calibration.comparison.result import Side
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import effect_named
-from tam_calibration.gap.laws.causes import CAUSES
+from tam_calibration.gap.laws.law import CAUSES
 from tam_calibration.gap.result import Cause
 from tam_calibration.gap.size import unusable
 from tam_calibration.model.exceptions import InputError, Refused

@@ -17,16 +17,14 @@ from tam_calibration.fit import calibrate
 from tam_calibration.fit.estimate import Estimate, make_calibration
 from tam_calibration.fit.identifiability import refuse_open, require_determined
 from tam_calibration.gap.conclude import conclude
-from tam_calibration.gap.hypothesis import EVERYWHERE, Hypothesis, refined
+from tam_calibration.gap.hypothesis import EVERYWHERE, Hypothesis, Part, refined
 from tam_calibration.gap.joint import NO_SIZE, Joint
 from tam_calibration.gap.laws.signature import times_of
 from tam_calibration.gap.model import Model
-from tam_calibration.gap.part import Part
 from tam_calibration.gap.result import Gap
 from tam_calibration.gap.search import search
-from tam_calibration.gap.search_result import Search
 from tam_calibration.gap.size import Evidence, examine, unusable
-from tam_calibration.gap.steps import LEAST_EVIDENCE
+from tam_calibration.gap.steps import LEAST_EVIDENCE, Search
 from tam_calibration.integrity import CHANNEL_FAULTS, require_sound
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused

@@ -23,8 +23,6 @@ CHANCE = 0.05
 LAGS = 20
 """Samples up to which the autocorrelation is given."""
 
-_HIGHEST_DEGREE = 3
-"""Degree of the spherical harmonics of the direction: a calibration absorbs 1 and 2, nonlinear axes have 3."""
 
 _SAYS = {
     "chi_square": (
@@ -168,7 +166,8 @@ def checks_of(
     interpolated : InterpolatedNoise, optional
         What interpolation made of the noise of the sensors, which rows may have in part.
     """
-    functions = harmonics(direction, _HIGHEST_DEGREE)[:, 1:]
+    # A calibration absorbs spherical harmonics of degree 1 and 2, nonlinear axes have 3.
+    functions = harmonics(direction, 3)[:, 1:]
     row_count = rows_T.shape[1]
     chance = 1 - (1 - CHANCE) ** (1 / (5 * row_count))
     step_s = float(np.median(np.diff(time_s)))

@@ -13,21 +13,19 @@ from tam_calibration.effects.noise_excess import LARGEST_NOISE
 from tam_calibration.gap.checks import checks_of
 from tam_calibration.gap.hypothesis import Hypothesis, Place, sensors_of
 from tam_calibration.gap.joint import Joint
-from tam_calibration.gap.laws.causes import agrees
-from tam_calibration.gap.laws.law import in_words
+from tam_calibration.gap.laws.law import agrees, in_words
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.next_recording import next_recording
 from tam_calibration.gap.probabilities import energies_of, probabilities, set_of, shares_of
-from tam_calibration.gap.residue import residue_of
-from tam_calibration.gap.result import Cause, Considered, Gap, Size, Verdict, Where
-from tam_calibration.gap.search_result import LARGEST_REST, Search
+from tam_calibration.gap.result import Cause, Considered, Gap, Residue, Size, Verdict, Where
 from tam_calibration.gap.size import measure, noise_variance
-from tam_calibration.gap.steps import LEAST_EVIDENCE, Step
+from tam_calibration.gap.steps import LARGEST_REST, LEAST_EVIDENCE, Search, Step
 from tam_calibration.gap.where import locate, placed, sensors_and_axes
+from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.model.fitted_effect import ALL, FittedEffect
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensors_in_words import numbered
-from tam_calibration.model.units import to_nanotesla
+from tam_calibration.model.units import FloatArray, to_nanotesla
 
 
 def verdict_on(found: Search, size: Size) -> Verdict:
@@ -164,24 +162,20 @@ def _causes(found: Search, model: Model, size: Size, chances: Mapping[str, float
 
     Linear effects share the energy that all of them explain; a finding has that of all steps that accepted it.
     """
-    linear = [step for step in found.steps if isinstance(step.accepted.form, Hypothesis)]
-    by_finding: dict[int, list[Step]] = {}
-    for step in found.steps:
-        if isinstance(step.accepted.form, Finding):
-            by_finding.setdefault(id(step.accepted.form.fitted), []).append(step)
-    steps = [*linear, *(own[0] for own in by_finding.values())]
-    findings = {id(finding.fitted): finding.fitted for finding in model.findings}.values()
-    shares = shares_of(model) if model.parts else np.empty(0)
     energy = energies_of(found.steps, found.nominal.base().channels.count)
     total = sum(energy.values())
-    linear_energy = sum(energy[step] for step in linear)
-    weights = [
-        *(share * linear_energy / total for share in shares),
-        *(sum(energy[step] for step in own) / total for own in by_finding.values()),
-    ]
+    linear = [step for step in found.steps if isinstance(step.accepted.form, Hypothesis)]
+    of_linear = sum(energy[step] for step in linear) / total
+    parts = zip(linear, Joint.of(model).effects, (of_linear * shares_of(model)).tolist(), strict=True)
+    by_finding: dict[int, tuple[Step, FittedEffect, float]] = {}
+    for step in found.steps:
+        if isinstance(step.accepted.form, Finding):
+            fitted = step.accepted.form.fitted
+            first, _, before = by_finding.get(id(fitted), (step, fitted, 0.0))
+            by_finding[id(fitted)] = first, fitted, before + energy[step] / total
     covariates = model.channels().covariates
     causes = []
-    for step, effect, weight in zip(steps, (*Joint.of(model).effects, *findings), weights, strict=True):
+    for step, effect, weight in (*parts, *by_finding.values()):
         places = _places(effect, covariates)
         sensors, axes = sensors_and_axes(places, model.recording)
         if isinstance(step.accepted.form, Finding) and ALL in sensors_of(places):
@@ -193,9 +187,9 @@ def _causes(found: Search, model: Model, size: Size, chances: Mapping[str, float
                 sensors,
                 axes,
                 chances.get(effect.effect, 0.0),
-                float(weight),
+                weight,
                 step.accepted.delta_bic,
-                float(size.closed * weight),
+                size.closed * weight,
                 _indistinguishable(step, found),
                 is_drift(effect.effect, model.recording),
                 tuple(effect_named(effect.effect).sizes(covariates, effect)),
@@ -257,3 +251,49 @@ def _considered(found: Search, causes: tuple[Cause, ...]) -> tuple[Considered, .
             cause.fitted.effect, "supported", "the data ask for it", cause.delta_bic, cause.r2_cv
         )
     return tuple(result[name] for name in sorted(result))
+
+
+def residue_of(nominal: Model, model: Model, before: WhitenedChannels, variance: float) -> Residue:
+    """Return the residual of each row and sample before the causes, with them, and of a twin with noise alone.
+
+    Parameters
+    ----------
+    nominal, model : Model
+        Before the causes, and with them.
+    before : WhitenedChannels
+        Of the nominal model, all samples.
+    variance : float
+        Of the channels' white noise, over that of the array.
+    """
+    generator = np.random.default_rng(0)
+    covariates, scale = before.covariates, float(np.sqrt(variance))
+    noise = scale * nominal.row_noise_T * generator.normal(size=(covariates.sample_count, covariates.scalar_row))
+    direction = covariates.field_T / covariates.intensity_T[:, None]
+    field_T: FloatArray = nominal.intensity_T * direction
+    scalar = None
+    if nominal.recording.scalar_T is not None:
+        drawn = scale * nominal.array.scalar_noise_T * generator.normal(size=covariates.sample_count)
+        field_T, scalar = covariates.field_T, np.where(before.precision > 0, covariates.intensity_T + drawn, np.nan)
+    exact = covariates.errors.distort(field_T)
+    made = replace(nominal.recording, readings_T=exact + noise.reshape(exact.shape), scalar_T=scalar)
+    twin = WhitenedChannels.at(made, nominal.array, nominal.errors, nominal.intensity_T, world=nominal.world)
+    typical = np.array([np.median(row[row > 0]) if row.any() else np.inf for row in before.residuals.row_information.T])
+
+    def shifts(channels: WhitenedChannels) -> FloatArray:
+        information = channels.residuals.row_information
+        shift: FloatArray = channels.residuals.row_shift_T * np.sqrt(information / typical)
+        shift[information == 0] = np.nan
+        return shift
+
+    before_T, after_T = shifts(before), shifts(model.base().channels)
+    after_T[~model.is_counted] = np.nan
+    return Residue(
+        covariates.time_s,
+        direction,
+        before_T,
+        after_T,
+        shifts(twin),
+        scale / np.sqrt(typical),
+        nominal.recording.temperature_C,
+        nominal.recording.current_A,
+    )

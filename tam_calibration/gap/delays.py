@@ -17,12 +17,6 @@ from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
 
-_MOST_STEPS = 12
-"""A delay of two samples takes three steps."""
-
-_SETTLED = 0.01
-"""Part of its standard error that a delay may still change by."""
-
 
 @dataclass(frozen=True, eq=False)
 class Delays:
@@ -64,13 +58,14 @@ def estimate_delays(recording: Recording, array: Array) -> Delays:
         raise InputError("delays are those of further sensors after sensor 1: the array has one sensor only")
     delay = np.zeros(recording.sensor_count)
     first_s, last_s = recording.time_span_s
-    for _ in range(_MOST_STEPS):
+    # A delay of two samples takes three steps.
+    for _ in range(12):
         moved = without_delays(recording, delay)
         # A delay that changes its sign would else lose a sample at one end and win one at the other, without end.
         first_s, last_s = max(first_s, moved.time_s[0]), min(last_s, moved.time_s[-1])
         step, error = _step(moved.take((moved.time_s >= first_s) & (moved.time_s <= last_s)), array)
         delay[1:] += step
-        if np.all(np.abs(step) <= _SETTLED * error):
+        if np.all(np.abs(step) <= 0.01 * error):
             return Delays(delay, np.concatenate([[0.0], error]))
     raise Refused("the delays of the sensors do not settle: more than their delays is unknown; try tam diagnose")
 

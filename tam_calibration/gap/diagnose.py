@@ -12,26 +12,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.linalg import LinAlgError
 
+from tam_calibration.effects.grades import LEAST_SAMPLES, NEGLIGIBLE
 from tam_calibration.effects.library import installed_effects, shown_by
+from tam_calibration.fit.consistency import accepted
+from tam_calibration.fit.identifiability import require_determined
+from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.recorded_attitude import misread_attitude
 from tam_calibration.gap.conclude import conclude
 from tam_calibration.gap.floor import floor_of
-from tam_calibration.gap.recorded_noise import recorded_noise, remarks_on
-from tam_calibration.gap.refusal import (
-    at_rest,
-    is_at_rest,
-    needed_samples,
+from tam_calibration.gap.noise import recorded_noise, remarks_on
+from tam_calibration.gap.nominal import (
+    ENOUGH_SAMPLES,
+    canonical_correlations,
     open_parameters,
-    refusal_of,
-    too_short,
-    without_nominal,
+    significant_correlation,
 )
-from tam_calibration.gap.result import Gap
+from tam_calibration.gap.result import Considered, Gap, Residue, Size, Where
 from tam_calibration.gap.search import Progress, search
-from tam_calibration.gap.search_result import Search
+from tam_calibration.gap.steps import Search
 from tam_calibration.integrity import require_sound
 from tam_calibration.model.array import Array
-from tam_calibration.model.exceptions import Refused
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.geomagnetic_field import FieldBounds
 from tam_calibration.model.memory import load_within_limit
 from tam_calibration.model.recording import Recording, SampleSource
 
@@ -155,18 +157,21 @@ def _judged(
     if recording.sample_count < needed_samples(recording.sensor_count):
         return too_short(recording), None
     if is_at_rest(recording, array.field):
-        return at_rest(recording), None
+        reason = (
+            "the array was hardly turned, or its sensors share no motion: calibration and effects cannot be told apart"
+        )
+        return _no_verdict(recording, reason, "the array was not turned"), None
     # One sensor without attitude has no channel but the intensity, which undetermined parameters absorb.
     alone = recording.sensor_count == 1 and recording.attitude is None
     if alone and (left_open := open_parameters(recording, array)) is not None:
-        return without_nominal(recording, left_open), None
+        return _no_verdict(recording, left_open), None
     try:
         found = search(recording, array, without, progress)
         gap = conclude(found)
     except Refused as problem:
-        return without_nominal(recording, str(problem)), None
+        return _no_verdict(recording, str(problem)), None
     except LinAlgError:
-        return without_nominal(recording, "its equations have no solution"), None
+        return _no_verdict(recording, "its equations have no solution"), None
     model = found.nominal if gap.verdict == "no_gap" else found.model
     noise = recorded_noise(model, array)
     is_determined = floor_of(found.nominal.channels(), array).is_determined and bool(noise)
@@ -185,9 +190,6 @@ MOST_SAMPLES = 100_000
 
 STRETCH = 1000
 """Samples of a stretch: many times the memory of filters and loops, and a hundredth of all that are looked at."""
-
-_GOLDEN_SECTION = (np.sqrt(5) - 1) / 2
-"""Its multiples are, without their whole part, spread evenly over 0 to 1 however many there are (Weyl)."""
 
 
 def in_stretches(source: SampleSource) -> tuple[Recording, tuple[str, ...]]:
@@ -210,7 +212,8 @@ def in_stretches(source: SampleSource) -> tuple[Recording, tuple[str, ...]]:
         return source.whole(), ()
     part = np.arange(parts)
     free = count / parts - STRETCH
-    starts = (part * count / parts + free * (part * _GOLDEN_SECTION % 1)).astype(int)
+    # Multiples of the golden section, without their whole part, are spread evenly over 0 to 1 (Weyl).
+    starts = (part * count / parts + free * (part * (np.sqrt(5) - 1) / 2 % 1)).astype(int)
     chosen = np.zeros(count, dtype=bool)
     chosen[starts[:, None] + np.arange(STRETCH)] = True
     recording = source.take(chosen).whole()
@@ -220,3 +223,77 @@ def in_stretches(source: SampleSource) -> tuple[Recording, tuple[str, ...]]:
         f"over the run: what happens between them only, in up to {longest_s:.3g} s, is not seen."
     )
     return recording, (remark,)
+
+
+def refusal_of(recording: Recording, array: Array) -> str | None:
+    """Return why a calibration of the recording would be refused, in one sentence, or None.
+
+    Parameters
+    ----------
+    recording : Recording
+        As given; a long one is thinned.
+    array : Array
+        Of the recording; a noise that is not stated is estimated.
+    """
+    some = recording.thinned(ENOUGH_SAMPLES)
+    try:
+        require_determined(some, array)
+        accepted(some, array, maximum_likelihood)
+    except (InputError, Refused) as problem:
+        return str(problem)
+    except LinAlgError:
+        return "the readings do not fit one calibration"
+    return None
+
+
+def needed_samples(sensor_count: int) -> int:
+    """Return how many samples any verdict takes."""
+    # A verdict takes sixty degrees of freedom beyond the calibration.
+    channels = 60 + 12 * sensor_count - 3
+    return max(LEAST_SAMPLES, -(-channels // (3 * sensor_count - 2)))
+
+
+def is_at_rest(recording: Recording, field: FieldBounds) -> bool:
+    """Whether the first sensor hardly moves, or moves on a line, or no other's readings are correlated with it.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of K sensors.
+    field : FieldBounds
+        Bounds of the intensity: readings whose spread is small against the lower one are at rest.
+    """
+    first = recording.readings_T[:, 0] - recording.readings_T[:, 0].mean(axis=0)
+    spread = np.sqrt(np.maximum(np.linalg.eigvalsh(first.T @ first / len(first)), 0))
+    # As much as a turn of half a degree.
+    if spread[1] < NEGLIGIBLE * field.low_T:
+        return True
+    shared = canonical_correlations(recording.readings_T)[1:, 1]
+    return bool((shared < significant_correlation(recording.sample_count)).all()) if len(shared) else False
+
+
+def too_short(recording: Recording) -> Gap:
+    """Return the answer without a verdict for a recording with too few samples."""
+    count = recording.sensor_count
+    needed, some = needed_samples(count), recording.sample_count
+    why = f"{some} sample{'s' * (some > 1)} of {count} sensor{'s' * (count > 1)}"
+    return _no_verdict(recording, f"it takes {needed} samples at least, not {why}", "the recording is too short")
+
+
+def _no_verdict(recording: Recording, reason: str, why: str = "there is no calibration to start from") -> Gap:
+    """Return the answer without a verdict, with a reason in one clause for the recording, and one for each effect."""
+    first, last = recording.time_span_s
+    row_count, nan = 3 * recording.sensor_count + 1, float("nan")
+    nothing = np.full((recording.sample_count, row_count), np.nan)
+    return Gap(
+        "not_identifiable",
+        Size(nan, nan, nan, nan, nan, nan, nan, nan, (nan, nan)),
+        Where(),
+        (),
+        tuple(Considered(name, "not_identifiable", why) for name in installed_effects()),
+        {},
+        f"Record {2 * needed_samples(recording.sensor_count)} samples or more while turning the array through all "
+        "attitudes.",
+        f"No verdict on the time from {first:.1f} to {last:.1f} s: {reason}.",
+        Residue(recording.time_s, nothing[:, :3], nothing, nothing, nothing, np.full(row_count, np.nan)),
+    )

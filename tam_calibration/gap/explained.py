@@ -14,9 +14,6 @@ from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import SampleSource
 from tam_calibration.model.units import to_nanotesla
 
-_MOST_SAMPLES = 10_000
-"""Of a diagnosis beyond what the user asked for: some seconds."""
-
 
 def explained(
     calibration: Calibration,
@@ -38,7 +35,8 @@ def explained(
         As of ``diagnose``.
     """
     with suppress(InputError, Refused):
-        gap = diagnose(samples.thinned(_MOST_SAMPLES), array, progress=progress, accept=accept)
+        # The user did not ask for this diagnosis: so many samples take some seconds.
+        gap = diagnose(samples.thinned(10_000), array, progress=progress, accept=accept)
         kept = [one for one in calibration.warnings if not gap.causes or SOMETHING_MAGNETIC not in one]
         found = _in_words(gap)
         return replace(calibration, warnings=tuple(one.replace(f": {LOOK_FOR_CAUSE}", found) for one in kept))

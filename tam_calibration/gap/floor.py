@@ -29,9 +29,6 @@ Sheets state typical sensors, which differ by some ten per cent; a factor of two
 _CLIP = 4.0
 """Limit at which differences are clipped, in robust standard deviations."""
 
-_ROUNDS = 200
-"""Multiplicative updates; levels of rows that few channels depend on converge slowly."""
-
 
 @dataclass(frozen=True, eq=False)
 class Floor:
@@ -131,7 +128,7 @@ def _of_rows(channels: WhitenedChannels, stated_T: FloatArray) -> tuple[FloatArr
     variance = np.array([_white(series) for series in readings[fresh].T])
     share = mixing**2
     # Multiplicative updates towards the variances that give the observed levels; all stay positive (Lee & Seung 1999).
-    for _ in range(_ROUNDS):
+    for _ in range(200):
         variance = variance * (share.T @ (observed / (share @ variance))) / share.sum(axis=0)
     for lattice in find_lattices(channels.residuals):
         if lattice.row < len(variance):

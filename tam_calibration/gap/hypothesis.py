@@ -1,6 +1,6 @@
-"""The best form of one hypothesis: the terms selected by evidence, over the shapes of an effect, then refined."""
+"""The best form of an effect: the terms selected by evidence, over its shapes, then refined; and an accepted form."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from heapq import nlargest
 
@@ -11,11 +11,9 @@ from tam_calibration.effects.effect import Finding, LinearEffect
 from tam_calibration.effects.states import Times
 from tam_calibration.effects.term import Key, Term, chosen
 from tam_calibration.gap.regression import Base, Choice, Selection, columns_of, evidence, twice_log_likelihood_ratio
-from tam_calibration.model.fitted_effect import SCALAR, FittedEffect, Shape
+from tam_calibration.gap.whitened_channels import WhitenedChannels
+from tam_calibration.model.fitted_effect import SCALAR, Contribution, FittedEffect, Shape
 from tam_calibration.model.units import FloatArray
-
-_FULLY_SELECTED = 2
-"""Shapes, those with the best first step, for which the selection of terms is carried out."""
 
 Place = tuple[int, int | None]
 """Sensor (index, ``SCALAR`` or ``ALL``) and axis."""
@@ -58,9 +56,10 @@ class Hypothesis:
         return tuple(term.key for term in self.terms)
 
     @property
-    def width(self) -> int:
-        """Number of coefficients P."""
-        return sum(len(term.coefficients) for term in self.terms)
+    def searched(self) -> dict[str, list[float]]:
+        """The values that were tried of each parameter of the shape of which there were several, in order."""
+        values = {name: sorted({shape[name] for shape in self.tried if name in shape}) for name in self.shape}
+        return {name: tried for name, tried in values.items() if len(tried) > 1}
 
 
 def places_of(form: Hypothesis | Finding) -> list[Place]:
@@ -98,32 +97,17 @@ def best_form(
     covariates = base.channels.covariates
     at_times = (shape for own in times for shape in effect.shapes_at(own, covariates))
     shapes = (*effect.shapes(covariates, base.channels.residuals), *at_times)
-    offers = (offer for shape in shapes for offer in _offers(base, effect, shape, sensors))
-    promising = nlargest(_FULLY_SELECTED, offers, key=lambda offer: offer.evidence)
-    selected = (_selected(effect, offer) for offer in promising)
-    forms = [form for form in selected if form is not None]
-    if not forms:
+    choices = ((shape, choice) for shape in shapes for choice in _choices(base, effect, shape, sensors))
+    # The selection is carried out for the two with the best first step.
+    promising = nlargest(2, choices, key=lambda offer: offer[1].first_step)
+    selected = [(shape, choice.terms, choice.select()) for shape, choice in promising if np.isfinite(choice.first_step)]
+    if not selected:
         return None
-    best = replace(max(forms, key=lambda form: form.selection.delta_bic), tried=shapes)
-    price = _searched(base, best) * float(np.log(base.channels.count))
-    return replace(best, selection=replace(best.selection, delta_bic=best.selection.delta_bic - price))
-
-
-def _searched(base: Base, form: Hypothesis) -> int:
-    """Return the number of parameters of a shape that were searched: those that are no convention, and that matter."""
-    if form.effect.has_exact_shapes:
-        return len(form.shape)
-    return sum(_matters(base, form, name) for name in form.shape)
-
-
-def _matters(base: Base, form: Hypothesis, name: str) -> bool:
-    """Whether several values of a parameter were tried, and the chosen terms are not the same for another one."""
-    other = next((shape for shape in form.tried if name in shape and shape[name] != form.shape[name]), None)
-    if other is None:
-        return len({name in shape for shape in form.tried}) > 1
-    changed = base.channels.terms(form.effect, {**form.shape, name: other[name]})
-    features = {term.key: term.features for term in changed}
-    return any(term.key not in features or np.any(features[term.key] != term.features) for term in form.terms)
+    shape, terms, selection = max(selected, key=lambda one: one[2].delta_bic)
+    form = Hypothesis(effect, shape, tuple(terms[index] for index in selection.terms), selection, shapes)
+    searched = [name for name in shape if effect.has_exact_shapes or len({one.get(name) for one in shapes}) > 1]
+    price = len(searched) * float(np.log(base.channels.count))
+    return replace(form, selection=replace(selection, delta_bic=selection.delta_bic - price))
 
 
 def given_form(base: Base, effect: LinearEffect, fitted: FittedEffect) -> Hypothesis:
@@ -146,16 +130,7 @@ def given_form(base: Base, effect: LinearEffect, fitted: FittedEffect) -> Hypoth
     return Hypothesis(effect, fitted.shape, tuple(terms), selection, (), np.array(values))
 
 
-@dataclass(frozen=True, eq=False)
-class _Offer:
-    """All terms of a shape, and the evidence of the best first step of their selection."""
-
-    shape: Shape
-    choice: Choice
-    evidence: float
-
-
-def _offers(base: Base, effect: LinearEffect, shape: Shape, sensors: frozenset[int]) -> Iterator[_Offer]:
+def _choices(base: Base, effect: LinearEffect, shape: Shape, sensors: frozenset[int]) -> Iterator[Choice]:
     """Yield the terms of a shape; of each sensor apart where the effect acts on one alone."""
     terms = [
         term
@@ -166,44 +141,19 @@ def _offers(base: Base, effect: LinearEffect, shape: Shape, sensors: frozenset[i
     ]
     if not terms:
         return
-    projected, count = base.project(base.channels.design(terms)), base.channels.count - base.rank
-    columns = columns_of(terms)
+    projected, columns = base.project(base.channels.design(terms)), columns_of(terms)
     for apart in dict.fromkeys(term.sensor if effect.is_of_one_sensor else None for term in terms):
         own = [index for index, term in enumerate(terms) if apart in (None, term.sensor)]
         part = projected.take(np.concatenate([columns[index] for index in own]))
-        choice = Choice(part, [terms[index] for index in own], base.energy, count)
-        first = choice.first_step()
-        if np.isfinite(first):
-            yield _Offer(shape, choice, first)
-
-
-def _selected(effect: LinearEffect, offer: _Offer) -> Hypothesis | None:
-    selection = offer.choice.select()
-    if not selection.terms:
-        return None
-    return Hypothesis(effect, offer.shape, tuple(offer.choice.terms[index] for index in selection.terms), selection)
-
-
-_REFINEMENTS = 14
-"""Evaluations for one parameter (bounded Brent): accurate to some per cent of the distance between neighbours."""
-
-_MOVES = 40
-"""Evaluations for several parameters together (Nelder and Mead)."""
-
-_FIRST_TURN_RAD = 0.4
-"""First step of an angle, rad: half of the spacing of the directions that are tried."""
-
-_FIRST_STEP = 0.5
-"""First step of another parameter, as a part of the distance to the neighbouring value tried."""
-
-_FINEST_STEP = 0.0125
-"""Step at which the simplex ends, as a part of the first."""
+        yield Choice(part, [terms[index] for index in own], base.energy, base.channels.count - base.rank)
 
 
 def refined(base: Base, form: Hypothesis) -> Hypothesis:
     """Return the form with the parameters of its shape moved, together, to where the chosen terms explain most.
 
-    A direction may turn anywhere; other parameters stay between the neighbours of the best among those tried.
+    A direction may turn anywhere; other parameters stay between the neighbours of the best among those tried. The
+    search is that of Nelder and Mead, in units of a first step: half of the way to a neighbour or, of an angle, of the
+    spacing of the directions that are tried.
 
     Parameters
     ----------
@@ -212,103 +162,116 @@ def refined(base: Base, form: Hypothesis) -> Hypothesis:
     form : Hypothesis
         With the shapes that were tried; one of an effect with exact shapes stays as it is.
     """
-    if form.effect.has_exact_shapes:
-        return form
-    tried = {name: sorted({shape[name] for shape in form.tried if name in shape}) for name in form.shape}
-    spans = {
-        name: _Span.of(form.shape[name], tried[name], form.effect.shape_units[name] == "rad")
-        for name in form.effect.shape_units
-        if len(tried.get(name, ())) > 1
-    }
-    if not spans:
-        return form
-    return (_moved if len(spans) == 1 else _moved_together)(base, form, spans)
-
-
-@dataclass(frozen=True)
-class _Span:
-    """Search range of a parameter of a shape: start, first step, lower and upper bound."""
-
-    start: float
-    step: float
-    low: float
-    high: float
-
-    @classmethod
-    def of(cls, value: float, tried: list[float], is_angle: bool) -> "_Span":
-        if is_angle:
-            return cls(value, _FIRST_TURN_RAD, -np.inf, np.inf)
-        here = tried.index(value)
-        low, high = tried[max(here - 1, 0)], tried[min(here + 1, len(tried) - 1)]
-        return cls(value, _FIRST_STEP * (high - value or low - value), low, high)
-
-
-def _moved(base: Base, form: Hypothesis, spans: Mapping[str, _Span]) -> Hypothesis:
-    """Return the form with the one parameter of its shape that is free moved between its neighbours."""
-    from scipy.optimize import minimize_scalar
-
-    ((name, span),) = spans.items()
-    best = _Best(base, form)
-    minimize_scalar(
-        lambda value: -best.gain_at({name: float(value)}),
-        bounds=(span.low, span.high),
-        method="bounded",
-        options={"maxiter": _REFINEMENTS},
-    )
-    return best.form
-
-
-def _moved_together(base: Base, form: Hypothesis, spans: Mapping[str, _Span]) -> Hypothesis:
-    """Return the form with several parameters of its shape moved, each in units of its first step."""
     from scipy.optimize import minimize
 
-    best = _Best(base, form)
+    searched = {} if form.effect.has_exact_shapes else form.searched
+    if not searched:
+        return form
+    start, step, low, high = np.transpose([_range_of(form, name, tried) for name, tried in searched.items()])
 
-    def shape(steps: FloatArray) -> Shape:
-        return {
-            name: span.start + span.step * step
-            for (name, span), step in zip(spans.items(), steps.tolist(), strict=True)
-        }
+    def terms_at(steps: FloatArray) -> tuple[Shape, tuple[Term, ...]]:
+        shape = {**form.shape, **dict(zip(searched, (start + step * steps).tolist(), strict=True))}
+        return shape, tuple(chosen(base.channels.terms(form.effect, shape), form.keys))
 
-    ends = [
-        sorted(((span.low - span.start) / span.step, (span.high - span.start) / span.step)) for span in spans.values()
-    ]
-    minimize(
-        lambda steps: -best.gain_at(shape(steps)),
-        np.zeros(len(spans)),
+    def loss(steps: FloatArray) -> float:
+        return -base.project(base.channels.design(terms_at(steps)[1])).gain()[0]
+
+    found = minimize(
+        loss,
+        np.zeros(len(start)),
         method="Nelder-Mead",
-        bounds=ends,
+        bounds=np.sort([(low - start) / step, (high - start) / step], axis=0).T,
         options={
-            "initial_simplex": np.vstack([np.zeros(len(spans)), np.eye(len(spans))]),
-            "maxfev": _MOVES,
-            "xatol": _FINEST_STEP,
+            "initial_simplex": np.vstack([np.zeros(len(start)), np.eye(len(start))]),
+            "maxfev": 40,
+            "xatol": 0.0125,
             "fatol": np.inf,
         },
     )
-    return best.form
+    shape, terms = terms_at(found.x)
+    gains = np.array([form.selection.gain, -found.fun])
+    before, after = twice_log_likelihood_ratio(base.energy, gains, base.channels.count).tolist()
+    selection = replace(form.selection, gain=-found.fun, delta_bic=form.selection.delta_bic + after - before)
+    return replace(form, shape=shape, terms=terms, selection=selection)
 
 
-class _Best:
-    """The form with the largest gain among the shapes that were tried."""
+def _range_of(form: Hypothesis, name: str, tried: list[float]) -> tuple[float, float, float, float]:
+    """Return start, first step, lower and upper bound of a parameter of a shape."""
+    value = form.shape[name]
+    if form.effect.shape_units[name] == "rad":
+        return value, 0.4, -np.inf, np.inf
+    here = tried.index(value)
+    low, high = tried[max(here - 1, 0)], tried[min(here + 1, len(tried) - 1)]
+    return value, (high - value or low - value) / 2, low, high
 
-    def __init__(self, base: Base, form: Hypothesis) -> None:
-        self._base, self._start = base, form
-        self._gain, self._shape, self._terms = form.selection.gain, form.shape, form.terms
 
-    def gain_at(self, change: Shape) -> float:
-        """Return the energy that the terms explain with some parameters changed."""
-        shape = {**self._start.shape, **change}
-        terms = tuple(chosen(self._base.channels.terms(self._start.effect, shape), self._start.keys))
-        gain, _ = self._base.project(self._base.channels.design(terms)).gain()
-        if gain > self._gain:
-            self._gain, self._shape, self._terms = gain, shape, terms
-        return gain
+@dataclass(frozen=True, eq=False)
+class Part:
+    """An accepted effect: its shape, which of its terms, and their values (P,) in the order of the listing."""
+
+    effect: LinearEffect
+    shape: Shape
+    keys: tuple[Key, ...]
+    values: FloatArray
+
+    @classmethod
+    def of(cls, form: Hypothesis) -> "Part":
+        """Accept a hypothesis, with values to start from where it has them."""
+        width = sum(len(term.coefficients) for term in form.terms)
+        return cls(form.effect, form.shape, form.keys, np.zeros(width) if form.values is None else form.values)
 
     @property
-    def form(self) -> Hypothesis:
-        """The best form, with its evidence."""
-        selection, energy, count = self._start.selection, self._base.energy, self._base.channels.count
-        more = twice_log_likelihood_ratio(energy, self._gain, count)
-        more -= twice_log_likelihood_ratio(energy, selection.gain, count)
-        selection = replace(selection, gain=self._gain, delta_bic=selection.delta_bic + more)
-        return replace(self._start, shape=self._shape, terms=self._terms, selection=selection)
+    def channels(self) -> set[str]:
+        """Names of the recorded channels that its terms follow, or that its effect always needs."""
+        own = tuple(Contribution(sensor, axis, name, {}) for sensor, axis, name in self.keys)
+        return {*self.effect.channels, *self.effect.needs(FittedEffect(self.effect.name, self.shape, own))}
+
+    @classmethod
+    def at(cls, base: Base, form: Hypothesis) -> "Part":
+        """Return a form with the coefficients of least squares at a null model."""
+        projected = base.project(base.channels.design(form.terms))
+        return replace(cls.of(form), values=projected.inverse()[0] @ projected.score)
+
+    def terms(self, channels: WhitenedChannels) -> list[Term]:
+        """Return the terms for the covariates of the channels, at all samples."""
+        return chosen(self.effect.terms(channels.covariates, self.shape), self.keys)
+
+    def left_out(self, channels: WhitenedChannels) -> list[Term]:
+        """Return the terms at other places that were not selected, of the same names."""
+        names = {term.name for term in self.terms(channels)}
+        everywhere = () if self.effect.is_of_one_sensor else self.effect.terms(channels.covariates, self.shape)
+        return [term for term in everywhere if term.name in names and term.key not in self.keys]
+
+    def signal(self, terms: Sequence[Term], row_count: int) -> FloatArray:
+        """Return what the effect adds to the rows, (N, row_count), tesla.
+
+        Parameters
+        ----------
+        terms : sequence of Term
+            As of ``terms``, with features at N samples.
+        row_count : int
+            Number of rows, 3K + 1.
+        """
+        total = np.zeros((len(terms[0].features), row_count))
+        for term, columns in zip(terms, columns_of(terms), strict=True):
+            total += term.signal(self.values[columns], row_count)
+        return total
+
+    def fitted(self, terms: Sequence[Term], covariance: FloatArray | None = None) -> FittedEffect:
+        """Return the effect with its values and their standard errors.
+
+        Parameters
+        ----------
+        terms : sequence of Term
+            As of ``terms``, in the order of the values.
+        covariance : (P, P) array, optional
+            Of the values, each in the SI unit of its coefficient; zero where it does not matter.
+        """
+        error = np.sqrt(np.maximum(np.zeros(len(self.values)) if covariance is None else np.diag(covariance), 0))
+        contributions = []
+        for term, columns in zip(terms, columns_of(terms), strict=True):
+            names = [coefficient.name for coefficient in term.coefficients]
+            values = dict(zip(names, self.values[columns].tolist(), strict=True))
+            errors = dict(zip(names, error[columns].tolist(), strict=True))
+            contributions.append(Contribution(term.sensor, term.axis, term.name, values, errors))
+        return FittedEffect(self.effect.name, dict(self.shape), tuple(contributions))

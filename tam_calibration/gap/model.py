@@ -9,29 +9,29 @@ from numpy.linalg import LinAlgError
 from numpy.typing import NDArray
 
 from tam_calibration.core.least_squares import iterate
-from tam_calibration.core.noise import complete_noise
+from tam_calibration.core.noise import complete_noise, fast_noise
 from tam_calibration.effects.effect import Finding
 from tam_calibration.effects.grades import NEGLIGIBLE, NOTABLE
 from tam_calibration.effects.gross_jump import gross_bias_jump
 from tam_calibration.effects.removal import added_to, attitude_known, filled, linear_effect, require_channels
-from tam_calibration.gap.attitude_nominal import Oriented, attitude_variance, bias_variance
 from tam_calibration.gap.floor import floor_of
-from tam_calibration.gap.hypothesis import Hypothesis
+from tam_calibration.gap.hypothesis import Hypothesis, Part
 from tam_calibration.gap.nominal import (
+    ENOUGH_SAMPLES,
+    open_parameters,
     outlying_samples,
     starts,
     steady_parts,
     stepped,
+    without_calibration,
     without_channels,
     without_channels_in_world,
     without_jump,
 )
-from tam_calibration.gap.part import Part
 from tam_calibration.gap.physical import objection_to, sensed_intensity
-from tam_calibration.gap.refusal import ENOUGH_SAMPLES, open_parameters, without_calibration
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.whitened_channels import WhitenedChannels
-from tam_calibration.gap.world import World
+from tam_calibration.gap.world import Oriented, World, turns
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.fitted_effect import FittedEffect
@@ -39,22 +39,11 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
-_MOST_STEPS = 8
-"""Gauss-Newton steps in a row; a fit that needs more is held back by its bounds or runs away."""
-
 _MOST_ROUNDS = 4
 """Times that a fit is taken up again from where it stopped, as each changes where it is linearised."""
 
-_SPHERE_RANK = 9
-"""Rank of the calibration of one sensor by the intensity of the field, where that determines all of it."""
 
 _KNOWN: "WeakKeyDictionary[Model, Base]" = WeakKeyDictionary()
-
-_STEP_LENGTHS = (1.0, 0.5, 0.125, 0.03)
-"""Parts of a step that are tried, the whole first: where none of them goes downhill, nothing does."""
-
-_SETTLED = 1e-5
-"""Fall of the energy that a step promises, in that of one channel: far below any evidence."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,16 +161,22 @@ class Model:
         if plain is None:
             part = cls._of_most(recording, noisy, stride) or cls._of_steady(recording, noisy, stride)
             plain = None if part is None else part._with_floor(array, settled=False)
-        begun = next((cls(recording, noisy, one.errors, one.intensity_T) for one in starts(recording, noisy)), None)
-        if plain is None or (begun is not None and begun._is_found_out_of_bounds):
+        begun = next((cls(recording, noisy, *start) for start in starts(recording, noisy)), None)
+        # Where the attitudes determine the calibration, and it fits, it may yet be out of the bounds of sensors.
+        if plain is None or (
+            begun is not None
+            and begun.objection is not None
+            and not begun._is_gross()
+            and open_parameters(recording, noisy) is None
+        ):
             raise Refused(without_calibration(recording, None if begun is None else begun.objection))
         return plain
 
     @classmethod
     def _begun(cls, recording: Recording, array: KnownNoiseArray, stride: int) -> "Iterator[Model]":
         """Yield the model at each start that is within the bounds of sensors and of the Earth's field."""
-        for begin in starts(recording, array):
-            model = cls(recording, array, begin.errors, begin.intensity_T, stride=stride)
+        for start in starts(recording, array):
+            model = cls(recording, array, *start, stride=stride)
             if model.objection is None:
                 yield model
 
@@ -285,7 +280,8 @@ class Model:
         base = model.base()
         assert model.world is not None
         # A field disturbance degrades both fits alike; errors of the attitude do not affect that by the intensity.
-        if by_length.calibration_rank == _SPHERE_RANK and bias_variance(by_length) < NOTABLE * bias_variance(base):
+        # The intensity of the field determines nine parameters of one sensor.
+        if by_length.calibration_rank == 9 and bias_variance(by_length) < NOTABLE * bias_variance(base):
             return None
         world = replace(model.world, variance_T2=attitude_variance(base.channels, model.world))
         return replace(model, world=world, gross=start.jump)
@@ -293,13 +289,6 @@ class Model:
     def _is_gross(self) -> bool:
         """Whether the residual is no small disturbance of the field."""
         return bool(np.sqrt(np.mean(self._relative_residual**2)) > NEGLIGIBLE)
-
-    @property
-    def _is_found_out_of_bounds(self) -> bool:
-        """Whether the attitudes determine the calibration, it fits, and yet it is out of the bounds of sensors."""
-        return (
-            self.objection is not None and not self._is_gross() and open_parameters(self.recording, self.array) is None
-        )
 
     @property
     def agrees(self) -> NDArray[np.bool_]:
@@ -349,12 +338,13 @@ class Model:
 
     def settled(self) -> "Model":
         """Return the model with calibration and effects fitted together, by Gauss-Newton steps that do not climb."""
-        (model, _), _ = iterate(_downhill, (self, self.base()), _MOST_STEPS)
+        # A fit that needs more steps is held back by its bounds or runs away.
+        (model, _), _ = iterate(_downhill, (self, self.base()), 8)
         return model
 
     def _lower(self, base: Base) -> tuple["Model", Base] | None:
         """Return the model after a step, shortened until it does not climb, with its base; None where none helps."""
-        for length in _STEP_LENGTHS:
+        for length in (1.0, 0.5, 0.125, 0.03):
             try:
                 model = self._stepped(length * base.step, base)
                 moved = model.base()
@@ -470,7 +460,45 @@ def _mostly(jump: FittedEffect) -> FittedEffect:
 def _downhill(state: tuple[Model, Base]) -> tuple[tuple[Model, Base], bool]:
     """Take a step from a model and its base, and say whether there is no further one."""
     model, base = state
-    if base.fall < _SETTLED * max(1.0, base.energy / base.channels.count):
+    # A fall of 1e-5 of the energy of one channel is far below any evidence.
+    if base.fall < 1e-5 * max(1.0, base.energy / base.channels.count):
         return state, True
     moved = model._lower(base)
     return (state, True) if moved is None else (moved, False)
+
+
+_BIAS = [3, 7, 11]
+"""Columns of the offsets in the regressors of a sensor's calibration."""
+
+
+def attitude_variance(channels: WhitenedChannels, world: World) -> FloatArray:
+    """Return the variance (3,) that the white noise of the attitude adds to each row of a sensor, T².
+
+    A small rotation changes a field only across its direction. The white noise of the residual across the field of the
+    world therefore exceeds that along it by the noise of the attitude; each row has the part of it that lies across.
+
+    Parameters
+    ----------
+    channels : WhitenedChannels
+        Of one sensor in the field of the world; only samples that count are used.
+    world : World
+        The fitted field: the noise along it is that of the sensor alone, across it that of the attitude as well.
+    """
+    covariates, counted = channels.covariates, channels.is_counted
+    assert covariates.attitude is not None
+    residual = channels.residuals.row_shift_T[counted, :-1]
+    in_world = np.einsum("nji,nj->ni", turns(covariates.attitude[counted]), residual)
+    frame = np.linalg.qr(world.field_T[:, None], mode="complete")[0]
+    along, *across = fast_noise(in_world @ frame)
+    variance = max(float(np.mean(np.square(across)) - along**2), 0.0)
+    part_across: FloatArray = 1 - np.mean(channels.direction[counted, :3] ** 2, axis=0)
+    return variance * part_across
+
+
+def bias_variance(base: Base) -> float:
+    """Return the summed variance of a sensor's three offsets, scaled by the residual, over the squared intensity.
+
+    Directions that the recording does not determine count as zero: compare fits of equal rank only.
+    """
+    covariance = base.inverse[np.ix_(_BIAS, _BIAS)]
+    return float(np.trace(covariance)) * base.energy / max(base.channels.count - base.rank, 1.0)

@@ -3,10 +3,10 @@
 from collections.abc import Iterable, Sequence
 
 from tam_calibration.effects.library import effect_named
-from tam_calibration.gap.laws.causes import causes_of
+from tam_calibration.gap.laws.law import causes_of
 from tam_calibration.gap.result import Cause, Verdict
-from tam_calibration.gap.search_result import Search
 from tam_calibration.gap.size import CHANNEL_NAMES
+from tam_calibration.gap.steps import Search
 from tam_calibration.model.recording import Recording
 
 _OTHERWISE = (

@@ -20,11 +20,13 @@ from tam_calibration.effects.grades import MOST, NEGLIGIBLE
 from tam_calibration.effects.gross_jump import LEAST_FALL
 from tam_calibration.effects.states import BiasJump
 from tam_calibration.fit import ellipsoid
+from tam_calibration.fit.consistency import require_one_sphere
+from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.moments import mirror_images
 from tam_calibration.fit.scale import normalize, sphere_of_most
-from tam_calibration.gap.attitude_nominal import products_of
 from tam_calibration.gap.regressors import update
+from tam_calibration.gap.world import products_of
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.fitted_effect import FittedEffect
@@ -133,23 +135,14 @@ def _fit(own: FloatArray, added: FloatArray, target: FloatArray) -> tuple[FloatA
     return values, np.array([np.sum(alone**2), np.sum((target - both @ values) ** 2)])
 
 
-_SIGNIFICANT = 15.0
-"""Correlation times the root of the number of samples from which it is significant.
-
-White noise has one to two, slow noise three times as much.
-"""
-
-_SPIKE = 8.0
-"""Distance from the median, over its median, from which a reading is a spike; a motion hardly goes so far."""
-
-
 def canonical_correlations(readings_T: FloatArray) -> FloatArray:
     """Return the canonical correlations (K, 3), the largest first, of sensors' readings (N, K, 3) with the first's.
 
     By the singular values between orthonormal bases of both (Björck and Golub 1973); spikes are clipped.
     """
     centered = readings_T - np.median(readings_T, axis=0)
-    size = _SPIKE * np.median(np.abs(centered), axis=0)
+    # A motion hardly goes farther than eight times the median distance from the median.
+    size = 8.0 * np.median(np.abs(centered), axis=0)
     clipped = np.clip(centered, np.where(size > 0, -size, -np.inf), np.where(size > 0, size, np.inf))
     centered = np.swapaxes(clipped - clipped.mean(axis=0), 0, 1)
     basis = np.linalg.svd(centered, full_matrices=False)[0]
@@ -158,26 +151,12 @@ def canonical_correlations(readings_T: FloatArray) -> FloatArray:
 
 def significant_correlation(sample_count: int) -> float:
     """Return the correlation that noise of so many samples does not reach."""
-    return float(min(_SIGNIFICANT / np.sqrt(sample_count), MOST))
+    # White noise has one to two over the root of the samples, slow noise three times as much.
+    return float(min(15.0 / np.sqrt(sample_count), MOST))
 
 
-_OUTLYING = 4.0
-"""Length of a reading, over the median, from which it is an outlier: bias and soft iron hardly double it."""
-
-
-_MOST_PARTS = 3
-"""Parts of the run, at most, that are fitted alone: shorter ones seldom hold all attitudes."""
-
-_STEADY_PART = 0.2
-"""Part of the samples in which a channel is steadiest: less than the pauses of a motor that runs 70 % of the time."""
-
-
-@dataclass(frozen=True, eq=False)
-class NominalStart:
-    """Initial errors of a fit, and the constant intensity that replaces a missing scalar channel."""
-
-    errors: SensorErrors
-    intensity_T: float
+NominalStart = tuple[SensorErrors, float]
+"""Initial errors of a fit, and the constant intensity that replaces a missing scalar channel."""
 
 
 def starts(recording: Recording, array: Array) -> Iterator[NominalStart]:
@@ -215,7 +194,7 @@ def _calibrations(recording: Recording, array: Array) -> Iterator[NominalStart]:
                 fitted = maximum_likelihood(recording, array, robust=robust)
         except (InputError, Refused, LinAlgError):
             continue
-        yield NominalStart(fitted.errors, fitted.intensity_T)
+        yield fitted.errors, fitted.intensity_T
 
 
 def _check_handedness(recording: Recording) -> None:
@@ -247,7 +226,7 @@ def _mounted(recording: Recording, field: FieldBounds) -> Iterator[NominalStart]
     for center, radius_T in _centers(readings[:, 0], scalar_T, field):
         intensity_T = radius_T if scalar_T is None else scalar_T
         bias = middle - turned @ (middle[0] - center)
-        yield NominalStart(SensorErrors.from_matrix(turned * radius_T / intensity_T, bias), intensity_T)
+        yield SensorErrors.from_matrix(turned * radius_T / intensity_T, bias), intensity_T
 
 
 def _centers(
@@ -268,7 +247,8 @@ def _centers(
 def outlying_samples(recording: Recording) -> NDArray[np.bool_]:
     """Return the samples (N,) in which a sensor's reading is an outlier; none where there are many."""
     length = norm(recording.readings_T, axis=2)
-    outlying: NDArray[np.bool_] = (length > _OUTLYING * np.median(length, axis=0)).any(axis=1)
+    # Bias and soft iron hardly double the length of a reading.
+    outlying: NDArray[np.bool_] = (length > 4.0 * np.median(length, axis=0)).any(axis=1)
     return outlying if outlying.sum() <= NEGLIGIBLE * len(outlying) else np.zeros_like(outlying)
 
 
@@ -306,7 +286,8 @@ def steady_parts(recording: Recording) -> Iterator[slice | NDArray[np.intp]]:
 def _steadiest(channel: FloatArray) -> NDArray[np.intp]:
     """Return those samples, in the order of time, in which a channel (N,) has the narrowest range."""
     order = np.argsort(channel)
-    count = int(_STEADY_PART * len(order))
+    # A fifth of the samples: less than the pauses of a motor that runs 70 % of the time.
+    count = int(0.2 * len(order))
     width = channel[order[count:]] - channel[order[: len(order) - count]]
     first = int(np.argmin(width))
     return np.sort(order[first : first + count])
@@ -314,7 +295,8 @@ def _steadiest(channel: FloatArray) -> NDArray[np.intp]:
 
 def _parts(count: int) -> list[slice]:
     """Return the whole and, where something changed in the middle, its halves and thirds."""
-    cuts = [np.linspace(0, count, parts + 1).astype(int) for parts in range(1, _MOST_PARTS + 1)]
+    # Shorter parts seldom hold all attitudes.
+    cuts = [np.linspace(0, count, parts + 1).astype(int) for parts in (1, 2, 3)]
     return [slice(int(low), int(high)) for cut in cuts for low, high in pairwise(cut)]
 
 
@@ -338,7 +320,47 @@ def stepped(errors: SensorErrors, step: FloatArray, unit_T: float) -> SensorErro
         When the step leads to a value that is not finite.
     """
     matrix, bias = update(errors, step, unit_T)
-    if not (np.isfinite(matrix).all() and np.isfinite(bias).all()):
-        raise Refused("the nominal fit does not settle: the readings do not fit one calibration")
     first = SensorErrors.from_matrix(matrix, bias).rotation[0]
     return SensorErrors.from_matrix(matrix @ first.T, bias, errors.orientation)
+
+
+ENOUGH_SAMPLES = 8000
+"""Samples of a long recording that refusal and search take at most; the final fit takes all."""
+
+
+def open_parameters(recording: Recording, array: Array) -> str | None:
+    """Return which parameters the attitudes leave open, in one sentence, or None.
+
+    Parameters
+    ----------
+    recording : Recording
+        Raw readings of K sensors, tesla, and those of the scalar magnetometer where there is one.
+    array : Array
+        Of these sensors; a noise that is not stated is estimated.
+    """
+    try:
+        require_determined(recording, array)
+    except (InputError, LinAlgError) as problem:
+        return str(problem)
+    except Refused:
+        return None  # the readings contradict each other: effects may explain it
+    return None
+
+
+def without_calibration(recording: Recording, objection: str | None) -> str:
+    """Return why no calibration is found within the bounds of sensors, and for which time.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of K sensors.
+    objection : str, optional
+        Which bound the calibration that fits best exceeds.
+    """
+    try:
+        require_one_sphere(recording)
+    except Refused as problem:
+        return str(problem)
+    first, last = recording.time_span_s
+    best = "" if objection is None else f": the one that fits best has {objection}"
+    return f"no calibration that sensors can have fits the readings between {first:.1f} and {last:.1f} s{best}"

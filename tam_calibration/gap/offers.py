@@ -1,25 +1,22 @@
 """The effects that may explain a law, each in its likeliest form."""
 
 from collections.abc import Callable, Collection, Iterator, Sequence
+from math import exp
 
 from tam_calibration.effects.effect import Effect, Finding, LinearEffect
 from tam_calibration.effects.grades import MINOR
 from tam_calibration.effects.library import effect_named, installed_effects
-from tam_calibration.gap.hypothesis import EVERYWHERE, Hypothesis, given_form, places_of, sensors_of
-from tam_calibration.gap.laws.causes import acts_at, makes, may_make
-from tam_calibration.gap.laws.law import ATTITUDE, FREE, SCALAR, Signature
+from tam_calibration.effects.states import Times
+from tam_calibration.gap.hypothesis import EVERYWHERE, Hypothesis, Part, given_form, places_of, sensors_of
+from tam_calibration.gap.laws.law import ATTITUDE, FREE, SCALAR, Signature, acts_at, makes, may_make
 from tam_calibration.gap.laws.signature import Law
 from tam_calibration.gap.model import Model
-from tam_calibration.gap.part import Part
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.result import Considered
-from tam_calibration.gap.size import Evidence, energy_explained, evidence_of, examine, sharpened, usable
+from tam_calibration.gap.size import Evidence, evidence_of, examine, sharpened, unusable
 from tam_calibration.gap.steps import LEAST_EVIDENCE, MOST_CAUSES, Step, is_new, special_case
 from tam_calibration.model.fitted_effect import ALL
 from tam_calibration.model.fitted_effect import SCALAR as SCALAR_ROW
-
-_MOST_TRIED = 4
-"""Effects that are fitted to explain one law, at most: those with the most evidence."""
 
 
 class Offers:
@@ -37,8 +34,11 @@ class Offers:
 
     def __init__(self, nominal: Model, without: Collection[str], tell: Callable[[str, float], None]) -> None:
         self._gross, self._tell = nominal.gross, tell
-        self._effects, missing = usable(installed_effects(), without, nominal.base().channels)
-        self._reasons = {one.effect: one for one in missing}
+        channels = nominal.base().channels
+        effects = {name: effect for name, effect in installed_effects().items() if name not in without}
+        reasons = {name: unusable(one, channels.recording, channels.covariates) for name, one in effects.items()}
+        self._reasons = {name: reason for name, reason in reasons.items() if reason is not None}
+        self._effects = {name: effect for name, effect in effects.items() if name not in self._reasons}
         self._weighed: dict[str, Evidence] = {}
 
     @property
@@ -67,51 +67,51 @@ class Offers:
             These causes.
         """
         signature = law.signature
+        times = law.times() if signature.course in FREE else ()
         own = [name for name in self._effects if may_make(name, signature)]
         # What predicts a part of a noise is preferred to more variance.
-        found = self._examined(base, own, law, steps)
         yield sorted(
-            found, key=lambda one: (not one.is_certain, isinstance(one.form, Finding) and one.form.is_variance)
+            self._examined(base, own, signature, times, steps),
+            key=lambda one: (not one.is_certain, isinstance(one.form, Finding) and one.form.is_variance),
         )
         if law.found and signature.course in FREE:
             others = [name for name in self._effects if not makes(name, signature)]
-            least = (1 - MINOR) * law.part * base.energy
             yield [
                 one
-                for one in self._examined(base, others, law, steps)
-                if (isinstance(one.form, Hypothesis) or one.is_certain) and energy_explained(one, base) > least
+                for one in self._examined(base, others, signature, times, steps)
+                if (isinstance(one.form, Hypothesis) or one.is_certain)
+                and 1 - exp(-one.gain / base.channels.count) > (1 - MINOR) * law.part
             ]
 
-    def _examined(self, base: Base, names: Sequence[str], law: Law, steps: Sequence[Step]) -> list[Evidence]:
+    def _examined(
+        self, base: Base, names: Sequence[str], law: Signature, times: Times, steps: Sequence[Step]
+    ) -> list[Evidence]:
         """Return the evidence for effects that are new, the most first."""
         found = []
         for number, name in enumerate(names):
             self._tell(name, (len(steps) + number / len(names)) / (MOST_CAUSES + 1))
-            evidence = self._evidence(base, self._effects[name], law, is_first=not steps)
-            if evidence is not None and evidence.delta_bic > LEAST_EVIDENCE and is_new(evidence, steps, base):
+            effect = self._effects[name]
+            if not steps and self._gross is not None and self._gross.effect == name:
+                assert isinstance(effect, LinearEffect)
+                evidence: Evidence | str = evidence_of(base, given_form(base, effect, self._gross))
+            else:
+                evidence = examine(base, effect, sensors_for(effect, law, base), times)
+            if isinstance(evidence, str):
+                self._reasons.setdefault(name, Considered(name, "not_supported", evidence))
+                continue
+            if not steps:
+                self._weighed[name] = evidence
+            if evidence.delta_bic > LEAST_EVIDENCE and is_new(evidence, steps, base):
                 found.append(evidence)
         sharp = sharpened(base, found)
         if not steps:
             self._weighed |= {one.effect: one for one in sharp}
         return sorted(sharp, key=lambda one: -one.delta_bic)
 
-    def _evidence(self, base: Base, effect: Effect, law: Law, is_first: bool) -> Evidence | None:
-        jump = self._gross
-        if is_first and jump is not None and jump.effect == effect.name and isinstance(effect, LinearEffect):
-            return evidence_of(base, given_form(base, effect, jump))
-        times = law.times if law.signature.course in FREE else ()
-        evidence = examine(base, effect, sensors_for(effect, law.signature, base), times)
-        if isinstance(evidence, str):
-            self._reasons.setdefault(effect.name, Considered(effect.name, "not_supported", evidence))
-            return None
-        if is_first:
-            self._weighed[effect.name] = evidence
-        return evidence
-
 
 def candidates(base: Base, offers: Sequence[Evidence], law: Signature) -> list[Evidence]:
     """Return the first of some offers, or special cases of them, that may explain a law; each effect once."""
-    chosen = {one.effect: one for one in (special_case(offer, offers) for offer in offers[:_MOST_TRIED])}
+    chosen = {one.effect: one for one in (special_case(offer, offers) for offer in offers[:4])}
     return [one for one in chosen.values() if is_plausible(base, one, law)]
 
 

@@ -18,9 +18,6 @@ from tam_calibration.model.geomagnetic_field import FieldBounds
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, to_degrees
 
-_WIDEST_COSINE = 0.35
-"""Cosine between two axes at which the prior has its deviations: beyond the limit of 15 degrees, so that it is wide."""
-
 _DEVIATIONS = 3.5
 """Bounds in standard deviations of the prior: normal deviates exceed them once in two thousand times."""
 
@@ -139,7 +136,8 @@ def _of_axes(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
         of_cosine[index, other] = (unit[one] - cosine[index] * unit[other]) / length[other]
     # The logarithms of two equally uncertain scale factors differ by √2 times the deviation of each.
     scale = sqrt(2) * _DEVIATIONS / log(LARGEST_RATIO)
-    angle = _DEVIATIONS / _WIDEST_COSINE
+    # A cosine of 0.35 is beyond the limit of 15 degrees, so that the prior is wide.
+    angle = _DEVIATIONS / 0.35
     logarithm = np.log(length)
     deviates = np.concatenate([scale * (logarithm - logarithm.mean()), angle * cosine])
     return np.concatenate([scale * (of_length - of_length.mean(axis=0)), angle * of_cosine]), deviates

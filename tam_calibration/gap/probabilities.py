@@ -12,8 +12,7 @@ from tam_calibration.gap.model import Model
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.regressors import Regressors
 from tam_calibration.gap.result import Cause, Size, Verdict
-from tam_calibration.gap.search_result import Search
-from tam_calibration.gap.steps import LEAST_EVIDENCE, Step
+from tam_calibration.gap.steps import LEAST_EVIDENCE, Search, Step
 from tam_calibration.model.units import FloatArray
 
 
@@ -71,8 +70,6 @@ _COEFFICIENTS = (1.14, -0.33, 1.53, 0.37)
 
 _RIGHT: Mapping[Verdict, float] = {"no_gap": 167 / 171, "unexplained": 228 / 242}
 """Part of these verdicts that was right: 166 of 169 and 227 of 240, by Laplace's rule."""
-
-_NAMES = {"none_of_these": "unknown"}
 
 
 def probabilities(found: Search, verdict: Verdict, size: Size, departures: int) -> Mapping[str, float]:
@@ -150,20 +147,17 @@ def set_of(chances: Mapping[str, float], verdict: Verdict, causes: Collection[Ca
     """
     if verdict == "not_identifiable":
         return ()
-    named = [cause.fitted.effect for cause in causes]
-    ranked = sorted(chances, key=lambda name: (name not in named, -chances[name]))
-    doubt, members = 1.0, []
+    named = {cause.fitted.effect for cause in causes}
+    ranked = sorted(chances, key=lambda name: -chances[name])
+    members = [name for name in ranked if name in named]
+    doubt = 1 - min((chances[name] for name in named), default=0.0)
     for name in ranked:
-        members.append(_NAMES.get(name, name))
-        if name in named:
-            doubt = 1 - min(chances[one] for one in named)
-            if len(members) < len(set(named)):
-                continue
-        else:
-            doubt -= chances[name]
-        if 1 - doubt >= 1 - SLIGHT:
+        if members and 1 - doubt >= 1 - SLIGHT:
             break
-    return tuple(members)
+        if name not in named:
+            members.append(name)
+            doubt -= chances[name]
+    return tuple("unknown" if name == "none_of_these" else name for name in members)
 
 
 def _spread(chances: dict[str, float], found: Search, named: Collection[str], rest: float) -> None:
@@ -172,5 +166,6 @@ def _spread(chances: dict[str, float], found: Search, named: Collection[str], re
     total = sum(gains.values())
     if total == 0:
         chances["none_of_these"] += rest
+        return
     for name, gain in gains.items():
-        chances[name] += rest * gain / total if total > 0 else 0.0
+        chances[name] += rest * gain / total

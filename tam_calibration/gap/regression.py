@@ -5,13 +5,11 @@ The terms of an effect are chosen by forward selection and backward elimination,
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
-from itertools import combinations_with_replacement
+from functools import cached_property
 from math import log
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tam_calibration.effects.term import Term
 from tam_calibration.gap.physical import prior_at
@@ -92,11 +90,13 @@ class Projected:
         scaled = self.score / self._size
         widths = np.array([len(group) for group in groups])
         for width in np.unique(widths):
-            chosen = np.flatnonzero(widths == width)
-            columns = np.stack([groups[index] for index in chosen.tolist()])
-            gains[chosen], ranks[chosen] = _explained(
-                self._scaled[columns[:, :, None], columns[:, None, :]], scaled[columns]
-            )
+            equal = np.flatnonzero(widths == width)
+            columns = np.stack([groups[index] for index in equal.tolist()])
+            values, vectors = np.linalg.eigh(self._scaled[columns[:, :, None], columns[:, None, :]])
+            kept = values > VISIBLE
+            along = np.einsum("gij,gi->gj", vectors, scaled[columns])
+            gains[equal] = np.sum(np.divide(along**2, values, out=np.zeros_like(values), where=kept), axis=1)
+            ranks[equal] = kept.sum(axis=1)
         return gains, ranks
 
     @cached_property
@@ -112,15 +112,6 @@ class Projected:
         """Return the energy that all columns together explain, and the number of their visible directions."""
         inverse, rank = self.inverse()
         return float(self.score @ inverse @ self.score), rank
-
-
-def _explained(information: FloatArray, score: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Return what each of G normal equations, (G, P, P) and (G, P), explains, and the number of visible directions."""
-    values, vectors = np.linalg.eigh(information)
-    kept = values > VISIBLE
-    along = np.einsum("gij,gi->gj", vectors, score)
-    gains = np.sum(np.divide(along**2, values, out=np.zeros_like(values), where=kept), axis=1)
-    return gains, kept.sum(axis=1)
 
 
 class Base:
@@ -144,13 +135,9 @@ class Base:
 
     def __init__(self, channels: WhitenedChannels, designs: Sequence[Regressors]) -> None:
         self.channels, self.designs = channels, tuple(designs)
-        blocks = {}
-        for (row, left), (column, right) in combinations_with_replacement(enumerate(self.designs), 2):
-            blocks[row, column] = channels.cross(left, right)
-            blocks[column, row] = blocks[row, column].T
-        numbers = range(len(self.designs))
-        information = np.block([[blocks[row, column] for column in numbers] for row in numbers])
-        self._score = np.concatenate([channels.score(design) for design in designs])
+        self._design = self.designs[0] if len(self.designs) == 1 else Regressors.joined(self.designs)
+        information = channels.cross(self._design, self._design)
+        self._score = channels.score(self._design)
         is_free = channels.has_scalar or channels.covariates.follows_attitude
         intensity_T = None if is_free else float(np.median(channels.covariates.intensity_T))
         prior = prior_at(channels.covariates.errors, intensity_T, channels.covariates.array.field)
@@ -158,9 +145,7 @@ class Base:
         self.prior_energy = prior.energy
         self.prior_weight = max(1.0, channels.energy / max(channels.count, 1.0))
         information[:own, :own] += self.prior_weight * prior.information
-        self._prior_score = np.zeros(len(self._score))
-        self._prior_score[:own] = self.prior_weight * prior.score
-        self._score = self._score + self._prior_score
+        self._score[:own] += self.prior_weight * prior.score
         self.inverse = pseudo_inverse(information)
         self.step = self.inverse @ self._score
         self.information = information
@@ -171,24 +156,16 @@ class Base:
         """Return the objective of the fit: energy of the channels and, with a weight, of the prior."""
         return self.channels.energy + prior_weight * self.prior_energy
 
-    def beside(self, *designs: Regressors) -> "Base":
-        """Return the base with further regressors in the null model."""
-        return Base(self.channels, [*self.designs, *designs])
-
     def project(self, design: Regressors) -> Projected:
         """Return the normal equations of a design with the base eliminated."""
         own = self.channels.cross(design, design)
-        crossed, eliminated = self.eliminated(design)
+        crossed = self.channels.cross(self._design, design)
+        eliminated = crossed.T @ self.inverse
         return Projected(
             own - eliminated @ crossed,
             self.channels.score(design) - eliminated @ self._score,
             np.diag(own).copy(),
         )
-
-    def eliminated(self, design: Regressors) -> tuple[FloatArray, FloatArray]:
-        """Return the cross information C (B, P) of base and design, and Cᵀ times the inverse of the base (P, B)."""
-        crossed = np.concatenate([self.channels.cross(left, design) for left in self.designs])
-        return crossed, crossed.T @ self.inverse
 
     @cached_property
     def rank(self) -> int:
@@ -253,13 +230,8 @@ def columns_of(terms: Sequence[Term]) -> list[np.ndarray]:
 
 def bundles_of(terms: Sequence[Term]) -> tuple[tuple[int, ...], ...]:
     """Return the groups of terms added in one step: single terms, those of one name in a sensor, or in all sensors."""
-    return _bundles(tuple(term.key for term in terms))
-
-
-@lru_cache
-def _bundles(keys: tuple[tuple[int, int | None, str], ...]) -> tuple[tuple[int, ...], ...]:
     groups: dict[tuple[object, ...], list[int]] = {}
-    for index, (sensor, axis, name) in enumerate(keys):
+    for index, (sensor, axis, name) in enumerate(term.key for term in terms):
         groups.setdefault((sensor, axis, name), []).append(index)
         if sensor >= 0:
             groups.setdefault((sensor, name), []).append(index)
@@ -286,9 +258,10 @@ class Choice:
     energy: float
     count: float
 
+    @property
     def first_step(self) -> float:
-        """Return the evidence of the best single step of a selection."""
-        gains, ranks = self._first
+        """The evidence of the best single step of a selection; -∞ where nothing is visible."""
+        gains, ranks = self.projected.gains([self._join(bundle) for bundle in bundles_of(self.terms)])
         values = evidence(self.energy, gains, self.count, ranks)
         return float(np.max(values, where=ranks > 0, initial=-np.inf))
 
@@ -296,37 +269,29 @@ class Choice:
         """Return the terms that lower the free-scale BIC most, by stepwise selection."""
         bundles = bundles_of(self.terms)
         price = 2 * log(len(bundles))
-        offers, chosen = list(bundles), list[int]()
-        (gains, ranks), left = self._first, self.projected
+        offers, chosen, left = list(bundles), list[int](), self.projected
         best, gained, spent, steps = 0.0, 0.0, 0, 0
-        while True:
+        while offers:
+            gains, ranks = left.gains([self._join(offer) for offer in offers])
             values = evidence(self.energy, gained + gains, self.count, spent + ranks)
             values[ranks == 0] = -np.inf
             first = int(np.argmax(values))
             value = float(values[first]) - (steps + 1) * price
             if not np.isfinite(value) or (chosen and value <= best):
                 break
-            best = value
+            best, steps = value, steps + 1
             chosen += offers[first]
-            gained, spent, steps = gained + gains[first], spent + int(ranks[first]), steps + 1
+            gained, spent = gained + gains[first], spent + int(ranks[first])
             if best <= 0:
                 break
             left = left.without(self._join(offers[first]))
-            new_terms = dict.fromkeys(tuple(sorted(set(bundle) - set(chosen))) for bundle in bundles)
-            offers = [offer for offer in new_terms if offer]
-            if not offers:
-                break
-            gains, ranks = left.gains([self._join(offer) for offer in offers])
+            further = dict.fromkeys(tuple(sorted(set(bundle) - set(chosen))) for bundle in bundles)
+            offers = [offer for offer in further if offer]
         return self._trimmed(sorted(chosen), steps * price)
 
     @cached_property
     def _columns(self) -> list[np.ndarray]:
         return columns_of(self.terms)
-
-    @cached_property
-    def _first(self) -> tuple[FloatArray, NDArray[np.intp]]:
-        """Gains and ranks of all bundles."""
-        return self.projected.gains([self._join(bundle) for bundle in bundles_of(self.terms)])
 
     def _join(self, terms: Iterable[int]) -> np.ndarray:
         return np.concatenate([self._columns[index] for index in terms])

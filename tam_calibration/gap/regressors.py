@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.term import Term
+from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
@@ -135,6 +136,13 @@ def update(errors: SensorErrors, step: FloatArray, unit_T: float) -> tuple[Float
     -------
     (K, 3, 3) array, (K, 3) array
         Matrices D Λ, and biases in tesla.
+
+    Raises
+    ------
+    Refused
+        When the step leads to a value that is not finite.
     """
+    if not np.isfinite(step).all():
+        raise Refused("the nominal fit does not settle: the readings do not fit one calibration")
     change: Any = step.reshape(errors.sensor_count, 3, 4)
     return errors.matrix + change[..., :3], errors.bias_T + change[..., 3] * unit_T

@@ -2,23 +2,23 @@
 
 from collections.abc import Callable, Collection, Sequence
 
+from tam_calibration.effects.covariates import Covariates, to_world
 from tam_calibration.effects.effect import Finding, LinearEffect
 from tam_calibration.effects.grades import MINOR, MOST, NEARLY_ALL, NOTABLE, SLIGHT
 from tam_calibration.effects.library import effect_named
 from tam_calibration.gap.hypothesis import Hypothesis
-from tam_calibration.gap.laws.causes import as_made_by, goes_with_the_rate
 from tam_calibration.gap.laws.decisions import LEAST_SHARE
-from tam_calibration.gap.laws.law import Place
+from tam_calibration.gap.laws.find import repeats
+from tam_calibration.gap.laws.law import Place, as_made_by, goes_with_the_rate
 from tam_calibration.gap.laws.signature import Law, laws_of
 from tam_calibration.gap.laws.whitened import Residual, residual_of
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.offers import Offers, candidates, is_plausible, sensors_for
-from tam_calibration.gap.repeats import pose_of, repeats
-from tam_calibration.gap.search_result import Search, is_elsewhere
 from tam_calibration.gap.size import Evidence, examine
-from tam_calibration.gap.steps import LEAST_EVIDENCE, MOST_CAUSES, Step, absorbed, is_new
+from tam_calibration.gap.steps import LEAST_EVIDENCE, MOST_CAUSES, Search, Step, absorbed, is_elsewhere, is_new
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
+from tam_calibration.model.units import FloatArray
 
 Progress = Callable[[str, float], None]
 
@@ -174,7 +174,7 @@ class _CauseSearch:
         model = self._with(chain)
         base = model.base()
         steps = [*self._steps, *(Step(one, law.signature) for one in chain)]
-        times = law.times_in(residual_of(model))
+        times = law.times(residual_of(model))
         again = examine(base, effect, sensors_for(effect, law.signature, base), times)
         if isinstance(again, str) or again.delta_bic < LEAST_EVIDENCE or not is_new(again, steps, base):
             return None
@@ -221,3 +221,10 @@ def _at_times_of(accepted: Evidence, offers: Sequence[Evidence]) -> list[Evidenc
 def _is_near(other: Evidence, accepted: Evidence) -> bool:
     """Say whether an effect has about the evidence of an accepted one."""
     return other.delta_bic > accepted.delta_bic - LEAST_EVIDENCE or other.gain > NEARLY_ALL * accepted.gain
+
+
+def pose_of(covariates: Covariates) -> FloatArray:
+    """Return the axes of the array in the world (N, 9), or without attitude the field's direction in the array."""
+    if covariates.attitude is None:
+        return covariates.field_T / covariates.intensity_T[:, None]
+    return to_world(covariates).reshape(covariates.sample_count, 9)

@@ -3,17 +3,15 @@
 The size is the residual energy of held-out samples, compared with white noise.
 """
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import wraps
+from functools import reduce
 from itertools import pairwise
-from math import expm1, log
-from typing import Any, TypeVar
-from weakref import WeakKeyDictionary
+from math import log
+from operator import add
 
 import numpy as np
 
-from tam_calibration.core.normal_equations import Normal
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Effect, Finding, FoundEffect, LinearEffect
 from tam_calibration.effects.grades import NEARLY_ALL
@@ -31,23 +29,6 @@ from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.model.array import TENSOR_OUTPUTS
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
-
-Value = TypeVar("Value")
-
-
-def cached_by_base(function: Callable[..., Value]) -> Callable[..., Value]:
-    """Cache the values of a function of a base and further arguments as long as the base exists."""
-    known: WeakKeyDictionary[Base, dict[tuple[Any, ...], Value]] = WeakKeyDictionary()
-
-    @wraps(function)
-    def cached(base: Base, *arguments: Any) -> Value:
-        of_base = known.setdefault(base, {})
-        if arguments not in of_base:
-            of_base[arguments] = function(base, *arguments)
-        return of_base[arguments]
-
-    return cached
-
 
 CHANNEL_NAMES = {
     "scalar_T": "scalar magnetometer",
@@ -103,30 +84,6 @@ def unusable(effect: Effect, recording: Recording, covariates: Covariates) -> Co
     return None if obstacle is None else Considered(effect.name, "not_identifiable", obstacle)
 
 
-def usable(
-    effects: Mapping[str, Effect], without: Collection[str], channels: WhitenedChannels
-) -> tuple[dict[str, Effect], list[Considered]]:
-    """Return the effects that this recording can show, and why it cannot show the others.
-
-    Parameters
-    ----------
-    effects : mapping of str to Effect
-        By name.
-    without : collection of str
-        Names of effects that are passed over.
-    channels : WhitenedChannels
-        Of the recording at the nominal calibration.
-    """
-    reasons = {
-        name: unusable(effect, channels.recording, channels.covariates)
-        for name, effect in effects.items()
-        if name not in without
-    }
-    tried = {name: effects[name] for name, reason in reasons.items() if reason is None}
-    return tried, [reason for reason in reasons.values() if reason is not None]
-
-
-@cached_by_base
 def examine(base: Base, effect: Effect, sensors: frozenset[int] = EVERYWHERE, times: Times = ()) -> Evidence | str:
     """Return the evidence for an effect, or why there is none.
 
@@ -168,19 +125,6 @@ def evidence_of(base: Base, form: Hypothesis) -> Evidence:
     return Evidence(form.effect.name, form, form.selection.delta_bic, gain)
 
 
-def energy_explained(one: Evidence, base: Base) -> float:
-    """Return the energy that an effect explains of the residual of a base.
-
-    Parameters
-    ----------
-    one : Evidence
-        For the effect, in the residual of this base.
-    base : Base
-        Null model with its residual energy.
-    """
-    return base.energy * -expm1(-one.gain / base.channels.count)
-
-
 def sharpened(base: Base, weighed: Sequence[Evidence]) -> tuple[Evidence, ...]:
     """Return the evidence with the shapes of the strongest effects refined, and of special cases of the strongest.
 
@@ -191,31 +135,20 @@ def sharpened(base: Base, weighed: Sequence[Evidence]) -> tuple[Evidence, ...]:
     weighed : sequence of Evidence
         For the effects, at this base; those with nearly the largest ΔBIC are refined.
     """
-    linear = [one for one in weighed if isinstance(one.form, Hypothesis)]
-    strongest = max(linear, key=lambda one: one.delta_bic, default=None)
-    if strongest is None or strongest.delta_bic <= 0:
-        return tuple(weighed)
-    return tuple(_refined(base, one) if _is_near(one, strongest) else one for one in weighed)
-
-
-def _is_near(one: Evidence, strongest: Evidence) -> bool:
-    """Whether a hypothesis has nearly the evidence of the strongest, or is a special case of it that has any."""
-    if not isinstance(one.form, Hypothesis) or one.delta_bic <= 0:
-        return False
-    return one.delta_bic > NEARLY_ALL * strongest.delta_bic or one.form.effect.is_within(strongest.effect)
-
-
-@cached_by_base
-def _refined(base: Base, one: Evidence) -> Evidence:
-    assert isinstance(one.form, Hypothesis)
-    return evidence_of(base, refined(base, one.form))
+    known = [one for one in weighed if isinstance(one.form, Hypothesis) and one.delta_bic > 0]
+    most, strongest = max(((one.delta_bic, one.effect) for one in known), default=(0.0, ""))
+    return tuple(
+        evidence_of(base, refined(base, one.form))
+        if isinstance(one.form, Hypothesis)
+        and one in known
+        and (one.delta_bic > NEARLY_ALL * most or one.form.effect.is_within(strongest))
+        else one
+        for one in weighed
+    )
 
 
 FOLDS = 5
 """Folds of the cross-validation: four fifths of a recording determine nearly as much as all of it."""
-
-_BLOCKS_PER_FOLD = 12
-"""Blocks of time in a fold, so that no fold holds all samples of an attitude."""
 
 
 def folds_of(sample_count: int, interleaved: bool) -> list[list[slice]]:
@@ -235,15 +168,14 @@ def folds_of(sample_count: int, interleaved: bool) -> list[list[slice]]:
     """
     if interleaved:
         return [[slice(fold, sample_count, FOLDS)] for fold in range(FOLDS)]
-    bounds = np.linspace(0, sample_count, FOLDS * _BLOCKS_PER_FOLD + 1).astype(int).tolist()
+    # Twelve blocks a fold, so that no fold holds all samples of an attitude.
+    bounds = np.linspace(0, sample_count, FOLDS * 12 + 1).astype(int).tolist()
     blocks = [slice(low, high) for low, high in pairwise(bounds)]
     return [blocks[fold::FOLDS] for fold in range(FOLDS)]
 
 
-def held_out_energy(
-    channels: WhitenedChannels, designs: Sequence[Regressors], widths: Sequence[int], interleaved: bool
-) -> FloatArray:
-    """Return the energy (F, M) of each fold under fits of M nested models to the other folds.
+def held_out_energy(channels: WhitenedChannels, designs: Sequence[Regressors], interleaved: bool) -> FloatArray:
+    """Return the energy (F,) of each fold under the fit of designs to the other folds.
 
     Parameters
     ----------
@@ -251,38 +183,23 @@ def held_out_energy(
         Whitened channels.
     designs : sequence of Regressors
         Of the calibration, then of effects.
-    widths : sequence of int
-        How many of the designs each of M models has.
     interleaved : bool
         See ``folds_of``.
     """
     joined = Regressors.joined(designs)
-    ends = np.cumsum([design.width for design in designs])
-    parts = []
-    for fold in folds_of(len(channels.intensity_residual_T), interleaved):
-        blocks = [channels.normal(joined, block) for block in fold]
-        parts.append(sum(blocks[1:], start=blocks[0]))
-    whole = sum(parts[1:], start=parts[0])
-    energy = np.empty((len(parts), len(widths)))
-    for row, part in enumerate(parts):
-        train = whole - part
-        for column, width in enumerate(widths):
-            energy[row, column] = _energy(train, part, int(ends[width - 1]))
-    return energy
-
-
-def _energy(train: Normal, test: Normal, width: int) -> float:
-    """Return the energy of the test samples under the fit of the first columns to the training samples."""
-    first = slice(0, width)
-    step = pseudo_inverse(train.information[first, first], VISIBLE) @ train.score[first]
-    return float(test.energy - 2 * step @ test.score[first] + step @ test.information[first, first] @ step)
+    folds = folds_of(len(channels.intensity_residual_T), interleaved)
+    parts = [reduce(add, (channels.normal(joined, block) for block in fold)) for fold in folds]
+    whole = reduce(add, parts)
+    energy = []
+    for test in parts:
+        train = whole - test
+        step = pseudo_inverse(train.information, VISIBLE) @ train.score
+        energy.append(test.energy - 2 * step @ test.score + step @ test.information @ step)
+    return np.array(energy)
 
 
 LEAST_NOISE = 0.5
 """Least white noise, as a part of that stated, where differences do not determine it."""
-
-_CERTAIN_PART = 0.8
-"""Part of the variance from differences that is certainly noise: the estimate is uncertain by some per cent."""
 
 
 def held_out(model: Model, interleaved: bool, variance: float) -> FloatArray:
@@ -300,7 +217,7 @@ def held_out(model: Model, interleaved: bool, variance: float) -> FloatArray:
         Of the noise, over that stated.
     """
     base = model.base()
-    energy = held_out_energy(base.channels, base.designs, [len(base.designs)], interleaved)[:, 0]
+    energy = held_out_energy(base.channels, base.designs, interleaved)
     size = base.channels.count + base.calibration_rank * FOLDS / (FOLDS - 1)
     share = size / base.channels.count
     return energy / (base.channels.count / FOLDS * share * variance) - 1
@@ -327,7 +244,8 @@ def noise_variance(model: Model, laws: Sequence[Law]) -> float:
     base = model.base()
     residual = base.energy / max(base.channels.count - base.rank, 1.0)
     variance = min(residual * max(1 - sum(law.part for law in laws), 0.0), LARGEST_NOISE**2)
-    return float(max(variance, min(_CERTAIN_PART * _white_part(model), residual, LARGEST_NOISE**2)))
+    # The variance from differences is uncertain by some per cent.
+    return float(max(variance, min(0.8 * _white_part(model), residual, LARGEST_NOISE**2)))
 
 
 def _white_part(model: Model) -> float:

@@ -1,19 +1,23 @@
-"""The steps of the search: which effects count as causes of their own, and not as a repetition or part of another."""
+"""What a search found: the causes of a gap, and which effects count as causes of their own."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from math import log
 
 import numpy as np
 
-from tam_calibration.effects.effect import Effect, Finding
-from tam_calibration.effects.grades import LONGEST_BURST, NEARLY_ALL, SLIGHT
+from tam_calibration.effects.effect import Effect, Finding, LinearEffect
+from tam_calibration.effects.grades import LONGEST_BURST, MINOR, SLIGHT
 from tam_calibration.effects.library import effect_named
 from tam_calibration.effects.outliers import A_DOZEN
 from tam_calibration.gap.hypothesis import Hypothesis, places_of, sensors_of
 from tam_calibration.gap.laws.law import Signature
+from tam_calibration.gap.laws.signature import Law
+from tam_calibration.gap.model import Model
 from tam_calibration.gap.regression import Base
+from tam_calibration.gap.result import Considered
 from tam_calibration.gap.size import Evidence
-from tam_calibration.model.fitted_effect import ALL, SCALAR
 
 MOST_CAUSES = 4
 """Causes of one gap, at most: a recording seldom separates more."""
@@ -45,7 +49,7 @@ class Step:
 
 
 def special_case(best: Evidence, others: Sequence[Evidence]) -> Evidence:
-    """Return the special case of a hypothesis that has more evidence or explains nearly as much, else itself.
+    """Return the special case of a hypothesis that has the most evidence, where that is more than its own; else itself.
 
     Parameters
     ----------
@@ -54,49 +58,8 @@ def special_case(best: Evidence, others: Sequence[Evidence]) -> Evidence:
     others : sequence of Evidence
         Hypotheses in the same residual, some of which may be special cases of it.
     """
-    nearly = [
-        one
-        for one in others
-        if isinstance(one.form, Hypothesis)
-        and one.form.effect.is_within(best.effect)
-        and (one.delta_bic > best.delta_bic or (_is_simpler(one, best) and _explains_nearly_as_much(one, best)))
-    ]
-    return max(nearly, key=lambda one: one.delta_bic, default=best)
-
-
-def _is_simpler(one: Evidence, best: Evidence) -> bool:
-    """Whether a form takes no more coefficients, or is one law of all sensors where the other has one for each."""
-    assert isinstance(one.form, Hypothesis)
-    if not isinstance(best.form, Hypothesis):
-        return one.form.selection.rank <= best.form.parameter_count
-    own, other = (sensors_of(places_of(form)) for form in (one.form, best.form))
-    is_of_each = len(other - {SCALAR, ALL}) > 1
-    return one.form.selection.rank <= best.form.selection.rank or (ALL in own and is_of_each)
-
-
-def _explains_nearly_as_much(one: Evidence, best: Evidence) -> bool:
-    """Whether a special case has nearly the same evidence; one that is no exact limit may leave what models leave.
-
-    Effects are modelled to some per cent of their amplitude. Far above the noise as little is much evidence.
-    """
-    if one.gain > NEARLY_ALL * best.gain:
-        return True
-    is_exact = not isinstance(one.form, Hypothesis) or best.effect not in one.form.effect.nearly_within
-    return not is_exact and _leaves_what_models_leave(one, best)
-
-
-def _leaves_what_models_leave(one: Evidence, best: Evidence) -> bool:
-    """Whether a form explains what another does but for a twentieth of the amplitude."""
-    forms = [each.form for each in (one, best) if isinstance(each.form, Hypothesis)]
-    return len(forms) == 2 and forms[0].selection.gain > (1 - SLIGHT**2) * forms[1].selection.gain
-
-
-def _effect_of(one: Evidence) -> Effect:
-    return one.form.effect if isinstance(one.form, Hypothesis) else effect_named(one.effect)
-
-
-def _is_step(one: Evidence) -> bool:
-    return isinstance(one.form, Hypothesis) and one.form.effect.is_step
+    cases = [one for one in others if isinstance(one.form, Hypothesis) and one.form.effect.is_within(best.effect)]
+    return max([best, *cases], key=lambda one: one.delta_bic)
 
 
 def is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:
@@ -111,28 +74,50 @@ def is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:
     base : Base
         The calibration with these causes.
     """
-    sensors = sensors_of(places_of(candidate.form))
+    form, effect = candidate.form, _effect_of(candidate)
+    sensors = sensors_of(places_of(form))
     there = [step.accepted for step in steps if sensors & sensors_of(places_of(step.accepted.form))]
     same_effect = [one for one in there if one.effect == candidate.effect]
-    if same_effect and not _effect_of(candidate).may_repeat:
+    if same_effect and not effect.may_repeat:
         return False
-    if any(_is_same(candidate, other, base) for other in same_effect):
+    if isinstance(form, Finding):
+        if form.flagged is None:
+            return True
+        is_many = effect.is_of_lone_samples and _are_many([candidate, *same_effect])
+        return bool((form.flagged & base.channels.is_counted).any()) and not is_many
+    covariates = base.channels.covariates
+    others = [one.form for one in there if isinstance(one.form, Hypothesis)]
+    if any(_is_nested(form.effect, other.effect) for other in others):
         return False
-    flagged = candidate.form.flagged if isinstance(candidate.form, Finding) else None
-    if flagged is not None and not (flagged & base.channels.is_counted).any():
+    if any(
+        form.effect.is_same(form.shape, other.shape, covariates)
+        for other in others
+        if form.effect.name == other.effect.name
+    ):
         return False
-    if _effect_of(candidate).is_of_lone_samples and _are_many([candidate, *same_effect]):
-        return False
-    if any(_is_nested(candidate, other) for other in there):
-        return False
-    return not _is_step(candidate) or _changes([candidate, *there], base.channels.covariates.step_s) <= MOST_STEPS
+    return not form.effect.is_step or _changes([form, *others], covariates.step_s) <= MOST_STEPS
 
 
-def _is_same(one: Evidence, other: Evidence, base: Base) -> bool:
-    """Whether two forms of an effect are one cause."""
-    if not (isinstance(one.form, Hypothesis) and isinstance(other.form, Hypothesis)):
-        return False
-    return one.form.effect.is_same(one.form.shape, other.form.shape, base.channels.covariates)
+def _effect_of(one: Evidence) -> Effect:
+    return one.form.effect if isinstance(one.form, Hypothesis) else effect_named(one.effect)
+
+
+def _is_nested(one: LinearEffect, other: LinearEffect) -> bool:
+    """Whether one of two is a special case of the other."""
+    return one.is_within(other.name) or other.is_within(one.name)
+
+
+def _are_many(causes: Sequence[Evidence]) -> bool:
+    """Whether findings flag more samples than lone ones are."""
+    flags = [one.form.flagged for one in causes if isinstance(one.form, Finding) and one.form.flagged is not None]
+    flagged = np.any(flags, axis=0)
+    return bool(flagged.sum() > max(SLIGHT * len(flagged), A_DOZEN))
+
+
+def _changes(forms: Sequence[Hypothesis], step_s: float) -> int:
+    """Return the number of times at which biases or scale factors change."""
+    times = sorted(time for form in forms if form.effect.is_step for time in form.shape.values())
+    return sum(later - time > LONGEST_BURST * step_s for time, later in pairwise([*times, np.inf]))
 
 
 def absorbed(accepted: Evidence, steps: Sequence[Step]) -> Evidence:
@@ -158,23 +143,78 @@ def absorbed(accepted: Evidence, steps: Sequence[Step]) -> Evidence:
     return accepted
 
 
-def _is_nested(one: Evidence, other: Evidence) -> bool:
-    """Whether one of two is a special case of the other."""
-    effects = [form.effect for form in (one.form, other.form) if isinstance(form, Hypothesis)]
-    return len(effects) == 2 and (effects[0].is_within(effects[1].name) or effects[1].is_within(effects[0].name))
+LARGEST_REST = 1.0
+"""Residual, in noise floors, that causes may leave: a larger one is a gap of its own."""
 
 
-def _are_many(causes: Sequence[Evidence]) -> bool:
-    """Whether findings flag more samples than lone ones are."""
-    flags = [one.form.flagged for one in causes if isinstance(one.form, Finding) and one.form.flagged is not None]
-    flagged = np.any(flags, axis=0)
-    return bool(flagged.sum() > max(SLIGHT * len(flagged), A_DOZEN))
+@dataclass(frozen=True, eq=False)
+class Search:
+    """What a search found.
+
+    Parameters
+    ----------
+    nominal, model : Model
+        Before the causes, and with them.
+    steps : tuple of Step
+        The causes, in the order in which they were accepted.
+    laws, remaining : tuple of Law
+        Of the gap, and of what the causes leave of it; the strongest first.
+    weighed : tuple of Evidence
+        For the effects that were examined at the nominal model.
+    considered : tuple of Considered
+        Hypotheses without evidence.
+    """
+
+    nominal: Model
+    model: Model
+    steps: tuple[Step, ...]
+    laws: tuple[Law, ...]
+    remaining: tuple[Law, ...]
+    weighed: tuple[Evidence, ...]
+    considered: tuple[Considered, ...]
+
+    @property
+    def signature(self) -> tuple[Signature, ...]:
+        """The laws of the gap, the strongest first: those that causes explain, and those that remain."""
+        laws = dict.fromkeys([*(step.law for step in self.steps), *(law.signature for law in self.remaining)])
+        return tuple(sorted(laws, key=lambda one: -one.energy))
+
+    @property
+    def open_part(self) -> float:
+        """Part of the energy of all laws that the causes leave, 0 to 1."""
+        before, after = self.nominal.base().energy, self.model.base().energy
+        left = after * sum(law.part for law in self.remaining)
+        return left / max(left + before - after, 1.0)
+
+    @property
+    def explains_all(self) -> bool:
+        """Whether the causes explain the laws: they leave a small part in their sensors, and nothing elsewhere."""
+        elsewhere = any(is_elsewhere(law.signature, self.steps) for law in self.remaining)
+        return self.open_part < MINOR and not elsewhere
+
+    @property
+    def is_clean(self) -> bool:
+        """Whether the causes leave nothing but noise."""
+        base = self.model.base()
+        return self.explains_all and base.energy < (1 + LARGEST_REST**2) * base.channels.count
+
+    @property
+    def evidence(self) -> float:
+        """Log-evidence of the model: -BIC."""
+        base = self.model.base()
+        spent = base.rank + sum(finding.parameter_count for finding in self.model.findings)
+        return -base.channels.count * log(base.energy / base.channels.count) - spent * log(base.channels.count)
 
 
-def _changes(causes: Sequence[Evidence], step_s: float) -> int:
-    """Return the number of times at which biases or scale factors change."""
-    forms = [one.form for one in causes if _is_step(one)]
-    times = sorted(time for form in forms if isinstance(form, Hypothesis) for time in form.shape.values())
-    return sum(
-        later - time > LONGEST_BURST * step_s for time, later in zip(times, [*times[1:], float("inf")], strict=True)
+def is_elsewhere(law: Signature, steps: Sequence[Step]) -> bool:
+    """Say whether a law sits in no sensor in which the law of a cause may sit.
+
+    Parameters
+    ----------
+    law : Signature
+    steps : sequence of Step
+        The causes.
+    """
+    return {one for place in law.places for one in place}.isdisjoint(
+        one for step in steps for place in step.law.places for one in place
     )

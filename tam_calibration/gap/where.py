@@ -7,9 +7,8 @@ import numpy as np
 
 from tam_calibration.effects.grades import MINOR, MOST
 from tam_calibration.gap.hypothesis import Place
-from tam_calibration.gap.laws.causes import acts_at, agrees
 from tam_calibration.gap.laws.law import Place as LawPlace
-from tam_calibration.gap.laws.law import Signature
+from tam_calibration.gap.laws.law import Signature, acts_at, agrees
 from tam_calibration.gap.laws.signature import Law
 from tam_calibration.gap.result import Cause, Gap, Where
 from tam_calibration.gap.whitened_channels import WhitenedChannels

@@ -271,16 +271,8 @@ class WhitenedChannels:
         left, right : Regressors
             Of P and Q columns, made by ``design`` or ``calibration``.
         part : slice, optional
-            Of the samples that the normal equations take; by default all, cached as long as both designs exist.
+            Of the samples that the normal equations take; by default all.
         """
-        if part is not None:
-            return self._cross(left, right, part)
-        of_left = self._crossed.setdefault(left, WeakKeyDictionary())
-        if right not in of_left:
-            of_left[right] = self._cross(left, right, None)
-        return of_left[right]
-
-    def _cross(self, left: Regressors, right: Regressors, part: slice | None) -> FloatArray:
         between = np.zeros((left.features.shape[1], right.features.shape[1]))
         common = np.zeros((left.width, right.width))
         for piece in self._pieces(part):
@@ -336,10 +328,6 @@ class WhitenedChannels:
         return WeakKeyDictionary()
 
     @cached_property
-    def _crossed(self) -> "WeakKeyDictionary[Regressors, WeakKeyDictionary[Regressors, FloatArray]]":
-        return WeakKeyDictionary()
-
-    @cached_property
     def _taken(self) -> NDArray[np.bool_]:
         """(n,) whether a sample that the normal equations take counts."""
         return self.is_counted[:: self.stride]
@@ -368,8 +356,7 @@ class WhitenedChannels:
         total = np.zeros((design.features.shape[1], self.turn.shape[1]))
         for piece in self._pieces(part):
             total += design.features[piece].T @ self._taken_score[piece]
-        of_atoms = design.of_atoms(total)
-        return design.by_column(of_atoms)
+        return design.by_column(design.of_atoms(total))
 
     def _row_score(self, samples: slice) -> FloatArray:
         by_row = self.direction[samples] @ self.turn * (self.precision * self.intensity_residual_T)[samples, None]
@@ -387,15 +374,11 @@ class WhitenedChannels:
         part : slice, optional
             Of the samples that the normal equations take; by default all.
         """
-        chosen = slice(None) if part is None else part
-        every = slice(None, None, self.stride)
-        energy = (self.energy_per_sample * self.is_counted)[every][chosen]
-        return Normal(
-            self.cross(design, design, part),
-            self.score(design, part),
-            float(energy.sum()),
-            float(self.channels_per_sample[every][chosen].sum()),
+        energy, count = (
+            float(one[:: self.stride][part or slice(None)].sum())
+            for one in (self.energy_per_sample * self.is_counted, self.channels_per_sample)
         )
+        return Normal(self.cross(design, design, part), self.score(design, part), energy, count)
 
     def _pieces(self, part: slice | None) -> Iterator[slice]:
         start, stop, step = (part or slice(None)).indices(len(self._taken))

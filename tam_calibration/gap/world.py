@@ -4,6 +4,10 @@ One sensor alone measures the intensity of the field only: any rotation fits its
 its three axes read y = D Λ Rᵀ h + o, with h the field of the world, Rᵀ the rotation from the world to the frame of the
 attitude, Λ the rotation from that to the sensor's own frame, and D and o the sensor's errors: three channels with no
 other noise than the sensor's and the attitude's. The scale of D and the length of h are not separable: det D = 1.
+
+The readings are linear in the offset and, for each axis, in nine products of the elements of M = D Λ and h. Linear
+least squares therefore gives the residual for a jump at every time, or for a pair of jumps, on and off. The products of
+all axes form the matrix vec(M) hᵀ of rank one, from which M and h follow; Gauss-Newton refines them.
 """
 
 from dataclasses import dataclass, field, replace
@@ -11,9 +15,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tam_calibration.effects.covariates import Covariates
+from tam_calibration.effects.gross_jump import LEAST_FALL, Cuts, best_cuts, shape_of
+from tam_calibration.effects.states import BiasJump, is_on
 from tam_calibration.fit.scale import free_scale
 from tam_calibration.gap.regressors import Regressors, update
-from tam_calibration.model.exceptions import Refused
+from tam_calibration.model.fitted_effect import Contribution, FittedEffect, Shape
+from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
@@ -68,11 +75,6 @@ class World:
         """Length of the field."""
         return float(np.linalg.norm(self.field_T))
 
-    @property
-    def aligned(self) -> "World":
-        """The same field, for attitudes of the array's own frame."""
-        return replace(self, mount=np.eye(3))
-
     def attitude(self, recorded: FloatArray) -> FloatArray:
         """Return quaternions (N, 4) from the array's frame to the world of those recorded."""
         from scipy.spatial.transform import Rotation
@@ -104,10 +106,7 @@ class World:
             When a matrix is no longer one of a sensor.
         """
         matrix, bias = update(errors, step[:-3], unit_T)
-        in_world = self.field_T + step[-3:] * unit_T
-        if not (np.isfinite(matrix).all() and np.isfinite(bias).all() and in_world.any()):
-            raise Refused("the nominal fit does not settle: the readings do not fit one calibration")
-        stepped, world = World.of(matrix, bias, in_world, self.mount)
+        stepped, world = World.of(matrix, bias, self.field_T + step[-3:] * unit_T, self.mount)
         return stepped, replace(world, variance_T2=self.variance_T2)
 
 
@@ -134,3 +133,87 @@ def turns(attitude: FloatArray) -> FloatArray:
     from scipy.spatial.transform import Rotation
 
     return np.asarray(Rotation.from_quat(attitude).inv().as_matrix())
+
+
+_OPEN = 1e-6
+"""Relative singular value below which the recorded attitudes do not determine a combination of the products."""
+
+
+@dataclass(frozen=True, eq=False)
+class Oriented:
+    """Initial values of the fit in the field of the world: errors and world without a gross jump, and that jump."""
+
+    errors: SensorErrors
+    world: World
+    jump: FittedEffect | None
+
+    @classmethod
+    def of(cls, recording: Recording) -> "Oriented":
+        """Return the start of the fit of one sensor whose attitude is known in all samples.
+
+        Raises
+        ------
+        InputError
+            When no fit is one of a sensor.
+        """
+        assert recording.attitude is not None
+        readings = recording.readings_T[:, 0]
+        turned, products = turns(recording.attitude), products_of(recording.attitude)
+        shape = _gross_jump(recording.time_s, readings, products)
+        step = np.empty((len(turned), 0)) if shape is None else is_on(recording.time_s, shape)[:, None].astype(float)
+        values = np.linalg.lstsq(np.column_stack([products, step]), readings, rcond=_OPEN)[0]
+        fits = [_linear_fit(matrix, turned, step, readings) for matrix in (_factor(values[:9]), np.eye(3))]
+        _, matrix, field_T, offsets = min(fits, key=lambda one: one[0])
+        errors, world = World.of(matrix[None], offsets[:1], field_T, np.eye(3))
+        return cls(errors, world, None if shape is None else _jump(shape, offsets[1]))
+
+
+def products_of(attitude: FloatArray) -> FloatArray:
+    """Return the regressors (N, 10) of the readings at attitudes (N, 4): elements of the rotations, and 1."""
+    turned = turns(attitude)
+    return np.column_stack([turned.reshape(len(turned), 9), np.ones(len(turned))])
+
+
+def _linear_fit(
+    matrix: FloatArray, turned: FloatArray, step: FloatArray, readings: FloatArray
+) -> tuple[float, FloatArray, FloatArray, FloatArray]:
+    """Return the residual energy, T², of a given matrix, itself, and field and offsets (before a jump, its size)."""
+    constant = np.column_stack([np.ones(len(step)), step])
+    offsets = np.einsum("np,ij->nipj", constant, np.eye(3)).reshape(3 * len(step), -1)
+    design = np.column_stack([(matrix @ turned).reshape(-1, 3), offsets])
+    values = np.linalg.lstsq(design, readings.ravel(), rcond=_OPEN)[0]
+    energy = float(np.sum((readings.ravel() - design @ values) ** 2))
+    return energy, matrix, values[:3], values[3:].reshape(-1, 3)
+
+
+def _gross_jump(time_s: FloatArray, readings: FloatArray, products: FloatArray) -> Shape | None:
+    """Return the times of a jump, or of one on and off, so large that no calibration fits without it; else None."""
+    left, singular, _ = np.linalg.svd(products, full_matrices=False)
+    basis = left[:, singular > _OPEN * singular[0]]
+    residual = readings - basis @ (basis.T @ readings)
+    energy, sums = float(np.sum(residual**2)), np.zeros((len(time_s) + 1, 3 + basis.shape[1]))
+    np.cumsum(np.column_stack([residual, basis]), axis=0, out=sums[1:])
+
+    def energies(cuts: Cuts) -> FloatArray:
+        between = sums[cuts[:, 1]] - sums[cuts[:, 0]]
+        free = np.diff(cuts, axis=1)[:, 0] - np.sum(between[:, 3:] ** 2, axis=1)
+        return np.asarray(energy - np.sum(between[:, :3] ** 2, axis=1) / np.maximum(free, _OPEN * len(time_s)))
+
+    best = best_cuts(energies, len(time_s))
+    if best is None or energy < LEAST_FALL * float(energies(best[None])[0]):
+        return None
+    return shape_of(time_s, best)
+
+
+def _factor(products: FloatArray) -> FloatArray:
+    """Return the right-handed matrix M whose products with some field h are nearest to products (9, 3)."""
+    of_axis = products.T.reshape(9, 3)
+    left, _, _ = np.linalg.svd(of_axis, full_matrices=False)
+    matrix = np.sqrt(3) * left[:, 0].reshape(3, 3)
+    # (M, h) and (-M, -h) are the same.
+    return np.asarray(matrix * np.sign(np.linalg.det(matrix)))
+
+
+def _jump(shape: Shape, offset_T: FloatArray) -> FittedEffect:
+    contributions = (Contribution(0, axis, "offset", {"offset": value}) for axis, value in enumerate(offset_T.tolist()))
+    return FittedEffect(BiasJump.name, shape, tuple(contributions))

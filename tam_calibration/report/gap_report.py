@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from tam_calibration.correction.calibration import Provenance
-from tam_calibration.gap.laws.causes import causes_of
+from tam_calibration.gap.laws.law import causes_of
 from tam_calibration.gap.result import Gap
 from tam_calibration.report import gap_rows
 from tam_calibration.report.blocks import Block, Points, Section, Text

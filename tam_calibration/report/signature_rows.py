@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from tam_calibration.gap.laws.causes import causes_of
-from tam_calibration.gap.laws.law import Signature, in_words
+from tam_calibration.gap.laws.law import Signature, causes_of, in_words
 from tam_calibration.gap.result import Gap
 from tam_calibration.model.units import to_nanotesla
 from tam_calibration.report.blocks import Block, Points, Text

@@ -8,7 +8,7 @@ from coloured_noises import found, shaped
 
 from tam_calibration.comparison import noise as noise_module
 from tam_calibration.comparison.noise import differs
-from tam_calibration.gap.colour import MARGIN
+from tam_calibration.gap.spectrum import MARGIN
 
 
 @pytest.mark.parametrize("kind", [None, "flicker", "walk", "relaxing", "band"])

@@ -5,14 +5,11 @@ import tomllib
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import installed_effects
-from tam_calibration.gap.hypothesis import Hypothesis
-from tam_calibration.gap.size import Evidence
 from tam_calibration.gap.steps import _is_nested
 
 ROOT = Path(__file__).parents[2]
@@ -62,19 +59,13 @@ def whole():
     return MadeUp("whole")
 
 
-def evidence(effect, delta_bic=100.0):
-    """Return evidence for an effect at sensor 1."""
-    term = SimpleNamespace(sensor=0, axis=None, key=(0, None, "made up"), name="made up", coefficients=())
-    return Evidence(effect.name, Hypothesis(effect, {}, (term,), SimpleNamespace(rank=1)), delta_bic, delta_bic)
-
-
 @pytest.mark.parametrize("fact", ["limit_of", "nearly_within"])
 def test_support_treats_them_as_nested(whole, fact):
     """In either order; an effect is not within itself."""
     special = MadeUp("special", **{fact: ("whole",)})
-    assert _is_nested(evidence(special), evidence(whole))
-    assert _is_nested(evidence(whole), evidence(special))
-    assert not _is_nested(evidence(whole), evidence(whole))
+    assert _is_nested(special, whole)
+    assert _is_nested(whole, special)
+    assert not _is_nested(whole, whole)
 
 
 def test_every_name_that_a_class_states_is_an_effect():

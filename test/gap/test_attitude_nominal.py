@@ -7,9 +7,9 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.gap.attitude_nominal import Oriented
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.size import measure
+from tam_calibration.gap.world import Oriented
 from tam_calibration.model.fitted_effect import FittedEffect
 
 MAGNET_T = np.array([-3e-6, -0.3e-6, 27e-6])

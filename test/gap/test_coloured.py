@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 from scipy.stats import t
 
 from tam_calibration.effects.term import Coefficient, Term
-from tam_calibration.gap.coloured import covariance_of, sandwich, unseen
+from tam_calibration.gap.joint import covariance_of, sandwich, unseen
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.regressors import Regressors
 

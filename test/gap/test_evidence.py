@@ -9,6 +9,7 @@ import pytest
 from tam_calibration.effects.effect import Finding, FoundEffect
 from tam_calibration.effects.library import effect_named, installed_effects
 from tam_calibration.gap.hypothesis import Hypothesis, best_form
+from tam_calibration.gap.offers import Offers
 from tam_calibration.gap.regression import twice_log_likelihood_ratio
 from tam_calibration.gap.size import (
     Evidence,
@@ -16,7 +17,6 @@ from tam_calibration.gap.size import (
     examine,
     sharpened,
     unusable,
-    usable,
 )
 from tam_calibration.model.fitted_effect import FittedEffect
 
@@ -61,10 +61,10 @@ def test_what_a_recording_cannot_show_is_told(drifting):
 def test_every_effect_is_tried_or_told(drifting):
     """Those that are left out on purpose are neither."""
     made = replace(drifting, recording=replace(drifting.recording, current_A=None))
-    tried, considered = usable(installed_effects(), {"outliers"}, made.channels())
-    told = {one.effect for one in considered}
-    assert set(tried) | told == set(installed_effects()) - {"outliers"} and not set(tried) & told
-    assert "current_interference" in told
+    considered = Offers(made.model(), {"outliers"}, lambda what, part: None).considered(())
+    told = {one.effect: one.status for one in considered}
+    assert len(told) == len(considered) and set(told) == set(installed_effects()) - {"outliers"}
+    assert told["current_interference"] == "channel_missing" and told["temperature_drift"] == "not_supported"
 
 
 def test_evidence_for_an_effect_is_its_likelihood_ratio(base):

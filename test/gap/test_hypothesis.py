@@ -1,18 +1,15 @@
 """The best form of one hypothesis."""
 
-from dataclasses import replace
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from tam_calibration.effects.channels import Flexure, TemperatureDrift
 from tam_calibration.effects.curves import Nonlinearity
-from tam_calibration.effects.platform_field import PlatformField
 from tam_calibration.effects.scalar_effects import GeomagneticDrift
 from tam_calibration.effects.states import BiasJump
-from tam_calibration.gap.hypothesis import _searched, best_form, given_form, places_of, refined
+from tam_calibration.gap.hypothesis import Hypothesis, best_form, given_form, places_of, refined
+from tam_calibration.gap.regression import Selection
 from tam_calibration.model.fitted_effect import SCALAR, Contribution, FittedEffect
 
 TIME_CONSTANT_S = 3.3
@@ -106,32 +103,10 @@ def test_nothing_visible_is_no_form(run):
     assert form is None or form.selection.delta_bic < 0
 
 
-@pytest.mark.parametrize(("is_exact", "searched"), [(True, 2), (False, 1)])
-def test_a_parameter_that_was_never_changed_was_not_searched(is_exact, searched):
-    """But where an effect finds its shapes by itself: all of theirs are told by the data."""
-    tried = ({"at_s": 1.0, "reference_C": 20.0}, {"at_s": 2.0, "reference_C": 20.0})
-    effect = SimpleNamespace(has_exact_shapes=is_exact)
-    base = SimpleNamespace(channels=SimpleNamespace(terms=lambda effect, shape: [part(shape["at_s"])]))
-    form = SimpleNamespace(effect=effect, shape=tried[0], tried=tried, terms=[part(1.0)])
-    assert _searched(base, form) == searched
-
-
-def part(value):
-    """Return a term that is a constant of time."""
-    return SimpleNamespace(key=(0, None, "part"), features=np.full((3, 1), value))
-
-
-def test_a_parameter_that_no_chosen_term_depends_on_has_no_price(run):
-    """The time constant of currents in the hull beside a pump alone, whose channel has nothing to search."""
-    made = run(600)
-    pump = (made.recording.time_s > 25).astype(float)
-    made = replace(made, recording=replace(made.recording, further={"actuator_pump": pump}))
-    base = made.with_added(np.outer(pump, np.append(np.arange(-6, 6) * 5e-9, 0))).model().base()
-    form = best_form(base, PlatformField())
-    assert {term.name for term in form.terms} == {"actuator_pump"}
-    assert len(form.tried) > 1 and _searched(base, form) == 0
-    moving = replace(form, terms=tuple(term for term in PlatformField().terms(base.channels.covariates, form.shape)))
-    assert _searched(base, moving) == 1
+def test_a_parameter_that_was_never_changed_was_not_searched():
+    """Nor one that the shape does not have."""
+    tried = ({"at_s": 2.0, "reference_C": 20.0}, {"at_s": 1.0, "reference_C": 20.0}, {"other": 1.0})
+    assert Hypothesis(Flexure(), tried[0], (), Selection((), 0.0, 0, 0.0), tried).searched == {"at_s": [1.0, 2.0]}
 
 
 def test_an_exact_shape_is_not_refined(run):

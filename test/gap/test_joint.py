@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tam_calibration.effects.channels import TemperatureDrift
+from tam_calibration.gap.hypothesis import Part
 from tam_calibration.gap.joint import Joint
-from tam_calibration.gap.part import Part
 
 SLOPE_T_PER_K = 30e-9
 KEYS = ((1, 0, "offset"),)

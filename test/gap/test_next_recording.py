@@ -5,8 +5,7 @@ from dataclasses import replace
 import pytest
 
 from tam_calibration.gap.conclude import conclude
-from tam_calibration.gap.laws.causes import causes_of
-from tam_calibration.gap.laws.law import Signature
+from tam_calibration.gap.laws.law import Signature, causes_of
 from tam_calibration.gap.laws.signature import Law
 from tam_calibration.gap.next_recording import next_recording
 from tam_calibration.gap.search import search

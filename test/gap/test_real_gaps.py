@@ -10,8 +10,8 @@ from numpy.linalg import norm
 from tam_calibration.effects.gross_jump import gross_bias_jump
 from tam_calibration.effects.states import BiasJump
 from tam_calibration.gap import diagnose
-from tam_calibration.gap.coloured import sandwich
 from tam_calibration.gap.hypothesis import EVERYWHERE
+from tam_calibration.gap.joint import sandwich
 from tam_calibration.gap.laws.signature import times_of
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.regression import Base

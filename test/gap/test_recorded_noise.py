@@ -7,7 +7,7 @@ import pytest
 
 from tam_calibration.effects.effect import Finding
 from tam_calibration.gap import diagnose
-from tam_calibration.gap.recorded_noise import recorded_noise, remarks_on, residual_of
+from tam_calibration.gap.noise import recorded_noise, remarks_on, residual_of
 from tam_calibration.model.array import Array
 from tam_calibration.model.fitted_effect import FittedEffect
 

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tam_calibration.gap.refusal import is_at_rest, needed_samples, too_short, without_calibration
+from tam_calibration.gap.diagnose import is_at_rest, needed_samples, too_short
+from tam_calibration.gap.nominal import without_calibration
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tam_calibration.gap.repeats import repeats
+from tam_calibration.gap.laws.find import repeats
 
 
 def poses(order):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tam_calibration.gap.residue import residue_of
+from tam_calibration.gap.conclude import residue_of
 
 
 def test_what_was_planted_is_in_its_row_and_not_in_the_twin(run):

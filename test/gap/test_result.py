@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.gap.refusal import too_short
+from tam_calibration.gap.diagnose import too_short
 from tam_calibration.gap.result import Gap, Residue
 
 

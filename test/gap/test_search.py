@@ -12,7 +12,7 @@ from tam_calibration.gap import diagnose
 from tam_calibration.gap.laws.law import Signature
 from tam_calibration.gap.laws.signature import Law
 from tam_calibration.gap.search import search
-from tam_calibration.gap.search_result import Search
+from tam_calibration.gap.steps import Search
 from tam_calibration.model.recording import Recording
 
 

@@ -118,9 +118,9 @@ def test_the_first_step_is_the_best_bundle(noise):
     energy, terms = float(observed @ observed), terms_of(GRID)
     gain = projected_of(matrix, observed).gains([np.array([7])])[0][0]
     projected = projected_of(matrix, observed)
-    assert Choice(projected, terms, energy, COUNT).first_step() == pytest.approx(evidence(energy, gain, COUNT, 1))
+    assert Choice(projected, terms, energy, COUNT).first_step == pytest.approx(evidence(energy, gain, COUNT, 1))
     nothing = Projected(np.zeros((18, 18)), np.zeros(18), np.ones(18))
-    assert Choice(nothing, terms, energy, COUNT).first_step() == -np.inf
+    assert Choice(nothing, terms, energy, COUNT).first_step == -np.inf
     assert Choice(nothing, terms, energy, COUNT).select().terms == ()
 
 

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy.spatial.transform import Rotation
 
 from tam_calibration.effects.channels import Flexure
 from tam_calibration.effects.scalar_effects import GeomagneticDrift
@@ -28,7 +27,7 @@ def test_the_field_is_the_sensor_s_and_not_what_it_reads(lone):
     made = lone(100, noise_T=1e-6)
     covariates = made.channels().covariates
     assert_allclose(covariates.field_T, made.field_T, atol=1e-12)
-    assert_allclose(made.world.aligned.field(covariates.attitude), made.field_T, atol=1e-12)
+    assert_allclose(made.world.field(covariates.attitude), made.field_T, atol=1e-12)
     assert covariates.take(slice(3)).follows_attitude
 
 
@@ -52,7 +51,7 @@ def test_matrix_scale_and_mount_are_parted(lone):
     matrix = 3 * np.eye(3) + generator.normal(size=(3, 3))
     errors, world = World.of(matrix[None], np.zeros((1, 3)), made.world.field_T, made.world.mount)
     attitude = made.recording.attitude
-    expected = made.world.aligned.field(attitude) @ made.world.mount.T @ matrix.T
+    expected = made.world.field(attitude) @ made.world.mount.T @ matrix.T
     assert_allclose(world.field(world.attitude(attitude)) @ errors.matrix[0].T, expected, atol=1e-15)
     assert_allclose(errors.misalignment, 0, atol=1e-12)
     assert np.linalg.det(errors.matrix[0]) == pytest.approx(1)
@@ -86,13 +85,3 @@ def test_a_sensor_that_bends_can_be_seen(lone):
         channels.design(Flexure().terms(channels.covariates, {}))
     )
     assert projected.gain()[1] >= 6
-
-
-def test_an_aligned_world_has_the_attitudes_of_the_array():
-    """The field is the same, and attitudes stay as they are."""
-    world = World(np.array([1e-6, 2e-5, -4e-5]), Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix())
-    recorded = Rotation.random(5, random_state=1).as_quat()
-    turned = Rotation.from_quat(world.aligned.attitude(recorded))
-    assert (turned * Rotation.from_quat(recorded).inv()).magnitude().max() < 1e-12
-    assert (Rotation.from_quat(world.attitude(recorded)) * turned.inv()).magnitude().min() > 0.5
-    assert (world.aligned.field_T == world.field_T).all()

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.gap.laws.decisions import ABSORBED, SIZES
+from tam_calibration.gap.laws.decisions import SIZES
 from tam_calibration.model.units import FloatArray
 
 
@@ -60,12 +60,6 @@ class Sums:
         size = np.diff(np.append(starts, len(self.place)))
         return Sums(information, score, cross, np.add.reduceat(self.place, starts) / size, self.is_first[starts])
 
-    def along(self, pattern: FloatArray) -> "Sums":
-        """Return the sums of one column, a combination (p,) of these."""
-        information = np.einsum("bij,i,j->b", self.information, pattern, pattern)[:, None, None]
-        cross = np.einsum("bij,i->bj", self.cross, pattern)[:, None]
-        return Sums(information, (self.score @ pattern)[:, None], cross, self.place, self.is_first)
-
 
 @dataclass(frozen=True, eq=False)
 class Bins:
@@ -91,6 +85,11 @@ class Bins:
             firsts.append(np.arange(parts) == 0)
         return cls(np.vstack(rows), np.concatenate(places), np.concatenate(firsts))
 
+    @classmethod
+    def of_time(cls, time_s: FloatArray) -> "Bins":
+        """Return bins of a course in time: an eighth of a second in a minute, at least."""
+        return cls.of(time_s, max(min(512, len(time_s) // 2), 4))
+
     def arranged(self, values: FloatArray) -> FloatArray:
         """Return values (N, ...) by bins, (B, m, ...), zero where a bin has fewer samples."""
         taken: FloatArray = values[self.order]
@@ -109,13 +108,12 @@ class Bins:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A law with its evidence, mean (B, p) and standard deviation (B, p) of its coefficients, and spent freedom."""
+    """The evidence of a law, mean and standard deviation (B, p) of its coefficients, and the variance of a course."""
 
     evidence: float
     mean: FloatArray
-    deviation: FloatArray | None
-    variance: float
-    length: float
+    deviation: FloatArray | None = None
+    variance: float = 1.0
 
 
 def course(sums: Sums, length: float, variances: FloatArray, with_errors: bool = False) -> Fit:
@@ -136,7 +134,7 @@ def course(sums: Sums, length: float, variances: FloatArray, with_errors: bool =
     fits = [_at(sums, diagonal, beside, log_determinant, variance) for variance in variances]
     evidence, mean, factor, variance = max(fits, key=lambda one: one[0])
     deviation = _deviations(factor, mean.shape) if with_errors else None
-    return Fit(evidence, mean, deviation, float(variance), length)
+    return Fit(evidence, mean, deviation, variance)
 
 
 def _precision(sums: Sums, length: float) -> tuple[FloatArray, FloatArray, float]:
@@ -214,11 +212,11 @@ def of_normal(information: FloatArray, score: FloatArray, size: FloatArray, whol
     """
     values, vectors = np.linalg.eigh(information)
     # What the nominal parameters can do as well is not counted: its rest is made of the errors of the field.
-    seen = values > ABSORBED * max(float(values[-1]), whole)
+    seen = values > 1e-4 * max(float(values[-1]), whole)
     values, vectors = values[seen], vectors[:, seen]
     along = vectors.T @ score
     weighed = 1 + SIZES[:, None] * values
     evidence = 0.5 * (SIZES[:, None] * along**2 / weighed - np.log(weighed)).sum(axis=1)
     best = int(evidence.argmax())
     mean = vectors @ (SIZES[best] * along / weighed[best]) / size
-    return Fit(float(evidence[best]), mean[None], None, float(SIZES[best]), np.inf)
+    return Fit(float(evidence[best]), mean[None])

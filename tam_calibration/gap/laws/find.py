@@ -1,27 +1,79 @@
 """The search for the laws of a gap: the one of most evidence, then those of what it leaves."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tam_calibration.gap.laws.candidates import Candidate, candidates
+from tam_calibration.effects.grades import FEWEST, MOST, NEGLIGIBLE, SLIGHT
+from tam_calibration.gap.laws.candidates import candidates
 from tam_calibration.gap.laws.decisions import (
     FREEDOM,
     LEAST_EVIDENCE,
     LEAST_SHARE,
-    MOST_LAWS,
-    NEARLY,
-    SAME_LAW,
     TIE,
     TOLERANCE,
 )
-from tam_calibration.gap.laws.evidence import Sums, constant, course
-from tam_calibration.gap.laws.patterns import sharp_attitudes, switched_gains
+from tam_calibration.gap.laws.law import SCALAR, Course
+from tam_calibration.gap.laws.patterns import Candidate, switched_gains
 from tam_calibration.gap.laws.states import jumping, sharpened
 from tam_calibration.gap.laws.whitened import Residual
-from tam_calibration.gap.repeats import Repeats, repeats
 from tam_calibration.model.units import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Repeats:
+    """Visits to poses, and the pairs of visits to the same pose.
+
+    Parameters
+    ----------
+    visit : (N,) array of int
+        Number of the visit that a sample is part of.
+    first, second : (P,) array of int
+        Visits to the same pose.
+    """
+
+    visit: NDArray[np.intp]
+    first: NDArray[np.intp]
+    second: NDArray[np.intp]
+
+    def energy(self, residual: FloatArray) -> float:
+        """Return the mean product of a residual (N, C) at both visits to a pose, to which noise adds nothing."""
+        means = _means(self.visit, residual)
+        return float((means[self.first] * means[self.second]).sum(axis=1).mean())
+
+    def are_same(self, signal: FloatArray) -> bool:
+        """Return whether a signal (N, C) is the same at both visits to a pose."""
+        means = _means(self.visit, signal)
+        between = means[self.first] - means[self.second]
+        return float((between**2).mean()) < 2 * SLIGHT * float(means[self.first].var(axis=0).mean())
+
+
+def repeats(pose: FloatArray) -> Repeats | None:
+    """Return the visits to poses, where most poses are taken up again; None elsewhere.
+
+    Parameters
+    ----------
+    pose : (N, p) array
+        Vectors of length one that tell the pose: axes of the array in the world, or the field in the array.
+    """
+    from scipy.spatial import cKDTree
+
+    moved = np.linalg.norm(np.diff(pose, axis=0), axis=1) > NEGLIGIBLE
+    visit = np.append(0, np.cumsum(moved))
+    if visit[-1] < FEWEST:
+        return None
+    poses = _means(visit, pose)
+    distance, partner = (found[:, 1] for found in cKDTree(poses).query(poses, 2))
+    again = np.flatnonzero(distance < NEGLIGIBLE)
+    return Repeats(visit, again, partner[again]) if len(again) > MOST * len(poses) else None
+
+
+def _means(visit: NDArray[np.intp], values: FloatArray) -> FloatArray:
+    """Return the mean (V, C) of values (N, C) over each visit."""
+    sums = np.array([np.bincount(visit, one) for one in values.T]).T
+    return np.asarray(sums / np.bincount(visit)[:, None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +136,7 @@ def predictive_laws(residual: Residual, positions_m: FloatArray, whole: float) -
     """
     found: list[Found] = []
     again = repeats(residual.pose)
-    for _ in range(MOST_LAWS):
+    for _ in range(3):
         if residual.excess < 2 * np.sqrt(2.0 * residual.size) and found:
             break
         error = TOLERANCE**2 * max(residual.excess, 0.0) / residual.size
@@ -106,57 +158,25 @@ def predictive_laws(residual: Residual, positions_m: FloatArray, whole: float) -
 
 
 def _refined(residual: Residual, tried: list[Candidate]) -> Iterator[Candidate]:
-    """Yield courses that jump, courses along one direction, and sharper functions of direction, of the best laws."""
+    """Yield courses of the best laws that jump."""
     top = tried[0].evidence
     if top < LEAST_EVIDENCE:
         return
-    timed = [one for one in tried if one.course in ("slow", "random", "step", "tone") and one.evidence > 0.7 * top]
-    seen: set[int] = set()
-    jumps: list[Candidate] = []
-    for one in timed:
-        if (
-            one.pattern.law in ("offset", "gain")
-            and one.course != "tone"
-            and id(one.pattern) not in seen
-            and len(seen) < 5
-        ):
-            seen.add(id(one.pattern))
-            jumps += jumping(residual, one.pattern)
-    gains = [one for one in timed if one.pattern.law == "gain" and one.pattern.sensors != ("scalar",)]
-    if gains:
-        for pattern in switched_gains(residual, int(gains[0].pattern.sensors[0])):
-            if pattern.axes == gains[0].pattern.axes or len(pattern.axes) == 3:
-                jumps += jumping(residual, pattern)
+    near = [one for one in tried if one.evidence > 0.7 * top and one.course in ("slow", "random", "step")]
+    timed = [one.pattern for one in near if one.pattern.law in ("offset", "gain")]
+    chosen = list(dict.fromkeys(timed))[:5]
+    gain = next((one for one in timed if one.law == "gain" and one.sensors != SCALAR), None)
+    if gain is not None:
+        switched = switched_gains(residual, int(gain.sensors[0]))
+        chosen += [one for one in switched if one.axes == gain.axes or len(one.axes) == 3]
+    jumps = [jump for pattern in chosen for jump in jumping(residual, pattern)]
     yield from jumps
-    jumps = sorted((one for one in jumps if one.begins_on is not None), key=lambda one: -one.evidence)
-    for one in jumps[:4]:
+    two_states = sorted((one for one in jumps if one.begins_on is not None), key=lambda one: -one.evidence)
+    for one in two_states[:4]:
         if one.evidence > 0.8 * top and one.bins is not None and one.bins.order.shape[1] > 1:
             fine = sharpened(residual, one)
             if fine is not None:
                 yield fine
-    for one in [one for one in timed if one.bins is not None and not one.steps and one.course != "tone"][:3]:
-        yield from _along_one_direction(residual, one)
-    by_motion = [one for one in tried if one.pattern.law == "attitude" and len(one.pattern.sensors) == 1]
-    if timed and timed[0] is tried[0] and by_motion and by_motion[0].evidence > 0.4 * top:
-        first = by_motion[0].pattern
-        if first.sensors != ("scalar",):
-            pattern = sharp_attitudes(residual, int(first.sensors[0]), first.axes)
-            fit = constant(pattern.columns(residual), residual.z, residual.nuisance)
-            yield Candidate(pattern, "motion", fit.evidence, "attitude")
-
-
-def _along_one_direction(residual: Residual, one: Candidate) -> Iterator[Candidate]:
-    """Yield a course with a pattern that stays: the direction in which its coefficients go together."""
-    assert one.bins is not None
-    sums = Sums.of(one.pattern.columns(residual), residual.z, residual.nuisance, one.bins)
-    if sums.score.shape[1] < 2:
-        return
-    fit = course(sums, one.length, np.array([one.variance]))
-    direction = np.linalg.svd(fit.mean, full_matrices=False)[2][0]
-    variances = one.variance * np.array([1.0, len(direction)])
-    single = course(sums.along(direction), one.length, variances)
-    penalty = 0.5 * len(direction) * np.log(residual.count)
-    yield replace(one, evidence=single.evidence - penalty, direction=direction, variance=single.variance)
 
 
 def _accepted(residual: Residual, tried: list[Candidate]) -> Iterator[tuple[Candidate, float]]:
@@ -164,12 +184,7 @@ def _accepted(residual: Residual, tried: list[Candidate]) -> Iterator[tuple[Cand
     for first in tried[:6]:
         if first.evidence < LEAST_EVIDENCE:
             return
-        simpler = [
-            one
-            for one in tried
-            if first.evidence - TIE - _behind(one, first) * first.evidence <= one.evidence <= first.evidence
-        ]
-        simpler = [one for one in simpler if one is first or _freedom(one) <= _freedom(first) - 1]
+        simpler = [one for one in tried if one is first or _is_as_good_and_simpler(one, first)]
         best = min(simpler, key=lambda one: (_freedom(one), -one.evidence))
         predicted = predicted_energy(residual, best)
         if predicted > LEAST_EVIDENCE:
@@ -183,10 +198,15 @@ def _is_of_pose(residual: Residual, one: Candidate, again: Repeats) -> bool:
     return again.are_same(one.signal(residual, one.fitted(residual)))
 
 
-def _behind(one: Candidate, first: Candidate) -> float:
-    """Return the part of the evidence by which a simpler law may be behind: more for another course of the same law."""
+def _is_as_good_and_simpler(one: Candidate, first: Candidate) -> bool:
+    """Say whether a law has less freedom than the first one and about its evidence.
+
+    Models are wrong by more where the gap is large. A simpler course of the same law may be farther behind: a switch
+    takes its time, a channel is recorded with errors.
+    """
     same = (one.pattern.law, one.pattern.sensors) == (first.pattern.law, first.pattern.sensors)
-    return SAME_LAW if same else NEARLY
+    least = (1 - (0.03 if same else 0.005)) * first.evidence - TIE
+    return least <= one.evidence <= first.evidence and _freedom(one) <= _freedom(first) - 1
 
 
 def _freedom(one: Candidate) -> float:
@@ -204,3 +224,45 @@ def predicted_energy(residual: Residual, law: Candidate) -> float:
         signal = signal - (flat @ (flat.T @ signal.ravel())).reshape(signal.shape)
         fallen += float((rest.z**2).sum() - ((rest.z - signal) ** 2).sum())
     return max(fallen, 0.0)
+
+
+def curve_of(law: Candidate, residual: Residual) -> Course:
+    """Return the course of a law that was found in a residual.
+
+    The size is that of the shift of the readings along the direction in which it is largest; for a gain, of the
+    coefficients, as a part of the field. A course in time has the errors of its process; that of a law with constant
+    coefficients has the relative error 1/√(2 L) of their size, with L its log evidence.
+    """
+    fit = law.fitted(residual, with_errors=True)
+    _, size = law.pattern.scaled(residual)
+    in_time = law.bins is not None and law.pattern.law != "own_field"
+    if in_time:
+        mean, deviation = _coefficients(law, residual, fit.mean, fit.deviation)
+    else:
+        shift = law.pattern.features @ fit.mean[0]
+        mean, deviation = shift, None
+    is_gain = in_time and law.pattern.law == "gain"
+    unit = residual.unit_T / size / (residual.field_T if is_gain else 1.0)
+    direction = np.linalg.svd(mean - mean.mean(axis=0), full_matrices=False)[2][0]
+    direction = direction * np.sign(direction[np.abs(direction).argmax()])
+    along = mean @ direction * unit
+    relative = np.abs(along).max() / np.sqrt(2 * law.evidence)
+    error = np.full(len(along), relative) if deviation is None else np.sqrt(deviation**2 @ direction**2) * unit
+    taken = np.unique(np.linspace(0, len(along) - 1, 200).round().astype(int))
+    return Course(residual.time_s[taken], along[taken], error[taken], "1" if is_gain else "T")
+
+
+def _coefficients(
+    law: Candidate, residual: Residual, mean: FloatArray, deviation: FloatArray | None
+) -> tuple[FloatArray, FloatArray | None]:
+    """Return the coefficients (N, p) of the pattern at every sample, and their standard deviations."""
+    assert law.bins is not None
+    if not law.steps:
+        by_sample = law.bins.spread(mean, residual.count)
+        error = None if deviation is None else law.bins.spread(deviation, residual.count)
+        return by_sample, error
+    passed = law.passed(residual.count)
+    if law.begins_on is not None:
+        return ((passed + law.begins_on) % 2)[:, None] * mean[0], None
+    levels = np.vstack([np.zeros((1, mean.shape[1] // len(law.steps))), mean[0].reshape(len(law.steps), -1)])
+    return np.asarray(np.cumsum(levels, axis=0)[passed]), None

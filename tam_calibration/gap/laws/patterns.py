@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tam_calibration.core.harmonics import fields
 from tam_calibration.effects.covariates import lagged
 from tam_calibration.effects.curves import play
-from tam_calibration.gap.laws.decisions import PLAYS, RATE_LAGS
+from tam_calibration.gap.laws.evidence import Bins, Fit, Sums, constant, course
 from tam_calibration.gap.laws.whitened import Residual
 from tam_calibration.model.units import FloatArray
 
@@ -53,6 +53,10 @@ class Pattern:
         size = float(np.sqrt(np.mean(np.sum(columns**2, axis=(1, 2))) / columns.shape[2]))
         return columns, size if size > 0 else 1.0
 
+    def sums(self, residual: Residual, bins: Bins) -> Sums:
+        """Return the sums of the columns in bins."""
+        return Sums.of(self.columns(residual), residual.z, residual.nuisance, bins)
+
     def times(self, course: FloatArray, follows: str | None = None) -> "Pattern":
         """Return the pattern with features times courses (N, c)."""
         features = (self.features[:, :, :, None] * course[:, None, None, :]).reshape(*self.features.shape[:2], -1)
@@ -70,47 +74,61 @@ def _each(values: FloatArray, row_count: int) -> FloatArray:
     return np.asarray(np.einsum("rs,nf->nrsf", eye, values).reshape(len(values), row_count, -1))
 
 
+def _whole(law: str, sensor: int, features: FloatArray, follows: str | None = None) -> Pattern:
+    """Return a pattern of all axes of a sensor with features (N, 3, p)."""
+    return Pattern(law, (sensor,), tuple(AXES), sensor_rows(sensor), features, follows)
+
+
+def _axis(law: str, sensor: int, axis: int, values: FloatArray, follows: str | None = None) -> Pattern:
+    """Return a pattern of one axis of a sensor with features (N, p)."""
+    return Pattern(law, (sensor,), (AXES[axis],), sensor_rows(sensor)[axis : axis + 1], values[:, None], follows)
+
+
+def _every(law: str, residual: Residual, features: FloatArray, follows: str | None = None) -> Pattern:
+    """Return a pattern of all sensors with features (N, 3K, p)."""
+    sensors = tuple(range(1, residual.sensor_count + 1))
+    return Pattern(law, sensors, tuple(AXES), np.arange(3 * len(sensors)), features, follows)
+
+
+def _free(law: str, sensor: int, values: FloatArray, follows: str | None = None) -> Iterator[Pattern]:
+    """Yield patterns in which each axis has coefficients of its own for values (N, f), of all axes and of one."""
+    yield _whole(law, sensor, _each(values, 3), follows)
+    for axis in range(3):
+        yield _axis(law, sensor, axis, values, follows)
+
+
+def _scaling(law: str, sensor: int, values: FloatArray) -> Iterator[Pattern]:
+    """Yield patterns that are multiples of values of the axes (N, 3): of all axes with one coefficient, and of one."""
+    yield _whole(law, sensor, values[:, sensor_rows(sensor), None])
+    for axis, row in enumerate(sensor_rows(sensor)):
+        yield _axis(law, sensor, axis, values[:, row, None])
+
+
 def in_sensor(residual: Residual, sensor: int) -> Iterator[Pattern]:
     """Yield offset, gain and rate laws of one sensor, of all axes and of one."""
-    rows = sensor_rows(sensor)
-    one = np.ones((residual.count, 1))
-    sensed, rate = residual.sensed[:, rows], residual.sensed_rate[:, rows]
-    yield Pattern("offset", (sensor,), tuple(AXES), rows, _each(one, 3))
-    for axis in range(3):
-        yield Pattern("offset", (sensor,), (AXES[axis],), rows[axis : axis + 1], one[:, None])
-    yield Pattern("gain", (sensor,), tuple(AXES), rows, _each(residual.field, 3))
-    yield Pattern("gain", (sensor,), tuple(AXES), rows, sensed[:, :, None])
-    yield Pattern("gain", (sensor,), tuple(AXES), rows, np.cross(np.eye(3)[None], sensed[:, None]).transpose(0, 2, 1))
-    for axis in range(3):
-        yield Pattern("gain", (sensor,), (AXES[axis],), rows[axis : axis + 1], sensed[:, None, axis : axis + 1])
-        yield Pattern("gain", (sensor,), (AXES[axis],), rows[axis : axis + 1], residual.field[:, None])
-    yield Pattern("rate", (sensor,), tuple(AXES), rows, rate[:, :, None])
-    for axis in range(3):
-        yield Pattern("rate", (sensor,), (AXES[axis],), rows[axis : axis + 1], rate[:, None, axis : axis + 1])
+    sensed = residual.sensed[:, sensor_rows(sensor)]
+    yield from _free("offset", sensor, np.ones((residual.count, 1)))
+    yield from _free("gain", sensor, residual.field)
+    yield from _scaling("gain", sensor, residual.sensed)
+    yield _whole("gain", sensor, np.cross(np.eye(3)[None], sensed[:, None]).transpose(0, 2, 1))
+    yield from _scaling("rate", sensor, residual.sensed_rate)
 
 
 def switched_gains(residual: Residual, sensor: int) -> Iterator[Pattern]:
     """Yield gains of a sensor that change together with its offsets, of all axes and of one."""
-    rows = sensor_rows(sensor)
-    both = np.column_stack([residual.field, np.ones(residual.count)])
-    yield Pattern("gain", (sensor,), tuple(AXES), rows, _each(both, 3))
-    for axis in range(3):
-        yield Pattern("gain", (sensor,), (AXES[axis],), rows[axis : axis + 1], both[:, None])
+    return _free("gain", sensor, np.column_stack([residual.field, np.ones(residual.count)]))
 
 
 def rates_of(residual: Residual, sensor: int) -> Iterator[Pattern]:
     """Yield laws of a rate with a free matrix, which are constant."""
-    rows = sensor_rows(sensor)
     for rates in (residual.rate, _with_lags(residual)):
-        yield Pattern("rate", (sensor,), tuple(AXES), rows, _each(rates, 3))
-        for axis in range(3):
-            yield Pattern("rate", (sensor,), (AXES[axis],), rows[axis : axis + 1], rates[:, None])
+        yield from _free("rate", sensor, rates)
 
 
 def _with_lags(residual: Residual) -> FloatArray:
     """Return the rate of the field as it is and after first-order lags (N, 12)."""
     step_s = float(np.median(np.diff(residual.time_s)))
-    lags = [lagged(residual.rate, residual.time_s, lag * step_s) for lag in RATE_LAGS]
+    lags = [lagged(residual.rate, residual.time_s, lag * step_s) for lag in (1.0, 4.0, 16.0)]
     return np.column_stack([residual.rate, *lags])
 
 
@@ -123,46 +141,30 @@ def in_scalar(residual: Residual) -> Iterator[Pattern]:
 
 def everywhere(residual: Residual) -> Iterator[Pattern]:
     """Yield laws of all sensors that stay or follow a channel: the same in all, and of each its own."""
-    count = residual.sensor_count
-    every, rows = tuple(range(1, count + 1)), np.arange(3 * count)
-    yield Pattern("rate", every, tuple(AXES), rows, residual.sensed_rate[:, :, None])
-    matrix = field_matrix(residual)
+    yield _every("rate", residual, residual.sensed_rate[:, :, None])
+    row_count = 3 * residual.sensor_count
     for rates in (residual.rate, _with_lags(residual)):
-        common = np.einsum("rj,nk->nrjk", matrix, rates).reshape(residual.count, len(rows), -1)
-        yield Pattern("rate", every, tuple(AXES), rows, common)
-    yield Pattern("rate", every, tuple(AXES), rows, _each(residual.rate, len(rows)))
+        common = np.einsum("rj,nk->nrjk", residual.matrix, rates).reshape(residual.count, row_count, -1)
+        yield _every("rate", residual, common)
+    yield _every("rate", residual, _each(residual.rate, row_count))
 
 
 def offsets_everywhere(residual: Residual) -> Pattern:
     """Return an offset of each axis of all sensors."""
-    count = residual.sensor_count
-    return Pattern(
-        "offset",
-        tuple(range(1, count + 1)),
-        tuple(AXES),
-        np.arange(3 * count),
-        _each(np.ones((residual.count, 1)), 3 * count),
-    )
-
-
-def field_matrix(residual: Residual) -> FloatArray:
-    """Return the matrix (3K, 3) from the field to what the axes sense."""
-    return np.linalg.lstsq(residual.field, residual.sensed, rcond=None)[0].T
+    return _every("offset", residual, _each(np.ones((residual.count, 1)), 3 * residual.sensor_count))
 
 
 def own_fields(residual: Residual, sensor: int) -> Iterator[Pattern]:
     """Yield functions of each axis' own reading: curves, loops and ends."""
     rows = sensor_rows(sensor)
     for axis, row in enumerate(rows):
-        yield Pattern("own_field", (sensor,), (AXES[axis],), rows[axis : axis + 1], _beyond(residual, row)[:, None])
+        yield _axis("own_field", sensor, axis, _beyond(residual, row))
     parts = [_own_functions(residual.sensed[:, row]) for row in rows]
     for axis in range(3):
-        yield Pattern("own_field", (sensor,), (AXES[axis],), rows[axis : axis + 1], parts[axis][:, None])
-    width = parts[0].shape[1]
-    features = np.zeros((residual.count, 3, 3 * width))
-    for axis in range(3):
-        features[:, axis, axis * width : (axis + 1) * width] = parts[axis]
-    yield Pattern("own_field", (sensor,), tuple(AXES), rows, features)
+        yield _axis("own_field", sensor, axis, parts[axis])
+    features = np.zeros((3, residual.count, 3, parts[0].shape[1]))
+    features[range(3), :, range(3)] = parts
+    yield _whole("own_field", sensor, np.concatenate(features, axis=2))
 
 
 def _beyond(residual: Residual, row: int) -> FloatArray:
@@ -175,7 +177,8 @@ def _own_functions(reading: FloatArray) -> FloatArray:
     """Return curves and loops of a reading (N,), standardised (N, F)."""
     half = max((reading.max() - reading.min()) / 2, 1e-12)
     x = (reading - (reading.max() + reading.min()) / 2) / half
-    loops = play(x[:, None], np.array(PLAYS))[:, 0]
+    # Half-widths of loops, as parts of the half range: narrow to wide.
+    loops = play(x[:, None], np.array([0.03, 0.08, 0.16, 0.26, 0.4, 0.65]))[:, 0]
     columns = np.column_stack([x**2, x**3, x**4, x**5, loops, loops**3])
     columns = columns - columns.mean(axis=0)
     size = columns.std(axis=0)
@@ -191,10 +194,7 @@ def _polynomials(vectors: FloatArray, degrees: tuple[int, ...]) -> FloatArray:
 
 def attitudes(residual: Residual, sensor: int | str) -> Iterator[Pattern]:
     """Yield functions of the direction of the field in a sensor, of that of gravity, and of the attitude."""
-    rows = np.array([3 * residual.sensor_count]) if sensor == "scalar" else sensor_rows(int(sensor))
-    axes = () if sensor == "scalar" else tuple(AXES)
-    by_field = _polynomials(residual.field, (2, 3))
-    functions: list[tuple[str, FloatArray]] = [("attitude", by_field)]
+    functions: list[tuple[str, FloatArray]] = [("attitude", _polynomials(residual.field, (2, 3)))]
     if sensor == "scalar":
         functions.append(("attitude", _polynomials(residual.field, (2, 3, 4, 5))))
         functions.append(("rate", residual.rate))
@@ -214,27 +214,18 @@ def attitudes(residual: Residual, sensor: int | str) -> Iterator[Pattern]:
         functions.append(("offset", _polynomials(residual.rate, (2,))))
     for law, values in functions:
         follows = "attitude" if law == "attitude" else "motion"
-        yield Pattern(law, (sensor,), axes, rows, _each(values, len(rows)), follows)
-        if sensor != "scalar":
-            for axis in range(3):
-                yield Pattern(law, (sensor,), (AXES[axis],), rows[axis : axis + 1], values[:, None], follows)
+        if sensor == "scalar":
+            yield Pattern(law, ("scalar",), (), np.array([3 * residual.sensor_count]), values[:, None], follows)
+        else:
+            yield from _free(law, int(sensor), values, follows)
 
 
 def bent_everywhere(residual: Residual) -> Iterator[Pattern]:
     """Yield rotations of every sensor that follow gravity, each its own."""
     if residual.up is None:
         return
-    count = residual.sensor_count
     bent = (residual.up[:, :, None] * residual.field[:, None]).reshape(residual.count, 9)
-    every = tuple(range(1, count + 1))
-    yield Pattern("attitude", every, tuple(AXES), np.arange(3 * count), _each(bent, 3 * count), "attitude")
-
-
-def sharp_attitudes(residual: Residual, sensor: int, axes: tuple[str, ...]) -> Pattern:
-    """Return any function of the direction of the field up to the fifth degree, in the axes of a sensor."""
-    rows = sensor_rows(sensor)[[AXES.index(axis) for axis in axes]]
-    values = _polynomials(residual.field, (2, 3, 4, 5))
-    return Pattern("attitude", (sensor,), axes, rows, _each(values, len(rows)), "attitude")
+    yield _every("attitude", residual, _each(bent, 3 * residual.sensor_count), "attitude")
 
 
 def gradients(residual: Residual, positions_m: FloatArray) -> Iterator[Pattern]:
@@ -242,7 +233,7 @@ def gradients(residual: Residual, positions_m: FloatArray) -> Iterator[Pattern]:
     if residual.rotation is None or not positions_m.any():
         return
     count = residual.sensor_count
-    matrix = field_matrix(residual).reshape(count, 3, 3)
+    matrix = residual.matrix.reshape(count, 3, 3)
     rotation = residual.rotation
     parts = []
     for degree in (2, 3):
@@ -252,6 +243,64 @@ def gradients(residual: Residual, positions_m: FloatArray) -> Iterator[Pattern]:
             of_sensors.append(np.einsum("ab,nkb,pkn->nap", own, rotation, world, optimize=True))
         parts.append(np.concatenate(of_sensors, axis=1))
         parts[-1] = parts[-1] / np.sqrt(np.mean(parts[-1] ** 2))
-    every = tuple(range(1, count + 1))
     for features in (parts[0], np.concatenate(parts, axis=2)):
-        yield Pattern("attitude", every, tuple(AXES), np.arange(3 * count), features, "attitude")
+        yield _every("attitude", residual, features, "attitude")
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A law with its course, its evidence, and how it is fitted.
+
+    Parameters
+    ----------
+    pattern : Pattern
+    course : str
+    evidence : float
+        Log marginal likelihood over that of no law, less the log of the number of ones tried.
+    bins : Bins, optional
+        Of a course in time or over a reading.
+    length : float
+        Correlation length of the course.
+    steps : tuple of int
+        Bins at which steps are.
+    """
+
+    pattern: Pattern
+    course: str
+    evidence: float
+    follows: str | None = None
+    bins: Bins | None = None
+    length: float = 0.0
+    variance: float = 1.0
+    steps: tuple[int, ...] = ()
+    begins_on: bool | None = None
+
+    def columns(self, residual: Residual) -> FloatArray:
+        """Return the columns (N, C, p) of its coefficients or processes."""
+        columns = self.pattern.columns(residual)
+        if not self.steps:
+            return columns
+        passed = self.passed(residual.count)
+        if self.begins_on is not None:
+            return np.asarray(columns * ((passed + self.begins_on) % 2)[:, None, None])
+        return np.concatenate([columns * (passed > step)[:, None, None] for step in range(len(self.steps))], axis=2)
+
+    def passed(self, count: int) -> NDArray[np.intp]:
+        """Return how many of the steps each sample (N,) has passed."""
+        assert self.bins is not None
+        return np.searchsorted(self.steps, self.bins.spread(np.arange(len(self.bins.place)), count), side="right")
+
+    def fitted(self, residual: Residual, with_errors: bool = False) -> Fit:
+        """Return the fit to a residual."""
+        columns = self.columns(residual)
+        if self.bins is None or self.steps:
+            return constant(columns, residual.z, residual.nuisance)
+        sums = Sums.of(columns, residual.z, residual.nuisance, self.bins)
+        return course(sums, self.length, np.array([self.variance]), with_errors)
+
+    def signal(self, residual: Residual, fit: Fit) -> FloatArray:
+        """Return what a fit of the law adds to the channels (N, C), at the samples of any residual of the recording."""
+        columns = self.columns(residual)
+        if self.bins is None or self.steps:
+            return np.asarray(columns @ fit.mean[0])
+        return np.asarray((columns @ self.bins.spread(fit.mean, residual.count)[:, :, None])[:, :, 0])

@@ -14,7 +14,6 @@ import numpy as np
 from tam_calibration.effects.grades import LEAST_SAMPLES, SLIGHT
 from tam_calibration.gap.laws.decisions import SCATTER_SIZES, TIE, TOLERANCE
 from tam_calibration.gap.laws.law import ATTITUDE, SCALAR, Place
-from tam_calibration.gap.laws.patterns import field_matrix
 from tam_calibration.gap.laws.whitened import Residual
 from tam_calibration.model.units import FloatArray
 
@@ -55,9 +54,9 @@ def within(residual: Residual, place: Place, signal: FloatArray) -> FloatArray:
         columns = residual.response[:, :, -1:]
     elif place == ATTITUDE:
         turned = np.cross(np.eye(3)[None], residual.field[:, None])
-        columns = sensors @ np.einsum("rj,naj->nra", field_matrix(residual), turned)
+        columns = sensors @ np.einsum("rj,naj->nra", residual.matrix, turned)
     else:
-        columns = sensors @ field_matrix(residual)
+        columns = sensors @ residual.matrix
     back = np.swapaxes(columns, 1, 2)
     return np.asarray((columns @ (np.linalg.pinv(back @ columns, rcond=1e-6) @ (back @ signal[:, :, None])))[:, :, 0])
 

@@ -1,43 +1,25 @@
 """Laws that predict nothing: noise, errors of time that tremble, spikes, and readings that are held or filled in."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.grades import NEARLY_ALL
+from tam_calibration.effects.grades import MINOR, NEARLY_ALL, NOTABLE
 from tam_calibration.effects.outliers import A_DOZEN
 from tam_calibration.gap.laws.decisions import (
-    CLUSTERED,
     LEAST_EVIDENCE,
-    MOST_SPIKES,
-    NEIGHBOURS,
-    RARE,
-    ROUNDING,
-    RUN,
     SCATTER_SIZES,
-    SPIKE,
+    TOLERANCE,
 )
-from tam_calibration.gap.laws.law import Place
+from tam_calibration.gap.laws.law import Place, Signature
 from tam_calibration.gap.laws.patterns import AXES, sensor_rows
 from tam_calibration.gap.laws.whitened import Residual
 from tam_calibration.model.units import FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class Scatter:
-    """A law of single samples or of variance at a place, with its evidence and its part of the gap."""
-
-    law: str
-    course: str
-    sensors: Place
-    axes: tuple[str, ...]
-    evidence: float
-    energy: float
-
-
-def scatter_of(residual: Residual, whole: float, unit: float) -> list[Scatter]:
+def scatter_of(residual: Residual, whole: float) -> list[Signature]:
     """Return the laws of scatter that explain the residual, the best first; those of evidence only.
 
     Parameters
@@ -46,29 +28,30 @@ def scatter_of(residual: Residual, whole: float, unit: float) -> list[Scatter]:
         What the other laws leave.
     whole : float
         Energy of the gap, in units of the noise.
-    unit : float
-        Noise that the residual counts in, over that of the sensors.
     """
+    left = float((residual.z**2).sum() - residual.size)
+    # Noise, and the error of any law of the residual's size.
+    unit = float(np.sqrt(1 + TOLERANCE**2 * max(left, 0.0) / residual.size))
     residual = residual.scaled(unit)
     common = _widened(*_resolved(residual.response[:, :, :-1], residual))
     found = []
     for law, sensors, axes, columns in _places(residual):
         values, along = _resolved(columns, residual)
-        steady = _widened(values, along)
+        evidence = _widened(values, along)
         sparse, share, often = _sparse(values, along)
         explained = unit**2 * (along**2 / np.maximum(values, 1e-12)).sum() - (values > 1e-9).sum()
-        energy = float(np.clip(explained / whole, 0, 1))
-        kind, evidence, course = law, steady, "random"
-        is_rare = share < RARE
-        if sparse > steady + LEAST_EVIDENCE and not (is_rare and law == "rate"):
+        course = "random"
+        is_rare = share < MINOR  # deviations of single samples, and not spans of noise
+        if sparse > evidence + LEAST_EVIDENCE and not (is_rare and law == "rate"):
             evidence = sparse
-            clustered = np.corrcoef(often[1:], often[:-1])[0, 1] > CLUSTERED if often.std() > 0 else False
-            kind, course = (
-                ("samples", "random") if is_rare and law == "noise" else (law, "episodes" if clustered else "random")
-            )
-        found.append(Scatter(kind, course, sensors, axes, evidence - max(common, 0.0), energy))
-    found = [one for one in found if one.evidence > LEAST_EVIDENCE]
-    return sorted(found, key=lambda one: -one.evidence)
+            if is_rare and law == "noise":
+                law = "samples"
+            elif often.std() > 0 and np.corrcoef(often[1:], often[:-1])[0, 1] > NOTABLE:
+                course = "episodes"
+        energy = float(np.clip(explained / whole, 0, 1))
+        beyond = evidence - max(common, 0.0)
+        found.append(Signature(law, course, sensors, axes, energy, (sensors,), None, (), beyond))
+    return sorted((one for one in found if one.evidence > LEAST_EVIDENCE), key=lambda one: -one.evidence)
 
 
 def _places(residual: Residual) -> Iterator[tuple[str, Place, tuple[str, ...], FloatArray]]:
@@ -125,13 +108,14 @@ def _sparse(values: FloatArray, along: FloatArray) -> tuple[float, float, FloatA
 def spikes(residual: Residual) -> NDArray[np.bool_]:
     """Return which samples (N,) lie far from their neighbours; none where many do."""
     energy = (residual.z**2).sum(axis=1)
-    windows = np.lib.stride_tricks.sliding_window_view(np.pad(energy, NEIGHBOURS, mode="reflect"), 2 * NEIGHBOURS + 1)
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(energy, 5, mode="reflect"), 11)
     middle = np.median(windows, axis=1)
     width = residual.z.shape[1]
-    found = energy > np.maximum(width + SPIKE**2, SPIKE * middle)
-    beside = np.convolve(found, np.ones(2 * RUN + 1), mode="same") > RUN
+    # Noise lies six standard deviations off once in 10⁹ samples. What lasts more than three samples is an episode.
+    found = energy > np.maximum(width + 6.0**2, 6.0 * middle)
+    beside = np.convolve(found, np.ones(7), mode="same") > 3
     found &= ~beside
-    return found if found.sum() <= max(MOST_SPIKES * len(found), A_DOZEN) else np.zeros(len(found), dtype=bool)
+    return found if found.sum() <= max(MINOR * len(found), A_DOZEN) else np.zeros(len(found), dtype=bool)
 
 
 def repeated(readings: FloatArray) -> NDArray[np.bool_]:
@@ -145,7 +129,7 @@ def repeated(readings: FloatArray) -> NDArray[np.bool_]:
     change = np.diff(readings, axis=0)
     usual = np.maximum(np.median(np.abs(change), axis=0), 1e-300)
     held = np.zeros(readings.shape[:2], dtype=bool)
-    same = (np.abs(change) <= ROUNDING * usual).all(axis=2)
+    same = (np.abs(change) <= 1e-6 * usual).all(axis=2)
     held[1:] |= same
     bend = np.abs(np.diff(change, axis=0))
     on_line = (bend <= 1e-3 * usual).all(axis=2)

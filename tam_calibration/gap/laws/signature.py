@@ -2,31 +2,24 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.grades import FEWEST, NOTABLE
+from tam_calibration.effects.grades import FEWEST, NEGLIGIBLE, NOTABLE
 from tam_calibration.effects.noise_excess import LARGEST_NOISE
 from tam_calibration.effects.quantization import find_lattices
 from tam_calibration.effects.states import Times
-from tam_calibration.gap.laws.candidates import Candidate
-from tam_calibration.gap.laws.curve import curve_of
 from tam_calibration.gap.laws.decisions import (
-    LATTICE,
     LEAST_EVIDENCE,
     LEAST_SHARE,
-    MANY,
-    SAME_COURSE,
     TIE,
-    TOLERANCE,
 )
-from tam_calibration.gap.laws.find import Found, predictive_laws
+from tam_calibration.gap.laws.find import Found, curve_of, predictive_laws
 from tam_calibration.gap.laws.law import FREE, SCALAR, Place, Signature
 from tam_calibration.gap.laws.patterns import AXES
 from tam_calibration.gap.laws.places import places_of, within
-from tam_calibration.gap.laws.scatter import Scatter, place_of, repeated, scatter_of, spikes
+from tam_calibration.gap.laws.scatter import place_of, repeated, scatter_of, spikes
 from tam_calibration.gap.laws.states import change_times
 from tam_calibration.gap.laws.whitened import Residual, residual_of
 from tam_calibration.gap.model import Model
@@ -54,18 +47,8 @@ class Law:
     found: tuple[Found, ...] = ()
     whole: Residual | None = None
 
-    @property
-    def predicted(self) -> float:
-        """Energy that it predicts out of sample, in units of the noise."""
-        return sum(one.predicted for one in self.found)
-
-    @cached_property
-    def times(self) -> Times:
-        """Times at which it may come and go, seconds: of each course of an offset or gain that jumps."""
-        return self.times_in(None)
-
-    def times_in(self, residual: Residual | None) -> Times:
-        """Return the same times as another residual of the recording tells them.
+    def times(self, residual: Residual | None = None) -> Times:
+        """Return the times at which it may come and go, seconds: of each course of an offset or gain that jumps.
 
         Parameters
         ----------
@@ -99,7 +82,7 @@ class Law:
             residual = one.taken_off(residual)
         left = sum(one.left_in(residual) for one in self.found)
         part = NOTABLE if self.signature.course in ("channel", "tone") else LEAST_SHARE
-        return left < max(part * self.predicted, LEAST_EVIDENCE)
+        return left < max(part * sum(one.predicted for one in self.found), LEAST_EVIDENCE)
 
 
 def laws_of(model: Model, residual: Residual, gap: float) -> tuple[Law, ...]:
@@ -137,7 +120,7 @@ def times_of(model: Model) -> Times:
         The nominal fit, or one with causes.
     """
     residual = residual_of(model)
-    return tuple(times for law in laws_of(model, residual, residual.excess) for times in law.times)
+    return tuple(times for law in laws_of(model, residual, residual.excess) for times in law.times())
 
 
 def _signatures(model: Model, residual: Residual, whole: float) -> tuple[list[Signature], list[Found]]:
@@ -153,18 +136,17 @@ def _signatures(model: Model, residual: Residual, whole: float) -> tuple[list[Si
     found, rest = predictive_laws(quiet, positions_m, whole)
     if apart.any():
         rest = _at_all(residual, quiet, found)
-        if outlying.any() and not lost and _left(rest) > whole / 2:
+        if outlying.any() and not lost and (rest.z**2).sum() - rest.size > whole / 2:
             again, left = predictive_laws(residual, positions_m, whole)
             # A clipped axis is far off in few samples too, but these are a function of its reading.
             if again and again[0].best.pattern.law == "own_field":
                 found, rest, outlying = again, left, np.zeros_like(outlying)
     laws = [_of_found(one, residual, whole) for one in found]
-    for sensor in lost:
-        laws.append(_of_samples(rest, whole, held[:, sensor], (sensor + 1,)))
+    laws += [_of_samples(rest, whole, held[:, sensor], (sensor + 1,)) for sensor in lost]
     spiky = [_of_samples(rest, whole, outlying, None)] if outlying.any() else []
     laws += spiky
     if not lost:
-        scattered = scatter_of(rest, whole, _tolerance(rest))
+        scattered = scatter_of(rest, whole)
         least = max([LEAST_SHARE, *(one.energy for one in spiky)])
         # The largest values of noise in one channel look like spikes, which explain only a part of it.
         if scattered and scattered[0].energy > least and not (spiky and scattered[0].law == "samples"):
@@ -184,15 +166,6 @@ def _common_noise(model: Model, residual: Residual) -> list[Signature]:
     return [Signature("noise", "random", sensors, tuple(AXES), 1.0, (sensors,), None, (), float(evidence))]
 
 
-def _left(rest: Residual) -> float:
-    return float((rest.z**2).sum() - rest.size)
-
-
-def _tolerance(rest: Residual) -> float:
-    """Return the noise and the error of any law of the residual's size together, over the noise."""
-    return float(np.sqrt(1 + TOLERANCE**2 * max(_left(rest), 0) / rest.size))
-
-
 def _at_all(residual: Residual, quiet: Residual, found: list[Found]) -> Residual:
     """Return the residual of all samples without laws and nominal parameters, fitted to the quiet samples alone."""
     z = residual.z.copy()
@@ -210,18 +183,20 @@ def _of_samples(rest: Residual, whole: float, chosen: NDArray[np.bool_], sensors
     axes = tuple(AXES)
     if sensors is None:
         sensors, axes = place_of(rest, chosen)
-    certain = chosen.sum() if energy >= LEAST_SHARE or chosen.mean() > MANY else 0.0
+    # Of one sample in a hundred it is told however little they change.
+    certain = chosen.sum() if energy >= LEAST_SHARE or chosen.mean() > NEGLIGIBLE else 0.0
     times = tuple(rest.time_s[chosen].tolist())
     share = float(np.clip(energy, 0, 1))
     places = _of_scatter(sensors, rest, chosen)
     return Signature("samples", "random", places[0], axes, share, places, None, times, float(certain))
 
 
-def _of_noise(scattered: list[Scatter], rest: Residual) -> Signature:
+def _of_noise(scattered: list[Signature], rest: Residual) -> Signature:
+    """Return the best law of scatter, with the places of those that are about as good."""
     best = scattered[0]
     near = [one.sensors for one in scattered[1:] if one.evidence >= best.evidence - TIE]
     places = tuple(dict.fromkeys((*_of_scatter(best.sensors, rest), *near)))
-    return Signature(best.law, best.course, places[0], best.axes, best.energy, places, None, (), best.evidence)
+    return replace(best, sensors=places[0], places=places)
 
 
 def _of_scatter(place: Place, rest: Residual, chosen: NDArray[np.bool_] | None = None) -> tuple[Place, ...]:
@@ -241,7 +216,8 @@ def _lattice(model: Model, residual: Residual) -> Signature | None:
         return None
     information = (residual.response**2).sum(axis=1).mean(axis=0) / residual.unit_T**2
     energy = sum(one.step_T**2 / 12 * information[one.row] for one in lattices if one.row in rows) * residual.count
-    if energy < max(residual.excess, 0) / 4 or energy < LATTICE * residual.size:
+    # A lattice is told from a seventh of the noise.
+    if energy < max(residual.excess, 0) / 4 or energy < residual.size / 50:
         return None
     sensors = tuple(sorted({row // 3 + 1 for row in rows}))
     axes = tuple(axis for at, axis in enumerate(AXES) if any(row % 3 == at for row in rows))
@@ -251,6 +227,10 @@ def _lattice(model: Model, residual: Residual) -> Signature | None:
 
 def _of_found(found: Found, residual: Residual, whole: float) -> Signature:
     best, pattern, places = found.best, found.best.pattern, _places(found)
+    times_s: tuple[float, ...] = ()
+    if best.bins is not None and best.steps:
+        starts = best.bins.order[list(best.steps)]
+        times_s = tuple(float(residual.time_s[row[row >= 0]].min()) for row in starts)
     return Signature(
         pattern.law,
         best.course,
@@ -259,19 +239,10 @@ def _of_found(found: Found, residual: Residual, whole: float) -> Signature:
         min(found.predicted, max(found.residual.excess / found.residual.noise, 1.0)) / whole,
         places,
         best.follows or pattern.follows or ("motion" if best.course == "motion" else None),
-        _times(best, residual),
+        times_s,
         best.evidence,
         curve_of(best, found.residual),
     )
-
-
-def _times(best: Candidate, residual: Residual) -> tuple[float, ...]:
-    """Return the times of steps, or of the begin and end of episodes, seconds."""
-    if not best.steps or best.bins is None:
-        return ()
-    order = best.bins.order
-    first = [float(residual.time_s[row[row >= 0]].min()) for row in order[list(best.steps)]]
-    return tuple(first)
 
 
 def _places(found: Found) -> tuple[Place, ...]:
@@ -314,7 +285,8 @@ def _have_one_course(first: Signature, second: Signature) -> bool:
     if first.curve is None or second.curve is None or smaller < LEAST_SHARE * larger:
         return False
     other = np.interp(first.curve.time_s, second.curve.time_s, second.curve.size)
-    return bool(abs(np.corrcoef(first.curve.size, other)[0, 1]) > SAME_COURSE)
+    # The courses of independent causes are hardly correlated so much.
+    return bool(abs(np.corrcoef(first.curve.size, other)[0, 1]) > 0.85)
 
 
 def _joined(first: Signature, second: Signature) -> Signature:

@@ -3,21 +3,21 @@
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tam_calibration.effects.states import Times
-from tam_calibration.gap.laws.candidates import Candidate
-from tam_calibration.gap.laws.decisions import BINS, MOST_STEPS, ROUNDS
+from tam_calibration.gap.laws.decisions import MOST_STEPS
 from tam_calibration.gap.laws.evidence import Bins, Sums, course, of_normal
-from tam_calibration.gap.laws.patterns import Pattern, switched_gains
+from tam_calibration.gap.laws.patterns import Candidate, Pattern, switched_gains
 from tam_calibration.gap.laws.whitened import Residual
 from tam_calibration.model.units import FloatArray
 
 
 def jumping(residual: Residual, pattern: Pattern) -> Iterator[Candidate]:
     """Yield the courses of a pattern with two states, and with a few steps."""
-    bins = Bins.of(residual.time_s, max(min(BINS, residual.count // 2), 4))
-    sums = Sums.of(pattern.columns(residual), residual.z, residual.nuisance, bins)
-    yield from _steps(pattern, sums, bins)
+    bins = Bins.of_time(residual.time_s)
+    sums = pattern.sums(residual, bins)
+    yield from steps(pattern, sums, bins)
     variance = np.array([max(residual.excess, 1.0) / residual.count])
     for length in (0.06, 0.008):
         mean = course(sums, length * float(np.ptp(residual.time_s)), variance).mean
@@ -44,21 +44,20 @@ def change_times(residual: Residual, pattern: Pattern, whole: Residual) -> Times
         both = switched_gains(residual, int(pattern.sensors[0]))
         pattern = next(one for one in both if one.axes == pattern.axes)
     bins = Bins.of(residual.time_s, residual.count)
-    quiet, every = (Sums.of(pattern.columns(one), one.z, one.nuisance, bins) for one in (residual, whole))
-    steps = list(_steps(pattern, quiet, bins))
+    quiet, every = (pattern.sums(one, bins) for one in (residual, whole))
+    stepping = list(steps(pattern, quiet, bins))
     fine = (sharpened(residual, one) for one in jumping(residual, pattern) if one.begins_on is not None)
-    states = [_state(one, residual.count) for one in (*steps, *fine) if one is not None]
-    found = [*states[: len(steps)], *(_polished(every, state) for state in states)]
+    states = [_state(one, residual.count) for one in (*stepping, *fine) if one is not None]
+    found = [*states[: len(stepping)], *(_polished(every, state) for state in states)]
     return tuple(dict.fromkeys(_times_of(state, residual.time_s) for state in found))
 
 
-def _state(one: Candidate, count: int) -> FloatArray:
-    """Return which bins (B,) are in the second of two states that a course goes through in turn."""
-    on = np.searchsorted(one.steps, np.arange(count), side="right") + (one.begins_on or False)
-    return np.asarray(on % 2 == 1)
+def _state(one: Candidate, count: int) -> NDArray[np.bool_]:
+    """Return in which samples (N,) a course is in the second of two states that it goes through in turn."""
+    return np.asarray((one.passed(count) + (one.begins_on or False)) % 2 == 1)
 
 
-def _polished(sums: Sums, state: FloatArray) -> FloatArray:
+def _polished(sums: Sums, state: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return states (B,) with their changes moved, bin by bin, as long as two levels explain more."""
     state, totals = state.copy(), _of_state(sums, state)
     best, is_better = _explained(*totals), True
@@ -81,7 +80,7 @@ def _explained(information: FloatArray, score: FloatArray, cross: FloatArray) ->
     return float(score @ np.linalg.solve(own + 1e-9 * (np.trace(own) + 1e-9) * np.eye(len(own)), score))
 
 
-def _times_of(state: FloatArray, time_s: FloatArray) -> tuple[float, ...]:
+def _times_of(state: NDArray[np.bool_], time_s: FloatArray) -> tuple[float, ...]:
     """Return the times between samples (N,) of steps, or at which the rarer of two states begins and ends in turn."""
     edges = np.flatnonzero(np.diff(state.astype(int))) + 1
     times = ((time_s[edges - 1] + time_s[edges]) / 2).tolist()
@@ -91,19 +90,14 @@ def _times_of(state: FloatArray, time_s: FloatArray) -> tuple[float, ...]:
 
 def sharpened(residual: Residual, one: Candidate) -> Candidate | None:
     """Return a course between two states with the changes found to the sample."""
-    assert one.bins is not None
-    bin_of = one.bins.spread(np.arange(len(one.bins.place)), residual.count)
-    on = np.searchsorted(one.steps, bin_of, side="right")
-    state = (on + (one.begins_on or False)) % 2 == 1
     bins = Bins.of(residual.time_s, residual.count)
-    sums = Sums.of(one.pattern.columns(residual), residual.z, residual.nuisance, bins)
-    return _two_states(one.pattern, sums, bins, state)
+    return _two_states(one.pattern, one.pattern.sums(residual, bins), bins, _state(one, residual.count))
 
 
-def _two_states(pattern: Pattern, sums: Sums, bins: Bins, state: FloatArray) -> Candidate | None:
+def _two_states(pattern: Pattern, sums: Sums, bins: Bins, state: NDArray[np.bool_]) -> Candidate | None:
     """Return the course between two states, from a first guess of when the second of them holds."""
     switch = np.log(len(state))
-    for _ in range(ROUNDS):
+    for _ in range(6):
         if state.all() or not state.any():
             return None
         information, score, cross = _of_state(sums, state)
@@ -122,16 +116,14 @@ def _two_states(pattern: Pattern, sums: Sums, bins: Bins, state: FloatArray) -> 
     changes = np.flatnonzero(np.diff(state.astype(int)) != 0) + 1
     label = "step" if len(changes) <= 2 else "episodes"
     edges = tuple(int(one) for one in changes)
-    return Candidate(
-        pattern, label, evidence - len(changes) * switch, None, bins, 0.0, 1.0, edges, None, bool(state[0])
-    )
+    return Candidate(pattern, label, evidence - len(changes) * switch, None, bins, 0.0, 1.0, edges, bool(state[0]))
 
 
-def _of_state(sums: Sums, state: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _of_state(sums: Sums, state: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray, FloatArray]:
     return sums.information[state].sum(axis=0), sums.score[state].sum(axis=0), sums.cross[state].sum(axis=0)
 
 
-def _parted(values: FloatArray) -> FloatArray:
+def _parted(values: FloatArray) -> NDArray[np.bool_]:
     """Return which values (B,) are in the upper of the two groups that differ most (Otsu 1979)."""
     order = np.sort(values)
     count = np.arange(1, len(order))
@@ -140,7 +132,7 @@ def _parted(values: FloatArray) -> FloatArray:
     return np.asarray(values > order[int(between.argmax())])
 
 
-def _best_path(gain: FloatArray, switch: float) -> FloatArray:
+def _best_path(gain: FloatArray, switch: float) -> NDArray[np.bool_]:
     """Return the most likely states (B,) for log odds of the second state, each change at a cost (Viterbi)."""
     came = np.zeros((len(gain), 2), dtype=bool)
     low, high = 0.0, float(gain[0])
@@ -154,7 +146,7 @@ def _best_path(gain: FloatArray, switch: float) -> FloatArray:
     return state
 
 
-def _steps(pattern: Pattern, sums: Sums, bins: Bins) -> Iterator[Candidate]:
+def steps(pattern: Pattern, sums: Sums, bins: Bins) -> Iterator[Candidate]:
     """Yield the courses of one step to a few, each step where it explains most beside the others."""
     after = [np.cumsum(one[::-1], axis=0)[::-1] for one in (sums.information, sums.score, sums.cross)]
     count, edges = len(sums.place), list[int]()

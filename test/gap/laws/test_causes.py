@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 from tam_calibration.effects.library import installed_effects
-from tam_calibration.gap.laws.causes import CAUSES, agrees, as_made_by, causes_of, makes, may_make
-from tam_calibration.gap.laws.law import Signature
+from tam_calibration.gap.laws.law import CAUSES, Signature, agrees, as_made_by, causes_of, makes, may_make
 
 ROOT = Path(__file__).parents[3]
 LAWS = {"offset", "gain", "rate", "own_field", "attitude", "noise", "samples"}
