@@ -235,11 +235,6 @@ def _is_intact(database: apsw.Connection) -> str:
     return f"CASE WHEN {_IS_MESSAGE} THEN {_FITS_CRC if has_crc else 1} ELSE 0 END"
 
 
-def crc_of(topic: int, recorded_ns: int, message: bytes) -> int:
-    """Return the CRC-32 that is stored with a message: of its topic's number, time of recording and bytes."""
-    return crc32(message, crc32(b"%d %d" % (topic, recorded_ns)))
-
-
 def complete_messages(path: Path, faults: list[str]) -> Iterator[tuple[Connection, int, bytes]]:
     """Yield what SQLite can read of a file, finished or not, as ``Storage`` asks.
 
@@ -325,8 +320,9 @@ class Sqlite3BlockWriter(Sqlite3Writer):
         data : bytes
             The serialised message.
         """
-        row = connection.id, timestamp, bytes(data)
-        self.cursor.execute(_INSERT, (*row, crc_of(*row)))
+        content = bytes(data)
+        crc = crc32(content, crc32(b"%d %d" % (connection.id, timestamp)))  # as _FITS_CRC has it
+        self.cursor.execute(_INSERT, (connection.id, timestamp, content, crc))
 
 
 FILE, WRITER = Sqlite3File, Sqlite3BlockWriter

@@ -248,8 +248,6 @@ class Joining:
             return messages
         if self._first_ns is None and not is_channel(stream):
             self._first_ns = int(stamps[0])
-        if self._window.is_all:
-            return messages
         inside = self._window.contains(stamps, self._first_ns if self._first_ns is not None else int(stamps[0]))
         return messages if inside.all() else messages.take(inside)
 
