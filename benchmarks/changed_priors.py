@@ -14,7 +14,7 @@ from numpy.random import Generator
 
 from tam_calibration.fit import calibrate
 from tam_calibration.model.array import Array
-from tam_calibration.model.change_rates import DAY_S, ChangeRates
+from tam_calibration.model.data_sheet import DAY_S, ChangeRates
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 

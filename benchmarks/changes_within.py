@@ -24,11 +24,10 @@ from rich.console import Console
 from rich.progress import track
 
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.correction.update import COMMON_SCALE, KINDS
+from tam_calibration.correction.parts import COMMON_SCALE, KINDS
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit import calibrate
-from tam_calibration.fit.frames import in_first_frame
-from tam_calibration.fit.prior import prior_of
+from tam_calibration.fit.prior import in_first_frame, prior_of
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording

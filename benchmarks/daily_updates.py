@@ -18,7 +18,7 @@ from spread import Row, show
 
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.calibrate import calibrate
-from tam_calibration.model.change_rates import DAY_S, ChangeRates
+from tam_calibration.model.data_sheet import DAY_S, ChangeRates
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray

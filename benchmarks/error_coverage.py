@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from spread import Row, show
 
 from tam_calibration.fit import METHODS, calibrate
-from tam_calibration.fit.frames import in_first_frame
+from tam_calibration.fit.prior import in_first_frame
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording

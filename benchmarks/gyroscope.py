@@ -37,8 +37,8 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.joint_calibration import calibrate_jointly
 from tam_calibration.model.array import Array
+from tam_calibration.model.data_sheet import Gyroscope
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.model.gyroscope import Gyroscope
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.residuals import measure_residuals
 from tam_calibration.model.sensor_errors import SensorErrors

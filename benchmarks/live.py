@@ -26,11 +26,11 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.posterior import posterior_of
 from tam_calibration.fit.prior import Prior, prior_of
+from tam_calibration.fit.problem import Known, posterior_of
 from tam_calibration.live.live import Live
 from tam_calibration.model.array import Array
-from tam_calibration.model.change_rates import DAY_S, ChangeRates
+from tam_calibration.model.data_sheet import DAY_S, ChangeRates
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees
@@ -132,7 +132,7 @@ def equality(seed: int) -> list[tuple[str, float]]:
     rows = np.concatenate([dive(errors, time_s, generator) for time_s in chunks(0, 600)])
     live = Live(prior, "learn")
     add(live, np.vstack([rows, rows[-1] + [1e3, *[0] * 14]]))
-    batch = posterior_of(recording_of(rows), prior.calibration.array, prior)
+    batch = posterior_of(recording_of(rows), prior.calibration.array, Known(prior))
     now = live.state.recursion.now
     deviation = np.sqrt(np.diag(batch.covariance))
     free = deviation > 0

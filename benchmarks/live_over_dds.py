@@ -31,7 +31,7 @@ from streaming_bench import Bench, cpu_s
 
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.model.change_rates import DAY_S
+from tam_calibration.model.data_sheet import DAY_S
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 from tam_calibration.nodes.children import Children

@@ -28,19 +28,17 @@ from asked import ANYTHING, Figure, show
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.correction.update import KINDS
+from tam_calibration.correction.parts import KINDS
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit import calibrate
-from tam_calibration.fit.frames import in_first_frame
 from tam_calibration.fit.information import inverted
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.posterior import posterior_of
-from tam_calibration.fit.prior import Prior, prior_of
+from tam_calibration.fit.prior import Prior, in_first_frame, prior_of
 from tam_calibration.fit.prior_changes import update_prior
-from tam_calibration.fit.problem import Known, Place, Problem
+from tam_calibration.fit.problem import Known, Place, Problem, posterior_of
 from tam_calibration.model.array import Array
-from tam_calibration.model.change_rates import DAY_S
+from tam_calibration.model.data_sheet import DAY_S
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.residuals import measure_residuals
@@ -143,8 +141,8 @@ def score(case: Case, scenario: Scenario, prior: Prior, seed: int) -> tuple[Floa
     """Return the errors of a run over their bound, and over what the fit tells."""
     truth = drawn(prior, np.random.default_rng([seed, 7]))
     array = replace(scenario.array.with_stated_noise(), attitude_noise=from_degrees(case.attitude_deg))
-    found = posterior_of(case.turned(scenario, truth, seed), array, prior)
-    silent = Problem.of(case.turned(scenario, truth, seed, is_silent=True), array, prior)
+    found = posterior_of(case.turned(scenario, truth, seed), array, Known(prior))
+    silent = Problem.of(case.turned(scenario, truth, seed, is_silent=True), array, Known(prior))
     there = Place(truth, silent.unit_T, silent.motion.view(*silent.rows_at(Place(truth, silent.unit_T))))
     information = silent.normal_at(there).information
     size = 12 * case.sensors

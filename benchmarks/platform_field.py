@@ -28,12 +28,12 @@ from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit import calibrate
 from tam_calibration.gap.calibration_with_effects import calibrate_with_effects
 from tam_calibration.model.array import Array
+from tam_calibration.model.data_sheet import Tolerances
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.fitted_effect import SCALAR
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.residuals import residual_series
 from tam_calibration.model.sensor_errors import SensorErrors
-from tam_calibration.model.tolerances import Tolerances
 from tam_calibration.model.units import FloatArray, from_nanotesla, to_nanotesla
 from tam_calibration.simulation.attitude import Manoeuvre, Motion, Tumble
 from tam_validation.blind.vehicle import Body, driven

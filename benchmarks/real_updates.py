@@ -20,11 +20,11 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from tam_calibration.core.variance_factors import VarianceFactors
+from tam_calibration.core.slow_cosines import VarianceFactors
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit import calibrate
 from tam_calibration.model.array import Array
-from tam_calibration.model.change_rates import ChangeRates
+from tam_calibration.model.data_sheet import ChangeRates
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, from_nanotesla

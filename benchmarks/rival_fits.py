@@ -8,7 +8,7 @@ from importlib.util import find_spec
 import numpy as np
 from numpy.linalg import inv, norm
 
-from tam_calibration.fit import lossless, maximum_likelihood
+from tam_calibration.fit import maximum_likelihood, published
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -106,7 +106,7 @@ def array_of(data: Data) -> Array:
 
 OURS = {
     "maximum_likelihood": ours(maximum_likelihood.estimate),
-    "lossless": ours(lambda recording, array: lossless.estimate(recording)),
+    "lossless": ours(lambda recording, array: published.estimate(recording)),
 }
 RIVALS: dict[str, tuple[str, Fit]] = {
     "magcal": ("magcal", magcal),

@@ -26,7 +26,7 @@ from rich.table import Table
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit import maximum_likelihood as module
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.reference import Reference, interpolate
+from tam_calibration.fit.reference import interpolate
 from tam_calibration.model.units import FloatArray, from_degrees
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import Scenario, simulate
@@ -63,9 +63,9 @@ class OwnNoise:
         return weighted.T @ (weighted * (self.variance / (1 + self.variance * precision))[:, None])
 
 
-def _interpolate_as_own(time_s: FloatArray, scalar: FloatArray, noise: float) -> Reference:
-    reference = interpolate(time_s, scalar, noise)
-    return replace(reference, noise=OwnNoise(reference.noise.variance))
+def _interpolate_as_own(time_s: FloatArray, scalar: FloatArray, noise: float) -> tuple[FloatArray, OwnNoise]:
+    intensity, shared = interpolate(time_s, scalar, noise)
+    return intensity, OwnNoise(shared.variance)
 
 
 TREATMENTS: dict[str, AbstractContextManager] = {

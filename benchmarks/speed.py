@@ -1,7 +1,7 @@
 """Speed of the fits against the procedure that Wu 2025 publishes, on the same data, in one run.
 
 Run ``python benchmarks/speed.py``. Both sides take the same recording and give the same: the errors of all sensors and
-nothing else, ours by ``lossless.estimate`` and ``maximum_likelihood.estimate``. The published procedure, sensor by
+nothing else, ours by ``published.estimate`` and ``maximum_likelihood.estimate``. The published procedure, sensor by
 sensor: eq. 9 by its normal equations; eq. 12 by sequential quadratic programming (SLSQP of scipy, which finds its
 slopes by differences as the paper states none) between bounds from the solution of eq. 9; eq. 13 by normal equations;
 Procrustes analysis. It is made as quick as it can be without changing what it does: eq. 12 is one product with the
@@ -25,7 +25,7 @@ from rich.progress import track
 from scipy.optimize import minimize
 from spread import Row, show
 
-from tam_calibration.fit import lossless, maximum_likelihood
+from tam_calibration.fit import maximum_likelihood, published
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -35,9 +35,9 @@ from tam_calibration.simulation import simulate
 
 SIZES = (360, 1_000, 10_000, 100_000)
 METHODS: dict[str, Callable[[Recording, Array], object]] = {
-    "lossless": lambda recording, array: lossless.estimate(recording),
+    "lossless": lambda recording, array: published.estimate(recording),
     "maximum_likelihood": maximum_likelihood.estimate,
-    "lossless, whole result": lossless.lossless,
+    "lossless, whole result": published.lossless,
     "maximum_likelihood, whole result": maximum_likelihood.maximum_likelihood,
     "published, from its minimum": lambda recording, array: published(recording, from_minimum=True),
 }

@@ -26,13 +26,12 @@ from scipy.spatial.transform import Rotation
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit import calibrate
-from tam_calibration.fit.frames import in_first_frame
+from tam_calibration.fit.prior import in_first_frame
 from tam_calibration.model.array import Array
-from tam_calibration.model.change_rates import ChangeRates
+from tam_calibration.model.data_sheet import ChangeRates, Tolerances
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
-from tam_calibration.model.tolerances import Tolerances
 from tam_calibration.model.units import FloatArray
 from tam_calibration.recordings import read_array, read_recording
 from tam_calibration.simulation.attitude import Manoeuvre

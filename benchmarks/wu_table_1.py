@@ -21,8 +21,8 @@ from rich.table import Table
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit.information import bound
-from tam_calibration.fit.lossless import lossless
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
+from tam_calibration.fit.published import lossless
 from tam_calibration.model.residuals import measure_residuals
 from tam_calibration.model.units import FloatArray, to_nanotesla
 from tam_calibration.results.scenario import read_scenario

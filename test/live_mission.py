@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.prior import prior_of
-from tam_calibration.model.change_rates import ChangeRates
+from tam_calibration.model.data_sheet import ChangeRates
 from tam_calibration.model.recording import Recording
 
 WORLD_T = np.array([12e-6, 18e-6, -45e-6])

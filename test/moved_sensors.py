@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from tam_calibration.correction.update import KINDS
+from tam_calibration.correction.parts import KINDS
 from tam_calibration.fit.contradiction import Difference
-from tam_calibration.fit.frames import in_first_frame
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.prior import prior_of
+from tam_calibration.fit.prior import in_first_frame, prior_of
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import from_degrees
 from tam_calibration.simulation import simulate

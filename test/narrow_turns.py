@@ -4,10 +4,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.model.array import Array
-from tam_calibration.model.change_rates import ChangeRates
+from tam_calibration.model.data_sheet import ChangeRates, Tolerances
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
-from tam_calibration.model.tolerances import Tolerances
 from tam_calibration.simulation.attitude import Manoeuvre
 
 WIDE = Tolerances(0.05, np.radians(2), 3e-6, np.radians(2))

@@ -92,12 +92,11 @@ def test_every_import_is_declared(manifest, arguments):
     ("group", "kind"),
     [
         ("console_scripts", ast.FunctionDef),
-        ("tam_calibration.effects", ast.ClassDef),
         ("tam_calibration.readers", ast.ClassDef),
     ],
 )
 def test_entry_points_exist(arguments, group, kind):
-    """Every command and effect names a module of the package and what is in it; told without importing rclpy."""
+    """Every command and reader names a module of the package and what is in it; told without importing rclpy."""
     for point in arguments["entry_points"][group]:
         module, name = point.split(" = ")[1].split(":")
         source = (ROOT / module.replace(".", "/")).with_suffix(".py")

@@ -15,7 +15,7 @@ from tam_calibration.cli.answer import Answer, answering
 from tam_calibration.correction.calibration import AmbientGradientEstimate, Calibration
 from tam_calibration.effects.library import installed_effects
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
-from tam_calibration.fit.doubts import is_unexplained
+from tam_calibration.fit.consistency import is_unexplained
 from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.integrity.fault import names_in
 from tam_calibration.messages.usage import Usage
@@ -303,7 +303,7 @@ def _files_of(source: Path | None) -> list[Path]:
 
 def _complete(calibration: Calibration, path: Path, how: Reading, progress: Progress) -> Calibration:
     """Return the calibration with what the recording of a known source shows."""
-    from tam_calibration.fit.source_completion import complete
+    from tam_calibration.fit.source_calibration import complete
     from tam_calibration.recordings.known_source import read_known_source
 
     stated = read_known_source(path)

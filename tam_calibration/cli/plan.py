@@ -13,8 +13,17 @@ from tam_calibration.cli.answer import Answer, answering
 from tam_calibration.cli.streams import say
 from tam_calibration.cli.terminal import PATH, Number, array_option, reading, reading_options, showing_progress
 from tam_calibration.fit.coverage import ENOUGH_STANDARD_ERROR, describe
-from tam_calibration.fit.plan import Plan, Reach, make_plan, reach_of_turntable, reach_of_vehicle
-from tam_calibration.fit.plan_start import PlanStart, start_from_calibration, start_from_nothing, start_from_recording
+from tam_calibration.fit.plan import (
+    Plan,
+    PlanStart,
+    Reach,
+    make_plan,
+    reach_of_turntable,
+    reach_of_vehicle,
+    start_from_calibration,
+    start_from_nothing,
+    start_from_recording,
+)
 from tam_calibration.fit.plan_turns import Turn, Vehicle, best_turns, excess_of
 from tam_calibration.fit.prior import prior_of
 from tam_calibration.model.array import Array

@@ -7,16 +7,6 @@ from tam_calibration.model.units import FloatArray, to_nanotesla
 FEWEST = 50
 """Samples of which the ratio of the medians is 1 ± 0.14 for noise alone."""
 
-ALTERNATES = 0.5
-"""Median distance from the middle of the readings two samples away over that of the next ones: 1 for noise, 4 for a
-smooth course; noise falls so low by 3.5 standard deviations of the fewest samples."""
-
-REVERSES = -0.5
-"""Median cosine of successive changes; noise has it too, a sensor that is read at half the rate has zero."""
-
-_MOST = 4096
-"""Samples in a row that are looked at: some tens of seconds."""
-
 
 def alternations(readings_T: FloatArray) -> dict[int, str]:
     """Return the sensors whose readings lie nearer to those two samples away than to the next, where others' do not.
@@ -31,11 +21,15 @@ def alternations(readings_T: FloatArray) -> dict[int, str]:
     dict of int to str
         Number of each such sensor, from 1, and what it does, in words.
     """
-    readings_T = readings_T[:_MOST]
+    # 4096: samples in a row that are looked at: some tens of seconds.
+    readings_T = readings_T[:4096]
     if len(readings_T) < FEWEST or readings_T.shape[1] < 2:
         return {}
     next_T, second_T = (_distance(readings_T, lag) for lag in (1, 2))
-    is_alternating = (second_T < ALTERNATES * next_T) & (_cosine(readings_T) < REVERSES)
+    # 0.5: median distance from the middle of the readings two samples away over that of the next ones: 1 for noise, 4
+    # for a smooth course; noise falls so low by 3.5 standard deviations of the fewest samples.
+    # -0.5: median cosine of successive changes; noise has it too, a sensor that is read at half the rate has zero.
+    is_alternating = (second_T < 0.5 * next_T) & (_cosine(readings_T) < -0.5)
     if is_alternating.all():
         return {}  # the array itself was turned to and fro
     return {
@@ -50,8 +44,7 @@ def alternations(readings_T: FloatArray) -> dict[int, str]:
 def _distance(readings_T: FloatArray, lag: int) -> FloatArray:
     """Return the median distance (K,) of readings from the middle of those some samples before and after, tesla."""
     middle_T = (readings_T[2 * lag :] + readings_T[: -2 * lag]) / 2
-    distance_T: FloatArray = np.median(np.linalg.norm(readings_T[lag:-lag] - middle_T, axis=2), axis=0)
-    return distance_T
+    return np.asarray(np.median(np.linalg.norm(readings_T[lag:-lag] - middle_T, axis=2), axis=0))
 
 
 def _cosine(readings_T: FloatArray) -> FloatArray:
@@ -59,5 +52,4 @@ def _cosine(readings_T: FloatArray) -> FloatArray:
     changes_T = np.diff(readings_T, axis=0)
     product = np.einsum("nki,nki->nk", changes_T[1:], changes_T[:-1])
     sizes = np.linalg.norm(changes_T[1:], axis=2) * np.linalg.norm(changes_T[:-1], axis=2)
-    cosine: FloatArray = np.median(np.divide(product, sizes, out=np.zeros_like(product), where=sizes > 0), axis=0)
-    return cosine
+    return np.asarray(np.median(np.divide(product, sizes, out=np.zeros_like(product), where=sizes > 0), axis=0))

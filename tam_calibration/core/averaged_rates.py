@@ -9,13 +9,6 @@ import numpy as np
 
 from tam_calibration.model.units import FloatArray, IntArray
 
-_LONGEST = 1.5
-"""Intervals of samples over which angular velocities are averaged at most: longer ones are gaps."""
-
-
-_MOST = 65_536
-"""Angular velocities that wait for a sample at most."""
-
 
 class AveragedRates:
     """The angular velocities since the last sample."""
@@ -32,8 +25,10 @@ class AveragedRates:
             self._is_even = False
             return
         known = np.isfinite(rates).all(axis=1)
-        self._stamps_ns = np.concatenate([self._stamps_ns, stamps_ns[known]])[-_MOST:]
-        self._rates = np.concatenate([self._rates, rates[known]])[-_MOST:]
+        # Angular velocities that wait for a sample at most.
+        most = 65_536
+        self._stamps_ns = np.concatenate([self._stamps_ns, stamps_ns[known]])[-most:]
+        self._rates = np.concatenate([self._rates, rates[known]])[-most:]
 
     def means(self, stamps_ns: IntArray, newest: FloatArray) -> FloatArray:
         """Return the angular velocities (n, 3) of samples, the newest ones where there are not several for one.
@@ -53,7 +48,8 @@ class AveragedRates:
             return newest
         usual_ns = int(np.median(intervals))
         before = stamps_ns[0] - usual_ns if self._last_ns is None else self._last_ns
-        begins = np.maximum(np.append(before, stamps_ns[:-1]), stamps_ns - int(_LONGEST * usual_ns))
+        # 1.5: intervals of samples over which angular velocities are averaged at most: longer ones are gaps.
+        begins = np.maximum(np.append(before, stamps_ns[:-1]), stamps_ns - int(1.5 * usual_ns))
         first, last = (np.searchsorted(self._stamps_ns, each, side="right") for each in (begins, stamps_ns))
         sums = np.vstack([np.zeros(3), np.cumsum(self._rates, axis=0)])
         count = np.maximum(last - first, 1)[:, None]

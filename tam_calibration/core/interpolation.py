@@ -21,8 +21,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.interpolated_noise import LAGS, InterpolatedNoise
-from tam_calibration.model.recording import Recording
+from tam_calibration.model.recording import LAGS, InterpolatedNoise, Recording
 from tam_calibration.model.units import FloatArray, IntArray
 
 BEFORE = 4
@@ -34,8 +33,6 @@ MOST_UNEVEN = 8
 LARGEST_ERROR = 0.049
 """Of even readings, over the field and (ωh)⁴: the largest of u_2 u_3 u_4 u_5 / 24 h⁴ - α between the last two."""
 
-_STRETCH, _STRETCHES = 256, 16
-"""Values that follow each other, and how many such stretches of a batch tell the correlation: to a hundredth."""
 
 Number = TypeVar("Number", float, FloatArray)
 _Five = tuple[Number, Number, Number, Number, Number]
@@ -125,8 +122,10 @@ class Correlation:
             return
         stride = max(round(len(after) / int(after[-1] - after[0] + 1)), 1)
         after, weight = after[::stride], weight[::stride]
-        length = min(len(after), _STRETCH)
-        starts = np.linspace(0, len(after) - length, min(len(after) // length, _STRETCHES)).astype(int)
+        # 256 and 16: values that follow each other, and how many such stretches of a batch tell the correlation: to a
+        # hundredth.
+        length = min(len(after), 256)
+        starts = np.linspace(0, len(after) - length, min(len(after) // length, 16)).astype(int)
         chosen = starts[:, None] + np.arange(length)
         after, weight = after[chosen], weight[chosen]
         for lag in range(1, min(LAGS, length - 1) + 1):
@@ -140,8 +139,7 @@ class Correlation:
     @property
     def values(self) -> FloatArray:
         """(LAGS,) correlation of values that lie so many apart; 0 where there is no pair."""
-        known: FloatArray = self._products / np.maximum(self._pairs, 1)
-        return known
+        return np.asarray(self._products / np.maximum(self._pairs, 1))
 
 
 def interpolated(times: IntArray, values: FloatArray, asked: IntArray) -> tuple[FloatArray, IntArray, FloatArray]:

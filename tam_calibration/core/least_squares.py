@@ -13,21 +13,6 @@ State = TypeVar("State")
 _MOST_STEPS = 60
 """Damped steps after which a problem that has not settled is left where it is."""
 
-_FIRST_DAMPING, _LARGEST_DAMPING = 1e-3, 1e12
-"""Added to a diagonal of one: nearly a Gauss-Newton step, and one so short that no shorter one lowers χ² either."""
-
-_LEAST_DAMPING = 1e-14
-"""Added to a diagonal of one: fifty times its rounding, so that equal unknowns make no singular matrix."""
-
-_EASED, _RAISED = 0.03, 10.0
-"""By what the damping is multiplied after a step that lowers χ², and after one that does not."""
-
-_ROUNDING = 1e-13
-"""Part of the squares of the data by which rounding may raise χ²."""
-
-_LARGEST_CONDITION = 1e12
-"""Of scaled normal equations that determine every unknown."""
-
 
 def iterate(step: Callable[[State], tuple[State, bool]], state: State, most_steps: int) -> tuple[State, bool]:
     """Take steps until one is the last.
@@ -125,28 +110,32 @@ def solve_damped(
         After which a problem that has not settled is left where it is.
     """
     unknowns = np.array(start, dtype=float)
-    damping = np.full(len(data), _FIRST_DAMPING)
+    # 1e-3 and 1e12: added to a diagonal of one: nearly a Gauss-Newton step, and one so short that no shorter one lowers
+    # χ² either.
+    damping = np.full(len(data), 1e-3)
     is_open, is_found = np.full(len(data), True), np.full(len(data), False)
     chi_square, normal, slope = _linearize(predict, data, unknowns, np.arange(len(data)))
-    rounding = _ROUNDING * np.sum(data**2, axis=1)
-
-    def step(is_open: np.ndarray) -> tuple[np.ndarray, bool]:
+    # 1e-13: part of the squares of the data by which rounding may raise χ².
+    rounding = 1e-13 * np.sum(data**2, axis=1)
+    for _ in range(most_steps):
+        if not is_open.any():
+            break
         at = np.flatnonzero(is_open)
-        change = _damped_step(normal[at], slope[at], damping[at])
+        unit, scale = scaled(normal[at])
+        damped = unit + damping[at, None, None] * np.eye(normal.shape[1])
+        change = np.linalg.solve(damped, (slope[at] / scale)[..., None])[..., 0] / scale
         tried = unknowns[at] + change
         new_chi_square, new_normal, new_slope = _linearize(predict, data[at], tried, at)
         is_better = new_chi_square <= chi_square[at] + rounding[at]
         better = at[is_better]
         unknowns[better], chi_square[better] = tried[is_better], new_chi_square[is_better]
         normal[better], slope[better] = new_normal[is_better], new_slope[is_better]
-        damping[at] = np.maximum(damping[at] * np.where(is_better, _EASED, _RAISED), _LEAST_DAMPING)
+        # 1e-14: added to a diagonal of one: fifty times its rounding, so that equal unknowns make no singular matrix.
+        # 0.03 and 10.0: by what the damping is multiplied after a step that lowers χ², and after one that does not.
+        damping[at] = np.maximum(damping[at] * np.where(is_better, 0.03, 10.0), 1e-14)
         is_last = is_small(unknowns[at], change)
         is_found[at[is_last]] = True
-        is_open[at[is_last | (damping[at] > _LARGEST_DAMPING)]] = False
-        return is_open, not is_open.any()
-
-    if len(data):
-        iterate(step, is_open, most_steps)
+        is_open[at[is_last | (damping[at] > 1e12)]] = False
     covariance, is_determined = _invert(normal)
     return Solution(unknowns, covariance, chi_square, is_found & is_determined & np.isfinite(unknowns).all(axis=1))
 
@@ -166,16 +155,11 @@ def _linearize(
     return finite, turned @ derivative, (turned @ residual[..., None])[..., 0]
 
 
-def _damped_step(normal: FloatArray, slope: FloatArray, damping: FloatArray) -> FloatArray:
-    unit, scale = scaled(normal)
-    damped = unit + damping[:, None, None] * np.eye(normal.shape[1])
-    return np.linalg.solve(damped, (slope / scale)[..., None])[..., 0] / scale
-
-
 def _invert(normal: FloatArray) -> tuple[FloatArray, np.ndarray]:
     """Return the inverses (M, P, P) and whether each exists; NaN where it does not."""
     unit, scale = scaled(np.where(np.isfinite(normal), normal, 0.0))
     values, vectors = np.linalg.eigh(unit)
-    exists = values[:, 0] > values[:, -1] / _LARGEST_CONDITION
+    # 1e12: of scaled normal equations that determine every unknown.
+    exists = values[:, 0] > values[:, -1] / 1e12
     inverse = vectors / np.where(exists[:, None], values, np.nan)[:, None, :] @ np.swapaxes(vectors, 1, 2)
     return inverse / scale[:, :, None] / scale[:, None, :], exists

@@ -19,8 +19,7 @@ def noise_deviation(values: FloatArray, axis: int | None = None) -> FloatArray:
     """
     from scipy.special import ndtri
 
-    deviation: FloatArray = np.median(np.abs(values), axis=axis) / ndtri(0.75)
-    return deviation
+    return np.asarray(np.median(np.abs(values), axis=axis) / ndtri(0.75))
 
 
 def noise_energy(energy: FloatArray, freedom: int) -> float:
@@ -38,14 +37,8 @@ def noise_energy(energy: FloatArray, freedom: int) -> float:
     return float(np.median(energy) / chdtri(freedom, 0.5))
 
 
-_THIRD_DIFFERENCE_NORM = np.sqrt(20.0)
-"""Of the weights 1, 3, 3, 1: by so much white noise grows in third differences."""
-
 _SMALLEST_T = 1e-12
 """A picotesla, where readings do not change at all: no noise is zero."""
-
-_LARGEST_PART_OF_SPREAD = 0.02
-"""Of the readings' spread, which attitudes that jump would pass for noise; 1000 nT in the Earth's field."""
 
 
 def complete_noise(array: Array, source: SampleSource) -> tuple[KnownNoiseArray, bool]:
@@ -71,7 +64,8 @@ def complete_noise(array: Array, source: SampleSource) -> tuple[KnownNoiseArray,
     if vector is None:
         fast = np.sqrt(np.mean(fast_noise(readings) ** 2, axis=1))
         spread = readings.std(axis=0).mean(axis=1)
-        vector = np.minimum(fast, np.maximum(_LARGEST_PART_OF_SPREAD * spread, _SMALLEST_T))
+        # 0.02: of the readings' spread, which attitudes that jump would pass for noise; 1000 nT in the Earth's field.
+        vector = np.minimum(fast, np.maximum(0.02 * spread, _SMALLEST_T))
     if needs_scalar and len(reference) > 3:
         scalar = float(fast_noise(reference[:, None])[0])
     return array.with_noise(vector, scalar), estimated
@@ -88,6 +82,6 @@ def _stretches(source: SampleSource) -> tuple[FloatArray, FloatArray]:
 def fast_noise(values: FloatArray) -> FloatArray:
     """Return the robust standard deviation of the white noise along the first axis."""
     difference = np.diff(values, n=min(3, len(values) - 1), axis=0)
-    spread = noise_deviation(difference, axis=0) / _THIRD_DIFFERENCE_NORM
-    noise: FloatArray = np.maximum(spread, _SMALLEST_T)
-    return noise
+    # np.sqrt(20.0): of the weights 1, 3, 3, 1: by so much white noise grows in third differences.
+    spread = noise_deviation(difference, axis=0) / np.sqrt(20.0)
+    return np.asarray(np.maximum(spread, _SMALLEST_T))

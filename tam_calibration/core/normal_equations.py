@@ -85,25 +85,19 @@ class Elimination:
         return np.asarray(np.einsum("in,in->n", self.covariance @ direction, direction))
 
 
-_SMALL_PRODUCT = 900_000
-"""Multiplications up to which OpenBLAS does a product without packing: above, as for A Aᵀ, it takes thrice as long."""
-
-
 def gram(columns: FloatArray) -> FloatArray:
     """Return the (M, M) sum of the outer products of the columns (M, N)."""
     width, count = columns.shape
     total = np.zeros((width, width))
-    size = max(1, _SMALL_PRODUCT // width**2)
+    # 900_000: multiplications up to which OpenBLAS does a product without packing: above, as for A Aᵀ, it takes thrice
+    # as long.
+    size = max(1, 900_000 // width**2)
     for start in range(0, count, size):
         part = columns[:, start : start + size]
         total[:-1] += part[:-1] @ part.T
     total[-1, :-1] = total[:-1, -1]
     total[-1, -1] = columns[-1] @ columns[-1]
     return total
-
-
-_RIDGE = 1e-9
-"""Part of the mean information that is added in each direction: above rounding, and below all that data tell."""
 
 
 def ridged(information: FloatArray) -> FloatArray:
@@ -113,7 +107,8 @@ def ridged(information: FloatArray) -> FloatArray:
     """
     mean = np.asarray(np.trace(information, axis1=-2, axis2=-1) / information.shape[-1])
     size = np.where(mean > 0, mean, 1.0)
-    return information + _RIDGE * size[..., None, None] * np.eye(information.shape[-1])
+    # 1e-9: part of the mean information that is added in each direction: above rounding, and below all that data tell.
+    return information + 1e-9 * size[..., None, None] * np.eye(information.shape[-1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,9 +169,4 @@ class Normal:
 
     def __sub__(self, other: "Normal") -> "Normal":
         """Return the normal equations without a part of the samples."""
-        return Normal(
-            self.information - other.information,
-            self.score - other.score,
-            self.energy - other.energy,
-            self.count - other.count,
-        )
+        return self + replace(other.over(-1.0), count=-other.count)

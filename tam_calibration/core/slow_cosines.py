@@ -3,7 +3,17 @@
 Where the samples are stationary, a sum weighted by a slow cosine has the variance of the sum itself, whatever the
 correlation is, as long as it ends within a fraction of the recording (Lazarus, Lewis, Stock and Watson, HAR inference:
 recommendations for practice, J. Bus. Econ. Stat. 36, 2018, p. 541: equally weighted cosines).
+
+What sums of scores over time show of the noise: whether it varies more, or longer, than white noise.
+
+Their sums weighted by slow cosines (``core.slow_cosines``) are compared with the variance that white noise of the
+stated size gives them, all parameters together: each alone would have too few degrees of freedom.
+
+By how much the variance of what each channel of the likelihood tells exceeds that of white noise.
 """
+
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
 
 import numpy as np
 
@@ -23,3 +33,135 @@ def slow_cosines(count: int = COSINES) -> FloatArray:
     """Return the cosines (BLOCKS, count) of 1, 2, … half periods in all blocks, of unit mean square."""
     phase = np.pi * (np.arange(BLOCKS) + 0.5) / BLOCKS
     return np.asarray(np.sqrt(2) * np.cos(np.outer(phase, np.arange(1, count + 1))))
+
+
+@dataclass(frozen=True)
+class SlowSums:
+    """What the slow sums of a channel's scores show.
+
+    Parameters
+    ----------
+    factor : float
+        Their variance over that of white noise; 1 where that makes as much by chance.
+    is_growing : bool
+        Whether the slowest vary more than the others, so that the noise lasts as long as the recording: no sum tells
+        how much its mean varies.
+    """
+
+    factor: float = 1.0
+    is_growing: bool = False
+
+    @classmethod
+    def of(cls, information: FloatArray, score: FloatArray) -> "SlowSums":
+        """Return what a channel shows.
+
+        Parameters
+        ----------
+        information : (M, Q, Q) array
+            Of the channel in blocks of time, in units of which that of both channels in all blocks is one.
+        score : (M, Q) array
+            Of the channel in these blocks.
+        """
+        part, directions = np.linalg.eigh(information.sum(axis=0))
+        # Part of the information on a direction from which it is one of a channel: each channel tells what the other
+        # does not, so that it is all or nothing but for rounding.
+        own = 0.5
+        white = directions[:, part > own] / np.sqrt(part[part > own])
+        information, score = white.T @ information @ white, score @ white
+        # At the best errors the channels' sums balance each other, and a prior: what is left is no sign of slowness.
+        score = score - score.sum(axis=0) @ information
+        cosines = slow_cosines(BLOCKS - 1)
+        # What lasts for a few samples only shows in fast cosines too, of which there are more.
+        slow, every, fast = (
+            _Ratio.of(information, score, some) for some in (cosines[:, :COSINES], cosines, cosines[:, COSINES:])
+        )
+        # Standard deviations of a normal law beyond which white noise of the stated size is once in a thousand
+        # recordings: as often standard errors are widened without need.
+        beyond = 3.09
+        if max(slow.deviation, every.deviation) <= beyond:
+            return cls()
+        return cls(max(1.0, slow.value, every.value), slow.deviation_from(fast) > beyond)
+
+
+@dataclass(frozen=True)
+class _Ratio:
+    """Variance of sums over that of white noise.
+
+    A sum of squares of unequal variances is nearly a multiple of a χ² (Satterthwaite 1946), the cube root of which is
+    nearly normal (Wilson and Hilferty 1931), with a variance that is stated for white noise.
+    """
+
+    value: float
+    variance: float
+
+    @classmethod
+    def of(cls, information: FloatArray, score: FloatArray, cosines: FloatArray) -> "_Ratio":
+        energy = float(np.sum((cosines.T @ score) ** 2))
+        taken = np.einsum("bc,bpq->cpq", cosines, information)
+        expected = squares = 0.0
+        for first, second in combinations_with_replacement(range(len(taken)), 2):
+            weights = cosines[:, first] * cosines[:, second]
+            covariance = np.tensordot(weights, information, 1) - taken[first] @ taken[second]
+            squares += (1 if first == second else 2) * float(np.sum(covariance**2))
+            expected += float(np.trace(covariance)) if first == second else 0.0
+        if expected <= 0:
+            return cls(1.0, 1.0)
+        return cls(energy / expected, 2 / 9 * squares / expected**2)
+
+    @property
+    def deviation(self) -> float:
+        """From white noise, in standard deviations."""
+        return self.deviation_from(_Ratio(1.0, 0.0))
+
+    def deviation_from(self, other: "_Ratio") -> float:
+        """Return by how many standard deviations it exceeds that of other sums of the same noise."""
+        root = np.cbrt(self.value / other.value)
+        return float(
+            (root * (1 - other.variance) - 1 + self.variance) / np.sqrt(root**2 * other.variance + self.variance)
+        )
+
+
+@dataclass(frozen=True)
+class VarianceFactors:
+    """Variance of the scores of each channel over that which white noise of the stated size gives them.
+
+    Parameters
+    ----------
+    differential : float
+        Of the channels between the sensors; 1 or more.
+    common_mode : float
+        Of the intensity against its reference; 1 or more.
+    """
+
+    differential: float = 1.0
+    common_mode: float = 1.0
+
+    @property
+    def largest(self) -> float:
+        """The larger of both."""
+        return max(self.differential, self.common_mode)
+
+    def at_least(self, others: "VarianceFactors") -> "VarianceFactors":
+        """Return the larger of each two."""
+        return VarianceFactors(max(self.differential, others.differential), max(self.common_mode, others.common_mode))
+
+    def times(self, multiple: float) -> "VarianceFactors":
+        """Return a multiple of both."""
+        return VarianceFactors(self.differential * multiple, self.common_mode * multiple)
+
+    def is_near(self, others: "VarianceFactors", part: float) -> bool:
+        """Whether both differ from the same of others by no more than a part of those."""
+        return (
+            abs(self.differential - others.differential) <= part * others.differential
+            and abs(self.common_mode - others.common_mode) <= part * others.common_mode
+        )
+
+    def exceed(self, others: "VarianceFactors", part: float) -> bool:
+        """Whether one of them is larger than the same of others by more than a part of that."""
+        return (
+            self.differential > (1 + part) * others.differential or self.common_mode > (1 + part) * others.common_mode
+        )
+
+
+WHITE = VarianceFactors()
+"""Of white noise of the stated size."""

@@ -22,8 +22,6 @@ LIMITS = {
 }
 """Names of the limits, for messages and `--accept`, and what each is."""
 
-_SCALE_FACTORS = (0.5, 2.0)
-"""Least and largest: chips are within 30 % of their data sheets, and the nearest other unit is ten times away."""
 
 LARGEST_RATIO = 2.0
 """Of the scale factors of two axes of a sensor. Data sheets allow some per cent, soft iron some ten per cent."""
@@ -34,20 +32,6 @@ LARGEST_NON_ORTHOGONALITY = from_degrees(15.0)
 _LARGEST_BIAS_T = 2e-3
 """Tesla: beyond the range of sensors that read the field of the Earth; near the magnets of a phone it is 0.6 mT."""
 
-_FEWEST_TOLD_APART = 3
-"""Sensors of which two may have the same errors and others not."""
-
-_SAME_ERRORS = 44.0
-"""Squared distance of two sensors' twelve errors over its variance; by chance one pair in a thousand has more.
-
-12 + 2 √(12 ln 1000) + 2 ln 1000, by Laurent and Massart 2000, lemma 1.
-"""
-
-_OTHER_ERRORS = 100.0
-"""Times that distance, by which errors must differ from those of an ideal sensor: others are small, or unknown."""
-
-_LARGEST_RESIDUAL = 0.05
-"""Part of the intensity, some 2.5 µT, that the fit may leave: twice what a phone's chip leaves with its currents."""
 
 _ROBUST = "robust"
 """Method whose residuals hold the outliers that it held down."""
@@ -59,21 +43,9 @@ factor, is larger if the parameter is open; the residual of sensors whose noise 
 LARGEST_ANGLE_ERROR = 0.01
 """Standard error of an angle, radians, beyond which it is open: as large as the misalignments that are to be found."""
 
-_LARGEST_EXCESS = 300.0
-"""Ratio of a residual to its noise floor from which ``LARGEST_RELATIVE_ERROR`` counts: a room's gradient or a vehicle's
-currents leave ten times the noise of good sensors."""
-
-_DOUBTFUL_RATIO = 3.0
-"""Residual over the noise floor, or over what the fit left, above which a new calibration is advised."""
 
 WRONG_PART = 0.01
 """Part of the intensity, some 500 nT: more in most samples, or in a part of a recording, is another array or unit."""
-
-_LARGEST_POSSIBLE_SKEW = np.pi / 2
-"""Non-orthogonality at which two axes of a sensor coincide, radians."""
-
-_LARGEST_POSSIBLE_SCALE = 1e3
-"""Scale factor of a sensor with another unit: far beyond, gradients vanish, and a fit may settle anywhere."""
 
 
 def are_possible(vector: FloatArray) -> bool:
@@ -85,8 +57,10 @@ def are_possible(vector: FloatArray) -> bool:
         In the order of ``SensorErrors.to_vector``.
     """
     scale_factor, skew = vector[:, :3], np.abs(vector[:, 3:6])
-    is_scaled = (scale_factor > 0) & (scale_factor < _LARGEST_POSSIBLE_SCALE)
-    return bool(is_scaled.all() and (skew <= _LARGEST_POSSIBLE_SKEW).all())
+    # 1e3: scale factor of a sensor with another unit: far beyond, gradients vanish, and a fit may settle anywhere.
+    is_scaled = (scale_factor > 0) & (scale_factor < 1e3)
+    # np.pi / 2: non-orthogonality at which two axes of a sensor coincide, radians.
+    return bool(is_scaled.all() and (skew <= np.pi / 2).all())
 
 
 def beyond_limits(calibration: Calibration) -> dict[str, str]:
@@ -127,7 +101,9 @@ def within_limits(calibration: Calibration, accept: Collection[str]) -> Calibrat
 
 def _scale_factor(factor: FloatArray) -> str:
     sensor, axis, value = _worst(factor, np.abs(np.log(factor)))
-    least, most = _SCALE_FACTORS
+    # (0.5, 2.0): least and largest: chips are within 30 % of their data sheets, and the nearest other unit is ten times
+    # away.
+    least, most = (0.5, 2.0)
     ratio = factor.max(axis=1) / factor.min(axis=1)
     if least <= value <= most and ratio.max() > LARGEST_RATIO:
         return (
@@ -173,8 +149,12 @@ def _residual(calibration: Calibration) -> str:
     ]
     whose = f"of sensor {sensor + 1}", "between the sensors"
     for (size_T, excess), words in zip(found, whose, strict=True):
-        is_noisy = calibration.noise_is_estimated or calibration.method == _ROBUST or excess <= _LARGEST_EXCESS
-        limit = _LARGEST_RESIDUAL if is_noisy else LARGEST_RELATIVE_ERROR
+        # 300.0: ratio of a residual to its noise floor from which ``LARGEST_RELATIVE_ERROR`` counts: a room's gradient
+        # or a vehicle's currents leave ten times the noise of good sensors.
+        is_noisy = calibration.noise_is_estimated or calibration.method == _ROBUST or excess <= 300.0
+        # 0.05: part of the intensity, some 2.5 µT, that the fit may leave: twice what a phone's chip leaves with its
+        # currents.
+        limit = 0.05 if is_noisy else LARGEST_RELATIVE_ERROR
         if size_T > limit * calibration.intensity_T:
             return (
                 f"the fit leaves {to_nanotesla(size_T):.4g} nT {words}, more than {100 * limit:g}% of the field"
@@ -187,7 +167,8 @@ def _residual(calibration: Calibration) -> str:
 def _one_sensor(calibration: Calibration) -> str:
     """Compare the errors of each two sensors; where those of all are equal, a simulator gave all the same."""
     errors, covariance, count = calibration.errors.to_vector(), calibration.covariance, calibration.errors.sensor_count
-    if covariance is None or count < _FEWEST_TOLD_APART:
+    # 3: sensors of which two may have the same errors and others not.
+    if covariance is None or count < 3:
         return ""
     blocks = covariance.reshape(count, 12, count, 12)
 
@@ -199,14 +180,19 @@ def _one_sensor(calibration: Calibration) -> str:
         return float(whitened @ np.linalg.pinv(correlation, hermitian=True) @ whitened)
 
     same = []
+    # Squared distance of two sensors' twelve errors over its variance; by chance one pair in a thousand has more. 12 +
+    # 2 √(12 ln 1000) + 2 ln 1000, by Laurent and Massart 2000, lemma 1.
+    same_errors = 44.0
     for one, other in combinations(range(count), 2):
         own, its, shared = blocks[one, :, one], blocks[other, :, other], blocks[one, :, other]
-        if distance(errors[one] - errors[other], own + its - shared - shared.T) < _SAME_ERRORS:
+        if distance(errors[one] - errors[other], own + its - shared - shared.T) < same_errors:
             same.append((one, other))
     if not same or len(same) == count * (count - 1) // 2:
         return ""
     one, other = same[0]
-    if distance(errors[other] - np.repeat([1.0, 0.0], [3, 9]), blocks[other, :, other]) < _OTHER_ERRORS * _SAME_ERRORS:
+    # 100.0: times that distance, by which errors must differ from those of an ideal sensor: others are small, or
+    # unknown.
+    if distance(errors[other] - np.repeat([1.0, 0.0], [3, 9]), blocks[other, :, other]) < 100.0 * same_errors:
         return ""
     return (
         f"sensors {one + 1} and {other + 1} have the same errors, all twelve within their standard errors: both "
@@ -267,7 +253,8 @@ class ScalarAgreement:
     def is_doubtful(self, calibration: Calibration) -> bool:
         """Whether the residual is larger than the calibration left it."""
         least_T = max(calibration.floor.center_intensity_T, calibration.in_sample.center_intensity_T)
-        return self.residual_T > _DOUBTFUL_RATIO * least_T
+        # 3.0: residual over the noise floor, or over what the fit left, above which a new calibration is advised.
+        return self.residual_T > 3.0 * least_T
 
     def sentence(self, calibration: Calibration) -> str:
         """Return the residual and the noise floor, and what to do if they do not agree."""

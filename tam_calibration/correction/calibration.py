@@ -8,10 +8,19 @@ from typing import Any, Literal, overload
 import numpy as np
 from numpy.linalg import inv
 
-from tam_calibration.core.variance_factors import VarianceFactors
-from tam_calibration.correction.parts import AmbientGradientEstimate, Corrected, EffectSize, KnownSource, Provenance
-from tam_calibration.correction.quality import Grade, Quality, quality_for, residual_in_words
-from tam_calibration.correction.update import Update
+from tam_calibration.core.slow_cosines import VarianceFactors
+from tam_calibration.correction.parts import (
+    AmbientGradientEstimate,
+    Corrected,
+    EffectSize,
+    Grade,
+    KnownSource,
+    Provenance,
+    Quality,
+    Update,
+    quality_for,
+    residual_in_words,
+)
 from tam_calibration.effects.removal import added_to, of_sensors, removable
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError
@@ -214,8 +223,7 @@ class Calibration:
     def correction_matrix(self) -> FloatArray:
         """(9, 3K) matrix C of outputs = C (y - o), y the stacked raw readings and o the stacked biases."""
         sensors = self.array.operator.reshape(9, -1, 3)
-        matrix: FloatArray = np.einsum("rki,kij->rkj", sensors, inv(self.errors.matrix)).reshape(9, -1)
-        return matrix
+        return np.asarray(np.einsum("rki,kij->rkj", sensors, inv(self.errors.matrix)).reshape(9, -1))
 
     @cached_property
     def output_standard_errors(self) -> FloatArray:
@@ -223,8 +231,7 @@ class Calibration:
 
         The second part is the root mean square over all directions of a field of the calibration's intensity.
         """
-        errors: FloatArray = np.sqrt(np.diag(self.output_covariance))
-        return errors
+        return np.asarray(np.sqrt(np.diag(self.output_covariance)))
 
     @cached_property
     def output_covariance(self) -> FloatArray:
@@ -249,8 +256,7 @@ class Calibration:
         (9, 9) array
             As ``output_covariance``.
         """
-        covariance: FloatArray = self._noise_covariance(matrix) + self._calibration_covariance(matrix)
-        return covariance
+        return np.asarray(self._noise_covariance(matrix) + self._calibration_covariance(matrix))
 
     def _noise_covariance(self, matrix: FloatArray) -> FloatArray:
         """Return the part of ``covariance_of`` that sensor noise and effects make."""
@@ -271,8 +277,7 @@ class Calibration:
         (9,) array
             Ratio of the variances of equal sensors; 1 for ``correction_matrix``.
         """
-        growth: FloatArray = (matrix**2).sum(axis=1) / (self.correction_matrix**2).sum(axis=1)
-        return growth
+        return np.asarray((matrix**2).sum(axis=1) / (self.correction_matrix**2).sum(axis=1))
 
     def _calibration_covariance(self, matrix: FloatArray) -> FloatArray:
         """Return the part of ``covariance_of`` that errors of the calibration make, the mean over all directions."""
@@ -280,18 +285,16 @@ class Calibration:
             return np.zeros((9, 9))
         by_parameter = self._by_parameter(matrix).reshape(9, 4, -1)
         mean_square = np.array([*[self.intensity_T**2 / 3] * 3, 1.0])
-        covariance: FloatArray = np.einsum(
-            "rdp,pq,sdq,d->rs", by_parameter, self.covariance, by_parameter, mean_square, optimize=True
+        return np.asarray(
+            np.einsum("rdp,pq,sdq,d->rs", by_parameter, self.covariance, by_parameter, mean_square, optimize=True)
         )
-        return covariance
 
     def _by_parameter(self, matrix: FloatArray) -> FloatArray:
         """Return (9, 4, K, 12) derivatives of the outputs by the parameters for each component of the field, and 1."""
         # d output = -C_i (dM_i b + do_i)
-        derivatives: FloatArray = np.einsum(
-            "rki,kidp->rdkp", matrix.reshape(9, self.errors.sensor_count, 3), self.errors.jacobian()
+        return np.asarray(
+            np.einsum("rki,kidp->rdkp", matrix.reshape(9, self.errors.sensor_count, 3), self.errors.jacobian())
         )
-        return derivatives
 
     def correct(self, recording: Recording) -> Corrected:
         """Return the centre vector and gradient tensor of raw readings, what the effects of the sensors add taken off.
@@ -334,10 +337,7 @@ class Calibration:
         InputError
             As ``correct``.
         """
-        self._check(recording)
-        if effects := of_sensors(self.effects):
-            recording = without_rows(recording, added_to(recording, effects, self.errors, self.array))
-        return recording.readings_T
+        return self._without(of_sensors(self.effects), recording).readings_T
 
     def without_effects(self, recording: Recording) -> Recording:
         """Return the recording as it would be if no effect had added to its sensors and its scalar.
@@ -357,11 +357,7 @@ class Calibration:
         InputError
             As ``correct``.
         """
-        self._check(recording)
-        effects = removable(self.effects)
-        if not effects:
-            return recording
-        return without_rows(recording, added_to(recording, effects, self.errors, self.array))
+        return self._without(removable(self.effects), recording)
 
     def residuals(self, recording: Recording) -> ResidualSeries:
         """Return the residuals of a recording in a uniform field, effects of the calibration removed.
@@ -442,16 +438,19 @@ class Calibration:
             for output, by_parameter in enumerate(self._by_parameter(self.correction_matrix)):
                 quadratic = np.einsum("dkp,kplq,clq->kdlc", by_parameter, covariance, by_parameter, optimize=True)
                 variance[:, output] += ((field_T @ quadratic.reshape(field_T.shape[1], -1)) * field_T).sum(axis=1)
-        errors: FloatArray = np.sqrt(variance)
-        return errors
+        return np.asarray(np.sqrt(variance))
 
-    def _check(self, recording: Recording) -> None:
+    def _without(self, effects: tuple[FittedEffect, ...], recording: Recording) -> Recording:
+        """Return a recording of this array without what some effects add to it."""
         if recording.sensor_count != self.errors.sensor_count:
             raise InputError(
                 f"the calibration is of {self.errors.sensor_count} sensors, the recording of {recording.sensor_count}: "
                 "use the calibration of this array"
             )
         recording.check_units(self.array.field)
+        if not effects:
+            return recording
+        return without_rows(recording, added_to(recording, effects, self.errors, self.array))
 
 
 def without_rows(recording: Recording, rows_T: FloatArray) -> Recording:

@@ -9,8 +9,12 @@ M_i F_i / σ_i of the sensors that are there,
 the generalised least-squares estimate (Gauss-Markov). An output lᵀx, gzz = -gxx - gyy among them, is determined exactly
 where l lies in the row space of A, which is that of the stacked F_i: lᵀ A⁺A = lᵀ. Its variance is then lᵀ (AᵀA)⁺ l, to
 which the calibration's own uncertainty is added. Other outputs are NaN, and so are their errors.
+
+Finds sensors that fail while a survey goes on: their corrected readings contradict those of all others.
 """
 
+from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
@@ -21,7 +25,7 @@ from tam_calibration.core.normal_equations import Elimination
 from tam_calibration.correction.calibration import Calibration, Corrected, without_rows
 from tam_calibration.effects.removal import EffectStream, linear_effect, of_array
 from tam_calibration.model.array import OUTPUT_NAMES
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.exceptions import TIMES, InputError, first_at
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, IntArray
 
@@ -55,10 +59,6 @@ class EffectRemoval:
             return recording
         added = self._stream.added(recording)
         return without_rows(recording, added.rows_T).take(np.asarray(added.is_known.all(axis=1)))
-
-
-_DETERMINED = 1e-6
-"""Part of an output, at most, that may lie outside what the sensors see: rounding, and a micrometre of a metre."""
 
 
 def missing_codes(readings_T: FloatArray) -> IntArray:
@@ -255,15 +255,17 @@ def _outputs_without(calibration: Calibration, is_there: np.ndarray) -> PartialO
     fields, wanted = array.linear_field[rows], _OUTPUTS_OF_FIELD
     if not array.has_gradient:
         fields, wanted = fields[:, :3], wanted[:, :3]
-    seen = np.linalg.pinv(fields, rcond=_DETERMINED) @ fields
-    is_determined = np.abs(wanted @ seen - wanted).max(axis=1) < _DETERMINED
+    # Part of an output, at most, that may lie outside what the sensors see: rounding, and a micrometre of a metre.
+    determined = 1e-6
+    seen = np.linalg.pinv(fields, rcond=determined) @ fields
+    is_determined = np.abs(wanted @ seen - wanted).max(axis=1) < determined
     is_determined &= wanted.any(axis=1)
     weight = 1 / np.repeat(array.vector_noise_T[is_there], 3)
     response = (calibration.errors.matrix[is_there] @ fields.reshape(-1, 3, fields.shape[1])).reshape(fields.shape)
     scale = np.ones(fields.shape[1])
     scale[3:] = 1 / max(float(np.abs(fields[:, 3:]).max(initial=0.0)), np.finfo(float).tiny)
     whitened = weight[:, None] * response * scale
-    estimate = scale[:, None] * np.linalg.pinv(whitened, rcond=_DETERMINED) * weight
+    estimate = scale[:, None] * np.linalg.pinv(whitened, rcond=determined) * weight
     matrix = np.zeros((9, len(rows)))
     matrix[np.ix_(is_determined, rows)] = wanted[is_determined] @ estimate
     covariance = calibration.covariance_of(matrix)
@@ -273,3 +275,82 @@ def _outputs_without(calibration: Calibration, is_there: np.ndarray) -> PartialO
 
 _OUTPUTS_OF_FIELD = np.vstack([np.eye(8), [0.0, 0.0, 0.0, -1.0, 0.0, 0.0, -1.0, 0.0]])
 """(9, 8) the outputs of the eight numbers of a linear field; the last is gzz."""
+
+
+_APART = 0.1
+"""Smallest deviation of a failing sensor, as a part of the field: a dipole of 150 A m² makes 2 % of 50 µT at 3 m."""
+
+
+def left_out(count: int, total: int, whose: str, when: str) -> str:
+    """Return how many readings were left out because they contradict the others, and when they were made."""
+    verbs = "contradicts the others and is" if count == 1 else "contradict the others and are"
+    return f"{count} of {total} readings of {whose} {verbs} left out, {when}"
+
+
+class ContradictionSearch:
+    """Finds the failing sensors of samples, in the order of time, and counts them.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        Of the sensors.
+    """
+
+    def __init__(self, calibration: Calibration) -> None:
+        errors, count = calibration.errors, calibration.errors.sensor_count
+        self._unmix, self._bias_T, self._sensor_count = np.linalg.inv(errors.matrix), errors.bias_T, count
+        weights = np.vstack([np.eye(count) - 1 / count, np.full(count, 1 / count)])  # of deviations, and of the mean
+        self._deviations = np.einsum("ik,kab->kbia", weights, self._unmix).reshape(3 * count, -1)
+        self._least_part2 = (_APART * (1 - 1 / count) / (1 + _APART / count)) ** 2
+        self._count, self._begin_s = 0, 0.0
+        self._wrong, self._first_s = Counter[int](), dict[int, list[float]]()
+
+    def codes_of(self, time_s: FloatArray, readings_T: FloatArray) -> IntArray:
+        """Return which sensors fail in each sample (N,), as ``partial.missing_codes`` does.
+
+        Parameters
+        ----------
+        time_s : (N,) array
+            Time stamps of the samples, seconds.
+        readings_T : (N, K, 3) array
+            Raw readings, missing ones filled, tesla.
+        """
+        codes = np.zeros(len(time_s), dtype=np.int64)
+        self._begin_s = self._begin_s if self._count else float(time_s[0])
+        self._count += len(codes)
+        # 3: sensors of which the others outvote one.
+        if self._sensor_count >= 3 and (suspected := np.flatnonzero(self._may_fail(readings_T))).size:
+            codes[suspected] = self._failing(time_s[suspected], readings_T[suspected])
+        return codes
+
+    def _may_fail(self, readings_T: FloatArray) -> np.ndarray:
+        """Return where a sensor may deviate by the least part of the field from the mean of the others.
+
+        From the mean of all it then deviates by (K - 1) / K of that. Samples of sound sensors are spared the rest.
+        """
+        parts = (readings_T - self._bias_T).reshape(len(readings_T), -1) @ self._deviations
+        squares = np.square(parts).reshape(len(parts), -1, 3).sum(axis=2)
+        return np.asarray(~(squares[:, :-1].max(axis=1) < self._least_part2 * squares[:, -1]))
+
+    def _failing(self, time_s: FloatArray, readings_T: FloatArray) -> IntArray:
+        """Return the codes of samples, and count those of each sensor."""
+        codes = np.zeros(len(time_s), dtype=np.int64)
+        fields_T = np.einsum("kij,nkj->nki", self._unmix, readings_T - self._bias_T)
+        for sensor in range(self._sensor_count):
+            others_T = np.delete(fields_T, sensor, axis=1)
+            center_T = others_T.mean(axis=1)
+            spread_T = np.linalg.norm(others_T - center_T[:, None], axis=2).max(axis=1)
+            # 20.0: that deviation over the largest of the others: a dipole 0.6 m from the centre of a 0.5 m cross makes
+            # at most 17.
+            least_T = np.maximum(_APART * np.linalg.norm(center_T, axis=1), 20.0 * spread_T)
+            is_wrong = np.linalg.norm(fields_T[:, sensor] - center_T, axis=1) > least_T
+            codes[is_wrong] |= 1 << sensor
+            self._wrong[sensor] += int(is_wrong.sum())
+            first_s = self._first_s.setdefault(sensor, [])
+            first_s += (time_s[is_wrong][: TIMES - len(first_s)] - self._begin_s).tolist()
+        return codes
+
+    def sentences(self) -> Iterator[str]:
+        """Yield one sentence for each sensor that has failed until now."""
+        for sensor, wrong in sorted((+self._wrong).items()):
+            yield left_out(wrong, self._count, f"sensor {sensor + 1}", first_at(self._first_s[sensor]))

@@ -1,13 +1,11 @@
 """Correcting samples as they arrive, in batches of any size, with what is known of them."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tam_calibration.correction.calibration import Calibration, Corrected, without_rows
-from tam_calibration.correction.contradiction import ContradictionSearch
-from tam_calibration.correction.partial import PartialCorrection
+from tam_calibration.correction.partial import ContradictionSearch, PartialCorrection
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import effect_named
 from tam_calibration.effects.removal import EffectStream, linear_effect, removable
@@ -78,23 +76,6 @@ def correct(recording: Recording, calibration: Calibration) -> Corrected:
     return replace(PartialCorrection(calibration).correct(recording, codes), remarks=tuple(failing.sentences()))
 
 
-def why_left_in(name: str, channels: Sequence[str] | None = None) -> str:
-    """Return, in one clause, what keeps an effect from being taken off samples as they arrive.
-
-    Parameters
-    ----------
-    name : str
-        Of the effect.
-    channels : sequence of str, optional
-        Names of the channels that it needs; by default those of its class.
-    """
-    effect = effect_named(name)
-    if isinstance(effect, LinearEffect) and not effect.is_causal:
-        return f"{name} needs later samples, tam correct takes it off a recording"
-    needed = " and ".join(map(channel_in_words, effect.channels if channels is None else channels))
-    return f"{name} needs the {needed}, and none arrives"
-
-
 class Correction:
     """Corrects the samples of one run in the order of time; the same as ``Calibration.correct`` of all of them.
 
@@ -105,6 +86,11 @@ class Correction:
     ----------
     calibration : Calibration
         Whose effects are taken off.
+
+    Attributes
+    ----------
+    takes_off : tuple of str
+        Names of the effects that go with the array.
     """
 
     def __init__(self, calibration: Calibration) -> None:
@@ -115,7 +101,7 @@ class Correction:
         kept = [(fitted, size.rms) for fitted, size in sizes if id(fitted) in removed]
         kept.sort(key=lambda one: not linear_effect(one[0]).is_causal)
         live = [fitted for fitted, _ in kept if linear_effect(fitted).is_causal]
-        self._names = tuple(fitted.effect for fitted, _ in kept)
+        self.takes_off = tuple(fitted.effect for fitted, _ in kept)
         self._needs = {fitted.effect: linear_effect(fitted).needs(fitted) for fitted, _ in kept}
         self._squares = np.array([rms**2 for _, rms in kept]).reshape(-1, 9)
         self._stream = EffectStream(live, calibration.errors, calibration.array) if live else None
@@ -131,11 +117,6 @@ class Correction:
         if self._stream is not None and before._stream is not None:
             self._stream.go_on(before._stream)
 
-    @property
-    def takes_off(self) -> tuple[str, ...]:
-        """Names of the effects that go with the array."""
-        return self._names
-
     def why_left_in(self, name: str) -> str:
         """Return, in one clause, what keeps an effect of the calibration from being taken off.
 
@@ -144,7 +125,10 @@ class Correction:
         name : str
             Of the effect.
         """
-        return why_left_in(name, self._needs[name])
+        effect = effect_named(name)
+        if isinstance(effect, LinearEffect) and not effect.is_causal:
+            return f"{name} needs later samples, tam correct takes it off a recording"
+        return f"{name} needs the {' and '.join(map(channel_in_words, self._needs[name]))}, and none arrives"
 
     def correct(self, recording: Recording, codes: IntArray | None = None) -> CorrectedBatch:
         """Return the results of the next samples.
@@ -156,7 +140,7 @@ class Correction:
         codes : (N,) array of int, optional
             Which sensors are missing: see ``missing_codes``.
         """
-        is_left = np.ones((recording.sample_count, len(self._names)), dtype=bool)
+        is_left = np.ones((recording.sample_count, len(self.takes_off)), dtype=bool)
         if self._stream is not None:
             added = self._stream.added(recording)
             recording = without_rows(recording, added.rows_T)
@@ -168,5 +152,5 @@ class Correction:
         else:
             self.partial.put(outputs, readings, codes)
             variance = np.square(self.partial.standard_errors(codes)) + self.partial.growth(codes) * variance
-        left_in = tuple(name for name, left in zip(self._names, is_left.T, strict=True) if left.any())
+        left_in = tuple(name for name, left in zip(self.takes_off, is_left.T, strict=True) if left.any())
         return CorrectedBatch(outputs, np.sqrt(variance), left_in, recording.scalar_T)

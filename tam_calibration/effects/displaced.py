@@ -21,9 +21,6 @@ from tam_calibration.effects.effect import Contribution, Finding, FittedEffect, 
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray
 
-_CONCENTRATIONS = 8
-"""Concentration steps of the least-trimmed-squares calibration."""
-
 
 @dataclass(frozen=True, eq=False)
 class AgainstOthers:
@@ -89,7 +86,7 @@ class AgainstOthers:
         usable = np.flatnonzero(self.usable)
         functions_of, beyond = functions[usable], self.beyond_T[usable]
         left = beyond
-        for _ in range(_CONCENTRATIONS):
+        for _ in range(8):  # concentration steps
             better = np.argpartition(self.energy(left), len(usable) // 2)[: len(usable) // 2 + 1]
             own = functions_of[better]
             values = np.linalg.lstsq(own.T @ own, own.T @ beyond[better], rcond=None)[0]
@@ -188,7 +185,6 @@ def finding_of(
     effect: str,
     residuals: WhitenedResiduals,
     found: Sequence[Explained],
-    parameter_count: int,
     nats: float = 0.0,
     is_certain: bool = False,
 ) -> Finding:
@@ -197,13 +193,13 @@ def finding_of(
     Parameters
     ----------
     effect : str
+        Its name.
     residuals : WhitenedResiduals
+        Of all sensors.
     found : sequence of Explained
-        Of these sensors.
-    parameter_count : int
-        Of what was fitted, without the positions of the samples.
+        Of the sensors that have the effect.
     nats : float
-        Code length of these, where only the residual shows them.
+        Code length of the positions of the samples, where only the residual shows them.
     is_certain : bool
         See ``Finding``.
     """
@@ -212,15 +208,17 @@ def finding_of(
     for one in found:
         sensor = one.contribution.sensor
         shift[:, 3 * sensor : 3 * sensor + 3] = AgainstOthers.of(residuals, sensor).beyond_T - one.left_T
-    used = residuals.is_counted | flagged
-    count = float(residuals.channel_count[used].sum())
-    return Finding(
-        FittedEffect(effect, {}, tuple(one.contribution for one in found)),
-        gain=count * float(np.log(residuals.energy[used].sum() / residuals.energy_without(shift)[used].sum())),
-        parameter_count=parameter_count + int(np.ceil(2 * nats / np.log(count))),
-        flagged=flagged,
-        is_certain=is_certain,
-    )
+    saved = (residuals.energy - residuals.energy_without(shift))[residuals.is_counted | flagged].sum()
+    fitted = FittedEffect(effect, {}, tuple(one.contribution for one in found))
+    return Finding.of_samples(fitted, residuals, flagged, float(saved), len(found), nats, is_certain)
+
+
+def bursts_of(struck: NDArray[np.bool_]) -> tuple[dict[str, float], dict[str, float]]:
+    """Return the part of the samples (N,) that are struck, how many follow each other, and standard errors, by name."""
+    samples = np.flatnonzero(struck)
+    rate, runs = len(samples) / len(struck), 1 + int(np.sum(np.diff(samples) > 1))
+    error = float(np.sqrt(rate * (1 - rate) / len(struck)))
+    return {"rate": rate, "burst": len(samples) / runs}, {"rate": error}
 
 
 def position_nats(sample_count: int, chosen: int) -> float:

@@ -72,13 +72,50 @@ class Finding:
     spread_T: FloatArray | None = None
     is_certain: bool = False
 
+    @classmethod
+    def of_samples(
+        cls,
+        fitted: FittedEffect,
+        residuals: WhitenedResiduals,
+        flagged: NDArray[np.bool_],
+        saved: float,
+        parameter_count: int,
+        nats: float = 0.0,
+        is_certain: bool = False,
+    ) -> "Finding":
+        """Return the finding of an effect that explains a part of the energy of the counted and flagged samples.
+
+        Parameters
+        ----------
+        fitted : FittedEffect
+            Where it was found, with its numbers.
+        residuals : WhitenedResiduals
+            Of N samples.
+        flagged : (N,) array of bool
+            Samples that it strikes.
+        saved : float
+            Energy that it explains.
+        parameter_count : int
+            Number of its parameters.
+        nats : float
+            Code length of what it needs besides, which counts as further parameters.
+        is_certain : bool
+            As above.
+        """
+        used = residuals.is_counted | flagged
+        before, count = float(residuals.energy[used].sum()), float(residuals.channel_count[used].sum())
+        left = max(before - saved, np.finfo(float).tiny)
+        paid = int(np.ceil(2 * nats / np.log(count)))
+        gain = count * float(np.log(before / left))
+        return cls(fitted, gain, parameter_count + paid, flagged, is_certain=is_certain)
+
     @property
     def is_variance(self) -> bool:
         """Whether it is a variance of every sample, which no reading proves."""
         return self.flagged is None and not self.is_certain and not (self.variance is None and self.spread_T is None)
 
 
-_CAUSES: dict[str, dict[str, Any]] = tomllib.loads(Path(__file__).with_name("causes.toml").read_text(encoding="utf-8"))
+CAUSES: dict[str, dict[str, Any]] = tomllib.loads(Path(__file__).with_name("causes.toml").read_text(encoding="utf-8"))
 """What is known of the causes of this package, by the names of their effects."""
 
 
@@ -134,14 +171,15 @@ class Effect(ABC):
     def __init_subclass__(cls) -> None:
         """Take over what ``causes.toml`` tells of an effect of this package; others state it themselves."""
         super().__init_subclass__()
-        for key, value in _CAUSES.get(cls.__dict__.get("name", ""), {}).items():
+        for key, value in CAUSES.get(cls.__dict__.get("name", ""), {}).items():
             if key == "limits":
                 value = {name: _limit_of(known) for name, known in value.items()}
             elif key == "largest_signal":
                 value = _limit_of(value)
             elif isinstance(value, str):
                 value = _on_one_line(value)
-            setattr(cls, key, tuple(value) if isinstance(value, list) else value)
+            if key != "class":
+                setattr(cls, key, tuple(value) if isinstance(value, list) else value)
 
     def oversize(self, covariates: Covariates, fitted: FittedEffect) -> str | None:
         """Return which value of a fitted effect is larger than any in nature, in one clause; None where none is.

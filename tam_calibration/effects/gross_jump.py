@@ -11,8 +11,8 @@ import numpy as np
 from numpy.linalg import norm
 from numpy.typing import NDArray
 
-from tam_calibration.effects.bias_jump import BiasJump
 from tam_calibration.effects.grades import LEAST_SAMPLES, MINOR
+from tam_calibration.effects.states import BiasJump
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect, Shape
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray

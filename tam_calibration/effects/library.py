@@ -2,18 +2,18 @@
 
 from collections.abc import Collection, Iterable
 from functools import cache
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 
 import numpy as np
 
-from tam_calibration.effects.effect import Covariates, Effect, FittedEffect, LinearEffect
+from tam_calibration.effects.effect import CAUSES, Covariates, Effect, FittedEffect, LinearEffect
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.further_channels import is_further
 from tam_calibration.model.sensor_errors import SensorErrors
 
 GROUP = "tam_calibration.effects"
-"""Entry points of this group name an ``Effect`` class each."""
+"""Entry points of other packages in this group name an ``Effect`` class each."""
 
 
 @cache
@@ -26,7 +26,9 @@ def installed_effects() -> dict[str, Effect]:
         When an entry point cannot be imported, or is no effect.
     """
     effects: dict[str, Effect] = {}
-    for point in sorted(entry_points(group=GROUP), key=lambda point: point.name):
+    own = [EntryPoint(name, f"{__package__}.{known['class']}", GROUP) for name, known in CAUSES.items()]
+    others = [point for point in entry_points(group=GROUP) if point.name not in CAUSES]
+    for point in sorted([*own, *others], key=lambda point: point.name):
         try:
             effect = point.load()()
         except Exception as problem:  # the code of another package may raise anything when it is imported
@@ -56,13 +58,6 @@ def effect_named(name: str) -> Effect:
 def shown_by(effects: Collection[str]) -> set[str]:
     """Return the names of the faults of channels that some effects make, which are given by their names."""
     return {fault for name in effects for fault in effect_named(name).shows_as}
-
-
-_SAMPLES = 8
-"""Samples of the covariates: enough for the neighbours that effects need."""
-
-_FIELD_T = 5e-5
-"""A field of usual size, tesla, on which names and units do not depend."""
 
 
 def units_of(fitted: FittedEffect, errors: SensorErrors, array: Array) -> dict[str, str]:
@@ -108,8 +103,8 @@ def check_numbers(fitted: FittedEffect, errors: SensorErrors, array: Array) -> N
 
 def _some_covariates(errors: SensorErrors, array: Array, channels: Iterable[str]) -> Covariates:
     """Return arbitrary covariates with all channels: names and units of coefficients do not depend on them."""
-    time_s = np.arange(float(_SAMPLES))
-    field = _FIELD_T * np.column_stack([np.cos(time_s), np.sin(time_s), np.ones(_SAMPLES)])
-    attitude = np.tile([0.0, 0.0, 0.0, 1.0], (_SAMPLES, 1))
+    time_s = np.arange(8.0)  # enough for the neighbours that effects need
+    field = 5e-5 * np.column_stack([np.cos(time_s), np.sin(time_s), np.ones_like(time_s)])
+    attitude = np.tile([0.0, 0.0, 0.0, 1.0], (len(time_s), 1))
     further = dict.fromkeys(filter(is_further, channels), time_s)
     return Covariates(time_s, field, errors, array, time_s, time_s, attitude, further=further)

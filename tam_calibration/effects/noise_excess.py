@@ -1,21 +1,146 @@
-"""Noise excess: an axis, a sensor or the scalar magnetometer that is noisier than the others."""
+"""Noise excess: an axis, a sensor or the scalar magnetometer that is noisier than the others.
 
-from collections.abc import Iterator
+Variance a of directions F makes the covariance of a sample's whitened channels s² (I + ρ A Aᵀ), with ρ = a / s² and A
+the derivatives of the channels by F. With s² at its maximum (a floor common to all, as no data sheet is exact), and
+g and q the eigenvalues of AᵀA and the scores along its eigenvectors,
+
+    -2 ln L = n ln s² + Σ ln(1 + ρ g) + (S - Σ ρ q² / (1 + ρ g)) / s²,
+
+a maximum in ρ alone. Twice the logarithm of the likelihood against ρ = 0 is the gain: regressions are compared with the
+same null model, white noise of one free variance.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from tam_calibration.effects.effect import ALL, Contribution, Covariates, Finding, FittedEffect, FoundEffect
 from tam_calibration.effects.grades import LEAST_SAMPLES, MINOR
-from tam_calibration.effects.spikes import without_spikes
-from tam_calibration.effects.spread import LARGEST_NOISE, Spread
-from tam_calibration.effects.term import Place, WhitenedResiduals, places, row_deviations
+from tam_calibration.effects.outliers import without_spikes
+from tam_calibration.effects.term import Place, WhitenedResiduals, normal_of, places, row_deviations
 from tam_calibration.model.units import FloatArray
 
-_HEAVY = 3.0
-"""Excess kurtosis, within blocks of samples, from which an excess consists of spikes."""
+LARGEST_NOISE = 1.2
+"""White noise over that of the data sheet, of all sensors or of the scalar, up to which it is no gap.
 
-_BLOCK = 50
-"""Samples of a block, within which the variance is taken as constant."""
+The sheet is merely inaccurate. Sensors of one array differ from each other by a smaller part of their variance.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """Further variance along directions that each sample has.
+
+    Parameters
+    ----------
+    square, score : (N, p) array
+        g and q, per unit of the directions.
+    energy, channel_count : float
+        S and n.
+    stride : int
+        Every so many samples are taken.
+    """
+
+    square: FloatArray
+    score: FloatArray
+    energy: float
+    channel_count: float
+    stride: int
+
+    @classmethod
+    def of(cls, residuals: WhitenedResiduals, rows: Sequence[int], directions: FloatArray) -> "Spread":
+        """Return what the samples that count say of variance along directions.
+
+        Parameters
+        ----------
+        residuals : WhitenedResiduals
+            Of N samples.
+        rows : sequence of int
+            The r rows that are shifted.
+        directions : (N, r, p) or (r, p) array
+            Shifts of these rows, tesla per unit.
+        """
+        index = np.flatnonzero(residuals.is_counted)
+        stride = -(-len(index) // 16_384)  # as many samples tell a variance to one per cent
+        index = index[::stride]
+        information, scores = normal_of(residuals, index, rows)
+        along = directions if directions.ndim == 2 else directions[index]
+        turned: FloatArray = np.swapaxes(along, -1, -2)
+        values, vectors = np.linalg.eigh(turned @ information @ along)
+        score = (turned @ scores[:, :, None])[:, :, 0]
+        return cls(
+            np.maximum(values, 0.0),
+            (np.swapaxes(vectors, 1, 2) @ score[:, :, None])[:, :, 0],
+            float(residuals.energy[index].sum()),
+            float(residuals.channel_count[index].sum()),
+            stride,
+        )
+
+    @cached_property
+    def part(self) -> float:
+        """The most likely ρ, to one per cent."""
+        from scipy.optimize import minimize_scalar
+
+        unit = float(self.square.max(initial=0.0))
+        if unit == 0:
+            return 0.0
+        best = minimize_scalar(
+            lambda log: self._profile(float(np.exp(log)) / unit),
+            bounds=(-8.0, 16.0),  # from negligible to dominant
+            method="bounded",
+            options={"xatol": 1e-2},
+        )
+        return float(np.exp(best.x)) / unit
+
+    @property
+    def gain(self) -> float:
+        """Twice the log likelihood ratio against no such variance, of all samples."""
+        return self.stride * (self._profile(0.0) - self._profile(self.part))
+
+    @property
+    def variance(self) -> float:
+        """The most likely variance a, in squares of the unit of the directions."""
+        return self.part * self._floor(self.part)
+
+    @property
+    def size(self) -> float:
+        """Its root, the standard deviation."""
+        return float(np.sqrt(self.variance))
+
+    @property
+    def relative_error(self) -> float:
+        """Relative standard error of the standard deviation, from the curvature of the likelihood."""
+        step = 0.2  # of the logarithm: within the parabola of the log-likelihood, far above rounding
+        low, middle, high = (self._profile(self.part * float(np.exp(way))) for way in (-step, 0.0, step))
+        return float(np.sqrt(2 * step**2 / max(low - 2 * middle + high, np.finfo(float).tiny))) / 2
+
+    def contribution(self, sensor: int, axis: int | None, term: str, part: float = 1.0) -> Contribution:
+        """Return the standard deviation, or a part of it, as a contribution of a sensor or axis.
+
+        Parameters
+        ----------
+        sensor : int
+            Index of the sensor, or ``SCALAR``.
+        axis : int, optional
+            Index of the axis; None for all.
+        term : str
+            Name of the contribution.
+        part : float
+            Of the standard deviation.
+        """
+        size = part * self.size
+        values, errors = {"standard deviation": size}, {"standard deviation": size * self.relative_error}
+        return Contribution(sensor, axis, term, values, errors)
+
+    def _floor(self, part: float) -> float:
+        explained = float(np.sum(part * self.score**2 / (1 + part * self.square)))
+        return max(self.energy - explained, np.finfo(float).tiny) / self.channel_count
+
+    def _profile(self, part: float) -> float:
+        """Return minus twice the log likelihood at some ρ, a constant left out."""
+        return self.channel_count * float(np.log(self._floor(part))) + float(np.sum(np.log1p(part * self.square)))
 
 
 class NoiseExcess(FoundEffect):
@@ -35,7 +160,7 @@ class NoiseExcess(FoundEffect):
                 best, best_bic = finding, bic
         if isinstance(best, Finding) and best.variance is not None:
             row = int(np.argmax(best.variance * residuals.row_information.mean(axis=0)))
-            if _kurtosis(row_deviations(residuals)[residuals.is_counted, row]) > _HEAVY:
+            if _kurtosis(row_deviations(residuals)[residuals.is_counted, row]) > 3.0:
                 return "the excess comes as spikes"
         return best
 
@@ -60,12 +185,10 @@ class NoiseExcess(FoundEffect):
         variance = np.zeros(row_count)
         variance[list(place.rows)] = spread.variance * weight
         is_alike = bool(np.ptp(weight) == 0)
-        sizes, parts = (spread.size * np.sqrt(weight)).tolist(), []
-        for (sensor, axis), size in zip(place.contribution_keys(is_alike), sizes, strict=False):
-            values, errors = {"standard deviation": size}, {"standard deviation": size * spread.relative_error}
-            parts.append(Contribution(sensor, axis, "noise", values, errors))
-        count = 1 + (1 if is_alike else len(weight))
-        return Finding(FittedEffect(self.name, {}, tuple(parts)), spread.gain, count, variance=variance)
+        keys = zip(place.contribution_keys(is_alike), np.sqrt(weight).tolist(), strict=False)
+        parts = tuple(spread.contribution(*key, "noise", part) for key, part in keys)
+        count = 2 if is_alike else 1 + len(weight)
+        return Finding(FittedEffect(self.name, {}, parts), spread.gain, count, variance=variance)
 
     def _shared(self, residuals: WhitenedResiduals) -> Finding | str:
         """Return the noise of all sensors beyond what a data sheet may be wrong by, or that there is none."""
@@ -91,8 +214,8 @@ class NoiseExcess(FoundEffect):
 
 
 def _kurtosis(deviation: FloatArray) -> float:
-    """Return the excess kurtosis within blocks of samples, so that intermittent noise has none."""
-    blocks = max(1, len(deviation) // _BLOCK)
+    """Return the excess kurtosis within blocks of 50 samples, so that intermittent noise has none."""
+    blocks = max(1, len(deviation) // 50)
     square = deviation[: len(deviation) // blocks * blocks].reshape(blocks, -1) ** 2
     ratio = np.mean(square**2, axis=1) / np.maximum(np.mean(square, axis=1) ** 2, np.finfo(float).tiny)
     return float(np.mean(ratio)) - 3.0

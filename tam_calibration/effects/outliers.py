@@ -6,15 +6,21 @@ where BIC takes ½ ln n per parameter; that is about two parameters for a single
 """
 
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tam_calibration.effects.displaced import drawn_bursts, position_nats
+from tam_calibration.core.noise import noise_deviation
+from tam_calibration.effects.displaced import bursts_of, drawn_bursts, position_nats
 from tam_calibration.effects.effect import Covariates, Finding, FoundEffect, WhitenedResiduals
-from tam_calibration.effects.spikes import Spikes, find_spikes
+from tam_calibration.effects.grades import LONGEST_BURST, MINOR
 from tam_calibration.effects.term import Place, everywhere, explained_energy, places, row_deviations
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
 from tam_calibration.model.units import FloatArray
+
+A_DOZEN = 12
+"""Single readings that are no noise, whatever part of a short recording they are: a sixth of 72 poses."""
 
 
 class Outliers(FoundEffect):
@@ -29,19 +35,12 @@ class Outliers(FoundEffect):
             return spikes
         flagged = np.zeros(len(residuals.energy), dtype=bool)
         flagged[spikes.samples] = True
-        used = residuals.is_counted | flagged
-        before, count = float(residuals.energy[used].sum()), float(residuals.channel_count[used].sum())
         rest = ~flagged & (residuals.channel_count > 0)
         floor = float(residuals.energy[rest].sum() / residuals.channel_count[rest].sum())
         place, saved, value_cost = _best_place(residuals, spikes, floor)
-        left = max(before - saved, np.finfo(float).tiny)
-        paid = 2 * position_nats(len(flagged), len(spikes.samples)) + value_cost
-        return Finding(
-            FittedEffect(self.name, {}, _contributions(residuals, spikes, place)),
-            gain=count * float(np.log(before / left)),
-            parameter_count=1 + int(np.ceil(paid / np.log(count))),
-            flagged=flagged,
-        )
+        fitted = FittedEffect(self.name, {}, _contributions(residuals, spikes, place, flagged))
+        nats = position_nats(len(flagged), len(spikes.samples)) + value_cost / 2
+        return Finding.of_samples(fitted, residuals, flagged, saved, 1, nats)
 
     def put(self, rows_T: FloatArray, part: Contribution, run: Covariates, source: np.random.Generator) -> FloatArray:
         """Return the readings (N, n) of the n rows that a contribution acts on with the effect; see `FoundEffect`."""
@@ -49,6 +48,59 @@ class Outliers(FoundEffect):
         struck = np.unique(np.minimum(starts[:, None] + np.arange(burst), len(rows_T) - 1))
         rows_T[struck] += source.normal(0, part.values["size"], rows_T[struck].shape)
         return rows_T
+
+
+@dataclass(frozen=True, eq=False)
+class Spikes:
+    """Isolated outliers.
+
+    Parameters
+    ----------
+    samples : (k,) array of int
+        Their indices.
+    rows : (k,) array of int
+        The row that explains most of each.
+    """
+
+    samples: NDArray[np.intp]
+    rows: NDArray[np.intp]
+
+
+def find_spikes(residuals: WhitenedResiduals) -> Spikes | str:
+    """Return the isolated outliers, or why there are none, in one clause."""
+    usable = residuals.channel_count > 0
+    deviation = np.abs(row_deviations(residuals)) * usable[:, None]
+    # The row that explains most, not the largest residual: noise of one row affects all.
+    worst = deviation.argmax(axis=1)
+    size = 50  # samples of a block, of which the median tells the local noise
+    blocks = max(len(worst) // size, 1)
+    local = noise_deviation(deviation[: blocks * size].reshape(blocks, -1, deviation.shape[1]), axis=1)
+    samples = np.arange(len(worst))
+    scale = np.maximum(local[np.minimum(samples // size, blocks - 1), worst], 1.0)
+    far = deviation[samples, worst] > 5.0 * scale  # one of a million values of white noise is
+    far &= _run_lengths(far) <= LONGEST_BURST
+    if not far.any():
+        return f"no reading is far off for at most {LONGEST_BURST} samples"
+    if far.sum() > max(MINOR * usable.sum(), A_DOZEN):
+        return f"{far.sum()} of {usable.sum()} samples are too many for spikes"
+    return Spikes(np.flatnonzero(far), worst[far])
+
+
+def without_spikes(residuals: WhitenedResiduals) -> WhitenedResiduals:
+    """Return a residual in which the samples of isolated outliers do not count."""
+    spikes = find_spikes(residuals)
+    if isinstance(spikes, str):
+        return residuals
+    is_counted = residuals.is_counted.copy()
+    is_counted[spikes.samples] = False
+    return replace(residuals, is_counted=is_counted)
+
+
+def _run_lengths(chosen: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Return the length of the unbroken run of chosen samples that each sample is in, 0 outside."""
+    starts = np.flatnonzero(np.diff(chosen, prepend=~chosen[:1]))
+    lengths = np.diff(np.append(starts, len(chosen)))
+    return np.asarray(np.repeat(lengths, lengths) * chosen)
 
 
 def _best_place(residuals: WhitenedResiduals, spikes: Spikes, floor: float) -> tuple[Place, float, float]:
@@ -82,19 +134,16 @@ def _offers(residuals: WhitenedResiduals, spikes: Spikes) -> Iterator[tuple[Plac
         yield whole, float(np.max(single**2, axis=1).sum()), 1, 3 * count + 1
 
 
-def _contributions(residuals: WhitenedResiduals, spikes: Spikes, place: Place) -> tuple[Contribution, ...]:
-    samples = spikes.samples
-    rate = len(samples) / len(residuals.energy)
-    runs = 1 + int(np.sum(np.diff(samples) > 1))
+def _contributions(
+    residuals: WhitenedResiduals, spikes: Spikes, place: Place, flagged: NDArray[np.bool_]
+) -> tuple[Contribution, ...]:
     parts = []
     for sensor, axis in place.contribution_keys():
         rows = [row for row in place.rows if axis is None or row % 3 == axis or sensor == SCALAR]
-        shift = residuals.row_shift_T[samples[:, None], rows]
-        if sensor == ALL:
-            shift = residuals.row_shift_T[samples, spikes.rows]
+        own = spikes.rows if sensor == ALL else np.array(rows)[:, None]
+        shift = residuals.row_shift_T[spikes.samples, own]
         size = float(np.sqrt(np.mean(shift**2)))
-        values = {"rate": rate, "size": size, "burst": len(samples) / runs}
-        errors = {"rate": float(np.sqrt(rate * (1 - rate) / len(residuals.energy)))}
+        values, errors = bursts_of(flagged)
         errors["size"] = size / float(np.sqrt(2 * shift.size))
-        parts.append(Contribution(sensor, axis, "spikes", values, errors))
+        parts.append(Contribution(sensor, axis, "spikes", values | {"size": size}, errors))
     return tuple(parts)

@@ -6,35 +6,21 @@ import numpy as np
 
 from tam_calibration.effects.effect import Covariates, FittedEffect, LinearEffect, Shape, Sized
 from tam_calibration.effects.grades import NEGLIGIBLE
-from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
+from tam_calibration.effects.laws import course_terms
+from tam_calibration.effects.term import Term, WhitenedResiduals
 from tam_calibration.model.units import FloatArray
 
 _LEAST_PERIODS = 10
 """Periods in the record at least: slower variation is a drift."""
 
-
-_OVERTONES = "harmonics over the line"
-
-_LINES = 4
-"""Strongest lines that are tried, of which harmonics may be several."""
+_MOST_STEPS = 1 << 21
+"""Steps of time that a transform spans, of some hundred megabytes."""
 
 SAME_LINE = 4.0
 """Distance within which two tones are one, in widths of a spectral line (1 / duration)."""
 
 _FINER = 4
 """Points of the periodogram per width of a line."""
-
-_SUBSTEPS = 4
-"""Points of the lattice per step of time where the samples lie on none of their own."""
-
-_LARGEST_LATTICE = 16
-"""Points of the lattice per sample at most."""
-
-_MOST_STEPS = 1 << 21
-"""Steps of time that a transform spans, of some hundred megabytes."""
-
-_ROUNDS = 3
-"""Parabolas through the top of a line, each of a quarter of the width."""
 
 
 class PeriodicInterference(LinearEffect):
@@ -92,7 +78,8 @@ class PeriodicInterference(LinearEffect):
             squares[one.term] += sum(value**2 for value in one.values.values())
         with np.errstate(over="ignore"):  # beside a line of nothing its harmonics are beyond any limit
             ratio = float(np.sqrt(squares["harmonics"]) / max(np.sqrt(squares["line"]), np.finfo(float).tiny))
-        return [*super().sizes(covariates, fitted), Sized(_OVERTONES, ratio, self.limits[_OVERTONES])]
+        overtones = "harmonics over the line"
+        return [*super().sizes(covariates, fitted), Sized(overtones, ratio, self.limits[overtones])]
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
         """Return cosine and sine on each row, and those of the second and third harmonic.
@@ -108,8 +95,8 @@ class PeriodicInterference(LinearEffect):
         terms = []
         for name, orders in (("line", (1,)), ("harmonics", (2, 3))):
             waves = np.column_stack([wave(order * phase) for order in orders for wave in (np.cos, np.sin)])
-            parts = [Coefficient(f"{wave} {order}", "T") for order in orders for wave in ("cosine", "sine")]
-            terms += [Term.of_row(covariates, row, name, parts, waves) for row in range(covariates.scalar_row + 1)]
+            units = {f"{wave} {order}": "T" for order in orders for wave in ("cosine", "sine")}
+            terms += course_terms(covariates, name, units, waves, with_scalar=True)
         return terms
 
 
@@ -135,7 +122,7 @@ def _lines(residuals: WhitenedResiduals) -> list[float]:
     frequency = np.arange(len(power)) / (length * spacing)
     power[(frequency <= _LEAST_PERIODS / time[-1]) | (frequency >= 0.5 / covariates.step_s)] = 0
     found: list[float] = []
-    while len(found) < _LINES and power.max() > 0:
+    while len(found) < 4 and power.max() > 0:
         best = int(power.argmax())
         found.append(_refined(score[:, row_of[best]], time, float(frequency[best]), float(frequency[1])))
         power[max(best - 3 * _FINER, 0) : best + 3 * _FINER + 1] = 0
@@ -148,13 +135,14 @@ def _lattice(time: FloatArray, step: float) -> tuple[FloatArray, float]:
     place = time / mean
     if np.abs(place - np.rint(place)).max() < NEGLIGIBLE:
         return np.rint(place).astype(int), mean
-    spacing = max(step / _SUBSTEPS, time[-1] / (_LARGEST_LATTICE * len(time)))
+    # Samples that lie on no lattice of their own get four points per step, and at most 16 per sample.
+    spacing = max(step / 4, time[-1] / (16 * len(time)))
     return np.rint(time / spacing).astype(int), spacing
 
 
 def _refined(score: FloatArray, time: FloatArray, frequency: float, width: float) -> float:
     """Return the frequency of the top of a line, by parabolas through the power at three frequencies."""
-    for _ in range(_ROUNDS):
+    for _ in range(3):  # parabolas, each of a quarter of the width
         power = [
             np.abs(np.exp(-2j * np.pi * (frequency + offset) * time) @ score) ** 2 for offset in (-width, 0, width)
         ]

@@ -6,17 +6,14 @@ from dataclasses import replace
 import numpy as np
 
 from tam_calibration.core.harmonics import derivatives, fields
-from tam_calibration.effects.covariates import Memory, mode
-from tam_calibration.effects.eddy_current import SLOWER, followed, time_constants_s
+from tam_calibration.effects.covariates import mode
 from tam_calibration.effects.effect import Coefficient, Covariates, LinearEffect, Sized, Term, WhitenedResiduals
+from tam_calibration.effects.lags import SLOWER, followed, time_constants_s
+from tam_calibration.effects.laws import OF_MATRIX, matrix_terms, scalar_term
 from tam_calibration.effects.motion import jumps
-from tam_calibration.model.fitted_effect import ALL, SCALAR, FittedEffect, Shape
+from tam_calibration.model.fitted_effect import ALL, FittedEffect, Shape
 from tam_calibration.model.further_channels import is_further, unit_of
 from tam_calibration.model.units import FloatArray
-
-_FEWEST_SENSORS = 4
-"""Sensors between which the field of distant currents differs otherwise than that of currents at one of them."""
-
 
 _DEGREES = {2: ("gradient", "1/m"), 3: ("curvature", "1/m²")}
 """Name and unit of what potentials make, by their degree: beyond the third, four sensors tell no law in space."""
@@ -25,7 +22,7 @@ _DEGREES = {2: ("gradient", "1/m"), 3: ("curvature", "1/m²")}
 _PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 """Axes of the six elements of a symmetric matrix."""
 
-_INDUCED, _BEYOND = "induced", "part beyond the gradient"
+_INDUCED = "induced"
 
 
 class PlatformField(LinearEffect):
@@ -64,7 +61,8 @@ class PlatformField(LinearEffect):
         if not law:
             return sizes
         part = _part_beyond_gradient(covariates, self.signal(covariates, replace(fitted, contributions=law))[:, :-1])
-        return [*sizes, Sized(_BEYOND, part, self.limits[_BEYOND])]
+        beyond = "part beyond the gradient"
+        return [*sizes, Sized(beyond, part, self.limits[beyond])]
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that there is no continuous motion, where there is none and no actuator is recorded either."""
@@ -94,13 +92,16 @@ class PlatformField(LinearEffect):
         shape : Shape
             ``time_constant_s`` of the first mode of the eddy currents, seconds; without it there are none.
         """
-        yield from _of_scalar_iron(covariates)
+        permanent = {f"permanent {axis}": "T" for axis in "xyz"}
+        yield scalar_term(covariates, "permanent", permanent, _direction(covariates))
+        yield _induced(covariates, _INDUCED, "")
         if "time_constant_s" in shape:
             late = _followed(covariates, shape["time_constant_s"])
             later = _followed(covariates, SLOWER * shape["time_constant_s"])
             for name, change in (("first mode", covariates.field_T - late), ("slower mode", late - later)):
                 yield _at_scalar(covariates, name, change)
-                if covariates.sensor_count >= _FEWEST_SENSORS:
+                # Between fewer sensors the field of distant currents differs as that of currents at one of them.
+                if covariates.sensor_count >= 4:
                     yield from (_gradient(covariates, name, degree, change) for degree in _DEGREES)
         channels = {} if covariates.current_A is None else {"current_A": covariates.current_A}
         for name, values in (channels | dict(covariates.further)).items():
@@ -111,28 +112,18 @@ def _direction(covariates: Covariates) -> FloatArray:
     return covariates.field_T / covariates.intensity_T[:, None]
 
 
-def _of_scalar_iron(covariates: Covariates) -> list[Term]:
-    """Return what the permanent field (3) and the induced one (6) add to the intensity."""
-    row = covariates.scalar_row
-    permanent = [Coefficient(f"permanent {axis}", "T") for axis in "xyz"]
-    induced = [Coefficient(f"induced {'xyz'[i]}{'xyz'[j]}", "1") for i, j in _PAIRS]
-    return [
-        Term.of_row(covariates, row, "permanent", permanent, _direction(covariates)),
-        Term.of_row(covariates, row, _INDUCED, induced, _squares(covariates)),
-    ]
-
-
-def _squares(covariates: Covariates) -> FloatArray:
-    """Return the six products (N, 6) of the field with its direction, tesla."""
+def _induced(covariates: Covariates, name: str, prefix: str, part: FloatArray | float = 1.0) -> Term:
+    """Return what the field that six elements of a symmetric matrix induce adds to the intensity, or parts of it."""
+    units = {f"{prefix}induced {'xyz'[i]}{'xyz'[j]}": "1" for i, j in _PAIRS}
     direction = _direction(covariates)
-    return np.column_stack([direction[:, i] * covariates.field_T[:, j] for i, j in _PAIRS])
+    squares = np.column_stack([direction[:, i] * covariates.field_T[:, j] for i, j in _PAIRS])
+    return scalar_term(covariates, name, units, squares * part)
 
 
 def _at_scalar(covariates: Covariates, name: str, change_T: FloatArray) -> Term:
     """Return what eddy currents that answer to a change of the field (N, 3) add to the intensity, nine elements."""
     along = (_direction(covariates)[:, :, None] * change_T[:, None, :]).reshape(len(change_T), 9)
-    parts = [Coefficient(f"{name}, {axis} of the field on {row}", "1") for row in "xyz" for axis in "xyz"]
-    return Term.of_row(covariates, covariates.scalar_row, name, parts, along)
+    return scalar_term(covariates, name, {f"{name}, {of}": "1" for of in OF_MATRIX}, along)
 
 
 def _part_beyond_gradient(covariates: Covariates, rows_T: FloatArray) -> float:
@@ -166,32 +157,25 @@ def _of_channel(covariates: Covariates, name: str, values: FloatArray) -> Iterat
     unit = "A" if name == "current_A" else unit_of(name)
     per_unit = "T/A" if unit == "A" else "T"
     column, axes = values[:, None], np.arange(3)
-    parts = tuple(Coefficient(f"{name} {axis}", per_unit) for axis in "xyz")
+    units = {f"{name} {axis}": per_unit for axis in "xyz"}
+    parts = tuple(Coefficient(*each) for each in units.items())
     features = np.tile(column, 3)
     for sensor in range(covariates.sensor_count):
         yield Term(sensor, None, name, parts, features, 3 * sensor + axes, axes)
-    along = _direction(covariates) * column
-    yield Term(SCALAR, None, name, parts, along, np.full(3, covariates.scalar_row), axes)
-    if unit == "A":
-        return
-    columns = np.arange(9)
-    parts = tuple(Coefficient(f"{name}, {axis} of the field on {row}", "1") for row in "xyz" for axis in "xyz")
-    features = np.tile(covariates.field_T * column, 3)
-    for sensor in range(covariates.sensor_count):
-        yield Term(sensor, None, f"{name}, {_INDUCED}", parts, features, 3 * sensor + columns // 3, columns)
-    parts = tuple(Coefficient(f"{name}, induced {'xyz'[i]}{'xyz'[j]}", "1") for i, j in _PAIRS)
-    yield Term.of_row(covariates, covariates.scalar_row, f"{name}, {_INDUCED}", parts, _squares(covariates) * column)
+    yield scalar_term(covariates, name, units, _direction(covariates) * column)
+    if unit != "A":
+        yield from matrix_terms(covariates, f"{name}, {_INDUCED}", name, covariates.field_T * column)
+        yield _induced(covariates, f"{name}, {_INDUCED}", f"{name}, ", column)
 
 
 def _followed(covariates: Covariates, time_constant_s: float) -> FloatArray:
-    """Return the field (N, 3) after a first-order lag; as samples arrive, from those that have."""
-    if covariates.memory is None:
+    """Return the field (N, 3) after a first-order lag.
+
+    As samples arrive, its rate of change is the slope of the parabola through a sample and the two before it.
+    """
+    memory = covariates.memory
+    if memory is None:
         return followed(covariates, time_constant_s)
-    return _followed_live(covariates, time_constant_s, covariates.memory)
-
-
-def _followed_live(covariates: Covariates, time_constant_s: float, memory: Memory) -> FloatArray:
-    """Return the lagged field by the slopes of parabolas through each sample and the two before it."""
     before = memory.recall()
     if before is None:
         time, field, rate = covariates.time_s, covariates.field_T, _rates_so_far(covariates.time_s, covariates.field_T)

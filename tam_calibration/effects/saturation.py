@@ -6,8 +6,9 @@ at the largest or smallest value, where the other sensors say that the axis shou
 that ends before a factory correction is only simulated, as ``core limit``: its readings do not repeat.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import groupby
 from typing import ClassVar
 from weakref import WeakKeyDictionary
 
@@ -54,17 +55,10 @@ class Saturation(FoundEffect):
         saved = 0.0
         for limit in limits:
             flagged[limit.samples] = True
-            saved += _energy(residuals, limit) - len(limit.samples)
-        used = residuals.is_counted | flagged
-        before, count = float(residuals.energy[used].sum()), float(residuals.channel_count[used].sum())
-        left = max(before - saved, np.finfo(float).tiny)
-        return Finding(
-            FittedEffect(self.name, {}, tuple(_contributions(limits, residuals.covariates))),
-            gain=count * float(np.log(before / left)),
-            parameter_count=2 * len(limits),
-            flagged=flagged,
-            is_certain=True,
-        )
+            chosen = limit.samples, limit.row
+            saved += float(np.sum(residuals.row_shift_T[chosen] ** 2 * residuals.row_information[chosen] - 1))
+        fitted = FittedEffect(self.name, {}, tuple(_contributions(limits)))
+        return Finding.of_samples(fitted, residuals, flagged, saved, 2 * len(limits), is_certain=True)
 
     def add(
         self, rows_T: FloatArray, covariates: Covariates, fitted: FittedEffect, generator: np.random.Generator
@@ -134,7 +128,8 @@ def _limit_of(residuals: WhitenedResiduals, row: int, end: str, sign: float, rea
     shortfall = -sign * residuals.row_shift_T[at_limit, row]
     sure = np.sqrt(information[at_limit])
     excess = shortfall @ sure / (CERTAIN * np.sqrt(len(at_limit)))
-    if not excess > max(1.0, _scale(residuals, row)):
+    deviations = residuals.row_shift_T[:, row] * np.sqrt(information)
+    if not excess > max(1.0, float(noise_deviation(deviations))):
         return None
     spread = float(np.std(outward[at_limit]))
     return _Limit(row, end, sign * float(np.mean(outward[at_limit])), spread / np.sqrt(len(at_limit)), at_limit)
@@ -158,27 +153,12 @@ def _pile(outward: FloatArray, shift: FloatArray, noise: float) -> NDArray[np.in
     return chosen if is_flat and np.std(did) < 2 * noise else chosen[:0]
 
 
-def _scale(residuals: WhitenedResiduals, row: int) -> float:
-    """Return the robust standard deviation of a row's shifts in standard errors."""
-    deviation = residuals.row_shift_T[:, row] * np.sqrt(residuals.row_information[:, row])
-    return float(noise_deviation(deviation))
-
-
-def _energy(residuals: WhitenedResiduals, limit: _Limit) -> float:
-    chosen = limit.samples
-    return float(np.sum(residuals.row_shift_T[chosen, limit.row] ** 2 * residuals.row_information[chosen, limit.row]))
-
-
-def _contributions(limits: list[_Limit], covariates: Covariates) -> list[Contribution]:
-    parts = []
-    for row in sorted({limit.row for limit in limits}):
-        of_row = [limit for limit in limits if limit.row == row]
+def _contributions(limits: list[_Limit]) -> Iterator[Contribution]:
+    for row, of_row in groupby(limits, key=lambda limit: limit.row):
+        ends = {limit.end: (limit.value_T, limit.standard_error_T) for limit in of_row}
+        values, errors = ({end: both[index] for end, both in ends.items()} for index in (0, 1))
         sensor, axis = divmod(row, 3)
-        values = {limit.end: limit.value_T for limit in of_row}
-        parts.append(
-            Contribution(sensor, axis, "limit", values, {limit.end: limit.standard_error_T for limit in of_row})
-        )
-    return parts
+        yield Contribution(sensor, axis, "limit", values, errors)
 
 
 def _vector(part: Contribution, way: str) -> FloatArray:

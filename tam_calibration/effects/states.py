@@ -1,4 +1,4 @@
-"""States in time: what begins at some time and may end, once or again and again."""
+"""States in time: a bias, response or gain that changes at some times, once or again and again."""
 
 from collections.abc import Iterable, Sequence
 from typing import ClassVar
@@ -6,9 +6,11 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.covariates import Covariates
+from tam_calibration.effects.covariates import Covariates, Memory
 from tam_calibration.effects.effect import LinearEffect
-from tam_calibration.effects.term import WhitenedResiduals
+from tam_calibration.effects.grades import MINOR
+from tam_calibration.effects.laws import axis_terms, course_terms, sensor_terms, turned
+from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
 from tam_calibration.model.fitted_effect import Shape
 from tam_calibration.model.units import FloatArray
 
@@ -21,8 +23,8 @@ WINDOW_UNITS = {f"{edge}_{number}_s": "s" for number in range(1, _MOST_WINDOWS +
 Times = tuple[tuple[float, ...], ...]
 """Times at which a law may come and go, seconds: those of each of several courses."""
 
-_MOST_STEPS = 3
-"""Changes of a course whose steps are taken apart; what changes more often has windows."""
+_FEWEST_CHANGES = 3
+"""Changes of a gain that goes to and fro; with fewer it is a step."""
 
 
 class StateEffect(LinearEffect):
@@ -45,10 +47,100 @@ class StepEffect(StateEffect):
 
     def shapes_at(self, times_s: Sequence[float], covariates: Covariates) -> list[Shape]:
         """Return a step at each of a few times, and one that lasts from each to each later one."""
-        if len(times_s) > _MOST_STEPS:
+        if len(times_s) > _FEWEST_CHANGES:
             return []
         pairs = [(begin, end) for begin in times_s for end in times_s if begin < end]
         return [*({"time_s": time} for time in times_s), *({"time_s": begin, "end_s": end} for begin, end in pairs)]
+
+
+class BiasJump(StepEffect):
+    """Offsets of axes change at one time, for good or until another time."""
+
+    name = "bias_jump"
+
+    def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
+        """Return an offset of each row from the one time on, until the other where there is one.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        shape : Shape
+            ``time_s`` of the jump and, where it ends, ``end_s``, seconds.
+        """
+        step = is_on(covariates.time_s, shape)[:, None].astype(float)
+        return course_terms(covariates, "offset", {"offset": "T"}, step, with_scalar=True)
+
+
+class ScaleStep(StepEffect):
+    """The response of a sensor changes at one time, for good or until another time: it reads (M + ΔM) b."""
+
+    name = "scale_step"
+    not_sought = ("tilt", "turn")
+
+    def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
+        """Return from the one time on a scale and a tilt of each axis and a turn of each sensor.
+
+        The axes' scales and tilts together are any change of the response; what changes a scale amplifies the bias too.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        shape : Shape
+            ``time_s`` of the step and, where it ends, ``end_s``, seconds.
+        """
+        since = is_on(covariates.time_s, shape)[:, None]
+        sensed = np.where(since, covariates.sensed_T, 0.0)
+        amplified = np.where(since, covariates.sensed_T + covariates.errors.bias_T.ravel(), 0.0)
+        terms = axis_terms(covariates, "scale", {"scale": "1"}, amplified)
+        for row in range(covariates.scalar_row):
+            sensor, axis = divmod(row, 3)
+            others = [other for other in range(3) if other != axis]
+            tilts = [Coefficient(f"tilt towards {'xyz'[other]}", "rad") for other in others]
+            read = sensed[:, [3 * sensor + other for other in others]]
+            terms.append(Term.of_row(covariates, row, "tilt", tilts, read))
+        turns = {f"turn about {axis}": "rad" for axis in "xyz"}
+        field = np.where(since, covariates.field_T, 0.0)
+        return terms + sensor_terms(covariates, "turn", turns, turned(covariates, field))
+
+
+class GainSwitching(StateEffect):
+    """The gain of an axis is another in windows of time, or while the reading is large."""
+
+    name = "gain_switching"
+    shape_units: ClassVar[dict[str, str]] = {
+        "upper_T": "T",
+        "lower_T": "T",
+        "sensor_upper_T": "T",
+        "sensor_lower_T": "T",
+    } | WINDOW_UNITS
+    """Thresholds of the size of an axis' reading, or of the largest of its sensor, or windows of time."""
+
+    def shapes_at(self, times_s: Sequence[float], covariates: Covariates) -> list[Shape]:
+        """Return the windows, where there are several, and the thresholds of an axis or a sensor that make them."""
+        if len(times_s) < _FEWEST_CHANGES:
+            return []
+        sizes = _sizes(covariates)
+        thresholds = [
+            _thresholds(size, times_s, covariates, whose)
+            for whose, of_whose in (("", sizes), ("sensor_", _largest(sizes)))
+            for size in of_whose.T
+        ]
+        return [shape for shape in (windows_at(times_s), *thresholds) if shape]
+
+    def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
+        """Return the change of each axis' gain, by which the bias is amplified too.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        shape : Shape
+            Thresholds of the size of the reading, tesla, or the limits of windows, seconds.
+        """
+        amplified = covariates.sensed_T + covariates.errors.bias_T.ravel()
+        return axis_terms(covariates, "gain", {"gain": "1"}, np.where(_states(covariates, shape), amplified, 0.0))
 
 
 def is_on(time_s: FloatArray, shape: Shape) -> NDArray[np.bool_]:
@@ -75,3 +167,53 @@ def in_windows(covariates: Covariates, shape: Shape) -> NDArray[np.bool_]:
     """
     times_s = [shape[name] for name in WINDOW_UNITS if name in shape]
     return np.asarray(np.searchsorted(times_s, covariates.time_s, side="right") % 2 == 1)
+
+
+def _thresholds(size: FloatArray, times_s: Sequence[float], covariates: Covariates, whose: str) -> Shape:
+    """Return the thresholds of a size (N,) at which a relay changes at some times; none where it does not explain them.
+
+    The size rises above the upper one and falls below the lower one in turn.
+    """
+    flips = np.clip(np.searchsorted(covariates.time_s, times_s), 1, len(size) - 1)
+    before, after = size[flips - 1], size[flips]
+    rises = after > before
+    if np.mean(rises[1:] != rises[:-1]) < 1 - MINOR:
+        return {}
+    upper, lower = (
+        float(np.quantile(low, 1 - MINOR) + np.quantile(high, MINOR)) / 2
+        for low, high in ((before[rises], after[rises]), (after[~rises], before[~rises]))
+    )
+    return {f"{whose}upper_T": upper, f"{whose}lower_T": lower} if upper >= lower else {}
+
+
+def _states(covariates: Covariates, shape: Shape) -> NDArray[np.bool_]:
+    """Return whether each row (N, 3K) has its other gain."""
+    sizes = _sizes(covariates)
+    if "upper_T" in shape:
+        return _relays(sizes, shape["upper_T"], shape["lower_T"], covariates.memory)
+    if "sensor_upper_T" in shape:
+        thresholds = shape["sensor_upper_T"], shape["sensor_lower_T"]
+        return np.repeat(_relays(_largest(sizes), *thresholds, covariates.memory), 3, axis=1)
+    return np.broadcast_to(in_windows(covariates, shape)[:, None], sizes.shape)
+
+
+def _sizes(covariates: Covariates) -> FloatArray:
+    """Return the size (N, 3K) of the readings, on which an automatic gain depends."""
+    return np.abs(covariates.sensed_T + covariates.errors.bias_T.ravel())
+
+
+def _largest(sizes: FloatArray) -> FloatArray:
+    """Return the largest size (N, K) of each sensor's axes."""
+    return np.asarray(sizes.reshape(len(sizes), -1, 3).max(axis=2))
+
+
+def _relays(sizes: FloatArray, upper: float, lower: float, memory: Memory | None) -> NDArray[np.bool_]:
+    """Return whether relays (N, R) are on: from above the upper threshold on, until below the lower; off at first."""
+    before = None if memory is None else memory.recall()
+    event = np.where(sizes > upper, 1, np.where(sizes < lower, -1, 0))
+    last = np.maximum.accumulate(np.where(event != 0, np.arange(len(sizes))[:, None], -1))
+    is_first = np.zeros(sizes.shape[1], dtype=bool) if before is None else before
+    are_on: NDArray[np.bool_] = np.where(last < 0, is_first, np.take_along_axis(event, last, axis=0) > 0)
+    if memory is not None:
+        memory.keep(are_on[-1])
+    return are_on

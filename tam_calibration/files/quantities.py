@@ -7,9 +7,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from tam_calibration.files.schema import Bounds, Document
-from tam_calibration.model.change_rates import ChangeRates
-from tam_calibration.model.gyroscope import Gyroscope
-from tam_calibration.model.tolerances import Tolerances
+from tam_calibration.model.data_sheet import ChangeRates, Gyroscope, Tolerances
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla, to_degrees, to_nanotesla
 
 Finite = Annotated[float, Bounds()]

@@ -8,10 +8,9 @@ import numpy as np
 
 from tam_calibration.core.least_squares import whitening
 from tam_calibration.core.normal_equations import Normal
-from tam_calibration.core.slow_cosines import BLOCKS
+from tam_calibration.core.slow_cosines import BLOCKS, SlowSums
 from tam_calibration.fit.contradiction import SIGNIFICANT, probability_of
 from tam_calibration.fit.problem import Place, Problem
-from tam_calibration.fit.slow_sums import SlowSums
 from tam_calibration.model.units import FloatArray
 
 LEAST_SHARE = 1e-3

@@ -31,9 +31,6 @@ _PIECE = 8192
 _ANY_TURN = np.pi
 """Standard deviation of an angle of which nothing is known, radians: it keeps the normal equations regular."""
 
-_VERTICAL = 1e-3
-"""Sine of the angle to the vertical below which a direction has no heading."""
-
 
 @dataclass(frozen=True, eq=False)
 class WorldView:
@@ -153,11 +150,7 @@ class AttitudeLikelihood:
 
     def start(self, errors: SensorErrors) -> WorldView:
         """Return the view by the errors about whose biases the readings are taken."""
-        return self.view(errors.matrix, np.zeros_like(errors.bias_T))
-
-    def view(self, matrix: FloatArray, bias: FloatArray) -> WorldView:
-        """Return mounting and direction that agree with the readings corrected by matrices and biases."""
-        field = self.field(matrix, bias)
+        field = self.field(errors.matrix, np.zeros_like(errors.bias_T))
         mount = likely_turn(field, self.to_world)
         direction = np.einsum("nij,nj->i", self.to_world, field @ mount.T)
         return WorldView(mount, direction / norm(direction))
@@ -250,4 +243,5 @@ class AttitudeLikelihood:
 def _rising(along: FloatArray, up: FloatArray) -> FloatArray:
     """Return the unit vectors (N, 3) across unit vectors along which these rise; zero where they are vertical."""
     rising = up - np.sum(up * along, axis=1, keepdims=True) * along
-    return np.asarray(rising / np.maximum(norm(rising, axis=1, keepdims=True), _VERTICAL))
+    # 1e-3: sine of the angle to the vertical below which a direction has no heading.
+    return np.asarray(rising / np.maximum(norm(rising, axis=1, keepdims=True), 1e-3))

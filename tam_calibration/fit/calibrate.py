@@ -1,24 +1,33 @@
-"""One call from a recording to a calibration that was checked before, after, and on samples it has not seen."""
+"""One call from a recording to a calibration that was checked before, after, and on samples it has not seen.
+
+Residuals of every sample by errors that were fitted without it.
+"""
 
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
+
 from tam_calibration.correction.acceptance import within_limits
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.attitude_worth import USE_IT, worth_of
-from tam_calibration.fit.consistency import Fit, accepted
-from tam_calibration.fit.doubts import doubts_of
-from tam_calibration.fit.held_out import held_out_residuals
-from tam_calibration.fit.identifiability import require_determined
-from tam_calibration.fit.integrated import integrated
+from tam_calibration.fit.attitude_check import USE_IT, worth_of
+from tam_calibration.fit.consistency import Fit, accepted, doubts_of
+from tam_calibration.fit.gauss_newton import newton_step
+from tam_calibration.fit.identifiability import FEWEST_SAMPLES, require_determined
 from tam_calibration.fit.joint_calibration import JointCalibration, calibrate_jointly
-from tam_calibration.fit.lossless import lossless
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.prior import Prior
-from tam_calibration.fit.problem import Known
-from tam_calibration.fit.published import artificial_vector, fast_rotation, simplified_linear, two_step_linear
+from tam_calibration.fit.problem import Known, Place, Problem
+from tam_calibration.fit.published import (
+    artificial_vector,
+    fast_rotation,
+    integrated,
+    lossless,
+    simplified_linear,
+    two_step_linear,
+)
 from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.fit.scalar_check import turning_scalar
 from tam_calibration.fit.screening import without_bad_readings
@@ -26,8 +35,9 @@ from tam_calibration.fit.slow_residuals import OURS, widened
 from tam_calibration.fit.what_changed import despite_changes, naming_changes, what_changed
 from tam_calibration.integrity import require_enough, require_sound
 from tam_calibration.model.array import Array
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import SKETCH, SampleSource
+from tam_calibration.model.residuals import Residuals, measure_residuals
 from tam_calibration.model.units import FloatArray
 
 METHODS: dict[str, Fit] = {
@@ -41,9 +51,6 @@ METHODS: dict[str, Fit] = {
     "simplified_linear": simplified_linear,
 }
 DEFAULT_METHOD = "maximum_likelihood"
-
-_FEWEST_FOR_SLOW = 160
-"""Samples from which noise that lasts shows in the residuals: ten in each of the blocks that are compared."""
 
 
 def calibrate(
@@ -105,10 +112,13 @@ def calibrate(
     """
     fit = _fit_of(method, ambient_gradient)
     takes_priors = method == DEFAULT_METHOD and not ambient_gradient
-    is_joint = _has_more_data(recording, array, takes_priors, prior, main_field_T)
+    is_joint = prior is not None or main_field_T is not None or _is_attitude_data(recording, array)
     if is_joint and not takes_priors:
         kind = "an ambient gradient" if ambient_gradient else method
         raise InputError(f"priors and attitude as data go with {DEFAULT_METHOD} in a uniform field, not with {kind}")
+    if takes_priors and not is_joint:
+        has_rates = recording.thinned(SKETCH).angular_velocity_rad_s is not None
+        is_joint = has_rates or array.tolerances is not None
     array.require_recording(recording)
     is_screened = not (ambient_gradient or method == "robust")
     recording, found, notes = _checked(recording, array, accept, is_screened, is_joint)
@@ -138,20 +148,6 @@ def calibrate(
     return within_limits(replace(calibration, warnings=warnings, notes=tuple(notes)), accept)
 
 
-def _has_more_data(
-    recording: SampleSource,
-    array: Array,
-    takes_priors: bool,
-    prior: Prior | Calibration | None,
-    main_field_T: FloatArray | None,
-) -> bool:
-    """Return whether a fit has more than readings, or a method that takes none is asked to use more."""
-    if prior is not None or main_field_T is not None or _is_attitude_data(recording, array):
-        return True
-    has_rates = takes_priors and recording.thinned(SKETCH).angular_velocity_rad_s is not None
-    return has_rates or (takes_priors and array.tolerances is not None)
-
-
 def _is_attitude_data(recording: SampleSource, array: Array) -> bool:
     return array.attitude_noise is not None and recording.whole().attitude is not None
 
@@ -165,7 +161,8 @@ def _checked(
     faults = require_sound(recording, array, accept, screened=screened)
     found = [fault.sentence for fault in faults if fault.severity != "note"]
     notes = [fault.sentence for fault in faults if fault.severity == "note"]
-    if used.sample_count < _FEWEST_FOR_SLOW:
+    # 160: samples from which noise that lasts shows in the residuals: ten in each of the blocks that are compared.
+    if used.sample_count < 160:
         notes.append(
             f"{used.sample_count} samples do not show whether their noise is white, as the standard errors assume: "
             "record more if it may last from sample to sample"
@@ -199,3 +196,79 @@ def _fit_of(method: str, ambient_gradient: bool) -> Fit:
         able = " or ".join(OURS)
         raise InputError(f"{method} takes the field for uniform: {able} can fit an ambient gradient")
     return partial(maximum_likelihood, robust=method == "robust", ambient_gradient=True)
+
+
+_FOLDS, _BLOCKS_PER_FOLD = 5, 10
+"""A fifth of the samples is held out at once, in blocks of time so short that no fold lacks an attitude."""
+
+
+def held_out_residuals(
+    recording: SampleSource, array: Array, fit: Fit, calibration: Calibration, known: Known | None
+) -> Residuals | None:
+    """Return the residuals of every sample, each corrected by the other folds of blocks of time.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        Raw readings.
+    array : Array
+        As it was given to the fit.
+    fit : callable
+        The method.
+    calibration : Calibration
+        Of all samples.
+    known : Known, optional
+        What a maximum likelihood fit knows in addition. Without its part of the normal equations, one Gauss-Newton
+        step then leads from the calibration to the fit of the other folds. By default these are fitted anew.
+
+    Returns
+    -------
+    Residuals or None
+        None if the recording is too short, or the other folds make no calibration.
+    """
+    fold_of = _folds(recording.sample_count)
+    sizes = np.bincount(fold_of, minlength=_FOLDS)
+    if not sizes.all() or recording.sample_count - sizes.max() < 2 * FEWEST_SAMPLES:
+        return None
+    held_out = [recording.take(fold_of == fold) for fold in range(_FOLDS)]
+    try:
+        if known is not None:
+            return _pool(_by_steps(held_out, array, calibration, known), sizes)
+        found = []
+        for fold, samples in enumerate(held_out):
+            fitted = fit(recording.take(fold_of != fold), array)
+            seen = as_if_uniform(samples, fitted.errors, array, fitted.ambient_gradient)
+            found.append(measure_residuals(fitted.errors, array, seen, fitted.intensity_T))
+        return _pool(found, sizes)
+    except (InputError, Refused):
+        return None
+
+
+def _folds(count: int) -> np.ndarray:
+    """Return the number of the fold (N,) of each sample."""
+    block = np.arange(_FOLDS * _BLOCKS_PER_FOLD)
+    starts = -(-np.append(block, len(block)) * count // len(block))
+    return np.repeat((block % _FOLDS).astype(np.int8), np.diff(starts))
+
+
+def _by_steps(folds: list[SampleSource], array: Array, calibration: Calibration, known: Known) -> list[Residuals]:
+    place = Place(calibration.errors, calibration.intensity_T)
+    used, has_scalar = replace(known, start=place), any(fold.scalar_count is not None for fold in folds)
+    problems = [Problem.of(fold, calibration.array, used, has_scalar) for fold in folds]
+    parts = [problem.data_at(place) for problem in problems]
+    whole, basis = sum(parts, problems[0].known_at(place)), problems[0].basis_at(place)
+    found = []
+    for problem, fold, own in zip(problems, folds, parts, strict=True):
+        others = (whole - own).by(basis)
+        step = newton_step(others.information, others.score)
+        moved = problem.moved(place, basis @ step)
+        found.append(measure_residuals(moved.errors, array, fold, moved.intensity_T))
+    return found
+
+
+def _pool(parts: list[Residuals], sizes: np.ndarray) -> Residuals:
+    weight = sizes / sizes.sum()
+    sensors = np.array([part.sensor_intensity_T for part in parts])
+    center = np.array([part.center_intensity_T for part in parts])
+    tensor = np.array([part.tensor_T_per_m for part in parts])
+    return Residuals(np.sqrt(weight @ sensors**2), float(np.sqrt(weight @ center**2)), np.sqrt(weight @ tensor**2))

@@ -17,40 +17,12 @@ from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.recording import Recording, SampleSource
 from tam_calibration.model.units import FloatArray
 
-_MOST_SUMS = 400_000
-"""Products that are summed for each sample, times the samples: 3 MB of cumulative sums. More samples are thinned."""
-
-_BLOCKS, _FEWEST_BLOCKS = 60, 12
-"""Blocks of time at whose ends a change is searched first, with up to four sensors and with many."""
-
 _FEWEST = 30
 """Samples of the shortest part: three times those through which any ellipsoid passes."""
 
-_ROUNDS = 2
-"""Rounds of refining either end of a change to the sample, the other end held."""
-
-_FURTHER = 0.05
-"""Largest gain of a further change that is no chance, as a part of the first: of a ramp it is a half."""
-
-_FURTHER_BY_CHANCE = 0.2
-"""The same of one that chance may have made: slow noise of short recordings looks like steps too."""
-
-_PLAIN = 50.0
-"""Gain for each parameter from which a change is plain: a step of five times the noise in one axis half-way of 1200
-samples. Slow noise of five times the white one gained less in 300 recordings.
-"""
 
 _CHANCE = 1e-6
 """Probability that chance gains as much at given times, of which thousands are tried."""
-
-_STRETCH = 60
-"""Samples of the stretches in which a noise that is not stated is looked for: a change is in one of them."""
-
-_RIDGE = 1e-13
-"""Part of the trace of normal equations below which lies the rounding of cumulative sums."""
-
-_SMALLEST = 1e-3
-"""Least variance of the residuals over that of the noise; what is below is rounding."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +76,9 @@ def find_change(recording: SampleSource, array: Array) -> Span | None:
         Of these sensors; a noise that is not stated is estimated.
     """
     channels = 3 * array.sensor_count + 1
-    some = recording.thinned(max(10 * _FEWEST, _MOST_SUMS // (channels**2 + 11 * channels)))
+    # 400_000: products that are summed for each sample, times the samples: 3 MB of cumulative sums. More samples are
+    # thinned.
+    some = recording.thinned(max(10 * _FEWEST, 400_000 // (channels**2 + 11 * channels)))
     count = some.sample_count
     if count < 2 * _FEWEST:
         return None
@@ -113,13 +87,15 @@ def find_change(recording: SampleSource, array: Array) -> Span | None:
     if array.vector_noise_T is None:
         noisy = array.with_noise(noisy.vector_noise_T * np.sqrt(sums.usual_variance()), noisy.scalar_noise_T)
         sums = _Sums.of(some, noisy)
-    blocks = max(_FEWEST_BLOCKS, int(_BLOCKS * min(1.0, (4 / array.sensor_count) ** 1.5)))
+    # 60 and 12: blocks of time at whose ends a change is searched first, with up to four sensors and with many.
+    blocks = max(12, int(60 * min(1.0, (4 / array.sensor_count) ** 1.5)))
     bounds = np.unique(np.linspace(0, count, min(blocks, count // 10) + 1).astype(int))
     first, last = (index.ravel() for index in np.meshgrid(bounds[1:-1], bounds[1:], indexing="ij"))
     best, gain = sums.best(np.column_stack([first, last]))
     reach = int(np.diff(bounds).max())
     steps = np.unique(np.linspace(-reach, reach, 2 * blocks).astype(int))
-    for _ in range(_ROUNDS):
+    # 2: rounds of refining either end of a change to the sample, the other end held.
+    for _ in range(2):
         for end in (0, 1):
             if best[end] < count:
                 moved = np.where(np.arange(2) == end, best[end] + steps[:, None], best)
@@ -132,9 +108,13 @@ def find_change(recording: SampleSource, array: Array) -> Span | None:
     further = [
         sums.best(np.column_stack([bounds, np.full_like(bounds, stop)]), start)[1] for start, stop in pairwise(edges)
     ]
-    is_steady = np.array(further) <= max(_FURTHER * gain, min(chance, _FURTHER_BY_CHANCE * gain))
+    # 0.05: largest gain of a further change that is no chance, as a part of the first: of a ramp it is a half.
+    # 0.2: the same of one that chance may have made: slow noise of short recordings looks like steps too.
+    is_steady = np.array(further) <= max(0.05 * gain, min(chance, 0.2 * gain))
     if not (is_steady.any() if best[1] == count else is_steady.all()):
         return None
+    # 50.0: gain for each parameter from which a change is plain: a step of five times the noise in one axis half-way of
+    # 1200 samples. Slow noise of five times the white one gained less in 300 recordings.
     return Span(
         some,
         noisy,
@@ -142,7 +122,7 @@ def find_change(recording: SampleSource, array: Array) -> Span | None:
         int(best[1]),
         bool(is_steady[1]),
         bool(is_steady[::2].all()),
-        gain > _PLAIN * sums.parameters,
+        gain > 50.0 * sums.parameters,
     )
 
 
@@ -218,11 +198,13 @@ class _Sums:
         energy = between + np.sum(np.maximum(own, joint[:, -1, -1, None]), axis=1)
         channels = joint.shape[1] - 1
         freedom = joint[:, -1, -1] * (channels - 3 + channels // 3)
-        return np.asarray(freedom * np.log(energy / (freedom - self.parameters) + _SMALLEST))
+        # 1e-3: least variance of the residuals over that of the noise; what is below is rounding.
+        return np.asarray(freedom * np.log(energy / (freedom - self.parameters) + 1e-3))
 
     def usual_variance(self) -> float:
         """Return the median variance over the noise that short stretches leave between sensors, or of a single one."""
-        bounds = np.linspace(0, len(self.joint) - 1, (len(self.joint) - 1) // _STRETCH + 1).astype(int)
+        # 60: samples of the stretches in which a noise that is not stated is looked for: a change is in one of them.
+        bounds = np.linspace(0, len(self.joint) - 1, (len(self.joint) - 1) // 60 + 1).astype(int)
         between, own = _energies(np.diff(self.joint[bounds], axis=0), np.diff(self.quartic[bounds], axis=0))
         channels, terms = self.joint.shape[1] - 1, self.quartic.shape[2] - 1
         if channels == 3:
@@ -235,7 +217,8 @@ def _energies(joint: FloatArray, quartic: FloatArray) -> tuple[FloatArray, Float
     mean = joint[:, :-1, -1:] / joint[:, -1:, -1:]
     spread = joint[:, :-1, :-1] - mean * joint[:, -1:, :-1]
     normal, right = quartic[..., :-1, :-1], quartic[..., :-1, -1]
-    ridge = _RIDGE * np.trace(normal, axis1=-2, axis2=-1)[..., None, None] * np.eye(normal.shape[-1])
+    # 1e-13: part of the trace of normal equations below which lies the rounding of cumulative sums.
+    ridge = 1e-13 * np.trace(normal, axis1=-2, axis2=-1)[..., None, None] * np.eye(normal.shape[-1])
     explained = np.sum(right * np.linalg.solve(normal + ridge, right[..., None])[..., 0], axis=-1)
     between = np.sum(np.maximum(np.linalg.eigvalsh(spread)[:, :-3], 0), axis=1)
     return between, np.maximum(quartic[..., -1, -1] - explained, 0)

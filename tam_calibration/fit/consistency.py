@@ -1,6 +1,8 @@
 """Whether one calibration describes a whole recording, and what speaks against trusting it.
 
 Of a recording of more than ``SKETCH`` samples every n-th one is looked at.
+
+What speaks against trusting a calibration: each doubt says what is wrong and, behind the last colon, what to do.
 """
 
 from collections.abc import Callable, Collection
@@ -11,30 +13,16 @@ from numpy.linalg import norm
 
 from tam_calibration.correction.acceptance import WRONG_PART
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.identifiability import require_accurate
+from tam_calibration.fit.coverage import field_of, measure_coverage
+from tam_calibration.fit.identifiability import FEWEST_SAMPLES, require_accurate
 from tam_calibration.fit.recorded_attitude import as_if_uniform
+from tam_calibration.fit.scalar_check import FOLLOWS
 from tam_calibration.fit.scale import normalize, sphere_of_most
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import SKETCH, SampleSource
 from tam_calibration.model.residuals import residual_series
-from tam_calibration.model.units import FloatArray, to_nanotesla
-
-_PARTS = 10
-"""Of equal length, of which each is long enough for some turns of a usual survey."""
-
-_FEWEST_IN_PART = 10
-"""Fewest samples in a part: their median is certain to a third."""
-
-_STEADY_RATIO = 4.0
-"""Of the largest to the smallest residual; in the shortest parts white noise of four sensors makes 2.5 once in 1000."""
-
-_LARGEST_STEADY_RESIDUAL = 1e-5
-"""Part of the intensity, half a nanotesla: what is less, no calibration is asked for."""
-
-_LARGEST_DISTANCE = 0.05
-"""Part of the radius of a sphere that most readings are near; errors of scale and angles make readings miss it too."""
-
+from tam_calibration.model.units import FloatArray, from_degrees, to_degrees, to_nanotesla
 
 SOMETHING_MAGNETIC = "something magnetic came near, or a sensor changed"
 """What is suspected of a residual that changes, as long as no diagnosis finds another cause."""
@@ -51,7 +39,14 @@ class _Parts:
     def exceeds(self, residual_T: float) -> bool:
         """Whether the residual changes much between the parts and grows above a size."""
         loud = float(self.residual_T.max())
-        return loud > residual_T and loud > _STEADY_RATIO * float(self.residual_T.min())
+        # 4.0: of the largest to the smallest residual; in the shortest parts white noise of four sensors makes 2.5 once
+        # in 1000.
+        return loud > residual_T and loud > 4.0 * float(self.residual_T.min())
+
+    def require_steady(self, residual_T: float) -> None:
+        """Refuse a residual that changes and exceeds a size."""
+        if self.exceeds(residual_T):
+            raise Refused(f"the recording is not one calibration: {self.sentence()}; calibrate the parts apart")
 
     def sentence(self) -> str:
         loud, quiet = int(self.residual_T.argmax()), int(self.residual_T.argmin())
@@ -71,7 +66,7 @@ def require_one_calibration(recording: SampleSource, calibration: Calibration) -
     Parameters
     ----------
     recording : SampleSource
-        Raw readings, an ambient gradient taken off.
+        Raw readings of K sensors.
     calibration : Calibration
         What was fitted to them.
 
@@ -81,11 +76,10 @@ def require_one_calibration(recording: SampleSource, calibration: Calibration) -
         With the reason, and the times at which the residual is smallest and largest.
     """
     field = calibration.array.field
-    parts = _residual_in_parts(recording, calibration)
-    if parts is not None and parts.exceeds(WRONG_PART * calibration.intensity_T):
-        raise Refused(f"the recording is not one calibration: {parts.sentence()}; calibrate the parts apart")
+    uniform = as_if_uniform(recording, calibration.errors, calibration.array, calibration.ambient_gradient)
+    _residual_in_parts(uniform, calibration).require_steady(WRONG_PART * calibration.intensity_T)
     if not field.hold(calibration.intensity_T):
-        require_one_sphere(recording)
+        require_one_sphere(uniform)
         raise Refused(
             f"the fitted intensity of {calibration.intensity_T * 1e6:.4g} µT is outside the "
             f"{field.range_uT} µT of {field.whose} field: the readings are not those of one sensor turned in one field"
@@ -106,9 +100,9 @@ def require_one_sphere(recording: SampleSource) -> None:
     for points in np.swapaxes(data.points, 0, 1):
         center, radius = sphere_of_most(points)
         distance = np.maximum(distance, np.abs(norm(points - center, axis=1) - radius))
-    parts = _in_parts(data.radius_T * distance, some.time_s)
-    if parts is not None and parts.exceeds(_LARGEST_DISTANCE * data.radius_T):
-        raise Refused(f"the recording is not one calibration: {parts.sentence()}; calibrate the parts apart")
+    # 0.05: part of the radius of a sphere that most readings are near; errors of scale and angles make readings miss it
+    # too.
+    _in_parts(data.radius_T * distance, some.time_s).require_steady(0.05 * data.radius_T)
 
 
 def residual_that_changes(recording: SampleSource, calibration: Calibration) -> str:
@@ -122,22 +116,25 @@ def residual_that_changes(recording: SampleSource, calibration: Calibration) -> 
         What was fitted to them.
     """
     parts = _residual_in_parts(recording, calibration)
-    if parts is None or not parts.exceeds(_LARGEST_STEADY_RESIDUAL * calibration.intensity_T):
+    # 1e-5: part of the intensity, half a nanotesla: what is less, no calibration is asked for.
+    if not parts.exceeds(1e-5 * calibration.intensity_T):
         return ""
     return f"{parts.sentence()}: leave that time out with --from and --until"
 
 
-def _residual_in_parts(recording: SampleSource, calibration: Calibration) -> _Parts | None:
+def _residual_in_parts(recording: SampleSource, calibration: Calibration) -> _Parts:
     some = recording.thinned(SKETCH)
     series = residual_series(calibration.errors, calibration.array, some, calibration.intensity_T)
     known = np.isfinite(series.center_intensity_T)
     return _in_parts(np.abs(series.sensor_intensity_T[known]).max(axis=1), some.time_s[known])
 
 
-def _in_parts(residual: FloatArray, time: FloatArray) -> _Parts | None:
-    if len(residual) < _PARTS * _FEWEST_IN_PART:
-        return None
-    chunks = np.array_split(np.arange(len(residual)), _PARTS)
+def _in_parts(residual: FloatArray, time: FloatArray) -> _Parts:
+    """Return the medians of ten parts; of one that changes nothing where there are too few samples."""
+    # Ten samples make the median of a part certain to a third; each part has some turns of a usual survey.
+    if len(residual) < 100:
+        return _Parts(*np.zeros((3, 1)))
+    chunks = np.array_split(np.arange(len(residual)), 10)
     return _Parts(
         np.array([np.median(residual[chunk]) for chunk in chunks]),
         np.array([time[chunk[0]] for chunk in chunks]),
@@ -174,24 +171,158 @@ def accepted(recording: SampleSource, array: Array, fit: Fit, accept: Collection
     except (InputError, Refused):
         require_one_sphere(recording)
         raise
-    require_one_field(recording, calibration)
+    require_one_calibration(recording, calibration)
     return require_accurate(calibration, recording, accept)
 
 
-def require_one_field(recording: SampleSource, calibration: Calibration) -> None:
-    """Check that a recording is one calibration in one field.
+LOOK_FOR_CAUSE = "look for the cause with tam diagnose"
+"""What to do about a residual."""
+
+_FEWEST_FOR_GRADIENT = 3
+"""Sensors that determine a gradient unless they lie on one line."""
+
+
+def doubts_of(recording: SampleSource, calibration: Calibration) -> tuple[str, ...]:
+    """Return what speaks against trusting a calibration, one sentence each, the gravest first.
 
     Parameters
     ----------
     recording : SampleSource
-        Raw readings of K sensors.
+        Raw readings, an ambient gradient taken off; of a large one every n-th sample is looked at.
     calibration : Calibration
-        Made from them.
-
-    Raises
-    ------
-    Refused
-        When it is not.
+        What was fitted to them, with its residuals of held-out samples where there are any.
     """
-    uniform = as_if_uniform(recording, calibration.errors, calibration.array, calibration.ambient_gradient)
-    require_one_calibration(uniform, calibration)
+    some, has_attitude = recording.thinned(SKETCH), calibration.array.attitude_noise is not None
+    found = (
+        _residual(calibration),
+        _small_residual(calibration),
+        residual_that_changes(some, calibration),
+        # What a prior or attitude tells need not be visited: the standard errors say whether both are enough.
+        "" if calibration.update or has_attitude else _coverage(some, calibration),
+        "" if has_attitude else _standard_errors(calibration),
+        _geometry(calibration),
+        _first_sensor(calibration),
+        "" if calibration.update else _bias(calibration),
+    )
+    return tuple(filter(None, found))
+
+
+_CHANNELS = {"differential": "between the sensors", "common_mode": "against the reference intensity"}
+
+
+def is_unexplained(calibration: Calibration) -> bool:
+    """Whether a residual is doubted whose cause a diagnosis may find: effects that were fitted are known causes."""
+    return not calibration.effects and any(LOOK_FOR_CAUSE in warning for warning in calibration.warnings)
+
+
+def _residual(calibration: Calibration) -> str:
+    """Compare with the floor, leaving room for three standard deviations of an RMS of so many samples."""
+    # 1.1: largest residual over noise floor, apart from chance: data sheets are hardly more exact.
+    accepted = 1.1 + 3 / np.sqrt(2 * calibration.samples)
+    residuals, floor = calibration.best_residuals, calibration.floor
+    sensors = residuals.sensor_intensity_T / floor.sensor_intensity_T
+    ratios = {f"|B| of sensor {sensor + 1}": float(value) for sensor, value in enumerate(sensors)}
+    if calibration.array.has_gradient:
+        ratios["the tensor"] = residuals.tensor_rmse_T_per_m / floor.tensor_rmse_T_per_m
+    chi_square = calibration.reduced_chi_square
+    ratios |= {words: float(np.sqrt(chi_square[name])) for name, words in _CHANNELS.items() if name in chi_square}
+    high = [(name, value) for name, value in ratios.items() if not value <= accepted]
+    # 2: residuals that a doubt names, the largest first.
+    worst = ", ".join(f"{name} {value:.3g} times" for name, value in sorted(high, key=lambda one: -one[1])[:2])
+    factor = float(np.sqrt(calibration.variance_factors.largest))
+    widened = (
+        f"; its slow part is {factor:.3g} times that of white noise, and standard errors have been increased"
+        if factor > 1
+        else ""
+    )
+    # 100.0: samples over how long their noise lasts, from which standard errors hold (benchmarks/error_coverage.py).
+    if widened and (independent := calibration.samples / factor**2) < 100.0:
+        widened += f" but may still be too small ({independent:.0f} independent samples)"
+    if high:
+        return f"the residual is above the noise floor ({worst}){widened}: {LOOK_FOR_CAUSE}"
+    if widened:
+        return f"the residual is correlated in time{widened}: {LOOK_FOR_CAUSE}"
+    return ""
+
+
+def _small_residual(calibration: Calibration) -> str:
+    """Say where less than half of the stated noise is left, six standard deviations of χ² below that."""
+    chance = 6 * np.sqrt(2 / max(1, calibration.samples - FEWEST_SAMPLES))
+    chi_square = calibration.reduced_chi_square
+    # 0.25: smallest reduced χ², of half the stated noise: data sheets guarantee more than sensors make.
+    small = {name: chi_square[name] for name in _CHANNELS if chi_square.get(name, 1.0) < min(0.25, 1 - chance)}
+    if not small:
+        return ""
+    ratio = float(np.sqrt(max(small.values())))
+    words = " and ".join(_CHANNELS[name] for name in small)
+    return (
+        f"the residual {words} is only {ratio:.2g} times the stated noise, so standard errors are {1 / ratio:.2g} "
+        "times too large: state less noise, or leave it out to have it estimated"
+    )
+
+
+def _coverage(recording: SampleSource, calibration: Calibration) -> str:
+    coverage = measure_coverage(field_of(recording.whole(), calibration.errors))
+    if coverage.enough:
+        return ""
+    return f"the field visited only {coverage.fraction:.0%} of the sphere of directions: {coverage.advice}"
+
+
+def _standard_errors(calibration: Calibration) -> str:
+    """Compare the standard error of corrected samples, as a mean over all directions, with that of sensor noise."""
+    noise = np.sqrt(calibration.correction_matrix**2 @ np.repeat(calibration.array.vector_noise_T**2, 3))
+    growth = float(np.nanmax(calibration.output_standard_errors / noise))
+    # np.sqrt(2): largest standard error of a corrected sample over what sensor noise alone makes: both have an equal
+    # part in it.
+    if growth <= np.sqrt(2):
+        return ""
+    if of_scalar := next((note for note in calibration.notes if note.startswith(FOLLOWS)), ""):
+        return of_scalar
+    return (
+        f"the parameter errors increase the error of a corrected sample to {growth:.3g} times that of sensor noise "
+        "alone: record longer, in more directions"
+    )
+
+
+def _geometry(calibration: Calibration) -> str:
+    if calibration.array.sensor_count < _FEWEST_FOR_GRADIENT or calibration.array.has_gradient:
+        return ""
+    return "the sensors lie on one line, so the outputs have no gradient: place one sensor off that line"
+
+
+def _first_sensor(calibration: Calibration) -> str:
+    """Compare the turns of the other sensors, which all lie askew in the axes of a sensor 1 that does itself."""
+    left, _, right = np.linalg.svd(calibration.errors.matrix)
+    turns = left @ right
+    if calibration.errors.sensor_count < _FEWEST_FOR_GRADIENT or (np.linalg.det(turns) < 0).any():
+        return ""
+    sizes = _angles(turns[1:])
+    size = float(sizes.min())
+    # from_degrees(5.0): turn of all other sensors against sensor 1 that no mounting makes by accident: sensors are
+    # aligned to degrees.
+    if size < from_degrees(5.0) or _angles(turns[2:] @ turns[1].T).max() > size / 3:
+        return ""
+    return (
+        f"all other sensors are turned by {to_degrees(size):.2g}° against sensor 1, whose axes are those of the array: "
+        "state how sensor 1 is mounted (rotations_deg in the array file), or record attitude and use --method "
+        "integrated"
+    )
+
+
+def _angles(turns: FloatArray) -> FloatArray:
+    """Return the angles (n,) of rotation matrices (n, 3, 3), radians."""
+    return np.asarray(np.arccos(np.clip((np.trace(turns, axis1=1, axis2=2) - 1) / 2, -1, 1)))
+
+
+def _bias(calibration: Calibration) -> str:
+    bias_T = np.abs(calibration.errors.bias_T)
+    sensor, axis = divmod(int(np.argmax(bias_T)), 3)
+    ratio = float(bias_T[sensor, axis]) / calibration.intensity_T
+    # 2.0: bias over the field from which a magnet or an offset of the driver is suspected: it uses up most of a usual
+    # range.
+    if ratio <= 2.0:
+        return ""
+    return (
+        f"the bias of sensor {sensor + 1} {'xyz'[axis]} is {to_nanotesla(float(bias_T[sensor, axis])):.6g} nT, "
+        f"{ratio:.2g} times the field: look for a magnet at the sensor, and for an offset of its driver"
+    )

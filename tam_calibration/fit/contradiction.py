@@ -8,18 +8,28 @@ factor
     exp(½ qᵀ (M + D⁻¹)⁻¹ q) / √det(1 + D M),    q = Eᵀ V⁻¹ d,  M = Eᵀ V⁻¹ E,
 
 the ratio of the evidences: a change that would explain little, or could be anything, is not preferred.
+
+What else may have changed since a prior than what is named, and how much less certain the prior is by that.
+
+A narrow turn shows few directions well. A contradiction along those may come from one bias. It may as well come from
+all sensors, which have warmed while no temperature was recorded, from a sensor that was repaired, or from other iron
+aboard. Then errors that the turn does not show have changed too. Often the readings leave both possible. The covariance
+of the prior therefore grows by that of each such change times its probability (the law of total variance).
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from operator import itemgetter
+from typing import NamedTuple
 
 import numpy as np
 from numpy.linalg import slogdet
 
-from tam_calibration.correction.update import ALL_BIASES, COMMON_SCALE, KINDS, SEVERAL, in_words
-from tam_calibration.fit.posterior import Posterior
-from tam_calibration.fit.prior import Prior, without_scale
+from tam_calibration.correction.parts import ALL_BIASES, COMMON_SCALE, KINDS, SEVERAL, in_words
+from tam_calibration.fit.prior import Prior
+from tam_calibration.fit.problem import Posterior
+from tam_calibration.fit.scale import without_scale
+from tam_calibration.model.data_sheet import DAY_S
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_nanotesla
 
@@ -97,24 +107,14 @@ def _of(kind: str, sensor: int, directions: FloatArray, components: tuple[str, .
 SIGNIFICANT = 1e-4
 """Probability of a difference below which data and prior contradict: one false alarm in ten thousand updates."""
 
-_CONVINCING = np.log(1e4)
-"""Logarithm of the evidence of a change from which it contradicts, however little it is of the whole difference: by
-chance a given one is convincing at most once in ten thousand updates."""
-
-_LEAST_GAIN = 0.01
-"""Information of the data over that of the prior above which a direction counts: in others they cannot contradict."""
 
 _SIZES_T = from_nanotesla(np.geomspace(10.0, 1e4, 7))
 """Standard deviations of what may happen to a sensor, from a screwdriver at a metre to an amplifier that broke: as a
 bias, and as a scale factor or angle times the field."""
 
-_LOG_ODDS = -float(np.log(100.0))
-"""Of all errors of a sensor, and of all biases, over one kind of one sensor; of all errors of all twice as much."""
 
 _EVERYTHING = in_words(SEVERAL, 0)
 
-_NO_CHANGE = 1e-9
-"""Part of a change that is left of it in the convention of the prior where that holds it: rounding."""
 
 MOST_CHANGES = 3
 """Found one after the other: where more moved, the whole array has, which is one of them."""
@@ -180,7 +180,9 @@ class Difference:
         left, turns = np.linalg.eigh(prior.whitening.T @ covariance @ prior.whitening)
         left = np.clip(left, np.finfo(float).eps, 1.0)
         gain, along, back = 1 / left - 1, turns.T @ distance, prior.whitening @ turns
-        is_seen = gain > _LEAST_GAIN
+        # 0.01: information of the data over that of the prior above which a direction counts: in others they cannot
+        # contradict.
+        is_seen = gain > 0.01
         chi_square = float(np.sum(along[is_seen] ** 2 * (1 + 1 / gain[is_seen])))
         return cls(back @ along, back * (1 - left) @ back.T, chi_square, int(is_seen.sum()))
 
@@ -249,7 +251,9 @@ def changes_that_explain(difference: Difference, candidates: Sequence[Sequence[C
         ]
         best = [max(sizes, key=itemgetter(0)) for sizes in weighed]
         evidence, strongest = max(best, key=itemgetter(0))
-        if evidence < (0.0 if difference.probability < SIGNIFICANT else _CONVINCING):
+        # np.log(1e4): logarithm of the evidence of a change from which it contradicts, however little it is of the
+        # whole difference: by chance a given one is convincing at most once in ten thousand updates.
+        if evidence < (0.0 if difference.probability < SIGNIFICANT else np.log(1e4)):
             break
         found.append([difference.estimated(change) for change in plausible(best)])
         if is_everything(strongest):
@@ -263,9 +267,11 @@ def log_odds(change: Change) -> float:
 
     Unknowns that no sample shows cost no evidence: of what explains as much, the least is chosen.
     """
+    # Of all errors of a sensor, and of all biases, over one kind of one sensor; of all errors of all twice as much.
+    log_odds = -float(np.log(100.0))
     if is_everything(change):
-        return 2 * _LOG_ODDS
-    return _LOG_ODDS if change.hypothesis.parameters in (SEVERAL, ALL_BIASES) else 0.0
+        return 2 * log_odds
+    return log_odds if change.hypothesis.parameters in (SEVERAL, ALL_BIASES) else 0.0
 
 
 def plausible(weighed: Sequence[tuple[float, Change]]) -> list[Change]:
@@ -319,9 +325,127 @@ def candidates_of(prior: Prior, sees_scale: bool) -> list[list[Change]]:
         directions = derivative @ hypothesis.directions
         if not sees_scale and (sensors == 1 or hypothesis.sensor == 0):
             directions = without_scale(errors) @ directions
-        if np.abs(directions).max() < _NO_CHANGE * np.abs(hypothesis.directions).max():
+        # 1e-9: part of a change that is left of it in the convention of the prior where that holds it: rounding.
+        if np.abs(directions).max() < 1e-9 * np.abs(hypothesis.directions).max():
             continue
         is_bias = hypothesis.directions.reshape(-1, 12, hypothesis.directions.shape[1])[:, 6:9].any(axis=(0, 1))
         unit = np.where(is_bias, 1.0, 1 / prior.calibration.intensity_T)
         candidates.append([Change(hypothesis, directions, (size_T * unit) ** 2) for size_T in _SIZES_T])
     return candidates
+
+
+_UNNOTICED = 0.01
+"""Probability that something moved since the prior by more than its rates of change say."""
+
+
+_TIMES = (3.0, 10.0, 30.0)
+"""Changes that are tried: so many times the random walk of a day, so many kelvins, or both."""
+
+
+_MATRIX = [0, 1, 2, 3, 4, 5, 9, 10, 11]
+"""Places of the errors that multiply the field among the twelve of a sensor."""
+
+
+class Unnamed(NamedTuple):
+    """A change that is not named, its probability, and what it adds to the covariance (12 K, 12 K) of the prior."""
+
+    name: str
+    probability: float
+    covariance: FloatArray
+
+
+def unnamed_changes(
+    difference: Difference,
+    prior: Prior,
+    found: Sequence[Sequence[Change]],
+    candidates: Sequence[Sequence[Change]],
+) -> list[Unnamed]:
+    """Return what may have changed together with, or instead of, the changes that are named.
+
+    Parameters
+    ----------
+    difference : Difference
+        Of data and prior.
+    prior : Prior
+        As it was given, with its rates.
+    found : sequence of sequence of Change
+        Changes that explain the difference, each with its rivals after it; empty where there is no contradiction.
+    candidates : sequence of sequence of Change
+        What may have changed, each in all sizes, as of ``candidates_of``.
+    """
+    if any(is_everything(change) for change, *_ in found):
+        return []
+    few, left = 0.0, difference
+    for change, *_ in found:
+        few += left.evidence(change) + log_odds(change) + np.log(_UNNOTICED)
+        left = left.without(change)
+    unnamed = [
+        _more(left, change, prior) for change, *_ in found if change.hypothesis.parameters in (*KINDS, ALL_BIASES)
+    ]
+    if not found:
+        unnamed.append(small_changes(difference, candidates))
+    return unnamed if prior.rates is None else [*unnamed, _faster(difference, prior, few)]
+
+
+def small_changes(difference: Difference, candidates: Sequence[Sequence[Change]]) -> Unnamed:
+    """Return all changes that are too uncertain to be named.
+
+    Each adds the square of its estimate times its probability: a difference that chance makes once in a thousand
+    updates is a small change once in ten.
+
+    Parameters
+    ----------
+    difference, candidates
+        As for ``unnamed_changes``, where nothing was found.
+    """
+    every = [change for sizes in candidates for change in sizes]
+    evidence = np.array([difference.evidence(change) + log_odds(change) for change in every])
+    weight = _UNNOTICED / len(every) * np.exp(evidence)
+    moved = np.array([change.directions @ difference.estimated(change).estimate for change in every])
+    part = weight / (1 + weight.sum())
+    return Unnamed("a small change", float(part.sum()), moved.T * part @ moved)
+
+
+def _more(left: Difference, change: Change, prior: Prior) -> Unnamed:
+    """Return what often changes together: all errors of a sensor, or soft iron with the biases of all sensors."""
+    sensors = prior.errors.sensor_count
+    every = np.eye(12 * sensors).reshape(-1, sensors, 12)
+    if change.hypothesis.parameters == ALL_BIASES:
+        name, directions, scaled = "soft iron of the vehicle", every[:, :, _MATRIX].sum(axis=1), np.ones(9, dtype=bool)
+    else:
+        sensor = change.hypothesis.sensor
+        name, directions, scaled = in_words(SEVERAL, sensor), every[:, sensor - 1], np.isin(np.arange(12), _MATRIX)
+    intensity_T = prior.calibration.intensity_T
+    size_T = np.sqrt(np.mean(change.estimate**2)) * (1.0 if "bias" in change.hypothesis.parameters else intensity_T)
+    # (1.0, 0.3, 0.1, 0.03): sizes that are tried for the other changes, over that of the change that is named.
+    variances = np.square(np.outer((1.0, 0.3, 0.1, 0.03), size_T * np.where(scaled, 1 / intensity_T, 1.0)))
+    # 0.0: logarithm of the odds, before any reading, that more has changed with what is named: as likely as not.
+    return _weighed(name, left, prior, directions, variances, 0.0)
+
+
+def _faster(difference: Difference, prior: Prior, few: float) -> Unnamed:
+    """Return that all errors changed faster than stated, instead of few changes with that logarithm of the evidence."""
+    assert prior.rates is not None
+    sizes = [size for times in _TIMES for size in ((times, 0.0), (0.0, times), (times, times))]
+    rates = np.array([prior.rates.variances(walk**2 * DAY_S, warming_K) for walk, warming_K in sizes])
+    variances = np.tile(rates, prior.errors.sensor_count)
+    every = np.eye(variances.shape[1])
+    # float(np.log(0.05)): logarithm of the probability, before any reading, that rates are stated too small.
+    return _weighed("all errors, faster than stated", difference, prior, every, variances, float(np.log(0.05)) - few)
+
+
+def _weighed(
+    name: str, difference: Difference, prior: Prior, directions: FloatArray, variances: FloatArray, log_prior: float
+) -> Unnamed:
+    """Return a change of several possible sizes, weighed by the evidence of each.
+
+    The directions (12 K, M) are those of M unknowns, the variances (S, M) those of S sizes.
+    """
+    _, derivative = prior.in_convention(prior.errors)
+    directions = derivative @ directions
+    changes = [Change(Hypothesis(name, SEVERAL, 0, directions, (), ""), directions, variance) for variance in variances]
+    evidence = np.array([difference.evidence(change) for change in changes])
+    total = float(np.logaddexp.reduce(evidence))
+    probability = float(np.exp(-np.logaddexp(0.0, np.log(len(changes)) - log_prior - total)))
+    variance = probability * np.exp(evidence - total) @ variances
+    return Unnamed(name, probability, directions * variance @ directions.T)

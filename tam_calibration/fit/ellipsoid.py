@@ -5,6 +5,9 @@ one pass over the data suffices, parts of the data can be added and taken away, 
 Every function takes any number of leading axes and treats each set of moments apart.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import numpy as np
 from numpy.linalg import LinAlgError
 
@@ -16,8 +19,24 @@ NO_ELLIPSOID = (
     "or the field or a sensor changed during the recording"
 )
 
-ROWS, COLUMNS = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
-"""Where the six elements xx yy zz xy xz yz stand in a symmetric matrix."""
+
+@contextmanager
+def determined() -> Iterator[None]:
+    """Say of singular equations that the readings determine no ellipsoid.
+
+    Raises
+    ------
+    InputError
+        Where a block or function raises LinAlgError.
+    """
+    try:
+        yield
+    except LinAlgError:
+        raise InputError(NO_ELLIPSOID) from None
+
+
+ROWS, COLUMNS = np.array([[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+"""Row and column of the six elements xx yy zz xy xz yz of a symmetric matrix."""
 
 
 def _shifts() -> FloatArray:
@@ -89,29 +108,7 @@ def symmetric(elements: FloatArray) -> FloatArray:
     return elements[..., [0, 3, 4, 3, 1, 5, 4, 5, 2]].reshape(*elements.shape[:-1], 3, 3)
 
 
-def _linear_center(moments: FloatArray, right: FloatArray) -> FloatArray:
-    """Return the centres (..., 3) of the ellipsoids pᵀ A p - 2 (A o)ᵀ p = r of Wu 2025 eq. 9.
-
-    Parameters
-    ----------
-    moments : (..., 11, 11) array
-        Sums of the outer products of the monomials, points scaled to order one.
-    right : (..., 9) array
-        Sums of the first nine monomials times the right-hand side r.
-
-    Raises
-    ------
-    InputError
-        When the points do not determine an ellipsoid.
-    """
-    unknowns = _solve(moments[..., :9, :9], right)
-    try:
-        center: FloatArray = np.linalg.solve(symmetric(unknowns[..., :6]), -unknowns[..., 6:, None] / 2)[..., 0]
-    except LinAlgError:
-        raise InputError(NO_ELLIPSOID) from None
-    return center
-
-
+@determined()
 def center_of(moments: FloatArray) -> FloatArray:
     """Return the centres (..., 3) of the ellipsoids (p - o)ᵀ A (p - o) = s²/mean s².
 
@@ -127,7 +124,9 @@ def center_of(moments: FloatArray) -> FloatArray:
     mean_square = moments[..., 9, 10] / moments[..., 9, 9]
     center, moved = np.zeros((*moments.shape[:-2], 3)), moments
     for _ in range(20):
-        step = _linear_center(moved, moved[..., :9, 10] / mean_square[..., None])
+        # (p - o)ᵀ A (p - o) = r is pᵀ A p - 2 (A o)ᵀ p = r - oᵀ A o: linear in A and A o (Wu 2025 eq. 9).
+        unknowns = _solve(moved[..., :9, :9], moved[..., :9, 10] / mean_square[..., None])
+        step = np.linalg.solve(symmetric(unknowns[..., :6]), -unknowns[..., 6:, None] / 2)[..., 0]
         center = center + step
         # What is neglected is quadratic in the step.
         if np.abs(step).max() < 1e-8:
@@ -160,6 +159,7 @@ def shape_about(moments: FloatArray, center: FloatArray) -> FloatArray:
     return symmetric(_solve(moved[..., :6, :6], moved[..., :6, 10]))
 
 
+@determined()
 def square_root(shape: FloatArray) -> FloatArray:
     """Return the upper triangular Ω (..., 3, 3) with a positive diagonal and Ωᵀ Ω = A.
 
@@ -168,10 +168,7 @@ def square_root(shape: FloatArray) -> FloatArray:
     InputError
         When A is not positive definite.
     """
-    try:
-        return np.swapaxes(np.linalg.cholesky(shape), -1, -2)
-    except LinAlgError:
-        raise InputError(NO_ELLIPSOID) from None
+    return np.swapaxes(np.linalg.cholesky(shape), -1, -2)
 
 
 def fitted(moments: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -186,12 +183,9 @@ def fitted(moments: FloatArray) -> tuple[FloatArray, FloatArray]:
     return center, square_root(shape_about(moments, center))
 
 
+@determined()
 def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
     """Solve symmetric systems after scaling the rows and columns to a unit diagonal."""
     scale = 1 / np.sqrt(np.maximum(np.diagonal(matrix, axis1=-2, axis2=-1), np.finfo(float).tiny))
     scaled = matrix * scale[..., :, None] * scale[..., None, :]
-    try:
-        solution: FloatArray = scale * np.linalg.solve(scaled, (scale * right)[..., None])[..., 0]
-    except LinAlgError:
-        raise InputError(NO_ELLIPSOID) from None
-    return solution
+    return np.asarray(scale * np.linalg.solve(scaled, (scale * right)[..., None])[..., 0])

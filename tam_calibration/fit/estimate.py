@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tam_calibration.core.noise import complete_noise
-from tam_calibration.core.variance_factors import VarianceFactors
+from tam_calibration.core.slow_cosines import VarianceFactors
 from tam_calibration.correction.calibration import FRAME_STATEMENT, AmbientGradientEstimate, Calibration
 from tam_calibration.fit.channel_maps import ChannelMaps
 from tam_calibration.fit.coverage import field_of, measure_coverage

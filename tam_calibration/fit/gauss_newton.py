@@ -4,9 +4,8 @@ from collections.abc import Callable
 from typing import NamedTuple, TypeVar
 
 import numpy as np
-from numpy.linalg import LinAlgError
 
-from tam_calibration.core.least_squares import iterate, scaled
+from tam_calibration.core.least_squares import scaled
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.likelihood import UNIFORM, Linearization
 from tam_calibration.model.exceptions import InputError, Refused
@@ -15,10 +14,6 @@ from tam_calibration.model.units import FloatArray
 Place = TypeVar("Place")
 Kept = TypeVar("Kept")
 
-_MOST_STEPS = 100
-
-_FARTHEST = 1e6
-"""Size of a step of matrices and biases, which are of order one, from which no way leads back."""
 
 _NOT_ONE = "the readings do not fit one calibration, look for a change of field or sensor during the recording"
 
@@ -67,7 +62,8 @@ def gauss_newton(
         return here.information[np.ix_(free, free)], here.score[free], here.information
 
     def moved(before: Point, change: FloatArray) -> Point:
-        if not np.abs(change).max() < _FARTHEST:
+        # 1e6: size of a step of matrices and biases, which are of order one, from which no way leads back.
+        if not np.abs(change).max() < 1e6:
             raise Refused(f"the fit goes astray: {_NOT_ONE}")
         step = np.zeros(free.size)
         step[free] = change
@@ -80,7 +76,7 @@ def gauss_newton(
 def descend(
     normal_at: Callable[[Place], tuple[FloatArray, FloatArray, Kept]],
     moved: Callable[[Place, FloatArray], Place],
-    start: Place,
+    place: Place,
     robust: bool = False,
 ) -> tuple[Place, Kept]:
     """Return the place where Gauss-Newton steps settle, and what was kept a last step before.
@@ -91,7 +87,7 @@ def descend(
         From a place to the information (M, M) of what is free there, the downhill gradient (M,), and what to keep.
     moved : callable
         From a place and a step (M,) to the next place.
-    start : Place
+    place : Place
         Where to begin.
     robust : bool
         Whether the weights of the samples change from step to step.
@@ -103,24 +99,21 @@ def descend(
     Refused
         When the iteration does not settle.
     """
-
-    def step_from(state: tuple[Place, Kept | None, float]) -> tuple[tuple[Place, Kept | None, float], bool]:
-        place, _, before = state
+    before = np.inf
+    for _ in range(100):
         information, gradient, kept = normal_at(place)
         step = newton_step(information, gradient)
         # Twice the fall of the likelihood that the step promises; below one it is part of a standard error.
         decrement = float(step @ gradient)
         # Newton's steps fall quadratically until rounding stops them, those with new weights by a constant factor.
         is_rounding = not robust and decrement < 1e-2 and decrement > before / 4
-        return (moved(place, step), kept, decrement), is_rounding or decrement < (1e-5 if robust else 1e-6)
-
-    first: tuple[Place, Kept | None, float] = (start, None, np.inf)
-    (place, kept, _), is_settled = iterate(step_from, first, _MOST_STEPS)
-    if not is_settled or kept is None:
-        raise Refused(f"the fit did not settle in {_MOST_STEPS} steps: {_NOT_ONE}")
-    return place, kept
+        place, before = moved(place, step), decrement
+        if is_rounding or decrement < (1e-5 if robust else 1e-6):
+            return place, kept
+    raise Refused(f"the fit did not settle in 100 steps: {_NOT_ONE}")
 
 
+@ellipsoid.determined()
 def newton_step(information: FloatArray, gradient: FloatArray) -> FloatArray:
     """Return the step (M,) to the maximum of a parabola, with its information (M, M) and downhill gradient (M,).
 
@@ -132,8 +125,4 @@ def newton_step(information: FloatArray, gradient: FloatArray) -> FloatArray:
     unit, scale = scaled(information)
     if not (np.diag(information) > 0).all():
         raise InputError(ellipsoid.NO_ELLIPSOID)
-    try:
-        step: FloatArray = np.linalg.solve(unit, gradient / scale) / scale
-    except LinAlgError:
-        raise InputError(ellipsoid.NO_ELLIPSOID) from None
-    return step
+    return np.asarray(np.linalg.solve(unit, gradient / scale) / scale)

@@ -5,6 +5,8 @@ unit, mounting and delay are found; its bias and how this wanders are unknowns o
 residuals over several samples: between neighbours a filter may leave less. Axes that are not at right angles, or of
 different scale, are taken for true unless the residuals show them (a score test): where little turns the array about
 an axis, an error of scale cannot be separated from errors of the sensors.
+
+A fit with angular velocity as data: its noise by the residuals, and what these show of the gyroscope.
 """
 
 from dataclasses import dataclass, replace
@@ -14,35 +16,156 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.core.noise import complete_noise, fast_noise
-from tam_calibration.fit.agreement import FAR, TOO_FAR
-from tam_calibration.fit.gyroscope_fit import GyroscopeFit
-from tam_calibration.fit.gyroscope_path import GyroscopePath, GyroscopeState, GyroscopeUse
-from tam_calibration.fit.gyroscope_start import UNITS, matched
+from tam_calibration.fit.agreement import FAR, SEEN, TOO_FAR, MotionFit
+from tam_calibration.fit.contradiction import SIGNIFICANT, probability_of
+from tam_calibration.fit.gyroscope_likelihood import GyroscopeLikelihood
+from tam_calibration.fit.gyroscope_path import UNITS, GyroscopePath, GyroscopeState, GyroscopeUse, matched
+from tam_calibration.fit.information import inverted
+from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
 from tam_calibration.fit.problem import Known, Place, Problem
+from tam_calibration.fit.slow_residuals import variance_factors
 from tam_calibration.model.array import Array
+from tam_calibration.model.data_sheet import Gyroscope
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.model.gyroscope import Gyroscope
 from tam_calibration.model.limits import RATE_NOISE
 from tam_calibration.model.recording import Recording, SampleSource
-from tam_calibration.model.units import FloatArray, to_degrees
+from tam_calibration.model.units import FloatArray, from_degrees, to_degrees, to_nanotesla
 
-_FEWEST = 100
-"""Intervals whose turn is known: with fewer the noise is uncertain by more than a tenth."""
+_MOST_ROUNDS, _SETTLED = 6, 0.05
+"""To find the noise, and the part by which it may change in the last of them."""
+
+
+@dataclass(frozen=True, eq=False)
+class GyroscopeFit(MotionFit):
+    """A fit with angular velocity as data."""
+
+    @classmethod
+    def settled(cls, recording: Recording, array: Array, known: Known, use: GyroscopeUse) -> "GyroscopeFit":
+        """Return the fit with the noise that its residuals show, or the first one where that is more.
+
+        The readings are weighed by what they leave.
+        """
+        first = maximum_a_posteriori(recording, array, replace(known, gyroscope=use))
+        factors = known.variance_factors.at_least(variance_factors(first, recording))
+        start = Place(first.errors, first.intensity_T)
+        used = replace(known, gyroscope=use, variance_factors=factors, start=start)
+        problem = Problem.of(recording, first.array, used)
+        fit = cls(problem, problem.most_probable()[0])
+        for _ in range(_MOST_ROUNDS):
+            density = max(fit.measured(), use.density)
+            if abs(density - fit.use.density) <= _SETTLED * fit.use.density:
+                break
+            fit = fit.with_density(density)
+        return fit
+
+    @property
+    def likelihood(self) -> GyroscopeLikelihood:
+        """The angular velocity as data."""
+        assert isinstance(self.problem.motion, GyroscopeLikelihood)
+        return self.problem.motion
+
+    @property
+    def use(self) -> GyroscopeUse:
+        """How the angular velocity counts."""
+        return self.likelihood.use
+
+    @property
+    def state(self) -> GyroscopeState:
+        """Of the gyroscope."""
+        assert isinstance(self.place.motion, GyroscopeState)
+        return self.place.motion
+
+    @property
+    def begun(self) -> GyroscopeUse:
+        """How the angular velocity counts, its fit begun where this one ends."""
+        # 200_000: turns of a fit to all samples: of more those over several samples.
+        return replace(self.use, start=self.state, stride=-(-self.likelihood.sample_count // 200_000))
+
+    def _settled_with(self, use: GyroscopeUse) -> "GyroscopeFit":
+        problem = replace(self.problem, motion=replace(self.likelihood, use=use))
+        return GyroscopeFit(problem, problem.settled(self.place, is_corrected=True)[0])
+
+    def with_density(self, density: float) -> "GyroscopeFit":
+        """Return the fit with another noise of the gyroscope."""
+        if density == self.use.density:
+            return self
+        return self._settled_with(replace(self.use, density=density))
+
+    def measured(self, sigmas: float = 0.0) -> float:
+        """Return the density of the noise that the residuals show over several samples."""
+        path = self.likelihood.path
+        # 8 and 50: intervals over which noise is measured, and how many of these there are at least.
+        slow = self.likelihood.coarser(max(1, min(-(-8 // path.stride), len(path.links) // 50)))
+        return slow.scatter(*self.problem.rows_at(self.place), self.state, self.taken, sigmas)
+
+    def weighed(self) -> "GyroscopeFit":
+        """Return the fit with the weight that slow errors of the angular velocity leave it."""
+        factor = self.lasting()
+        return self if factor == 1 else self._settled_with(replace(self.use, lasting=factor))
+
+    @property
+    def is_bent(self) -> bool:
+        """Whether the residuals show axes that are not true: the score of their scales and angles."""
+        information, gradient = self.everything.information, self.everything.score
+        shape = np.arange(len(gradient) - 6, len(gradient))
+        across = self.white.T @ information[:, shape]
+        left = information[np.ix_(shape, shape)] - across.T @ across
+        values, vectors = np.linalg.eigh(left)
+        seen = values > SEEN * values[-1]
+        score = (vectors.T @ gradient[shape])[seen]
+        chi_square = float(np.sum(score**2 / values[seen]))
+        return probability_of(chi_square, int(seen.sum())) < SIGNIFICANT
+
+    @property
+    def bent(self) -> str:
+        """How far the axes are from true, in a sentence."""
+        size = 100 * float(np.abs(self.state.shape - np.eye(3)).max())
+        differ = f"scale and angles of the gyroscope's axes differ by up to {size:.2g} % from those of the array"
+        return f"{differ}, which is estimated"
+
+    def contradiction(self) -> str:
+        """Return how angular velocity contradicts all else, or nothing."""
+        sizes = self.difference(self.own)
+        words = "look at its stamps and axes, and at whether the field is uniform"
+        return f"the angular velocity contradicts the readings, {sizes}: {words}" if sizes else ""
+
+    def remarks(self) -> tuple[str, ...]:
+        """Return how the gyroscope is late and turned, and what its scale may do, in a sentence each."""
+        from scipy.spatial.transform import Rotation
+
+        information = self.everything.information
+        covariance = inverted(information, self.basis)
+        errors = np.sqrt(np.diag(covariance))[-self.state.size :]
+        count, notes = self.state.bias.size, []
+        # 0.5 and from_degrees(2.0): delay in intervals of samples, and turn in radians, from which they are worth a
+        # note.
+        if abs(self.state.delay_s) > max(FAR * errors[count], 0.5 * self.use.interval_s):
+            late = "late" if self.state.delay_s > 0 else "early"
+            notes.append(f"the angular velocity is {abs(self.state.delay_s):.3g} s {late}, which is taken off")
+        turn = float(norm(Rotation.from_matrix(self.state.mount).as_rotvec()))
+        if turn > max(FAR * float(norm(errors[count + 1 : count + 4])), from_degrees(2.0)):
+            notes.append(f"the gyroscope is turned by {to_degrees(turn):.2g}° against sensor 1, which is estimated")
+        # A scale error of all axes moves the errors of the sensors by so much.
+        shift = -covariance @ information[:, -6:-3].sum(axis=1)
+        biases = np.arange(12 * self.place.errors.sensor_count).reshape(-1, 12)[:, 6:9].ravel()
+        # Scale error of a gyroscope that was calibrated, whose effect is reported.
+        typical_scale = 1e-3
+        moved_nT = typical_scale * to_nanotesla(float(norm(shift[biases])))
+        if not self.use.shape_error and moved_nT > to_nanotesla(
+            float(np.sqrt(np.trace(covariance[biases][:, biases])))
+        ):
+            notes.append(
+                f"the gyroscope's scale is taken for true: {100 * typical_scale:g} % of it would move the biases by "
+                f"{moved_nT:.2g} nT; state scale_error_percent"
+            )
+        return tuple(notes)
+
 
 MOST_SAMPLES = 2_000_000
 """Samples up to which angular velocity is used: all are in memory then."""
 
 MOST_LINKS = 20_000
 """Turns from sample to sample that are judged: of more those over several samples."""
-
-_SURE = 3.0
-"""Standard deviations of chance by which residuals may be less than those of the noise that is used."""
-
-_SHAPE = 0.03
-"""Standard deviation of the scale and the angles of axes that are not true: data sheets bound them by 1 to 3 %."""
-
-_SATURATED = 4
-"""Readings of an axis that are its largest, over those of the next value, from which they are the end of its range."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +217,8 @@ def judge_gyroscope(recording: Recording, array: Array, known: Known, since_s: f
     some, rates = recording.take(is_judged), cleaned[is_judged]
     interval_s = float(np.median(np.diff(some.time_s))) if some.sample_count > 1 else 0.0
     path = GyroscopePath(some.time_s, rates, interval_s, some.time_span_s)
-    if len(path.links) < _FEWEST:
+    # 100: intervals whose turn is known: with fewer the noise is uncertain by more than a tenth.
+    if len(path.links) < 100:
         return GyroscopeJudgement(recording, None, "the angular velocity spans too few samples without gaps")
     try:
         noisy, _ = complete_noise(array, some)
@@ -107,17 +231,22 @@ def judge_gyroscope(recording: Recording, array: Array, known: Known, since_s: f
         if match.unit != "rad/s":
             notes += (f"the angular velocity is in {match.unit}, and taken as that: state it in rad/s",)
         stated = array.gyroscope or Gyroscope()
-        noise = stated.noise_density or _fast_density(UNITS[match.unit] * rates, interval_s)
+        fast = np.sqrt(np.mean(fast_noise(UNITS[match.unit] * rates[np.isfinite(rates).all(axis=1)]) ** 2))
+        limited = np.clip(fast * np.sqrt(2 * interval_s), RATE_NOISE.least, RATE_NOISE.most)
+        noise = stated.noise_density or float(limited)
         start = GyroscopeState.at_rest(match.mount, match.delay_s)
         stride = -(-some.sample_count // MOST_LINKS)
         use = GyroscopeUse(noise, stated.bias, interval_s, start, stated.scale_error, stride=stride)
         fit = GyroscopeFit.settled(some, array, known, use)
         if not use.shape_error and fit.is_bent:
-            fit = GyroscopeFit.settled(some, array, known, replace(fit.use, start=fit.state, shape_error=_SHAPE))
+            # 0.03: standard deviation of the scale and the angles of axes that are not true: data sheets bound them by
+            # 1 to 3 %.
+            fit = GyroscopeFit.settled(some, array, known, replace(fit.use, start=fit.state, shape_error=0.03))
             notes += (fit.bent,)
         if (bias := float(norm(fit.state.bias[0]))) > FAR * stated.bias:
             fit = GyroscopeFit.settled(some, array, known, replace(fit.use, start=fit.state, bias_error=bias))
-            notes += (_biased(bias, stated.bias),)
+            beyond = f"beyond the {to_degrees(stated.bias):.3g} °/s of bias_deg_per_s"
+            notes += (f"the gyroscope's bias is {to_degrees(bias):.3g} °/s, {beyond}, and is estimated",)
         density, doubt = _used_density(array.gyroscope, fit)
         fit = fit.with_density(density).weighed()
     except (InputError, Refused):
@@ -133,7 +262,9 @@ def _within_range(rates: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
     for axis, side in product(range(3), (1.0, -1.0)):
         values, counts = np.unique(side * rates[known, axis], return_counts=True)
         # Of a coarse gyroscope each value is frequent; at the end of its range all that is beyond is one value.
-        if counts[-1] >= _SATURATED * max(counts[-2:-1].max(initial=1), 1):
+        # 4: readings of an axis that are its largest, over those of the next value, from which they are the end of its
+        # range.
+        if counts[-1] >= 4 * max(counts[-2:-1].max(initial=1), 1):
             at_end |= side * rates[:, axis] == values[-1]
     if not at_end.any():
         return rates, ()
@@ -142,33 +273,18 @@ def _within_range(rates: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
     return np.where(at_end[:, None], np.nan, rates), (note,)
 
 
-def _fast_density(rates: FloatArray, interval_s: float) -> float:
-    """Return the density of the noise that fast differences of the angular velocity show."""
-    noise = float(np.sqrt(np.mean(fast_noise(rates[np.isfinite(rates).all(axis=1)]) ** 2)))
-    return float(np.clip(noise * np.sqrt(2 * interval_s), RATE_NOISE.least, RATE_NOISE.most))
-
-
 def _used_density(gyroscope: Gyroscope | None, fit: GyroscopeFit) -> tuple[float, str]:
     """Return the density to fit with, and what is wrong with the stated one."""
-    found, most = fit.measured(), max(fit.measured(_SURE), RATE_NOISE.least)
+    # 3.0: standard deviations of chance by which residuals may be less than those of the noise that is used.
+    found, most = fit.measured(), max(fit.measured(3.0), RATE_NOISE.least)
     stated = None if gyroscope is None else gyroscope.noise_density
     if stated is None:
         return max(found, most), ""
     if stated < TOO_FAR * most and found < TOO_FAR * stated:
         return max(stated, found), ""
     size, used = ("small", found) if stated < found else ("large", most)
-    words = (
-        f"noise_mdps_per_sqrt_Hz, {_in_mdps(stated):.3g}, is too {size}: its errors are those of {_in_mdps(used):.3g}"
-    )
-    return used, f"the stated {words}, and count as that"
-
-
-def _in_mdps(density: float) -> float:
-    return 1000 * to_degrees(density)
-
-
-def _biased(bias: float, stated: float) -> str:
-    return (
-        f"the gyroscope's bias is {to_degrees(bias):.3g} °/s, beyond the {to_degrees(stated):.3g} °/s of "
-        "bias_deg_per_s, and is estimated"
+    stated_mdps, used_mdps = 1000 * to_degrees(stated), 1000 * to_degrees(used)
+    return used, (
+        f"the stated noise_mdps_per_sqrt_Hz, {stated_mdps:.3g}, is too {size}: its errors are those of {used_mdps:.3g}"
+        ", and count as that"
     )

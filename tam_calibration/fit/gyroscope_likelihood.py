@@ -22,13 +22,11 @@ from numpy.linalg import inv, norm
 
 from tam_calibration.core.normal_equations import Normal, gram
 from tam_calibration.fit.channel_maps import ChannelMaps
+from tam_calibration.fit.ellipsoid import COLUMNS, ROWS
 from tam_calibration.fit.gyroscope_path import (
-    SHAPE_COLUMNS,
-    SHAPE_ROWS,
     GyroscopePath,
     GyroscopeState,
     GyroscopeUse,
-    Turns,
     rotated,
 )
 from tam_calibration.fit.likelihood import UNIFORM
@@ -42,9 +40,6 @@ from tam_calibration.model.units import FloatArray
 _BAND = 3
 """Diagonals below that of a covariance of blocks of two."""
 
-_HALVINGS = 14
-"""Of the exponent of a density: nine decades to a thousandth."""
-
 
 class _Chain(NamedTuple):
     """The intervals at a point: directions across the field, its turns, and what they are whitened by."""
@@ -56,7 +51,6 @@ class _Chain(NamedTuple):
     residual: FloatArray
     variance: FloatArray
     band: FloatArray
-    turns: Turns
     turned: FloatArray
 
 
@@ -173,7 +167,8 @@ class GyroscopeLikelihood:
         low, high = (float(np.log10(each)) for each in (RATE_NOISE.least, RATE_NOISE.most))
         if excess(low) <= 0:
             return 0.0
-        for _ in range(_HALVINGS):
+        # 14: of the exponent of a density: nine decades to a thousandth.
+        for _ in range(14):
             middle = (low + high) / 2
             low, high = (middle, high) if excess(middle) > 0 else (low, middle)
         return float(10**high)
@@ -183,15 +178,15 @@ class GyroscopeLikelihood:
         length = norm(field, axis=1)
         along = field / length[:, None]
         across = across_of(along)
-        turns, links = self.path.turns(state), self.path.links
-        turned = turns.angle @ (state.mount @ state.shape).T
+        links = self.path.links
+        turned = self.path.turns(state) @ (state.mount @ state.shape).T
         moved = rotated(-turned, np.concatenate([along[links, None], across[links]], axis=1))
         residual = np.einsum("nai,ni->na", across[links + 1], moved[:, 0])
         through = np.einsum("nai,nbi->nab", across[links + 1], moved[:, 1:])
         covariance = channels.elimination.covariance
         variance = np.einsum("nai,ij,nbj->nab", across, covariance, across, optimize=True) / length[:, None, None] ** 2
         band = self._band(through, variance)
-        return _Chain(field, length, across, through, residual, variance, band, turns, turned)
+        return _Chain(field, length, across, through, residual, variance, band, turned)
 
     def _band(self, through: FloatArray, variance: FloatArray) -> FloatArray:
         """Return what the sensors' noise makes of the channels' covariance, (4, 2 L): diagonal, then those below it."""
@@ -231,12 +226,12 @@ class GyroscopeLikelihood:
         place = 12 + state.bias.size
         for course, into in zip(self.path.courses, columns[12:place].reshape(-1, 3, len(links), 2), strict=True):
             np.multiply(by_bias, course[:, None], out=into)
-        columns[place] = np.einsum("ina,ni->na", by_angle, chain.turns.by_delay)
+        columns[place] = np.einsum("ina,ni->na", by_angle, self.path.by_delay)
         noise = np.einsum("nai,na->ni", by_turn, pull) * (self.use.density**2 * self.path.duration_s / 2)[:, None]
         turned = chain.turned - noise
         columns[place + 1 : place + 4] = np.moveaxis(np.cross(turned[:, None], by_turn), 2, 0)
         by_shape, angle = by_turn @ state.mount, (turned @ inv(state.mount @ state.shape).T)[:, None]
-        for into, row, column in zip(columns[place + 4 : -1], SHAPE_ROWS, SHAPE_COLUMNS, strict=True):
+        for into, row, column in zip(columns[place + 4 : -1], ROWS, COLUMNS, strict=True):
             np.multiply(by_shape[:, :, row], angle[:, :, column], out=into)
             if row != column:
                 into += by_shape[:, :, column] * angle[:, :, row]

@@ -9,7 +9,7 @@ from tam_calibration.core.noise import complete_noise
 from tam_calibration.correction.acceptance import LARGEST_ANGLE_ERROR, LARGEST_RELATIVE_ERROR
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.coverage import CELLS, ENOUGH_RELATIVE_ERROR, cell_directions, field_of, measure_coverage
-from tam_calibration.fit.information import InformationModel, bound
+from tam_calibration.fit.information import InformationModel, bound, information_of
 from tam_calibration.fit.scale import Normalized, normalize
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
@@ -23,8 +23,6 @@ FEWEST_SAMPLES = 9
 _FROM_STATED_NOISE = "maximum_likelihood"
 """Method whose standard errors follow from the stated noise; those of all others follow from what the fit leaves."""
 
-_CONTRADICTED = 10.0
-"""Residual over the noise from which no noise that is stated too small explains it: data sheets are within twice."""
 
 _SAMPLES = 5000
 """From which the bound is taken: of more it hardly depends on which."""
@@ -83,7 +81,9 @@ def _inaccuracy(errors: FloatArray, excess: float, intensity_T: float, field_T: 
         return None
     if measure_coverage(field_T).relative_error > ENOUGH_RELATIVE_ERROR:
         refuse_open(excess * errors, intensity_T)
-    if excess > _CONTRADICTED:
+    # 10.0: residual over the noise from which no noise that is stated too small explains it: data sheets are within
+    # twice.
+    if excess > 10.0:
         return Refused(
             f"the residual is {excess:.3g} times the noise, which leaves {names} open, although the directions are "
             "enough: look for the cause with tam diagnose"
@@ -187,12 +187,6 @@ def _name_sensors(sensors: tuple[int, ...], count: int) -> str:
 _WEAK_RELATIVE_ERROR = 5.0
 """Above this ratio to the full sphere's standard error a parameter is badly determined."""
 
-_MOST_NAMES = 3
-"""Parameters that are named: the worst tell what to do."""
-
-_NARROW, _AXIAL = 0.65, 0.95
-"""Part of the sphere's diameter within which the field varied little along a direction, and the cosine from which that
-is called by the name of an axis: within 18° of it."""
 
 _ADVICE = ("pitch and yaw", "roll and yaw", "pitch and roll")
 """The turns that change the field along x, y and z of the array."""
@@ -241,8 +235,8 @@ def find_weakness(recording: Recording, calibration: Calibration) -> Weakness:
         field_T = field_T[np.isfinite(recording.scalar_T)]
     intensity_T = calibration.intensity_T
     model = InformationModel(calibration.errors, calibration.array, recording.scalar_T is not None, intensity_T)
-    sphere = model.rows(intensity_T * cell_directions()).information * (len(field_T) / CELLS)
-    own, best = model.variances(model.rows(field_T).information), model.variances(sphere)
+    sphere = information_of(model.rows(intensity_T * cell_directions())) * (len(field_T) / CELLS)
+    own, best = model.variances(information_of(model.rows(field_T))), model.variances(sphere)
     ratio = np.sqrt(np.divide(own, best, out=np.full_like(own, np.nan), where=best > 0)).reshape(-1, 12)
     parameters = _worst(ratio)
     return Weakness(ratio, parameters, _reason(field_T, intensity_T) if parameters else "")
@@ -251,7 +245,8 @@ def find_weakness(recording: Recording, calibration: Calibration) -> Weakness:
 def _worst(ratio: FloatArray) -> tuple[str, ...]:
     weak = ratio > _WEAK_RELATIVE_ERROR
     largest = np.where(weak, ratio, 0).max(axis=0)
-    ordered = np.argsort(-largest)[: min(_MOST_NAMES, int(weak.any(axis=0).sum()))]
+    # 3: parameters that are named: the worst tell what to do.
+    ordered = np.argsort(-largest)[: min(3, int(weak.any(axis=0).sum()))]
     only = np.arange(len(PARAMETER_NAMES)) == ordered[:, None]
     times = [f"{ratio:.3g} ×" if np.isfinite(ratio) else "undetermined" for ratio in largest[ordered]]
     return tuple(f"{_name_open(weak & own)} {each}" for each, own in zip(times, only, strict=True))
@@ -263,9 +258,11 @@ def _reason(field_T: FloatArray, intensity_T: float) -> str:
     nearest = int(np.argmax(np.abs(axis)))
     axis = axis * np.sign(axis[nearest])
     along = field_T @ axis
-    if np.ptp(along) > _NARROW * 2 * intensity_T:
+    # 0.65 and 0.95: part of the sphere's diameter within which the field varied little along a direction, and the
+    # cosine from which that is called by the name of an axis: within 18° of it.
+    if np.ptp(along) > 0.65 * 2 * intensity_T:
         return f"The field never points {measure_coverage(field_T).missing} of the array: turn it so that it does."
-    name = f"{'xyz'[nearest]} component" if axis[nearest] > _AXIAL else f"component along {np.round(axis, 2).tolist()}"
+    name = f"{'xyz'[nearest]} component" if axis[nearest] > 0.95 else f"component along {np.round(axis, 2).tolist()}"
     low, high, size = (f"{to_nanotesla(float(value)) / 1e3:.0f}" for value in (along.min(), along.max(), intensity_T))
     return (
         f"The field's {name} in the array frame only spans {low} to {high} of ±{size} µT: {_ADVICE[nearest]} further."

@@ -14,8 +14,9 @@ from numpy.linalg import inv, norm
 
 from tam_calibration.core.normal_equations import Elimination
 from tam_calibration.fit.coverage import ellipsoid_rows
+from tam_calibration.fit.ellipsoid import COLUMNS, ROWS
 from tam_calibration.fit.likelihood import Likelihood
-from tam_calibration.fit.scale import free_scale_gradient
+from tam_calibration.fit.scale import free_scale_gradient, without_scale
 from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
@@ -132,57 +133,23 @@ def inverted(information: FloatArray, basis: FloatArray) -> FloatArray:
     return covariance
 
 
-_FIRST, _SECOND = np.array([[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
-"""Row and column of the elements of a symmetric matrix in the order of ``ellipsoid_rows``."""
-
-
-@dataclass(frozen=True, eq=False)
-class Information:
-    """Fisher information of samples; the sum of two is that of both, a multiple that of as many times the samples.
+def information_of(rows: FloatArray) -> FloatArray:
+    """Return the (13, 13) Fisher information of samples, which adds up, from what each is sensitive to.
 
     Parameters
     ----------
-    ellipsoid : (9, 9) array
-        Of the common mode, by the elements of an ellipsoid.
-    affine : (4, 4) array
-        Of each differential channel, by the elements of an affine map.
+    rows : (N, 13) array
+        As of ``InformationModel.rows``.
+
+    Returns
+    -------
+    (13, 13) array
+        Of the common mode by the nine elements of an ellipsoid, and of each differential channel by the four elements
+        of an affine map.
     """
-
-    ellipsoid: FloatArray
-    affine: FloatArray
-
-    def __add__(self, other: "Information") -> "Information":
-        """Return the information of both."""
-        return Information(self.ellipsoid + other.ellipsoid, self.affine + other.affine)
-
-    def __mul__(self, factor: float) -> "Information":
-        """Return the information of so many times the samples."""
-        return Information(factor * self.ellipsoid, factor * self.affine)
-
-
-@dataclass(frozen=True, eq=False)
-class SensitivityRows:
-    """What N samples are sensitive to, in units of their noise; an index selects samples.
-
-    Parameters
-    ----------
-    ellipsoid : (N, 9) array
-        Of the common mode, by the elements of an ellipsoid.
-    affine : (N, 4) array
-        Of each differential channel, by the elements of an affine map: field and 1.
-    """
-
-    ellipsoid: FloatArray
-    affine: FloatArray
-
-    def __getitem__(self, index: int | slice | np.ndarray) -> "SensitivityRows":
-        """Return the rows of some samples."""
-        return SensitivityRows(np.atleast_2d(self.ellipsoid[index]), np.atleast_2d(self.affine[index]))
-
-    @property
-    def information(self) -> Information:
-        """The sum over the samples."""
-        return Information(self.ellipsoid.T @ self.ellipsoid, self.affine.T @ self.affine)
+    information: FloatArray = rows.T @ rows
+    information[:9, 9:] = information[9:, :9] = 0
+    return information
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,35 +174,41 @@ class InformationModel:
     has_scalar: bool
     intensity_T: float
 
-    def rows(self, field_T: FloatArray) -> SensitivityRows:
-        """Return the rows of samples at fields (N, 3) in the array frame, tesla."""
+    def rows(self, field_T: FloatArray) -> FloatArray:
+        """Return what samples at fields (N, 3) in the array frame, tesla, are sensitive to, in units of their noise.
+
+        Returns
+        -------
+        (N, 13) array
+            The common mode by the elements of an ellipsoid, and each differential channel by field and 1.
+        """
         length = norm(field_T, axis=1, keepdims=True)
         direction = field_T / length
         scalar_noise = self.array.scalar_noise_T / self.intensity_T if self.has_scalar else 0.0
         variance = scalar_noise**2 + self._elimination.variance_along(direction.T)[:, None]
         ellipsoid = ellipsoid_rows(direction) / np.sqrt(variance)
         ellipsoid[:, :6] *= length / self.intensity_T
-        return SensitivityRows(ellipsoid, np.hstack([field_T / self.intensity_T, np.ones_like(length)]))
+        return np.hstack([ellipsoid, field_T / self.intensity_T, np.ones_like(length)])
 
-    def variances(self, information: Information) -> FloatArray:
+    def variances(self, information: FloatArray) -> FloatArray:
         """Return the (12 K,) variances of the parameters, SI; infinite where undetermined."""
         ellipsoid, affine = self.loadings
-        known, open_ = _split(information.ellipsoid)
-        known_affine, open_affine = _split(information.affine)
+        known, open_ = _split(information[:9, :9])
+        known_affine, open_affine = _split(information[9:, 9:])
         variance = np.sum((ellipsoid @ known) * ellipsoid, axis=1)
         variance += np.sum((affine @ known_affine) * affine, axis=(1, 2))
         is_open = norm(ellipsoid @ open_, axis=1) > 1e-2 * norm(ellipsoid, axis=1)
         is_open |= norm(affine @ open_affine, axis=(1, 2)) > 1e-2 * norm(affine, axis=(1, 2))
         return np.where(is_open, np.inf, variance)
 
-    def variances_with(self, information: Information, rows: SensitivityRows) -> FloatArray:
+    def variances_with(self, information: FloatArray, rows: FloatArray) -> FloatArray:
         """Return the variances of the parameters when one of N samples is added to what is known.
 
         Parameters
         ----------
-        information : Information
+        information : (13, 13) array
             Of what is known; not singular.
-        rows : SensitivityRows
+        rows : (N, 13) array
             Of the N samples, of which each is added alone.
 
         Returns
@@ -245,11 +218,11 @@ class InformationModel:
         """
         ellipsoid, affine = self.loadings
         square = np.einsum("pki,pkj->pij", affine, affine).reshape(len(affine), 16)
-        inverse, inverse_affine = inv(information.ellipsoid), inv(information.affine)
+        inverse, inverse_affine = inv(information[:9, :9]), inv(information[9:, 9:])
         # Sherman and Morrison's formula for the inverse of a matrix to which an outer product is added.
-        gain, gain_affine = rows.ellipsoid @ inverse, rows.affine @ inverse_affine
-        rest = 1 + np.sum(gain * rows.ellipsoid, axis=1, keepdims=True)
-        rest_affine = 1 + np.sum(gain_affine * rows.affine, axis=1, keepdims=True)
+        gain, gain_affine = rows[:, :9] @ inverse, rows[:, 9:] @ inverse_affine
+        rest = 1 + np.sum(gain * rows[:, :9], axis=1, keepdims=True)
+        rest_affine = 1 + np.sum(gain_affine * rows[:, 9:], axis=1, keepdims=True)
         variance = np.sum((ellipsoid @ inverse) * ellipsoid, axis=1) + square @ inverse_affine.ravel()
         outer = (gain_affine[:, :, None] * gain_affine[:, None, :]).reshape(-1, 16)
         return np.asarray(variance - (gain @ ellipsoid.T) ** 2 / rest - outer @ square.T / rest_affine)
@@ -271,18 +244,12 @@ class InformationModel:
         jacobian[:, 3] /= self.intensity_T
         jacobian = jacobian[..., free]
         common = np.tensordot(self._elimination.unmixing, jacobian, 1)
-        symmetric = (common[_FIRST, _SECOND] + common[_SECOND, _FIRST]) / 2
+        symmetric = (common[ROWS, COLUMNS] + common[COLUMNS, ROWS]) / 2
         affine = np.tensordot(self._elimination.directions.T, jacobian, 1).reshape(12 * count - 12, 12 * count - 3)
         loadings = np.zeros((12 * count, 12 * count - 3))
         loadings[free] = inv(np.concatenate([symmetric, common[:, 3], affine]))
-        loadings = in_unit[:, None] * (loadings if self.has_scalar else self._with_fixed_scale(loadings))
+        loadings = in_unit[:, None] * (loadings if self.has_scalar else without_scale(self.errors) @ loadings)
         return loadings[:, :9], loadings[:, 9:].reshape(12 * count, -1, 4)
-
-    def _with_fixed_scale(self, loadings: FloatArray) -> FloatArray:
-        """Return the loadings with what changes the mean determinant taken out along the common scale."""
-        gradient, scale = free_scale_gradient(self.errors), self.errors.to_vector()
-        scale[:, 3:] = 0
-        return loadings - np.outer(scale, gradient @ loadings) / (gradient @ scale.ravel())
 
     @cached_property
     def _elimination(self) -> Elimination:

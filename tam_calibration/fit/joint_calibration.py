@@ -9,25 +9,31 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.core.variance_factors import WHITE, VarianceFactors
+from tam_calibration.core.slow_cosines import WHITE, VarianceFactors
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.correction.update import SEVERAL, Moved, Update, in_words
+from tam_calibration.correction.parts import SEVERAL, Moved, Update, in_words
 from tam_calibration.effects.removal import of_array
 from tam_calibration.fit.agreement import FAR
 from tam_calibration.fit.attitude_check import judge_attitude
-from tam_calibration.fit.consistency import Fit, accepted, require_one_field, require_one_sphere
-from tam_calibration.fit.contradiction import PLAUSIBLE, SIGNIFICANT
+from tam_calibration.fit.consistency import Fit, accepted, require_one_calibration, require_one_sphere
+from tam_calibration.fit.contradiction import PLAUSIBLE, SIGNIFICANT, Unnamed
 from tam_calibration.fit.estimate import mean_temperature
 from tam_calibration.fit.gyroscope_check import MOST_LINKS, MOST_SAMPLES, judge_gyroscope
 from tam_calibration.fit.identifiability import require_determined
-from tam_calibration.fit.maximum_a_posteriori import FRAME_OF_GYROSCOPE, maximum_a_posteriori, update_of
+from tam_calibration.fit.maximum_a_posteriori import (
+    FRAME_OF_GYROSCOPE,
+    SETTLED,
+    calibrate_with_weak_prior,
+    is_weak,
+    maximum_a_posteriori,
+    prior_of_tolerances,
+    update_of,
+)
 from tam_calibration.fit.prior import Prior, has_date, prior_of
 from tam_calibration.fit.prior_changes import MOST_TIMES, UpdatedPrior, update_prior
 from tam_calibration.fit.problem import Intensity, Known, Place
 from tam_calibration.fit.scalar_check import turning_scalar
 from tam_calibration.fit.slow_residuals import variance_factors
-from tam_calibration.fit.unnamed_changes import Unnamed
-from tam_calibration.fit.weak_prior import SETTLED, calibrate_with_weak_prior, is_weak, prior_of_tolerances
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.geomagnetic_field import LOCAL_STANDARD_ERROR_T
@@ -36,9 +42,6 @@ from tam_calibration.model.units import FloatArray, to_nanotesla
 
 _MOST_ROUNDS = 5
 """Of an update: the first may take what is slow for a change of the sensors. Three were the most that were needed."""
-
-_MUCH_MORE = 3.0
-"""Noise over that of the prior, where none is stated: estimates from twenty samples differ by less."""
 
 
 class JointCalibration(NamedTuple):
@@ -151,7 +154,7 @@ def prior_for(recording: SampleSource, array: Array, prior: Prior | Calibration)
 def _as_far_as_they_agree(recording: SampleSource, array: Array, known: Known) -> JointCalibration:
     """Return the calibration with scalar, place and attitude as far as they agree, and depend on no sensor.
 
-    A field that pulsates as the array turns cannot be told from a magnet near the scalar. The standard errors
+    A field that pulsates as the array turns looks like a magnet near the scalar. The standard errors
     therefore hold by how much the errors differ with and without a scalar that follows the direction of the field.
     """
     scalar = turning_scalar(recording, array)
@@ -322,7 +325,8 @@ def _doubts(calibration: Calibration, given: Prior, update: Update, unnamed: Seq
             "turn the array all round"
         )
     noise, before = (norm(each.array.vector_noise_T) for each in (calibration, given.calibration))
-    if calibration.noise_is_estimated and given.rates is not None and noise > _MUCH_MORE * before:
+    # 3.0: noise over that of the prior, where none is stated: estimates from twenty samples differ by less.
+    if calibration.noise_is_estimated and given.rates is not None and noise > 3.0 * before:
         doubts.append(
             f"the readings scatter {noise / before:.3g} times as much as those of the prior did: their noise has "
             "grown, which the array file should state then, or something moved for a while"
@@ -348,7 +352,7 @@ def _with_weak_prior(recording: SampleSource, array: Array, known: Known) -> Joi
     update = calibration.update
     assert update is not None
     if update.probability >= SIGNIFICANT:
-        require_one_field(recording, calibration)
+        require_one_calibration(recording, calibration)
         has_motion = known.gyroscope is not None or array.attitude_noise is not None
         return JointCalibration(calibration, recording, array, fit, None if has_motion else settled)
     contradiction = (

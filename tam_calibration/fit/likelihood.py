@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.core.normal_equations import Normal, gram
-from tam_calibration.core.variance_factors import VarianceFactors
+from tam_calibration.core.slow_cosines import VarianceFactors
 from tam_calibration.fit.channel_maps import ChannelMaps, Turning
 from tam_calibration.fit.reference import InterpolationNoise
 from tam_calibration.fit.scale import Normalized

@@ -3,16 +3,13 @@
 import numpy as np
 
 from tam_calibration.fit.coverage import CELLS, Coverage, judge_coverage, measure_coverage
-from tam_calibration.fit.expected import expected_covariance
+from tam_calibration.fit.plan_turns import expected_covariance
 from tam_calibration.fit.problem import Known, Place
 from tam_calibration.fit.scale import sphere_center
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
-
-_BOUGHT_BY, _FEWEST_BOUGHT = 512, 20
-"""Samples from which the standard error is computed, at most and at least: more change it by a hundredth."""
 
 
 class LiveCoverage:
@@ -55,10 +52,12 @@ class LiveCoverage:
 
         Infinite before the readings tell it; the second is None where no gyroscope is stated or most samples have none.
         """
-        sparse = -(-len(self._kept) // _BOUGHT_BY)
+        # 512 and 20: samples from which the standard error is computed, at most and at least: more change it by a
+        # hundredth.
+        sparse = -(-len(self._kept) // 512)
         kept = np.array(self._kept[:: max(sparse, 1)])
         is_used = array.gyroscope is not None and 2 * self._turned > self._seen
-        if not is_used or len(kept) < _FEWEST_BOUGHT or array.vector_noise_T is None or array.scalar_noise_T is None:
+        if not is_used or len(kept) < 20 or array.vector_noise_T is None or array.scalar_noise_T is None:
             return np.inf, None
         if (np.diff(kept[:, 3]) <= 0).any():  # the clock was set
             return np.inf, None
@@ -84,7 +83,7 @@ def _bias_errors(points_T: FloatArray, time_s: FloatArray, array: Array, count: 
     array : Array
         Whose noise is stated, and of whose gyroscope.
     count : float
-        How many samples each stands for.
+        Number of samples that each represents.
     has_rates : bool
         Whether the angular velocity counts.
     """

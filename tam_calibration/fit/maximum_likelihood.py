@@ -6,7 +6,7 @@ that map up to a rotation.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -19,26 +19,22 @@ from tam_calibration.effects.ambient_gradient import require_attitude
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.estimate import Estimate, make_calibration
 from tam_calibration.fit.gauss_newton import Point, free_rows, gauss_newton
-from tam_calibration.fit.information import parameter_covariance
+from tam_calibration.fit.information import inverted, parameter_covariance
 from tam_calibration.fit.likelihood import Likelihood, Linearization, UniformLikelihood
 from tam_calibration.fit.moments import into_frame_of_first
 from tam_calibration.fit.recorded_attitude import (
     gradient_of,
-    marginal_information,
     require_gradient_determined,
     turning_of,
 )
 from tam_calibration.fit.reference import LARGEST_SHARE, interpolate, is_worth_interpolating
 from tam_calibration.fit.scale import Normalized, normalize
-from tam_calibration.fit.student_noise import StudentNoise
+from tam_calibration.fit.slow_residuals import student_noises
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording, SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
-
-_SMALLEST_SPREAD = 1e-12
-"""Smallest over largest variance of readings that are not all in a plane: rounding leaves 1e-16 of a plane."""
 
 
 def closed_form(data: Normalized, vector_noise: FloatArray, scalar_noise: float) -> tuple[FloatArray, FloatArray]:
@@ -84,10 +80,12 @@ def principal_form(data: Normalized, vector_noise: FloatArray, scalar_noise: flo
     mean = data.moments[-1, :-1] / count
     spread = weight[:, None] * (data.moments[:-1, :-1] / count - np.outer(mean, mean)) * weight
     values, vectors = np.linalg.eigh(spread)
-    if values[-3] < _SMALLEST_SPREAD * values[-1]:
+    # 1e-12: smallest over largest variance of readings that are not all in a plane: rounding leaves 1e-16 of a plane.
+    if values[-3] < 1e-12 * values[-1]:
         raise InputError(ellipsoid.NO_ELLIPSOID)
     components = vectors[:, -3:]
-    scores = _Scores(data, (weight[:, None] * components).T, mean)
+    projection = (weight[:, None] * components).T
+    scores = partial(_scores, data, np.column_stack([projection, -projection @ mean]))
     center, shape = _weighted_ellipsoid(scores, 1 / precision.mean(), scalar_noise)
     matrix = (components @ inv(shape) / weight[:, None]).reshape(-1, 3, 3)
     bias = mean + components @ center / weight
@@ -96,23 +94,18 @@ def principal_form(data: Normalized, vector_noise: FloatArray, scalar_noise: flo
     return matrix, bias.reshape(-1, 3)
 
 
-@dataclass(frozen=True, eq=False)
-class _Scores:
-    """Three principal components of readings about their mean, and the intensities there are."""
-
-    data: Normalized
-    projection: FloatArray
-    mean: FloatArray
-
-    def blocks(self) -> Iterator[tuple[FloatArray, FloatArray]]:
-        centered = np.column_stack([self.projection, -self.projection @ self.mean])
-        for points, intensity in self.data.blocks():
-            scores = centered @ points
-            known = np.isfinite(intensity)
-            yield (scores, intensity) if known.all() else (scores[:, known], intensity[known])
+_ScoresOfBlocks = Callable[[], Iterator[tuple[FloatArray, FloatArray]]]
 
 
-def _weighted_ellipsoid(scores: _Scores, noise: float, scalar_noise: float) -> tuple[FloatArray, FloatArray]:
+def _scores(data: Normalized, principal: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Yield three principal components (3, n) of readings about their mean, and the intensities (n,) there are."""
+    for points, intensity in data.blocks():
+        known = np.isfinite(intensity)
+        scores = principal @ points
+        yield (scores, intensity) if known.all() else (scores[:, known], intensity[known])
+
+
+def _weighted_ellipsoid(scores: _ScoresOfBlocks, noise: float, scalar_noise: float) -> tuple[FloatArray, FloatArray]:
     """Return the centre o and the square root Ω of the ellipsoid |Ω (p - o)| = s of scores with equal noise."""
     center, shape = ellipsoid.fitted(_moments(scores, lambda points: 1.0))
 
@@ -129,10 +122,10 @@ def _weighted_ellipsoid(scores: _Scores, noise: float, scalar_noise: float) -> t
         return center, shape
 
 
-def _moments(scores: _Scores, variance: Callable[[FloatArray], FloatArray | float]) -> FloatArray:
+def _moments(scores: _ScoresOfBlocks, variance: Callable[[FloatArray], FloatArray | float]) -> FloatArray:
     """Return the (11, 11) moments of the monomials, each sample over its variance."""
     moments = np.zeros((11, 11))
-    for points, intensity in scores.blocks():
+    for points, intensity in scores():
         columns = ellipsoid.monomial_columns(points, intensity)
         columns *= 1 / np.sqrt(variance(points))
         moments += gram(columns)
@@ -235,11 +228,18 @@ def _estimate(data: Normalized, point: Point, information: FloatArray) -> Estima
     intensity_T = data.radius_T / factor
     gradient = None
     if len(point.gradient):
-        information, of_gradient = marginal_information(information, free_rows(len(point.matrix)))
-        gradient = gradient_of(point.gradient, of_gradient, intensity_T)
+        gradient = gradient_of(point.gradient, _covariance_of_gradient(information), intensity_T)
+        cross, own = information[:-5, -5:], information[-5:, -5:]
+        information = information[:-5, :-5] - cross @ np.linalg.solve(own, cross.T)
     free_intensity = None if data.has_scalar else intensity_T
     covariance = parameter_covariance(information, errors, data.radius_T, free_intensity)
     return Estimate(errors, covariance, True, intensity_T, gradient)
+
+
+def _covariance_of_gradient(information: FloatArray) -> FloatArray:
+    """Return the (5, 5) covariance of an ambient gradient; infinite on the diagonal where the data leave it open."""
+    free = np.append(free_rows(len(information) // 12), np.ones(5, dtype=bool))
+    return inverted(information, np.eye(len(free))[:, free])[-5:, -5:]
 
 
 def _errors(data: Normalized, point: Point) -> tuple[SensorErrors, float]:
@@ -299,7 +299,7 @@ def _fit_in_memory(
         likelihood, point = _aligned_start(recording, array, likelihood, point)
     point, information = gauss_newton(partial(_linearize, likelihood, robust), point, robust)
     if robust:
-        differential, common = _student_noises(likelihood, point)
+        differential, common = student_noises(likelihood, *point)
         # The residuals are smaller than the noise by what the errors have taken of it.
         channels = float(likelihood.channel_count.sum())
         kept = max(channels - 12 * recording.sensor_count, 1.0) / channels
@@ -312,21 +312,16 @@ def _fit_in_memory(
 def _linearize(likelihood: Likelihood, robust: bool, point: Point) -> Linearization:
     weights = None
     if robust:
-        weights = np.array([noise.weights / noise.square for noise in _student_noises(likelihood, point)])
+        weights = np.array([noise.weights / noise.square for noise in student_noises(likelihood, *point)])
     return likelihood.linearize(point.matrix, point.bias, weights, point.gradient)
-
-
-def _student_noises(likelihood: Likelihood, point: Point) -> list[StudentNoise]:
-    """Return the noise of the differential channels and of the common mode: each may be other than stated."""
-    return list(map(StudentNoise.of, likelihood.energy(*point), likelihood.channel_count))
 
 
 def _likelihood(recording: Recording, array: KnownNoiseArray, data: Normalized, may_interpolate: bool) -> Likelihood:
     vector_noise, scalar_noise = _noise(array, data)
     if not may_interpolate or not is_worth_interpolating(data.intensity):
         return Likelihood(data.points, data.intensity, vector_noise, scalar_noise)
-    reference = interpolate(recording.time_s, data.intensity, scalar_noise)
-    return Likelihood(data.points, reference.intensity, vector_noise, 0.0, reference.noise)
+    intensity, shared_noise = interpolate(recording.time_s, data.intensity, scalar_noise)
+    return Likelihood(data.points, intensity, vector_noise, 0.0, shared_noise)
 
 
 def _noise(array: KnownNoiseArray, data: Normalized) -> tuple[FloatArray, float]:
@@ -347,7 +342,6 @@ def _aligned_start(
         if start:
             point = point._replace(gradient=np.zeros(5))
             information = _linearize(likelihood, False, point).both.information
-            _, covariance = marginal_information(information, free_rows(recording.sensor_count))
-            require_gradient_determined(covariance, likelihood.vector_noise, array)
+            require_gradient_determined(_covariance_of_gradient(information), likelihood.vector_noise, array)
             point, _ = gauss_newton(partial(_linearize, likelihood, False), point)
     return likelihood, point

@@ -4,6 +4,11 @@ A method that needs no more than these is worked out for all sets at once, and i
 
 Sensors that are orthogonal already are aligned by Procrustes analysis, or by linear regression. Every function takes
 any number of leading axes and treats each of them apart.
+
+Which sensors a fit finds to be mirror images of the others: their numbers, by majority.
+
+A fit sees the handedness of sensors only against each other or against a reference that is made of them: that sensor 2
+is a mirror image of sensor 1 is the same finding as that sensor 1 is one of sensor 2. The fewer are named first.
 """
 
 from dataclasses import dataclass, replace
@@ -15,17 +20,15 @@ from tam_calibration.core.normal_equations import gram
 from tam_calibration.correction.calibration import FRAME_STATEMENT, Calibration
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.estimate import Estimate, make_calibration
-from tam_calibration.fit.handedness import require_one_hand
 from tam_calibration.fit.scale import Normalized, free_scale, normalize
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import BLOCK, Recording, SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.sensors_in_words import numbered
 from tam_calibration.model.units import FloatArray, IntArray, from_degrees
 
 _JACKKNIFE_GROUPS = 64
-_FEWEST_SAMPLES = 10
-"""An ellipsoid has nine parameters; one sample more lets the jackknife leave one out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,8 +96,10 @@ def gather(
         When there are too few samples.
     """
     known = source.sample_count if source.scalar_count is None else source.scalar_count
-    if known < _FEWEST_SAMPLES:
-        raise InputError(f"{known} samples are too few for the {method} calibration: it needs {_FEWEST_SAMPLES}")
+    # An ellipsoid has nine parameters; one sample more lets the jackknife leave one out.
+    fewest_samples = 10
+    if known < fewest_samples:
+        raise InputError(f"{known} samples are too few for the {method} calibration: it needs {fewest_samples}")
     if source.sample_count <= BLOCK:
         groups = -(-known // _length_of_run(known, min(groups, known)))
     data = normalize(source)
@@ -221,10 +226,6 @@ def lasting_factor(replicates: FloatArray) -> float:
     return factor
 
 
-_LARGEST_TURN = from_degrees(80.0)
-"""Of a sensor whose angle is found by its sine, radians: noise counts six times there, and without bound at 90°."""
-
-
 def field_products(joint: FloatArray, unmix: FloatArray, center: FloatArray) -> FloatArray:
     """Return the sums of the outer products of the restored fields.
 
@@ -294,7 +295,9 @@ def rotation_by_regression(regression: FloatArray) -> FloatArray:
         When sensors are mirror images of others.
     """
     require_one_hand(regression)
-    beyond = (regression[..., 0, 0] < np.cos(_LARGEST_TURN)).reshape(-1, regression.shape[-3]).any(axis=0)
+    # from_degrees(80.0): of a sensor whose angle is found by its sine, radians: noise counts six times there, and
+    # without bound at 90°.
+    beyond = (regression[..., 0, 0] < np.cos(from_degrees(80.0))).reshape(-1, regression.shape[-3]).any(axis=0)
     if beyond.any():
         raise InputError(
             f"sensor {np.argmax(beyond) + 1} is turned by more than 80° against the reference, "
@@ -320,3 +323,40 @@ def into_frame_of_first(matrix: FloatArray) -> FloatArray:
     require_one_hand(matrix)
     first = SensorErrors.from_matrix(matrix[:, 0], np.zeros((len(matrix), 3))).rotation
     return matrix @ np.swapaxes(first, 1, 2)[:, None]
+
+
+def require_one_hand(matrix: FloatArray) -> None:
+    """Check that all sensors have the same handedness.
+
+    Parameters
+    ----------
+    matrix : (..., K, 3, 3) array
+        Of each sensor, from one common frame to its axes; any of the leading axes may show the mirror image.
+
+    Raises
+    ------
+    InputError
+        When sensors are mirror images of others, or all of the reference; it has their numbers.
+    """
+    is_mirrored = (np.linalg.det(matrix) < 0).reshape(-1, matrix.shape[-3]).any(axis=0)
+    if is_mirrored.any():
+        raise InputError(f"{mirror_images(np.where(is_mirrored, -1, 1))}: check the order and signs of the axes")
+
+
+def mirror_images(hands: IntArray) -> str:
+    """Return in words which sensors are mirror images of which, the fewer of them first.
+
+    Parameters
+    ----------
+    hands : (K,) array
+        1 or -1 for the two kinds, at least one of them -1; 0 where it is unknown.
+    """
+    mirrored, others = (np.flatnonzero(hands == hand) for hand in (-1, 1))
+    if not len(others):
+        return f"{numbered(mirrored + 1)} {_are_mirror_images(mirrored)} of the reference"
+    few, many = sorted((mirrored, others), key=len)
+    return f"{numbered(few + 1)} {_are_mirror_images(few)} of {numbered(many + 1)}"
+
+
+def _are_mirror_images(sensors: IntArray) -> str:
+    return "is a mirror image" if len(sensors) == 1 else "are mirror images"

@@ -1,25 +1,188 @@
-"""Which attitudes to record next, of those in reach, so that the worst standard error becomes as small as it can."""
+"""Which attitudes to record next, of those in reach, so that the worst standard error becomes as small as it can.
+
+What is known before a plan: nothing, a recording, or a calibration.
+"""
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
+from numpy.linalg import inv, norm
 
-from tam_calibration.fit.identifiability import refuse_open
-from tam_calibration.fit.information import Information, InformationModel, SensitivityRows
-from tam_calibration.fit.plan_start import PlanStart
+from tam_calibration.core.noise import complete_noise
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.fit.coverage import field_of
+from tam_calibration.fit.identifiability import refuse_open, require_determined
+from tam_calibration.fit.information import InformationModel, information_of
+from tam_calibration.fit.maximum_likelihood import maximum_likelihood
+from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees
+
+
+@dataclass(frozen=True, eq=False)
+class PlanStart:
+    """What is known before a plan.
+
+    Parameters
+    ----------
+    model : Model
+        Errors, noise and field.
+    information : (13, 13) array
+        Of what was recorded.
+    standard_errors : (K, 12) array, optional
+        Before the plan, SI; None where parameters are open.
+    inclination : float, optional
+        Of the field, positive downwards, radians; where a recorded attitude tells it.
+    note : str
+        What is open and what was assumed for it; empty otherwise.
+    """
+
+    model: InformationModel
+    information: FloatArray
+    standard_errors: FloatArray | None
+    inclination: float | None = None
+    note: str = ""
+
+    @property
+    def worst(self) -> float:
+        """Largest standard error, as in ``Plan.worst``; infinite where parameters are open."""
+        if self.standard_errors is None:
+            return np.inf
+        return float(np.max(self.standard_errors.ravel() * self.model.noise_units))
+
+
+def start_from_nothing(array: Array, intensity_T: float) -> PlanStart:
+    """Return the start of a whole calibration of sensors whose errors are small.
+
+    Parameters
+    ----------
+    array : Array
+        Geometry of the K sensors, and their vector noise, which must be stated.
+    intensity_T : float
+        Intensity of the field, tesla.
+
+    Raises
+    ------
+    InputError
+        When the array's noise is not stated.
+    """
+    if array.vector_noise_T is None:
+        raise InputError("a plan without a recording needs the vector noise in the array file: add vector_noise_nT")
+    model = InformationModel(
+        SensorErrors.none(array.sensor_count), array.with_stated_noise(), array.scalar_noise_T is not None, intensity_T
+    )
+    return PlanStart(model, np.zeros((13, 13)), None)
+
+
+def start_from_recording(recording: Recording, array: Array) -> PlanStart:
+    """Return the start that a recording gives; where it leaves parameters open, its raw readings give the directions.
+
+    Parameters
+    ----------
+    recording : Recording
+        Raw readings; the inclination of the field is known where it has an attitude.
+    array : Array
+        Geometry and noise of the K sensors; a noise that is not stated is estimated.
+
+    Raises
+    ------
+    InputError
+        When the recording cannot be used.
+    Refused
+        When it is not one calibration.
+    """
+    recording.check_units(array.field)
+    noisy, _ = complete_noise(array, recording)
+    try:
+        require_determined(recording, array)
+    except InputError as problem:
+        note = f"{problem}; until then the raw readings are taken for the directions of the field"
+        return _start_from_raw(recording, noisy, note)
+    calibration = maximum_likelihood(recording, array)
+    field = field_of(recording, calibration.errors)
+    inclination = _inclination(recording, field)
+    if calibration.has_scalar_reference:
+        return replace(start_from_calibration(calibration), inclination=inclination)
+    model = _model_of(calibration)
+    information = information_of(model.rows(field))
+    return PlanStart(model, information, _standard_errors(model, information), inclination)
+
+
+def start_from_calibration(calibration: Calibration) -> PlanStart:
+    """Return the start that a calibration gives through its covariance.
+
+    Raises
+    ------
+    InputError
+        When it has no covariance or no scalar reference.
+    """
+    if calibration.covariance is None or not calibration.has_scalar_reference:
+        lacks = "covariance" if calibration.covariance is None else "scalar reference"
+        raise InputError(f"the calibration has no {lacks}: plan from its recording instead")
+    model = _model_of(calibration)
+    information = _taken_apart(model, calibration.covariance)
+    standard_errors = _standard_errors(model, information)
+    if not np.allclose(standard_errors, calibration.standard_errors, rtol=0.01, atol=0):
+        raise InputError(
+            f"the covariance of a calibration by {calibration.method} is not the inverse of an information that more "
+            "samples add to: plan from its recording, or calibrate that with maximum_likelihood"
+        )
+    return PlanStart(model, information, standard_errors)
+
+
+def _taken_apart(model: InformationModel, covariance: FloatArray) -> FloatArray:
+    """Return the information whose inverse is nearest to a covariance (12 K, 12 K) of the parameters."""
+    ellipsoid, affine = model.loadings
+    channels, units = affine.shape[1], model.noise_units
+    loadings = np.hstack([ellipsoid, affine.reshape(len(affine), -1)])
+    elements = np.linalg.pinv(units[:, None] * loadings) * units
+    inside = elements @ covariance @ elements.T
+    information = np.zeros((13, 13))
+    information[:9, :9] = inv(inside[:9, :9])
+    if channels:
+        blocks = inside[9:, 9:].reshape(channels, 4, channels, 4)
+        information[9:, 9:] = inv(np.einsum("kikj->ij", blocks) / channels)
+    return information
+
+
+def _model_of(calibration: Calibration) -> InformationModel:
+    has_scalar = calibration.has_scalar_reference
+    return InformationModel(calibration.errors, calibration.array, has_scalar, calibration.intensity_T)
+
+
+def _start_from_raw(recording: Recording, array: KnownNoiseArray, note: str) -> PlanStart:
+    scalar, field = recording.scalar_T, recording.readings_T.mean(axis=1)
+    length = norm(field, axis=1, keepdims=True)
+    intensity_T = float(np.nanmedian(length if scalar is None else scalar))
+    model = InformationModel(SensorErrors.none(recording.sensor_count), array, scalar is not None, intensity_T)
+    field = intensity_T * field / length
+    rows = model.rows(field)
+    if scalar is not None:
+        rows[~np.isfinite(scalar), :9] = 0
+    return PlanStart(model, information_of(rows), None, _inclination(recording, field), note)
+
+
+def _inclination(recording: Recording, field_T: FloatArray) -> float | None:
+    """Return the inclination of the mean field in the world, up being that of the attitude."""
+    if recording.attitude is None:
+        return None
+    from scipy.spatial.transform import Rotation
+
+    known = np.isfinite(recording.attitude).all(axis=1)
+    east, north, up = Rotation.from_quat(recording.attitude[known]).apply(field_T[known]).mean(axis=0)
+    return float(np.arctan2(-up, np.hypot(east, north)))
+
+
+def _standard_errors(model: InformationModel, information: FloatArray) -> FloatArray:
+    return np.sqrt(model.variances(information)).reshape(-1, 12)
+
 
 _STEP = from_degrees(15.0)
 """Finer steps than this are not distinguished: they hardly change the errors."""
-
-_FINEST_STEP = from_degrees(0.001)
-"""Least step of a turntable, radians: motorised rotation stages resolve no finer one."""
-
-_DISTINCT = 0.01
-"""Difference of unit vectors from which two directions of the field are different: half a degree."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +216,8 @@ def reach_of_turntable(steps: FloatArray, inclination: float) -> Reach:
     InputError
         When a step is neither 0 nor between the finest one and half a turn.
     """
-    if not ((steps == 0) | (steps >= _FINEST_STEP) & (steps <= np.pi)).all():
+    # from_degrees(0.001): least step of a turntable, radians: motorised rotation stages resolve no finer one.
+    if not ((steps == 0) | (steps >= from_degrees(0.001)) & (steps <= np.pi)).all():
         raise InputError("the steps of a turntable must be 0 (an axis that does not turn) or 0.001 to 180 degrees")
     return _reach([_turn(float(step)) for step in steps], inclination)
 
@@ -116,16 +280,10 @@ def _reach(axes: list[FloatArray], inclination: float) -> Reach:
     angles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     angles = angles[np.argsort(np.abs(angles[:, 1:]).sum(axis=1), kind="stable")]
     directions = field_directions(angles, inclination)
-    _, first = np.unique(np.round(directions / _DISTINCT), axis=0, return_index=True)
+    # 0.01: difference of unit vectors from which two directions of the field are different: half a degree.
+    _, first = np.unique(np.round(directions / 0.01), axis=0, return_index=True)
     first = np.sort(first)
     return Reach(angles[first], directions[first])
-
-
-_IGNORANCE = 1e-9
-"""Information that is there before any sample, as part of that of a planned pose, so that nothing is infinite."""
-
-_SMALLEST_GAIN = 1e-3
-"""Relative fall of the errors below which a further exchange of poses is not worth its time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +334,7 @@ def make_plan(
     Refused
         When parameters stay open; it names them.
     """
-    search = _PoseSearch(start.model, start.information, start.model.rows(field_T), samples_per_pose)
+    search = _PoseSearch(start.model, start.information, np.sqrt(samples_per_pose) * start.model.rows(field_T))
     chosen: list[int] = []
     for _ in range(pose_count):
         chosen.append(int(np.argmin(search.scores(chosen, _sum))))
@@ -194,41 +352,26 @@ def make_plan(
     return Plan(np.array(poses), worst, standard_errors.reshape(-1, 12))
 
 
-def _sum(squares: FloatArray) -> FloatArray:
-    return np.asarray(squares.sum(axis=-1))
-
-
-def _largest(squares: FloatArray) -> FloatArray:
-    return np.asarray(squares.max(axis=-1))
+_sum, _largest = partial(np.sum, axis=-1), partial(np.max, axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
 class _PoseSearch:
-    """The candidates, and what is known before."""
+    """The rows of each candidate pose, and what is known before."""
 
     model: InformationModel
-    start: Information
-    candidates: SensitivityRows
-    samples: int
+    start: FloatArray
+    poses: FloatArray
 
-    @cached_property
-    def _poses(self) -> SensitivityRows:
-        factor = np.sqrt(self.samples)
-        return SensitivityRows(factor * self.candidates.ellipsoid, factor * self.candidates.affine)
-
-    @cached_property
-    def _ignorance(self) -> Information:
-        poses = self._poses
-        sizes = (np.mean(poses.ellipsoid**2) * np.eye(9), np.mean(poses.affine**2) * np.eye(4))
-        return Information(*sizes) * _IGNORANCE
-
-    def with_poses(self, chosen: list[int]) -> Information:
+    def with_poses(self, chosen: list[int]) -> FloatArray:
         """Return the information of what is known before and of poses."""
-        return self.start + self._poses[np.array(chosen, dtype=int)].information
+        return self.start + information_of(self.poses[np.array(chosen, dtype=int)])
 
     def scores(self, chosen: list[int], criterion: Callable[[FloatArray], FloatArray]) -> FloatArray:
         """Return the criterion of the squared standard errors with each candidate added to the chosen ones."""
-        variances = self.model.variances_with(self.with_poses(chosen) + self._ignorance, self._poses)
+        # 1e-9: information that is there before any sample, as part of that of a pose, so that nothing is infinite.
+        least = 1e-9 * np.repeat([np.mean(self.poses[:, :9] ** 2), np.mean(self.poses[:, 9:] ** 2)], [9, 4])
+        variances = self.model.variances_with(self.with_poses(chosen) + np.diag(least), self.poses)
         return criterion(variances * self.model.noise_units**2)
 
     def exchange(self, chosen: list[int], criterion: Callable[[FloatArray], FloatArray]) -> list[int]:
@@ -239,7 +382,8 @@ class _PoseSearch:
             for place, old in enumerate(chosen):
                 scores = self.scores(chosen[:place] + chosen[place + 1 :], criterion)
                 chosen[place] = int(np.argmin(scores))
-                if scores[chosen[place]] < (1 - _SMALLEST_GAIN) * scores[old]:
+                # 1e-3: relative fall of the errors below which a further exchange of poses is not worth its time.
+                if scores[chosen[place]] < (1 - 1e-3) * scores[old]:
                     gained = True
                 else:
                     chosen[place] = old

@@ -1,30 +1,26 @@
-"""Which turn of a vehicle buys most certainty of tensor and centre field per minute, in addition to a prior."""
+"""Which turn of a vehicle buys most certainty of tensor and centre field per minute, in addition to a prior.
+
+Standard errors that samples will have, before they are fitted: what a turn buys, planned or made so far.
+"""
 
 from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 
-from tam_calibration.fit.expected import expected_covariance
+from tam_calibration.fit.gyroscope_path import GyroscopeState, GyroscopeUse
+from tam_calibration.fit.information import inverted
 from tam_calibration.fit.plan import field_directions
 from tam_calibration.fit.prior import Prior
-from tam_calibration.fit.problem import Known
+from tam_calibration.fit.problem import Known, Problem
+from tam_calibration.model.array import KnownNoiseArray
+from tam_calibration.model.data_sheet import Gyroscope
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.gyroscope import Gyroscope
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, from_degrees
 
-_YAWS = from_degrees(np.array([0.0, 90.0, 180.0, 360.0]))
-"""Turns of the heading that are compared, radians: straight on, a quarter, half and whole circle."""
-
 _GOLDEN_RATIO = (1 + np.sqrt(5)) / 2
 """By which the roll swings more slowly than the pitch, so that the two never repeat together."""
-
-_SWINGS = 2
-"""Of pitch and roll at least, in a turn that has them."""
-
-_MINUTE_S = 60.0
-"""Seconds in a minute."""
 
 
 @dataclass(frozen=True)
@@ -112,20 +108,24 @@ def best_turns(prior: Prior, vehicle: Vehicle, inclination: float, gyroscope: Gy
     before = excess_of(prior, prior.covariance)
     swings = [(0.0,) if limit == 0 else (0.0, limit) for limit in (vehicle.pitch_limit, vehicle.roll_limit)]
     turns = []
-    for yaw, pitch, roll in product(_YAWS.tolist(), *swings):
+    # from_degrees(np.array([0.0, 90.0, 180.0, 360.0])): turns of the heading that are compared, radians: straight on, a
+    # quarter, half and whole circle.
+    for yaw, pitch, roll in product(from_degrees(np.array([0.0, 90.0, 180.0, 360.0])).tolist(), *swings):
         if not (yaw or pitch or roll):
             continue
         angles = _angles(yaw, pitch, roll, vehicle)
         duration_s = len(angles) / vehicle.sample_rate_hz
         excess = excess_of(prior, _covariance_after(prior, angles, vehicle, inclination, gyroscope))
-        turns.append(Turn(yaw, pitch, roll, duration_s, excess, (before - excess) * _MINUTE_S / duration_s))
+        # 60.0: seconds in a minute.
+        turns.append(Turn(yaw, pitch, roll, duration_s, excess, (before - excess) * 60.0 / duration_s))
     return sorted(turns, key=lambda turn: -turn.gain_per_minute)
 
 
 def _angles(yaw: float, pitch: float, roll: float, vehicle: Vehicle) -> FloatArray:
     """Return yaw, pitch and roll (N, 3) at the samples of a turn, none faster than the vehicle."""
     periods_s = 2 * np.pi * np.array([pitch, roll * _GOLDEN_RATIO]) / vehicle.turn_rate
-    duration_s = max(yaw / vehicle.turn_rate, _SWINGS * float(periods_s.max()))
+    # 2: of pitch and roll at least, in a turn that has them.
+    duration_s = max(yaw / vehicle.turn_rate, 2 * float(periods_s.max()))
     time_s = np.arange(max(2, round(duration_s * vehicle.sample_rate_hz))) / vehicle.sample_rate_hz
     swings = [
         limit * np.sin(2 * np.pi * time_s / period) if period else np.zeros_like(time_s)
@@ -154,3 +154,28 @@ def _rates(angles: FloatArray, interval_s: float) -> FloatArray:
     attitude = Rotation.from_euler("ZYX", angles)
     turns = (attitude[:-1].inv() * attitude[1:]).as_rotvec() / interval_s
     return np.vstack([turns[:1], (turns[:-1] + turns[1:]) / 2, turns[-1:]])
+
+
+def expected_covariance(
+    recording: Recording, array: KnownNoiseArray, known: Known, gyroscope: Gyroscope | None
+) -> FloatArray:
+    """Return the covariance (12 K, 12 K) of the errors that a fit of samples without noise would have.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of K sensors, as they read at the start of what is known.
+    array : KnownNoiseArray
+        With every noise.
+    known : Known
+        Everything else that is known.
+    gyroscope : Gyroscope, optional
+        What measured the angular velocity; it counts where its noise is stated.
+    """
+    if gyroscope is not None and gyroscope.noise_density is not None and recording.angular_velocity_rad_s is not None:
+        interval_s, start = float(np.median(np.diff(recording.time_s))), GyroscopeState.at_rest(np.eye(3), 0.0)
+        use = GyroscopeUse(gyroscope.noise_density, gyroscope.bias, interval_s, start, gyroscope.scale_error)
+        known = replace(known, gyroscope=use)
+    problem = Problem.of(recording, array, known)
+    size, found = 12 * array.sensor_count, problem.normal_at(problem.start)
+    return inverted(found.information, problem.basis_at(problem.start))[:size, :size]

@@ -4,36 +4,77 @@ The errors θ of the sensors are taken as normal about the last estimate, their 
 that of the changes. What a calibration holds by convention tells nothing: the frame of sensor 1, and without a scalar
 reference the scale. Errors are therefore compared in the prior's convention: θ' = convention(θ), with derivative L, has
 the energy (θ' - θ₀)ᵀ P⁻¹ (θ' - θ₀), which adds the information Lᵀ P⁻¹ L to that of the data.
+
+The errors of sensors in another common frame, with their covariance.
 """
 
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.linalg import inv
 
 from tam_calibration.core.least_squares import whitening
 from tam_calibration.core.normal_equations import Normal
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.frames import in_first_frame
-from tam_calibration.fit.scale import free_scale, free_scale_gradient
-from tam_calibration.model.change_rates import DAY_S, ChangeRates
+from tam_calibration.fit.scale import free_scale, without_scale
+from tam_calibration.model.data_sheet import DAY_S, ChangeRates
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.sensor_errors import CROSS, SensorErrors
 from tam_calibration.model.units import FloatArray
+
+
+def turned(
+    errors: SensorErrors, rotation: FloatArray, orientation: FloatArray | None = None
+) -> tuple[SensorErrors, FloatArray]:
+    """Return errors in a frame from which a rotation X leads to that of the errors given, and their derivative.
+
+    A further turn δ, (1 + [δ]×) X, changes the matrices M X by M [δ]× X.
+
+    Parameters
+    ----------
+    errors : SensorErrors
+        Of K sensors, with matrices M.
+    rotation : (3, 3) array
+        X.
+    orientation : (K, 3, 3) array, optional
+        Of the sensors after the turn, by right angles; by default the nearest.
+
+    Returns
+    -------
+    SensorErrors, (12 K, 12 K + 3) array
+        Errors, and their derivative by those given and by δ, radians.
+    """
+    count = errors.sensor_count
+    after = SensorErrors.from_matrix(errors.matrix @ rotation, errors.bias_T, orientation)
+    rows = np.zeros((count, 3, 4, 12 * count + 3))
+    for sensor, own in enumerate(errors.jacobian()):
+        columns = slice(12 * sensor, 12 * sensor + 12)
+        rows[sensor, :, :3, columns] = np.einsum("ijp,jk->ikp", own[:, :3], rotation)
+        rows[sensor, :, 3, columns] = own[:, 3]
+    rows[:, :, :3, -3:] = np.einsum("kij,djl,lm->kimd", errors.matrix, CROSS, rotation)
+    back = inv(after.jacobian().reshape(count, 12, 12))
+    return after, (back @ rows.reshape(count, 12, -1)).reshape(12 * count, -1)
+
+
+def in_first_frame(errors: SensorErrors) -> tuple[SensorErrors, FloatArray]:
+    """Return errors turned into the frame of sensor 1, and the (12 K, 12 K) derivative by the errors given."""
+    first = errors.rotation[0]
+    after, derivative = turned(errors, first.T, errors.orientation @ errors.orientation[0].T)
+    after.misalignment[0] = 0
+    # The frame turns with sensor 1: [δ]× is the change of its transposed rotation times that rotation.
+    change = np.einsum("ij,jkp->ikp", inv(errors.measurement[0]), errors.jacobian()[0, :, :3, 9:12])
+    skew = np.einsum("ijp,ik->jkp", change, first)
+    derivative[:, 9:12] += derivative[:, -3:] @ skew[[2, 0, 1], [1, 2, 0]]
+    derivative[9:12] = 0
+    return after, derivative[:, :-3]
+
 
 __all__ = ["ChangeRates", "Prior", "has_date", "prior_of"]
 
-_FIRST_DATE_S = 1e8
-"""Since 1970: stamps before March 1973 count from the start of a recording, not from an epoch."""
 
 _ASSUMED_AGE_S = DAY_S
 """Where a calibration or a recording has no date: the one of the pier is a day old at most when the vehicle dives."""
-
-_NULL = 1e-13
-"""Part of the largest eigenvalue of a scaled covariance below which a direction is held, and not uncertain."""
-
-_NEGATIVE = 1e-6
-"""Part of the largest eigenvalue of a scaled covariance that rounding may make negative in a file."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +109,9 @@ class Prior:
     @property
     def knows_frame(self) -> bool:
         """Whether the common frame is known, and not that of sensor 1 by convention."""
-        return not is_of_first_sensor(self.calibration)
+        errors, covariance = self.calibration.errors, self.calibration.covariance
+        is_turned = errors.misalignment[0].any() or not np.array_equal(errors.orientation[0], np.eye(3))
+        return bool(is_turned or (covariance is not None and covariance[9:12, 9:12].any()))
 
     @property
     def knows_scale(self) -> bool:
@@ -83,7 +126,9 @@ class Prior:
     @cached_property
     def whitening(self) -> FloatArray:
         """(12 K, R) matrix W of the precision W Wᵀ: Wᵀ (θ' - θ₀) has unit variance; nothing along what is held."""
-        return whitening(self.covariance, _NULL)
+        # 1e-13: part of the largest eigenvalue of a scaled covariance below which a direction is held, and not
+        # uncertain.
+        return whitening(self.covariance, 1e-13)
 
     @cached_property
     def precision(self) -> FloatArray:
@@ -165,29 +210,8 @@ def prior_of(
 
 def has_date(time_s: float) -> bool:
     """Whether a stamp counts from 1970."""
-    return time_s > _FIRST_DATE_S
-
-
-def is_of_first_sensor(calibration: Calibration) -> bool:
-    """Whether the frame of a calibration is that of sensor 1, whose misalignment is then zero by convention."""
-    is_turned = calibration.errors.misalignment[0].any() or not np.array_equal(
-        calibration.errors.orientation[0], np.eye(3)
-    )
-    is_uncertain = calibration.covariance is not None and calibration.covariance[9:12, 9:12].any()
-    return not (is_turned or is_uncertain)
-
-
-def without_scale(errors: SensorErrors) -> FloatArray:
-    """Return the (12 K, 12 K) projection of changes of the errors on those that keep the mean determinant.
-
-    Parameters
-    ----------
-    errors : SensorErrors
-        Of K sensors, which are changed.
-    """
-    gradient, scale = free_scale_gradient(errors), errors.to_vector()
-    scale[:, 3:] = 0
-    return np.eye(gradient.size) - np.outer(scale, gradient) / (gradient @ scale.ravel())
+    # 1e8: since 1970: stamps before March 1973 count from the start of a recording, not from an epoch.
+    return time_s > 1e8
 
 
 def _covariance_of(calibration: Calibration) -> FloatArray:
@@ -202,7 +226,8 @@ def _covariance_of(calibration: Calibration) -> FloatArray:
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0))
     scale = np.divide(1, deviation, out=np.zeros_like(deviation), where=deviation > 0)
     values = np.linalg.eigvalsh((covariance + covariance.T) / 2 * np.outer(scale, scale))
-    if values[0] < -_NEGATIVE * max(values[-1], 1.0) or (np.diag(covariance) < 0).any():
+    # 1e-6: part of the largest eigenvalue of a scaled covariance that rounding may make negative in a file.
+    if values[0] < -1e-6 * max(values[-1], 1.0) or (np.diag(covariance) < 0).any():
         raise InputError(
             "the covariance of the calibration is not valid: it gives a combination of the errors a negative variance; "
             "calibrate its recording anew"

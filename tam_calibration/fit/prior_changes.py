@@ -16,23 +16,19 @@ from itertools import accumulate, pairwise
 import numpy as np
 from numpy.linalg import slogdet
 
-from tam_calibration.core.variance_factors import VarianceFactors
-from tam_calibration.correction.update import KINDS, Moved
+from tam_calibration.core.slow_cosines import VarianceFactors
+from tam_calibration.correction.parts import KINDS, Moved
 from tam_calibration.fit import contradiction
+from tam_calibration.fit.contradiction import Unnamed, unnamed_changes
 from tam_calibration.fit.estimate import sample_energies
 from tam_calibration.fit.information import inverted
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, with_noise
-from tam_calibration.fit.posterior import Posterior, posterior_of
 from tam_calibration.fit.prior import Prior
-from tam_calibration.fit.problem import Known, Place, Problem
-from tam_calibration.fit.unnamed_changes import Unnamed, unnamed_changes
+from tam_calibration.fit.problem import Known, Place, Posterior, Problem, posterior_of
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.recording import Recording, SampleSource
 from tam_calibration.model.units import FloatArray
-
-_MOST_SAMPLES = 500
-"""Of a recording, spread over it: what contradicts by as much shows in some."""
 
 
 def large_change(
@@ -51,9 +47,9 @@ def large_change(
     candidates : sequence of sequence of Change
         What may have changed, each in all sizes.
     """
-    prior, some = known.prior, recording.whole()
-    assert prior is not None
-    some = some.take(slice(None, None, -(-some.sample_count // _MOST_SAMPLES)))
+    prior, some = known.given, recording.whole()
+    # 500: of a recording, spread over it: what contradicts by as much shows in some.
+    some = some.take(slice(None, None, -(-some.sample_count // 500)))
     weighed = []
     for *_, largest in candidates:
         used = prior.widened(largest.directions, largest.variance)
@@ -64,16 +60,6 @@ def large_change(
             left += used.terms(place.errors).energy + len(largest.variance) * np.log(some.sample_count)
             weighed.append((contradiction.log_odds(largest) - left / 2, largest))
     return contradiction.plausible(weighed) if weighed else []
-
-
-_MOST_BLOCKS = 100
-"""Of equal length, at the beginning of one of which the change is placed: to a hundredth of the recording."""
-
-_BY_CHANCE = 1e-6
-"""Probability of a sample's energy beyond which it does not fit: none in most recordings."""
-
-_CONVINCING = 5.0
-"""Logarithm of the evidence, in addition to that of the number of times tried, for a change within the recording."""
 
 
 def time_of_change(
@@ -98,7 +84,8 @@ def time_of_change(
         What moved.
     """
     known = replace(known, gyroscope=None)  # its turns reach from one block into the next
-    count = min(_MOST_BLOCKS, recording.sample_count)
+    # 100: of equal length, at the beginning of one of which the change is placed: to a hundredth of the recording.
+    count = min(100, recording.sample_count)
     starts = np.linspace(0, recording.sample_count, count + 1).astype(int)
     place = Place(posterior.errors, posterior.intensity_T, posterior.motion)
     has_scalar = recording.scalar_count is not None
@@ -117,7 +104,9 @@ def time_of_change(
         gain = score @ np.linalg.solve(information + np.diag(1 / change.variance), score)
         evidence.append((gain - slogdet(np.eye(unknowns) + change.variance[:, None] * information)[1]) / 2)
     best = int(np.argmax(evidence))
-    if evidence[best] - evidence[0] < _CONVINCING + np.log(count):
+    # 5.0: logarithm of the evidence, in addition to that of the number of times tried, for a change within the
+    # recording.
+    if evidence[best] - evidence[0] < 5.0 + np.log(count):
         return None
     return float(recording.time_s[starts[best]])
 
@@ -157,18 +146,14 @@ def _largest(energies: FloatArray, channels: int) -> float:
     """Return the energy beyond which a sample does not fit, where most do, or do as well as these."""
     from scipy.special import chdtri
 
-    usual, limit = chdtri(channels, [0.5, _BY_CHANCE])
+    # 1e-6: probability of a sample's energy beyond which it does not fit: none in most recordings.
+    usual, limit = chdtri(channels, [0.5, 1e-6])
     return float(limit * max(1.0, np.median(energies) / usual))
 
 
 MOST_TIMES = 3
 """That something moves within a recording: a tool is picked up, used and dropped."""
 
-_MOST_TRIES = 5
-"""To place a change within a recording, each with the errors before and after the last: two or three are enough."""
-
-_PART_UNSURE = 50
-"""A fiftieth of the recording to both sides of the first estimate of a change: what it may be wrong by, or last for."""
 
 _Found = Sequence[Sequence[contradiction.Change]]
 """Changes, each with its plausible rivals after it."""
@@ -238,7 +223,7 @@ def update_prior(recording: SampleSource, array: Array, known: Known, most_times
     unnamed = unnamed_changes(difference, known.prior, found, _candidates(recording, known))
     if not found:
         return UpdatedPrior(recording, _allowing_for(unnamed, known), difference, unnamed=unnamed)
-    widened = replace(known, prior=_widened(known.prior, found))
+    widened = _less_certain(known, found)
     updated = UpdatedPrior(recording, widened, None, found, _moved(found, None))
     parts: list[Recording] = []
     while updated.refusal is None and len(parts) <= most_times:
@@ -269,8 +254,7 @@ def _in_sequence(parts: Sequence[Recording], array: KnownNoiseArray, known: Know
             _, found = _contradiction(part, array, known)
             if part is parts[-1] and not found:
                 return None
-            assert known.prior is not None
-            known = replace(known, prior=_widened(known.prior, found))
+            known = _less_certain(known, found)
             if part is not parts[-1]:
                 earlier.append((part, known))
                 known = _known_after(part, array, known)
@@ -288,25 +272,23 @@ def _contradiction(
 ) -> tuple[contradiction.Difference, _Found]:
     """Return the difference of readings and prior, and the changes that explain it: large ones, then what is left."""
     large: list[Sequence[contradiction.Change]] = []
-    prior = known.prior
-    assert prior is not None
     candidates = _candidates(recording, known)
-    left = difference = contradiction.Difference.of(prior, posterior_of(recording, array, known))
+    left = difference = contradiction.Difference.of(known.given, posterior_of(recording, array, known))
     with suppress(Refused):
         while left.chi_square > contradiction.FAR_RATIO and len(large) < most:
-            strongest = large_change(recording, array, replace(known, prior=prior), candidates)
+            strongest = large_change(recording, array, known, candidates)
             if not strongest:
                 break
-            used = _widened(prior, [strongest])
-            posterior = posterior_of(recording, array, replace(known, prior=used))
-            large.append([contradiction.estimated_with(strongest[0], prior, posterior), *strongest[1:]])
+            used = _less_certain(known, [strongest])
+            posterior = posterior_of(recording, array, used)
+            large.append([contradiction.estimated_with(strongest[0], known.given, posterior), *strongest[1:]])
             if contradiction.is_everything(strongest[0]):
                 return difference, large
-            prior, left = used, contradiction.Difference.of(used, posterior)
+            known, left = used, contradiction.Difference.of(used.given, posterior)
     found = contradiction.changes_that_explain(left, candidates)
     if any(contradiction.is_everything(change) for change, *_ in found):
         try:
-            posterior_of(recording, array, replace(known, prior=_widened(prior, found)))
+            posterior_of(recording, array, _less_certain(known, found))
         except Refused:
             found = contradiction.changes_that_explain(
                 left, [sizes for sizes in candidates if not contradiction.is_everything(sizes[0])]
@@ -315,10 +297,8 @@ def _contradiction(
 
 
 def _candidates(recording: SampleSource, known: Known) -> list[list[contradiction.Change]]:
-    assert known.prior is not None
-    return contradiction.candidates_of(
-        known.prior, recording.scalar_count is not None or known.main_field_T is not None
-    )
+    sees_scale = recording.scalar_count is not None or known.main_field_T is not None
+    return contradiction.candidates_of(known.given, sees_scale)
 
 
 def _split(
@@ -329,18 +309,22 @@ def _split(
     None where they tell of no change within the recording.
     """
     since_s = time_of_change(whole, array, known, posterior, change)
-    prior, count = known.prior, whole.sample_count
-    if since_s is None or prior is None:
+    count = whole.sample_count
+    if since_s is None:
         return None
     place = int(np.searchsorted(whole.time_s, since_s))
-    margin = min(count // _PART_UNSURE, place // 2, (count - place) // 2)
+    # 50: a fiftieth of the recording to both sides of the first estimate of a change: what it may be wrong by, or last
+    # for.
+    margin = min(count // 50, place // 2, (count - place) // 2)
     last, first = place - margin, place + margin
     with suppress(Refused):
-        for _ in range(_MOST_TRIES):
+        # 5: to place a change within a recording, each with the errors before and after the last: two or three are
+        # enough.
+        for _ in range(5):
             later = whole.take(slice(first, None))
             before = posterior_of(whole.take(slice(last)), array, known)
             strongest = _contradiction(later, array, known, most=1)[1]
-            after = posterior_of(later, array, replace(known, prior=_widened(prior, strongest)))
+            after = posterior_of(later, array, _less_certain(known, strongest))
             tried = last, first
             last, first = samples_between(whole, array, known.variance_factors, before, after)
             if (last, first) == tried:
@@ -353,13 +337,11 @@ def _known_after(earlier: Recording, array: KnownNoiseArray, known: Known) -> Kn
 
     The errors of a main field, and of how attitude is mounted, are the same in both.
     """
-    prior = known.prior
-    assert prior is not None
     if known.main_field_T is not None or array.mounting_error is not None:
         return known
     before = maximum_a_posteriori(earlier, array, known)
     assert before.covariance is not None
-    return replace(known, prior=replace(prior, calibration=before, covariance=before.covariance))
+    return replace(known, prior=replace(known.given, calibration=before, covariance=before.covariance))
 
 
 def _widened(prior: Prior, found: _Found) -> Prior:
@@ -369,11 +351,15 @@ def _widened(prior: Prior, found: _Found) -> Prior:
     return prior
 
 
+def _less_certain(known: Known, found: _Found) -> Known:
+    """Return what is known with a prior that is less certain by all plausible changes."""
+    return replace(known, prior=_widened(known.given, found))
+
+
 def _allowing_for(unnamed: Sequence[Unnamed], known: Known) -> Known:
     """Return what is known with a prior that is less certain by what may have changed and is not named."""
-    assert known.prior is not None
-    more = sum((each.covariance for each in unnamed), np.zeros_like(known.prior.covariance))
-    return replace(known, prior=known.prior.with_more(more))
+    more = sum((each.covariance for each in unnamed), np.zeros_like(known.given.covariance))
+    return replace(known, prior=known.given.with_more(more))
 
 
 def _moved(found: _Found, since_s: float | None) -> tuple[Moved, ...]:

@@ -6,19 +6,23 @@ held as plain fits hold it: the frame of sensor 1, and the mean determinant wher
 
 Beside the errors there are unknowns that only some recordings have: the constant intensity where no scalar reads it,
 and where attitude is data, how it is mounted and where the world's field points.
+
+What is known of the errors of the sensors after a recording: the most probable ones, and their covariance.
+
+What attitude or angular velocity must offer as data: a term of the likelihood with unknowns of its own.
 """
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import whitening
 from tam_calibration.core.normal_equations import Normal
-from tam_calibration.core.variance_factors import WHITE, VarianceFactors
+from tam_calibration.core.slow_cosines import WHITE, VarianceFactors
 from tam_calibration.correction.acceptance import are_possible
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.attitude_likelihood import AttitudeLikelihood
@@ -28,7 +32,6 @@ from tam_calibration.fit.gyroscope_path import GyroscopeUse
 from tam_calibration.fit.information import inverted, keeping, rows_by_unknowns
 from tam_calibration.fit.likelihood import Likelihood, UniformLikelihood
 from tam_calibration.fit.maximum_likelihood import first_guess, likelihood_of
-from tam_calibration.fit.motion import Motion, MotionState
 from tam_calibration.fit.prior import Prior
 from tam_calibration.fit.scale import Normalized, free_scale, free_scale_gradient, normalize
 from tam_calibration.model.array import KnownNoiseArray
@@ -38,15 +41,54 @@ from tam_calibration.model.recording import SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
-_SHORTER = 0.6
-"""Length of the steps where whole ones do not settle: what is taken off the gradient has a slope that the information
-does not hold, which is as large where a narrow turn contains little compared with wide tolerances."""
 
-_SEEN = 1e-13
-"""Part of the largest eigenvalue of a scaled information below which a direction is open."""
+class MotionState(Protocol):
+    """The unknowns of the motion at a point."""
 
-_LEAST_ANGLE = 1e-8
-"""Of a mounting that is stated to be exact, radians."""
+    @property
+    def mount(self) -> FloatArray:
+        """(3, 3) rotation between the frame of the sensors and that of the motion."""
+
+    @property
+    def mounting(self) -> tuple[FloatArray, float]:
+        """Rotation from the frame of the sensors to that of the motion, and the sign of its turn by ``mount``."""
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+
+    @property
+    def turn(self) -> slice:
+        """Place of the turn of ``mount`` among them."""
+
+    def moved(self, step: FloatArray) -> Self:
+        """Return the state after a step (size,)."""
+
+
+class Motion(Protocol):
+    """Samples whose motion was recorded; a state is one of its own kind."""
+
+    @property
+    def sample_count(self) -> int:
+        """Number of samples."""
+
+    def part(self, samples: slice) -> Self:
+        """Return some of the samples."""
+
+    def start(self, errors: SensorErrors) -> MotionState:
+        """Return the state at which a fit begins."""
+
+    def linearize(self, matrix: FloatArray, bias: FloatArray, state: Any) -> Normal:
+        """Return the normal equations over the rows [D Λ | o] of the sensors and the unknowns of the state."""
+
+    def scatter(self, matrix: FloatArray, bias: FloatArray, state: Any, taken: float = 0.0) -> float:
+        """Return the noise of the motion that the residuals show, so many channels being taken by the fit."""
+
+    def prior(self, state: Any, main_field_T: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+        """Return the precisions of the unknowns before the samples, and the downhill gradient."""
+
+    def is_free(self, state: Any) -> np.ndarray:
+        """Return which of the unknowns are fitted."""
 
 
 class Intensity(NamedTuple):
@@ -93,6 +135,12 @@ class Known:
     gyroscope: GyroscopeUse | None = None
 
     @property
+    def given(self) -> Prior:
+        """The prior, where there must be one."""
+        assert self.prior is not None
+        return self.prior
+
+    @property
     def intensities(self) -> tuple[Intensity, ...]:
         """What is known of the intensity, without any scalar reading in the samples."""
         of_model = self.main_field_T
@@ -132,14 +180,13 @@ class Problem:
 
     @classmethod
     def of(
-        cls, recording: SampleSource, array: KnownNoiseArray, known: Known | Prior, has_scalar: bool | None = None
+        cls, recording: SampleSource, array: KnownNoiseArray, known: Known, has_scalar: bool | None = None
     ) -> "Problem":
         """Return that of a recording, its readings taken about the biases of the start.
 
         Of a part of a recording ``has_scalar`` says whether the whole has a scalar.
         """
         has_scalar = recording.scalar_count is not None if has_scalar is None else has_scalar
-        known = known if isinstance(known, Known) else Known(known)
         begun = known.start or (None if known.prior is None else known.prior.calibration)
         if begun is None:
             start, unit_T = first_guess(recording, array), normalize(recording).radius_T
@@ -167,7 +214,10 @@ class Problem:
                 return self.settled(self.start, is_corrected=True)
         end, kept = self.settled(self.start, is_corrected=False)
         # Noise that is stated larger than it is, in a turn that tells little more than the prior, has no such place.
-        for length in (1.0, _SHORTER):
+        # 0.6: length of the steps where whole ones do not settle: what is taken off the gradient has a slope that the
+        # information does not hold, which is as large where a narrow turn contains little compared with wide
+        # tolerances.
+        for length in (1.0, 0.6):
             with suppress(Refused):
                 return self.settled(end, is_corrected=True, length=length)
         return end, kept
@@ -252,7 +302,8 @@ class Problem:
         information = self.data_at(place).information
         # Of an attitude's mounting and the world's direction, which come last, lengths tell nothing.
         curvature = np.pad(curvature, (0, len(information) - len(curvature)))
-        white = information @ whitening(information + curvature, _SEEN)
+        # 1e-13: part of the largest eigenvalue of a scaled information below which a direction is open.
+        white = information @ whitening(information + curvature, 1e-13)
         return white @ white.T + self.known_at(place).information
 
     def known_at(self, place: Place) -> Normal:
@@ -279,7 +330,8 @@ class Problem:
         assert self.motion is not None
         precisions, downhill = self.motion.prior(state, self.known.main_field_T)
         if self.mounting_error is not None:
-            precisions[state.turn] += (own := 1 / max(self.mounting_error, _LEAST_ANGLE) ** 2)
+            # 1e-8: of a mounting that is stated to be exact, radians.
+            precisions[state.turn] += (own := 1 / max(self.mounting_error, 1e-8) ** 2)
             downhill[state.turn] -= own * Rotation.from_matrix(state.mount).as_rotvec()
         return precisions, downhill
 
@@ -320,3 +372,65 @@ class Problem:
         """Return the matrices times the intensity over its unit, and the biases about those of the start."""
         factor = place.intensity_T / self.unit_T
         return factor * place.errors.matrix, (place.errors.bias_T - self.start_errors.bias_T) / self.unit_T
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """What all of it tells together.
+
+    Parameters
+    ----------
+    errors : SensorErrors
+        The most probable ones.
+    covariance : (12 K, 12 K) array
+        Of the flattened errors, SI; zero for what is held.
+    intensity_T : float
+        Of the field: fitted where no scalar reference tells it; else that of the start, tesla.
+    motion : MotionState, optional
+        What else was fitted where attitude or angular velocity is data.
+    mount : (3, 3) array, optional
+        X: rotation from the frame of the sensors to the one whose attitude or angular velocity is data.
+    with_mount : (12 K + 3, 12 K + 3) array, optional
+        Covariance of the errors and of the turn of X, radians.
+    """
+
+    errors: SensorErrors
+    covariance: FloatArray
+    intensity_T: float
+    motion: MotionState | None = None
+    mount: FloatArray | None = None
+    with_mount: FloatArray | None = None
+
+
+def posterior_of(recording: SampleSource, array: KnownNoiseArray, known: Known) -> Posterior:
+    """Return what is known of the errors of an array's sensors after a recording in a uniform field.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        Raw readings of K sensors; without any scalar reading the intensity is an unknown constant. Attitude counts
+        where the array states its standard deviation.
+    array : KnownNoiseArray
+        With every noise.
+    known : Known
+        What is known before.
+
+    Raises
+    ------
+    InputError
+        When nothing is known before, and the readings determine no ellipsoid to start from.
+    Refused
+        When the iteration does not settle, or leads to sensors that cannot be.
+    """
+    problem = Problem.of(recording, array, known)
+    end, kept = problem.most_probable()
+    if problem.known.curvature is not None:
+        kept = problem.information_with(problem.known.curvature, end), problem.basis_at(end)
+    covariance, size = inverted(*kept), 12 * array.sensor_count
+    found = Posterior(end.errors, covariance[:size, :size], end.intensity_T, end.motion)
+    if end.motion is None:
+        return found
+    mount, sign = end.motion.mounting
+    chosen = np.r_[:size, len(covariance) - end.motion.size + np.arange(end.motion.size)[end.motion.turn]]
+    signs = np.append(np.ones(size), np.full(3, sign))
+    return replace(found, mount=mount, with_mount=covariance[np.ix_(chosen, chosen)] * np.outer(signs, signs))

@@ -1,6 +1,14 @@
-"""What recorded attitude adds to a fit: the turn of the common frame, and the gradient of the ambient field."""
+"""What recorded attitude adds to a fit: the turn of the common frame, and the gradient of the ambient field.
 
-from dataclasses import replace
+How a recorded attitude may have been written otherwise: inverted, w first, in FRD axes, or not at all.
+
+The right attitude turns the corrected field into one that is constant in the world. A constant turn of the world, such
+as NED for ENU, cannot be seen, and does no harm. Where the stated attitude leaves the field turning and another reading
+of the same numbers makes it constant, the recording was written in that way.
+"""
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.linalg import norm
@@ -8,19 +16,21 @@ from numpy.linalg import norm
 from tam_calibration.correction.calibration import AmbientGradientEstimate
 from tam_calibration.effects.ambient_gradient import require_attitude, without_gradient
 from tam_calibration.fit.channel_maps import Turning
+from tam_calibration.fit.scale import sphere_center
 from tam_calibration.model.array import UNIT_TENSORS, Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording, SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, to_degrees
 
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
+
 FRAME_STATEMENT = (
     "The array frame is the one whose attitude was recorded. It was found from the uniform field, "
     "which is constant in the world while the array turns."
 )
-
-_SMALLEST_SHARE = 1e-3
-"""How far the second best turn must be from the field standing still, as part of the field's square."""
 
 
 def find_turn(field: FloatArray, to_world: FloatArray) -> FloatArray:
@@ -62,7 +72,7 @@ def likely_turn(field: FloatArray, to_world: FloatArray) -> FloatArray:
 
 
 def _still_turns(field: FloatArray, to_world: FloatArray) -> FloatArray:
-    """Return the (9, M) turns X with which the field stands still in the world, M ≥ 1, the best first.
+    """Return the (9, M) turns X with which the field is constant in the world, M ≥ 1, the best first.
 
     The sum of |X b - Qᵀ w|² is quadratic in X and w together; w is eliminated, and the best X of unit norm is an
     eigenvector.
@@ -70,7 +80,8 @@ def _still_turns(field: FloatArray, to_world: FloatArray) -> FloatArray:
     mixed = np.einsum("naj,ni->jia", to_world, field).reshape(9, 3)
     residuals = np.kron(np.eye(3), field.T @ field) - mixed @ mixed.T / len(field)
     values, vectors = np.linalg.eigh(residuals)
-    return vectors[:, : max(1, int(np.searchsorted(values, _SMALLEST_SHARE * len(field))))]
+    # 1e-3: how far the second best turn must be from the field standing still, as part of the field's square.
+    return vectors[:, : max(1, int(np.searchsorted(values, 1e-3 * len(field))))]
 
 
 def _nearest_rotation(matrix: FloatArray) -> FloatArray:
@@ -78,15 +89,8 @@ def _nearest_rotation(matrix: FloatArray) -> FloatArray:
     return np.asarray(left @ right)
 
 
-_OPEN = 1e-12
-"""Information of a direction, that of each unknown alone one, up to which it is open: rounding leaves as much."""
-
-_LARGEST_ANGLE = from_degrees(10.0)
-"""Of the field in the world of the attitude; more is not noise of the attitude."""
-
-
 def aligned(attitude: FloatArray, field: FloatArray) -> FloatArray:
-    """Return attitudes that agree with the field, which all but stands still in the world.
+    """Return attitudes that agree with the field, which is almost constant in the world.
 
     Parameters
     ----------
@@ -121,7 +125,8 @@ def aligned(attitude: FloatArray, field: FloatArray) -> FloatArray:
 
 def strayed(angle: float) -> str:
     """Return why attitudes in whose world the field turns by an angle, radians, are wrong; nothing if it is small."""
-    if angle < _LARGEST_ANGLE:
+    # from_degrees(10.0): of the field in the world of the attitude; more is not noise of the attitude.
+    if angle < from_degrees(10.0):
         return ""
     return (
         f"the field of the readings is not constant in the world of the attitude but turns by "
@@ -192,39 +197,6 @@ def as_if_uniform(
     return without_gradient(replace(known, attitude=attitude), errors, array, gradient.tensor_T_per_m)
 
 
-def marginal_information(information: FloatArray, free: np.ndarray) -> tuple[FloatArray, FloatArray]:
-    """Return the information of the rows with the gradient unknown, and the covariance of the gradient.
-
-    Parameters
-    ----------
-    information : (12 K + 5, 12 K + 5) array
-        Of rows and gradient together.
-    free : (12 K,) array of bool
-        Rows that are fitted; the others are known.
-
-    Returns
-    -------
-    (12 K, 12 K) array
-        Of all rows.
-    (5, 5) array
-        Infinite where the data leave the gradient open.
-    """
-    count = len(free)
-    rows, cross, own = information[:count, :count], information[:count, count:], information[count:, count:]
-    scale = 1 / np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
-    scaled = information * np.outer(scale, scale)
-    kept = np.flatnonzero(free)
-    left = (
-        scaled[count:, count:]
-        - scaled[count:, kept] @ np.linalg.lstsq(scaled[np.ix_(kept, kept)], scaled[kept, count:], rcond=_OPEN)[0]
-    )
-    values, vectors = np.linalg.eigh(left)
-    if values[0] <= _OPEN:
-        return rows, np.full((5, 5), np.inf)
-    inverse = (vectors / values) @ vectors.T
-    return rows - cross @ np.linalg.solve(own, cross.T), inverse * np.outer(scale[count:], scale[count:])
-
-
 def gradient_of(components: FloatArray, covariance: FloatArray, unit_T: float) -> AmbientGradientEstimate:
     """Return the tensor of fitted components of the gradient, with its standard errors.
 
@@ -266,3 +238,110 @@ def require_gradient_determined(covariance: FloatArray, vector_noise: FloatArray
             "the attitudes do not tell an ambient gradient from the errors of the sensors: turn the array about "
             "several axes and in as many attitudes as it takes, or calibrate where the field is uniform"
         )
+
+
+_TURNS = from_degrees(10.0)
+"""Angle, root mean square, by which the field turns in the world of an attitude that is not the array's: near a source,
+or with a compass on a vehicle, it turns by less."""
+
+
+_INVERSE, _SCALAR_FIRST = np.array([-1.0, -1.0, -1.0, 1.0]), [1, 2, 3, 0]
+"""Signs of the inverse of a quaternion x, y, z, w, and the order that makes one of w, x, y, z."""
+
+_HALF_TURNS = dict(zip("xyz", np.eye(4)[:3], strict=True))
+"""Quaternions of the IMU against the array. That about x makes forward, right, down of forward, left, up. Readings with
+that axis reversed in all sensors look the same, as the field may point either way."""
+
+
+@dataclass(frozen=True)
+class _Convention:
+    """A way in which quaternions may be written, and what to do about it."""
+
+    what: str
+    remedy: str
+    is_inverse: bool = False
+    is_scalar_first: bool = False
+    half_turn: str = ""
+
+    def to_world(self, quaternions: FloatArray) -> "Rotation":
+        """Return the turns from the array's axes to the world of quaternions that were written so."""
+        ordered = quaternions[:, _SCALAR_FIRST] if self.is_scalar_first else quaternions
+        from scipy.spatial.transform import Rotation  # takes as long to load as a calibration
+
+        turns = Rotation.from_quat(ordered * _INVERSE if self.is_inverse else ordered)
+        return turns * Rotation.from_quat(_HALF_TURNS[self.half_turn]) if self.half_turn else turns
+
+
+_FRD = "state imu_rotation_deg: [180, 0, 0] in the array file"
+_CONVENTIONS = (
+    _Convention(
+        "turns the world into the array", "write the inverse: reverse the signs of x, y and z", is_inverse=True
+    ),
+    _Convention("has its quaternions in the order w, x, y, z", "write them as x, y, z, w", is_scalar_first=True),
+    _Convention(
+        "turns the world into the array, and is in the order w, x, y, z",
+        "write the inverse as x, y, z, w",
+        is_inverse=True,
+        is_scalar_first=True,
+    ),
+    _Convention(
+        "is that of axes forward, right, down (NED), or axis x of all sensors is reversed", _FRD, half_turn="x"
+    ),
+    _Convention(
+        "is that of axes forward, right, down (NED), and turns the world into the array",
+        f"write the inverse, and {_FRD}",
+        is_inverse=True,
+        half_turn="x",
+    ),
+    *(
+        _Convention(
+            f"and the readings agree only where axis {axis} of all sensors is reversed, which are left-handed then, or "
+            f"the IMU is turned by 180° about {axis}",
+            f"reverse that axis in the driver, or state imu_rotation_deg about {axis} in the array file",
+            half_turn=axis,
+        )
+        for axis in "yz"
+    ),
+)
+_AS_EXPECTED = _Convention("", "")
+
+
+def misread_attitude(recording: SampleSource, errors: SensorErrors | None = None) -> str:
+    """Return how a recorded attitude was written otherwise than expected, and what to do; empty where it was not.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        Raw readings, and attitude where there is one, x y z w from the array to the world.
+    errors : SensorErrors, optional
+        By which readings are corrected; without them those of sensor 1 count about the centre of their sphere.
+    """
+    # 2000: by which an attitude is judged.
+    some = recording.thinned(2000).whole()
+    if some.attitude is None:
+        return ""
+    known = np.isfinite(some.attitude).all(axis=1) & (norm(some.attitude, axis=1) > 0)
+    if errors is None:
+        field = some.readings_T[:, 0] - sphere_center(some.readings_T[:, 0])
+    else:
+        field = errors.restore(some.readings_T).mean(axis=1)
+    field, attitude = field[known], some.attitude[known]
+    if len(field) < 4 or (turning := _turning(_AS_EXPECTED, attitude, field)) < _TURNS:
+        return ""
+    still, convention = min(((_turning(each, attitude, field), each) for each in _CONVENTIONS), key=lambda one: one[0])
+    # How many times less it turns in that of the right one.
+    better = 4.0
+    if better * still < turning:
+        return f"the recorded attitude {convention.what}: {convention.remedy}"
+    turns = _AS_EXPECTED.to_world(attitude)
+    constant = float((turns[0].inv() * turns).magnitude().max())
+    if better * constant < turning:
+        return "the recorded attitude hardly changes while the readings turn: look at its driver"
+    return ""
+
+
+def _turning(convention: _Convention, attitude: FloatArray, field: FloatArray) -> float:
+    """Return the angle, root mean square, by which a field (N, 3) turns in the world, radians."""
+    direction = field / norm(field, axis=1, keepdims=True)
+    mean_length = float(norm(convention.to_world(attitude).apply(direction).mean(axis=0)))
+    return float(np.sqrt(2 * max(1 - mean_length, 0.0)))

@@ -1,7 +1,7 @@
 """The reference intensity between the readings of a scalar magnetometer that is slower than the sensors.
 
 Between two readings the intensity is taken as the straight line, off which it wanders as a random walk that is tied to
-both. How far it wanders is told by how far the readings themselves lie off the lines between their neighbours.
+both. The distances of the readings from the lines between their neighbours show how far it wanders.
 
 All samples between two readings share the errors of both. Taken for their own, one reading would count hundreds of
 times; the likelihood therefore needs the covariance of all samples, C = D + q B + σ² H Hᵀ: D the variances of the
@@ -15,14 +15,8 @@ import numpy as np
 
 from tam_calibration.model.units import FloatArray
 
-_LONGEST_GAP = 3.0
-"""Gaps between readings are bridged up to this multiple of the usual one."""
-
 LARGEST_SHARE = 0.5
 """Largest part of the samples with a reading of their own at which interpolation is worth its time."""
-
-_ROUGHNESS = (1 / 8, 2.0)
-"""Bounds of the ratio of the walk's rates at neighbouring octaves of time: smooth curves, and white noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,10 +97,9 @@ class InterpolationNoise:
             return np.zeros_like(columns)
         free, bands = self._walk
         diagonal = np.where(free, bands[0] + self.rate * precision, 1.0)
-        wandering: FloatArray = solveh_banded(
-            np.stack([diagonal, bands[1]]), np.where(free[:, None], self.rate * columns, 0.0), lower=True
+        return np.asarray(
+            solveh_banded(np.stack([diagonal, bands[1]]), np.where(free[:, None], self.rate * columns, 0.0), lower=True)
         )
-        return wandering
 
     @cached_property
     def _walk(self) -> tuple[np.ndarray, FloatArray]:
@@ -130,32 +123,13 @@ class InterpolationNoise:
         return np.asarray(transposed.tocsr() @ columns)
 
 
-@dataclass(frozen=True, eq=False)
-class Reference:
-    """The intensity at each sample.
-
-    Parameters
-    ----------
-    intensity : (N,) array
-        Read or interpolated; NaN before the first reading, after the last, and in long gaps.
-    standard_deviation : (N,) array
-        Of each by itself; NaN likewise.
-    noise : InterpolationNoise
-        The errors of those that are not NaN, and what they share.
-    """
-
-    intensity: FloatArray
-    standard_deviation: FloatArray
-    noise: InterpolationNoise
-
-
 def is_worth_interpolating(scalar: FloatArray) -> bool:
     """Whether at least three samples (N,) hold a reading, and at most every second one."""
     known = np.isfinite(scalar)
     return bool(3 <= known.sum() <= LARGEST_SHARE * len(scalar))
 
 
-def interpolate(time_s: FloatArray, scalar: FloatArray, noise: float) -> Reference:
+def interpolate(time_s: FloatArray, scalar: FloatArray, noise: float) -> tuple[FloatArray, InterpolationNoise]:
     """Return the intensity at every sample between the readings of a slower scalar magnetometer.
 
     Parameters
@@ -166,20 +140,27 @@ def interpolate(time_s: FloatArray, scalar: FloatArray, noise: float) -> Referen
         Readings, at least three; NaN where there is none. Any unit.
     noise : float
         Standard deviation of a reading, in the same unit.
+
+    Returns
+    -------
+    (N,) array
+        Read or interpolated; NaN before the first reading, after the last, and in long gaps.
+    InterpolationNoise
+        The errors of those that are not NaN, and what they share.
     """
     known = np.flatnonzero(np.isfinite(scalar))
     when, reading = time_s[known], scalar[known]
     gap = np.diff(when)
-    is_bridged = gap <= _LONGEST_GAP * np.median(gap)
+    # 3.0: gaps between readings are bridged up to this multiple of the usual one.
+    is_bridged = gap <= 3.0 * np.median(gap)
     interval = np.clip(np.searchsorted(when, time_s, side="right") - 1, 0, len(gap) - 1)
     way = (time_s - when[interval]) / gap[interval]
     inside = np.isfinite(scalar) | (is_bridged[interval] & (way > 0) & (way < 1))
     interval, way = interval[inside], way[inside]
     errors = InterpolationNoise(time_s[inside], interval, way, gap[interval], noise, _rate(when, reading, noise))
-    intensity, deviation = np.full((2, len(time_s)), np.nan)
+    intensity = np.full(len(time_s), np.nan)
     intensity[inside] = (1 - way) * reading[interval] + way * reading[interval + 1]
-    deviation[inside] = np.sqrt(errors.variance)
-    return Reference(intensity, deviation, errors)
+    return intensity, errors
 
 
 def _rate(when_s: FloatArray, reading: FloatArray, noise: float) -> float:
@@ -190,7 +171,9 @@ def _rate(when_s: FloatArray, reading: FloatArray, noise: float) -> float:
     """
     one = _rate_over(when_s, reading, noise, 1)
     two = _rate_over(when_s, reading, noise, 2) if len(reading) > 4 else one
-    return one * float(np.clip(one / max(two, np.finfo(float).tiny), *_ROUGHNESS)) if one > 0 else 0.0
+    # (1 / 8, 2.0): bounds of the ratio of the walk's rates at neighbouring octaves of time: smooth curves, and white
+    # noise.
+    return one * float(np.clip(one / max(two, np.finfo(float).tiny), *(1 / 8, 2.0))) if one > 0 else 0.0
 
 
 def _rate_over(when_s: FloatArray, reading: FloatArray, noise: float, steps: int) -> float:

@@ -13,34 +13,14 @@ from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import whitening
 from tam_calibration.core.noise import complete_noise
-from tam_calibration.core.slow_cosines import BLOCKS, slow_cosines
+from tam_calibration.core.slow_cosines import BLOCKS, SlowSums, slow_cosines
 from tam_calibration.fit.coverage import ellipsoid_rows
-from tam_calibration.fit.slow_sums import SlowSums
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import SKETCH, SampleSource
 from tam_calibration.model.units import FloatArray, to_nanotesla
 
 FOLLOWS = "the scalar follows the direction of the field"
 """How the sentence of a scalar begins that does."""
-
-_FEWEST = 10 * BLOCKS
-"""Scalar readings: ten for each block of time."""
-
-_SEEN = 1e-6
-"""Part of the largest eigenvalue below which a column is the noise of the readings."""
-
-_HINTED = 2.33
-"""Standard deviations of a normal law from which standard errors hold what the dependence may do: once in a hundred."""
-
-_BEYOND = 3.72
-"""Standard deviations of a normal law: once in ten thousand sound recordings."""
-
-_MOSTLY = 0.5
-"""Part of what is not slow that a magnet near the scalar explains at least: a field that varies faster may follow the
-direction in part by chance."""
-
-_HARMLESS = 4.0
-"""Squared standard errors by which the dependence moves the errors, and which are not worth losing a scalar."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +60,8 @@ def turning_scalar(recording: SampleSource, array: Array) -> TurningScalar | Non
         Geometry and noise.
     """
     some = recording.thinned(SKETCH)
-    if some.scalar_T is None or np.count_nonzero(np.isfinite(some.scalar_T)) < _FEWEST:
+    # 10 * BLOCKS: scalar readings: ten for each block of time.
+    if some.scalar_T is None or np.count_nonzero(np.isfinite(some.scalar_T)) < 10 * BLOCKS:
         return None
     known = np.isfinite(some.scalar_T)
     scalar_T, field = some.scalar_T[known], some.readings_T[known].mean(axis=1)
@@ -99,7 +80,8 @@ def _turning_part(scalar_T: FloatArray, field: FloatArray, recording: SampleSour
     left_T = scalar_T - slow @ (slow.T @ scalar_T)
     rows = ellipsoid_rows(field)
     rows = rows - slow @ (slow.T @ rows)
-    columns = rows @ whitening(rows.T @ rows, _SEEN)
+    # 1e-6: part of the largest eigenvalue below which a column is the noise of the readings.
+    columns = rows @ whitening(rows.T @ rows, 1e-6)
     explained = columns.T @ left_T
     residual_T = left_T - columns @ explained
     noise_T = float(np.sqrt(np.sum(residual_T**2) / (count - columns.shape[1] - slow.shape[1])))
@@ -112,11 +94,17 @@ def _turning_part(scalar_T: FloatArray, field: FloatArray, recording: SampleSour
     # The cube root of a χ² is nearly normal (Wilson and Hilferty 1931).
     variance = 2 / 9 / len(explained)
     deviation = (np.cbrt(energy / (len(explained) * noise_T**2 * lasting)) - 1 + variance) / np.sqrt(variance)
-    if deviation < _HINTED:
+    # 2.33: standard deviations of a normal law from which standard errors hold what the dependence may do: once in a
+    # hundred.
+    if deviation < 2.33:
         return 0.0, False
     noisy, _ = complete_noise(array, recording)
     variance_T2 = noise_T**2 + 1 / float(np.sum(1 / noisy.vector_noise_T**2))
-    is_harmful = energy > _HARMLESS * variance_T2 * lasting
+    # 4.0: squared standard errors by which the dependence moves the errors, and which are not worth losing a scalar.
+    is_harmful = energy > 4.0 * variance_T2 * lasting
     unit = np.column_stack([slow, field / norm(field, axis=1, keepdims=True)])
     size_T = float(norm(np.linalg.lstsq(unit, scalar_T, rcond=1e-6)[0][-3:]))
-    return size_T, bool(deviation > _BEYOND and is_harmful and energy >= _MOSTLY * float(left_T @ left_T))
+    # 3.72: standard deviations of a normal law: once in ten thousand sound recordings.
+    # 0.5: part of what is not slow that a magnet near the scalar explains at least: a field that varies faster may
+    # follow the direction in part by chance.
+    return size_T, bool(deviation > 3.72 and is_harmful and energy >= 0.5 * float(left_T @ left_T))

@@ -12,15 +12,6 @@ from tam_calibration.model.recording import SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
-_SAMPLES_FOR_SPHERE = 400
-"""From which centre and radius are taken: they only make the numbers of order one."""
-
-_REWEIGHTINGS = 40
-"""Of the least absolute distances, which come nearer by a constant part each time."""
-
-_SMALLEST_DISTANCE = 1e-4
-"""Part of the radius below which a distance weighs no more, so that no weight is infinite."""
-
 
 @dataclass(frozen=True, eq=False)
 class Normalized:
@@ -121,18 +112,21 @@ def sphere_of_most(points: FloatArray) -> tuple[FloatArray, float]:
     design = np.column_stack([2 * points, np.ones(len(points))])
     square = np.sum(points**2, axis=1)
     weight = np.ones(len(points))
-    for _ in range(_REWEIGHTINGS):
+    # 40: of the least absolute distances, which come nearer by a constant part each time.
+    for _ in range(40):
         solution = np.linalg.lstsq(design * weight[:, None], square * weight, rcond=None)[0]
         center = solution[:3]
         radius = float(np.sqrt(max(solution[3] + center @ center, 0.0)))
         distance = np.abs(norm(points - center, axis=1) - radius)
-        weight = 1 / np.sqrt(np.maximum(distance, _SMALLEST_DISTANCE * norm(points, axis=1).mean()))
+        # 1e-4: part of the radius below which a distance weighs no more, so that no weight is infinite.
+        weight = 1 / np.sqrt(np.maximum(distance, 1e-4 * norm(points, axis=1).mean()))
     return center, radius
 
 
 def normalize(source: SampleSource) -> Normalized:
     """Return the readings and intensity in units of order one."""
-    some = source.thinned(_SAMPLES_FOR_SPHERE).readings_T
+    # 400: from which centre and radius are taken: they only make the numbers of order one.
+    some = source.thinned(400).readings_T
     origin = sphere_center(np.swapaxes(some, 0, 1))
     centered = some - origin
     radius_T = float(np.sqrt(np.einsum("nki,nki->nk", centered, centered)).mean())
@@ -150,3 +144,16 @@ def free_scale_gradient(errors: SensorErrors) -> FloatArray:
     gradient[:, :3] = 1 / errors.scale_factor
     gradient[:, 3:6] = -np.tan(errors.non_orthogonality)
     return gradient.ravel()
+
+
+def without_scale(errors: SensorErrors) -> FloatArray:
+    """Return the (12 K, 12 K) projection of changes of the errors on those that keep the mean determinant.
+
+    Parameters
+    ----------
+    errors : SensorErrors
+        Of K sensors, which are changed.
+    """
+    gradient, scale = free_scale_gradient(errors), errors.to_vector()
+    scale[:, 3:] = 0
+    return np.eye(gradient.size) - np.outer(scale, gradient) / (gradient @ scale.ravel())

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.core.noise import complete_noise
-from tam_calibration.correction.contradiction import left_out
+from tam_calibration.correction.partial import left_out
 from tam_calibration.fit.maximum_likelihood import estimate, maximum_likelihood
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import TIMES, InputError, Refused, first_at
@@ -20,23 +20,12 @@ from tam_calibration.model.recording import SKETCH, Block, Recording, SampleSour
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, IntArray
 
-_FEWEST = 50
-"""Fewest samples that are judged: their median χ² errs by a sixth with 3 degrees of freedom, and by a third with 1."""
-
-_CHANCE = 1e-3
-"""Probability that a sound recording loses a sample."""
-
-_MOST = 1 / 3
-"""Part of the samples above which no clear majority tells which readings are bad."""
-
 _STRETCH = 0.1
 """Length of an event, as a part of the recording: if more than half of such a stretch is bad, a magnet came near.
 
 The checks of the fit report an event. A single sensor that fails for as long is left out.
 """
 
-_HIDING = 2.0
-"""Mean square of the residuals, over the noise or their median, from which bad readings may hide in the fit of all."""
 
 _MOST_ROUNDS = 10
 """Fits of the remaining samples; two or three are usual."""
@@ -44,20 +33,9 @@ _MOST_ROUNDS = 10
 _COMPARED = 3
 """Sensors from which each is compared with the mean of the others; fewer are compared with the intensity."""
 
-_REACH = 2.2
-"""Distance from the median reading, over its median or over the field: a turned sensor reaches 2."""
 
 _MEDIANS = {1: 0.45494, 3: 2.36597}
 """Of χ² by its degrees of freedom."""
-
-_LEAST_SCALE = 1e-2
-"""Median square of the residuals over that of an estimated noise: below lies only rounding."""
-
-_LASTING = 0.9
-"""Least part of the samples of a time that are left out where a sensor changed: some are by chance what they were."""
-
-_ALONE = 0.9
-"""Least part of the bad samples that belong to a sensor that fails alone; noise attributes a few to others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +66,8 @@ class LeftOut:
     def is_event(self) -> bool:
         """Whether most samples of a stretch of time are left out, and not by one sensor that fails alone."""
         own = self._densest
-        fails_alone = _COMPARED <= self.sensor_count != own[0] and bool((own == own[0]).mean() > _ALONE)
+        # 0.9: least part of the bad samples that belong to a sensor that fails alone; noise attributes a few to others.
+        fails_alone = _COMPARED <= self.sensor_count != own[0] and bool((own == own[0]).mean() > 0.9)
         return not self.is_brief and not fails_alone
 
     @property
@@ -109,7 +88,9 @@ class LeftOut:
         """Whether nearly all samples from the beginning, or until the end, are left out, and no others."""
         first, last = int(self.place[0]), int(self.place[-1])
         reaches_end = first == 0 or last == self.sample_count - 1
-        return reaches_end and len(self.place) > _LASTING * (last + 1 - first)
+        # 0.9: least part of the samples of a time that are left out where a sensor changed: some are by chance what
+        # they were.
+        return reaches_end and len(self.place) > 0.9 * (last + 1 - first)
 
     def sentences(self) -> Iterator[str]:
         """Yield one sentence for each sensor, the worst first."""
@@ -146,18 +127,24 @@ def without_bad_readings(recording: SampleSource, array: Array) -> tuple[SampleS
     array : Array
         Geometry and noise of the sensors; a noise that is not stated is estimated.
     """
-    if recording.sample_count < _FEWEST:
+    # 50: fewest samples that are judged: their median χ² errs by a sixth with 3 degrees of freedom, and by a third with
+    # 1.
+    if recording.sample_count < 50:
         return recording, None
     noisy, _ = complete_noise(array, recording)
     is_stated = array.vector_noise_T is not None
     try:
         judge = _Judge(estimate(recording, noisy), noisy, recording.thinned(SKETCH), is_stated)
-        if judge.spread < _HIDING and not judge.is_bad(recording).any():
+        # 2.0: mean square of the residuals, over the noise or their median, from which bad readings may hide in the fit
+        # of all.
+        if judge.spread < 2.0 and not judge.is_bad(recording).any():
             return recording, None
     except (InputError, Refused):
         pass  # bad readings may be the reason
     is_far = _far_off(recording)
-    if is_far.mean() >= _MOST:
+    # Part of the samples above which no clear majority tells which readings are bad.
+    most = 1 / 3
+    if is_far.mean() >= most:
         return recording, None
     near = recording.take(~is_far)
     noisy, some = complete_noise(array, near)[0], near.thinned(SKETCH)
@@ -165,7 +152,7 @@ def without_bad_readings(recording: SampleSource, array: Array) -> tuple[SampleS
         judge = _Judge(maximum_likelihood(some, noisy, robust=True).errors, noisy, some, is_stated)
         is_bad = judge.is_bad(recording)
         for _ in range(_MOST_ROUNDS):
-            if not 0 < is_bad.mean() < _MOST:
+            if not 0 < is_bad.mean() < most:
                 return recording, None
             left = recording.take(~is_bad)
             noisy, some = complete_noise(array, left)[0], left.thinned(SKETCH)
@@ -175,7 +162,7 @@ def without_bad_readings(recording: SampleSource, array: Array) -> tuple[SampleS
                 break
     except (InputError, Refused):
         return recording, None
-    if not 0 < is_bad.mean() < _MOST:
+    if not 0 < is_bad.mean() < most:
         return recording, None
     bad = recording.take(is_bad).whole()
     since_s = bad.time_s - recording.time_span_s[0]
@@ -188,7 +175,8 @@ def _far_off(recording: SampleSource) -> NDArray[np.bool_]:
     some_T = recording.thinned(SKETCH).readings_T
     center_T = np.median(some_T, axis=0)
     usual_T = np.median([_lengths(some_T - center_T), _lengths(some_T)], axis=1).max(axis=0)
-    far = [(_lengths(block.readings_T - center_T) > _REACH * usual_T).any(axis=1) for block in recording.blocks()]
+    # 2.2: distance from the median reading, over its median or over the field: a turned sensor reaches 2.
+    far = [(_lengths(block.readings_T - center_T) > 2.2 * usual_T).any(axis=1) for block in recording.blocks()]
     return np.concatenate(far)
 
 
@@ -217,10 +205,12 @@ class _Judge:
         distances = self._distances(some)
         scale = np.nanmedian(distances, axis=0) / [_MEDIANS[each] for each in freedom]
         self.spread = float(np.max(np.nanmean(distances, axis=0) / freedom / np.minimum(scale, 1)))
-        exponent = np.log(distances.size / _CHANCE)
+        # 1e-3: probability that a sound recording loses a sample.
+        exponent = np.log(distances.size / 1e-3)
         # No χ² is larger with probability exp(-exponent), Laurent and Massart 2000, lemma 1.
         limits = freedom + 2 * np.sqrt(freedom * exponent) + 2 * exponent
-        self._limits = limits * np.maximum(scale, 1.0 if is_stated else _LEAST_SCALE)
+        # 1e-2: median square of the residuals over that of an estimated noise: below lies only rounding.
+        self._limits = limits * np.maximum(scale, 1.0 if is_stated else 1e-2)
 
     def is_bad(self, source: SampleSource) -> NDArray[np.bool_]:
         """Return which samples (N,) hold a reading that contradicts the others."""

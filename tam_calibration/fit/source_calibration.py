@@ -2,6 +2,10 @@
 
 What the places of the axes have in common with longer baselines counts as scale: Σ p_k · d_ka is zero, p_k the stated
 position of sensor k and d_ka the place of its axis a.
+
+A calibration from a uniform field, completed with what an alternating source shows in poses at rest.
+
+A uniform field leaves baselines, common frame and places of the axes open; the field of a known source tells them.
 """
 
 from dataclasses import dataclass, replace
@@ -12,13 +16,17 @@ from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import scaled
 from tam_calibration.core.normal_equations import Normal
+from tam_calibration.correction.calibration import Calibration, KnownSource
 from tam_calibration.fit.gauss_newton import descend
 from tam_calibration.fit.information import inverted
+from tam_calibration.fit.prior import turned
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 from tam_calibration.sources.dipole import Source
+from tam_calibration.sources.pose_amplitudes import amplitudes_of
 from tam_calibration.sources.poses import Poses
 
 
@@ -72,9 +80,6 @@ class SourceReadings:
             own[:, sensor, axis, sensor, axis] = by_place[:, sensor, axis]
         return np.einsum("kai,nkai->nka", rows, turned), derivative
 
-
-_LARGEST_CONDITION = 1e6
-"""Condition of the scaled design from which a parameter is open: its error is a thousand times the usual."""
 
 _OTHER_SOURCE = (
     "the readings cannot be those of the stated source: check its position, axis, strength and radius, and the poses"
@@ -224,7 +229,8 @@ def _is_determined(normal: Normal) -> bool:
     if normal.count < len(normal.score) or not (np.diag(normal.information) > 0).all():
         return False
     values = np.linalg.eigvalsh(scaled(normal.information)[0])
-    return bool(values[0] * _LARGEST_CONDITION**2 >= values[-1])
+    # 1e6: condition of the scaled design from which a parameter is open: its error is a thousand times the usual.
+    return bool(values[0] * 1e6**2 >= values[-1])
 
 
 def _allowed(array: Array) -> FloatArray:
@@ -263,3 +269,65 @@ def _vector(matrix: FloatArray) -> FloatArray:
     from scipy.spatial.transform import Rotation
 
     return np.asarray(Rotation.from_matrix(matrix).as_rotvec())
+
+
+_FRAME_STATEMENT = (
+    "The array frame is the one whose attitude was recorded. A source of known place, axis and strength showed the "
+    "rotation of the calibration's frame, the length of the baselines, and the places of the elements of the axes."
+)
+
+
+def complete(calibration: Calibration, recording: Recording, source: Source, frequency_hz: float) -> Calibration:
+    """Return a calibration with true baselines, common frame and places of the axes.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        From a uniform field.
+    recording : Recording
+        Of the source: the array's centre at the origin of the world, its attitude recorded, at rest in each pose.
+    source : Source
+        In the world.
+    frequency_hz : float
+        Of the source.
+
+    Raises
+    ------
+    InputError
+        When the recording has no attitude or no pose, or another number of sensors.
+    Refused
+        When the poses do not determine the parameters, or the readings are not those of this source.
+    """
+    seen = amplitudes_of(recording, frequency_hz)
+    found = calibrate_by_source(
+        seen.amplitudes_T, seen.noise_T, source, seen.poses, calibration.errors, calibration.array
+    )
+    reduced = found.chi_square / found.degrees_of_freedom
+    # 10.0: reject the stated source above this ratio of the squared residuals to the noise floor.
+    if reduced > 10.0:
+        raise Refused(
+            f"the readings differ from those of the stated source by {reduced**0.5:.3g} times their noise: check its "
+            "position, axis, strength and radius, and the gain of the sensors at its frequency"
+        )
+    sensors = len(calibration.array.positions_m)
+    errors, derivative = turned(calibration.errors, rotation_matrix(found.rotation))
+    covariance = None
+    if calibration.covariance is not None:
+        by_errors, by_turn = derivative[:, :-3], derivative[:, -3:]
+        covariance = by_errors @ calibration.covariance @ by_errors.T
+        covariance += by_turn @ found.covariance[1:4, 1:4] @ by_turn.T
+    return replace(
+        calibration,
+        array=found.array_of(calibration.array),
+        errors=errors,
+        covariance=covariance,
+        frame=_FRAME_STATEMENT,
+        known_source=KnownSource(
+            found.baseline_scale,
+            float(found.standard_errors[0]),
+            found.rotation,
+            found.standard_errors[1:4],
+            found.standard_errors[4:].reshape(sensors, 3, 3),
+            reduced,
+        ),
+    )

@@ -3,51 +3,261 @@
 The longer part is calibrated. Each hypothesis says how the readings of the other part would have looked without the
 change. The one whose sensors then agree best with each other and with the intensity is named; parameters that it has
 free count against it (Schwarz 1978).
+
+What may have changed between two parts of a recording, and the fields that the readings show if it did.
 """
 
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import combinations, permutations, product
 
 import numpy as np
+from numpy.linalg import LinAlgError, inv, norm
 from numpy.typing import NDArray
 
-from tam_calibration.core.variance_factors import WHITE
+from tam_calibration.core.slow_cosines import WHITE
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.change_hypotheses import Hypothesis, PartModel, hypotheses
-from tam_calibration.fit.change_within import Span, find_change
-from tam_calibration.fit.maximum_likelihood import estimate
-from tam_calibration.model.array import Array
+from tam_calibration.fit.change_within import Span, find_change, steady_intensity
+from tam_calibration.fit.maximum_likelihood import estimate, principal_form
+from tam_calibration.fit.scale import normalize, sphere_center
+from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.model.recording import SampleSource
-from tam_calibration.model.units import FloatArray
+from tam_calibration.model.recording import Recording, SampleSource
+from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
+
+_MOST_ORDERED = 4
+"""Sensors of which every order is tried, 24 of four; of more, each exchange of two."""
+
+
+@dataclass(frozen=True, eq=False)
+class PartModel:
+    """The calibration of one part of a recording, and the samples that are judged by it.
+
+    Parameters
+    ----------
+    unmix : (K, 3, 3) array
+        From readings without bias to fields.
+    bias_T : (K, 3) array
+        Tesla.
+    samples : Recording
+        Of K sensors, which are judged.
+    intensity_T : float
+        Of the field where there is no scalar, tesla.
+    array : KnownNoiseArray
+        Of the sensors.
+    """
+
+    unmix: FloatArray
+    bias_T: FloatArray
+    samples: Recording
+    intensity_T: float
+    array: KnownNoiseArray
+
+    @classmethod
+    def of(cls, recording: Recording, array: KnownNoiseArray) -> "PartModel | None":
+        """Calibrate a part of a recording with sensors of any hand; None where its readings do not determine that."""
+        data = normalize(recording)
+        scalar = array.scalar_noise_T / data.radius_T if data.has_scalar else 0.0
+        try:
+            matrix, bias = principal_form(data, array.vector_noise_T / data.radius_T, scalar)
+            unmix = inv(matrix)
+        except (InputError, LinAlgError):
+            return None
+        return cls(unmix, data.origin_T + data.radius_T * bias, recording, data.radius_T, array)
+
+    @property
+    def channels(self) -> int:
+        """Channels of a sample in which sensors contradict each other or the intensity."""
+        return 3 * len(self.unmix) - 2
+
+    @property
+    def intensities_T(self) -> FloatArray | float:
+        """Intensity of the field in each sample (N,), or in all, tesla."""
+        return self.intensity_T if self.samples.scalar_T is None else steady_intensity(self.samples)
+
+    def fields(self, readings_T: FloatArray) -> FloatArray:
+        """Return the fields (N, K, 3) of readings, tesla."""
+        return np.asarray(np.einsum("kij,nkj->nki", self.unmix, readings_T - self.bias_T))
+
+    def field(self, sensor: int, readings_T: FloatArray) -> FloatArray:
+        """Return the field (N, 3) of readings of one sensor, tesla."""
+        return np.asarray((readings_T - self.bias_T[sensor]) @ self.unmix[sensor].T)
+
+    def readings(self, sensor: int, fields_T: FloatArray) -> FloatArray:
+        """Return what a sensor reads (N, 3) in the mean field of the other sensors."""
+        others = (fields_T.sum(axis=1) - fields_T[:, sensor]) / (fields_T.shape[1] - 1)
+        return np.asarray(others @ inv(self.unmix[sensor]).T + self.bias_T[sensor])
+
+    def variance(self, fields_T: FloatArray) -> float:
+        """Return the mean square of how fields differ from each other and from the intensity, over the noise."""
+        noise_T2 = float(np.mean(self.array.vector_noise_T**2))
+        mean_T = fields_T.mean(axis=1)
+        scalar_T2 = self.array.scalar_noise_T**2 if self.samples.scalar_T is not None else 0.0
+        energy = np.sum((fields_T - mean_T[:, None]) ** 2) / noise_T2
+        energy += np.sum((norm(mean_T, axis=1) - self.intensities_T) ** 2) / (noise_T2 / fields_T.shape[1] + scalar_T2)
+        return float(energy / (len(fields_T) * (3 * fields_T.shape[1] - 2)))
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """What may have changed in words, the fields (N, K, 3) that it makes of the readings, and its free parameters."""
+
+    words: str
+    fields_T: FloatArray
+    free: int
+
+
+def hypotheses(model: PartModel, unchanged_T: FloatArray, sign: int) -> Iterator[Hypothesis]:
+    """Yield what may have changed in a part of a recording, the simplest first.
+
+    Parameters
+    ----------
+    model : PartModel
+        Of the other part, with the samples of this one.
+    unchanged_T : (N, K, 3) array
+        Fields without a change, tesla.
+    sign : int
+        1 where this part differs from the others before or around it, and -1 where those differ from it.
+    """
+    readings_T = model.samples.readings_T
+    for order in _orders(readings_T.shape[1]):
+        named = order if sign < 0 else np.argsort(order).tolist()
+        yield Hypothesis(_of_order(named), model.fields(readings_T[:, order]), 0)
+    distance = np.median(norm(unchanged_T - np.median(unchanged_T, axis=1, keepdims=True), axis=2), axis=0)
+    for sensor in np.argsort(-distance)[:_MOST_ORDERED].tolist():
+        for words, field_T, free in _of_sensor(model, unchanged_T, sensor, sign):
+            changed_T = unchanged_T.copy()
+            changed_T[:, sensor] = field_T
+            yield Hypothesis(words.format(f"sensor {sensor + 1}"), changed_T, free)
+    yield from _of_all(model, unchanged_T, sign)
+
+
+def _orders(count: int) -> list[list[int]]:
+    """Return in which orders sensors may be, without the usual one."""
+    usual = list(range(count))
+    if count <= _MOST_ORDERED:
+        return [list(order) for order in permutations(usual)][1:]
+    return [[{one: other, other: one}.get(each, each) for each in usual] for one, other in combinations(usual, 2)]
+
+
+def _of_order(order: list[int]) -> str:
+    moved = [place + 1 for place, sensor in enumerate(order) if place != sensor]
+    if len(moved) == 2:
+        return f"sensors {moved[0]} and {moved[1]} are exchanged"
+    return f"the sensors are in the order {', '.join(str(sensor + 1) for sensor in order)}"
+
+
+def _of_sensor(
+    model: PartModel, unchanged_T: FloatArray, sensor: int, sign: int
+) -> Iterator[tuple[str, FloatArray, int]]:
+    """Yield what may have changed in one sensor, its field (N, 3) if it did, and the number of free parameters."""
+    own_T = model.samples.readings_T[:, sensor]
+    for order, signs in product(permutations(range(3)), product((1, -1), repeat=3)):
+        if order != (0, 1, 2) or -1 in signs:
+            yield _of_axes(order, signs), model.field(sensor, own_T[:, order] * signs), 0
+    for other in set(range(unchanged_T.shape[1])) - {sensor}:
+        yield f"{{}} reads what sensor {other + 1} reads", model.field(other, own_T), 0
+    if unchanged_T.shape[1] == 1:
+        return
+    expected_T = model.readings(sensor, unchanged_T)
+    jump_T = (own_T - expected_T).mean(axis=0)
+    slope = np.sum(own_T * expected_T, axis=0) / np.sum(expected_T**2, axis=0)
+    slope[slope == 0] = 1.0  # an axis that reads zero has no gain
+    for axis, name in enumerate("xyz"):
+        divisor = np.where(np.arange(3) == axis, slope, 1)
+        yield _of_gain(f"{{}} {name}", slope[axis] ** sign), model.field(sensor, own_T / divisor), 1
+    gain = float(np.sum(own_T * expected_T) / np.sum(expected_T**2)) or 1.0
+    yield _of_gain("{}", gain**sign), model.field(sensor, own_T / gain), 1
+    yield _of_bias("{}", sign * jump_T), model.field(sensor, own_T - jump_T), 3
+    delay_s, shifted_T = _undelayed(model, unchanged_T, sensor)
+    yield f"the readings of {{}} come {abs(delay_s):.2g} s {'later' if sign * delay_s > 0 else 'earlier'}", shifted_T, 1
+    design = np.column_stack([own_T, np.ones(len(own_T))])
+    affine = np.linalg.lstsq(design, expected_T, rcond=None)[0]
+    yield _of_matrix(affine[:3]), model.field(sensor, design @ affine), 12
+
+
+def _undelayed(model: PartModel, unchanged_T: FloatArray, sensor: int) -> tuple[float, FloatArray]:
+    """Return by how many seconds a sensor's field lags behind that of the others, and its field (N, 3) without."""
+    time_s, own_T = model.samples.time_s, unchanged_T[:, sensor]
+    others_T = np.delete(unchanged_T, sensor, axis=1).mean(axis=1)
+    rate = np.gradient(others_T, time_s, axis=0)
+    delay_s, shifted_T = 0.0, own_T
+    # 3: Gauss-Newton steps for a delay: of a tenth of a turn two leave a thousandth of it.
+    for _ in range(3):
+        delay_s -= float(np.sum((shifted_T - others_T) * rate) / np.sum(rate**2))
+        read_s = time_s + delay_s
+        is_read = (read_s >= time_s[0]) & (read_s <= time_s[-1])
+        moved_T = np.column_stack([np.interp(read_s, time_s, axis_T) for axis_T in own_T.T])
+        shifted_T = np.where(is_read[:, None], moved_T, others_T)
+    return delay_s, shifted_T
+
+
+def _of_axes(order: tuple[int, ...], signs: tuple[int, ...]) -> str:
+    turned = " and ".join(name for name, each in zip("xyz", signs, strict=True) if each < 0)
+    moved = [name for place, name in enumerate("xyz") if order[place] != place]
+    if not moved:
+        return f"the sign of {{}} {turned} changes"
+    exchanged = f"axes {', '.join(moved)} of {{}} are exchanged"
+    return f"{exchanged}, and the sign of {turned} changes" if turned else exchanged
+
+
+def _of_bias(whose: str, jump_T: FloatArray) -> str:
+    axis = int(np.argmax(np.abs(jump_T)))
+    # 0.1: largest part of a jump across an axis that is said to be along it.
+    if np.abs(np.delete(jump_T, axis)).max() < 0.1 * np.abs(jump_T[axis]):
+        return f"the bias of {whose} {'xyz'[axis]} changes by {_in_nanotesla(jump_T[axis])} nT"
+    return f"the bias of {whose} changes by ({', '.join(map(_in_nanotesla, jump_T))}) nT"
+
+
+def _in_nanotesla(tesla: float) -> str:
+    """Return a number with two digits."""
+    return f"{float(f'{to_nanotesla(tesla):.2g}'):g}"
+
+
+def _of_gain(whose: str, factor: float) -> str:
+    return f"the gain of {whose} changes by a factor of {factor:.4g}"
+
+
+def _of_matrix(matrix: FloatArray) -> str:
+    left, _, right = np.linalg.svd(matrix)
+    turn = left @ right
+    # 0.02: largest difference of a matrix from a rotation, which is then said to be one.
+    if np.abs(matrix - turn).max() > 0.02 or np.linalg.det(turn) < 0:
+        return "the gains, axes and biases of {} change"
+    return f"{{}} is turned by {to_degrees(float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))):.2g}°"
+
+
+def _of_all(model: PartModel, unchanged_T: FloatArray, sign: int) -> Iterator[Hypothesis]:
+    """Yield what may have changed in all sensors: the gain, the bias of each, or the iron around them."""
+    count, mean_T = unchanged_T.shape[1], unchanged_T.mean(axis=1)
+    factor = float(np.mean(norm(mean_T, axis=1) / model.intensities_T))
+    words = _of_gain("all sensors" if count > 1 else "sensor 1", factor**sign)
+    yield Hypothesis(words, model.fields(model.samples.readings_T / factor), 1)
+    jumps_T = sphere_center(np.swapaxes(unchanged_T, 0, 1))
+    alone = _of_bias("sensor 1", sign * inv(model.unmix[0]) @ jumps_T[0])
+    yield Hypothesis(_of_biases(jumps_T) if count > 1 else alone, unchanged_T - jumps_T, 3 * count)
+    noise = KnownNoiseArray(np.zeros((1, 3)), model.array.vector_noise_T[:1], model.array.scalar_noise_T)
+    together = PartModel.of(replace(model.samples, readings_T=mean_T[:, None]), noise)
+    if count > 1 and together is not None:
+        fields_T = (unchanged_T - together.bias_T) @ together.unmix[0].T
+        yield Hypothesis("iron that moves with the array changes the field of all sensors", fields_T, 9)
+
+
+def _of_biases(jumps_T: FloatArray) -> str:
+    mean_T, size_T = jumps_T.mean(axis=0), norm(jumps_T, axis=1)
+    largest = _in_nanotesla(float(size_T.max()))
+    # 0.9: cosine of the jumps of all sensors and their mean from which one magnet makes them.
+    if np.all(jumps_T @ mean_T > 0.9 * size_T * norm(mean_T)):
+        return f"something magnetic adds up to {largest} nT to all sensors"
+    many = [str(sensor + 1) for sensor in np.flatnonzero(size_T > size_T.max() / 10)]
+    whose = "all sensors" if len(many) == len(size_T) else f"sensors {', '.join(many)}"
+    return f"the biases of {whose} change by up to {largest} nT"
+
 
 _EXPLAINED = 2.0
 """Largest variance of the residuals under a hypothesis over that of the calibrated part: its directions may differ."""
 
-_LEFT = 1e-3
-"""Part of the residuals' energy that a hypothesis may leave in any case: 3 % of their size, which are side effects."""
-
-_LEAST = 50.0
-"""Least energy that a hypothesis explains beyond its price where noise is white: chance makes less than its price."""
-
-_BEYOND = 4.0
-"""Least ratio of the variances of both parts' residuals where the noise is not white: a room leaves a half or twice."""
-
-_FEW = 3.0
-"""Standard errors by which the calibration of all readings may differ from that of the longer part."""
-
-_ROUNDING = 1e-3
-"""Least variance of the residuals over that of the noise."""
-
-_PRICE = 3.0
-"""Times the price of a free parameter by Schwarz 1978: the calibrated part has errors of its own."""
-
-_WORSE = 16.0
-"""Ratio of the residuals' variances from which the shorter part is calibrated: readings that are none fit nothing."""
-
-_LOUD = 100.0
-"""Variance of the residuals over that of the calibrated part from which readings fail that nothing explains."""
 
 _NOISE_ALONE = 2.0
 """Variance of the calibrated part's residuals over that of the noise, from which chance is not that of white noise."""
@@ -132,7 +342,8 @@ def despite_changes(
     if change is None:
         return calibration
     off = _distance(calibration, recording.take(change.is_calibrated))
-    is_wrong = off is None or bool(np.any(np.abs(off) > _FEW * calibration.standard_errors.ravel()))
+    # 3.0: standard errors by which the calibration of all readings may differ from that of the longer part.
+    is_wrong = off is None or bool(np.any(np.abs(off) > 3.0 * calibration.standard_errors.ravel()))
     if change.is_plain and is_wrong and "residual" not in accept:
         raise Refused(change.sentence)
     calibration = replace(calibration, warnings=(change.sentence, *calibration.warnings))
@@ -170,13 +381,20 @@ def what_changed(recording: SampleSource, array: Array) -> Change | None:
     before = parts.ratio(unchanged_T)
     after, best = parts.best_hypothesis(unchanged_T)
     gained = (before - after) * len(unchanged_T) * parts.model.channels
-    if gained < _LEAST if parts.level < _NOISE_ALONE else before < _BEYOND:
+    # 50.0: least energy that a hypothesis explains beyond its price where noise is white: chance makes less than its
+    # price.
+    # 4.0: least ratio of the variances of both parts' residuals where the noise is not white: a room leaves a half or
+    # twice.
+    if gained < 50.0 if parts.level < _NOISE_ALONE else before < 4.0:
         return None
     is_calibrated = span.of_all(parts.is_calibrated, recording.sample_count)
-    is_explained = after < max(min(_EXPLAINED, (1 + before) / 2), _LEFT * before)
+    # 1e-3: part of the residuals' energy that a hypothesis may leave in any case: 3 % of their size, which are side
+    # effects.
+    is_explained = after < max(min(_EXPLAINED, (1 + before) / 2), 1e-3 * before)
     if is_explained and (parts.are_steady or after < _EXPLAINED):
         return Change(*_in_words(span, best.words), is_calibrated, span.is_plain)
-    if before < _LOUD:
+    # 100.0: variance of the residuals over that of the calibrated part from which readings fail that nothing explains.
+    if before < 100.0:
         return None
     if sensor := parts.failing_sensor(unchanged_T):
         words = f"sensor {sensor} contradicts the others"
@@ -218,8 +436,11 @@ class _Parts:
         models = [PartModel.of(span.some.take(part), span.array) for part in parts]
         variances = [model.variance(model.fields(model.samples.readings_T)) if model else np.inf for model in models]
         steady = [span.inside_is_steady if part[span.first] else span.outside_is_steady for part in parts]
-        best = int(variances[1] < _WORSE * variances[0]) if all(steady) else steady.index(True)
-        model, level = models[best], max(variances[best], _ROUNDING)
+        # 16.0: ratio of the residuals' variances from which the shorter part is calibrated: readings that are none fit
+        # nothing.
+        best = int(variances[1] < 16.0 * variances[0]) if all(steady) else steady.index(True)
+        # 1e-3: least variance of the residuals over that of the noise.
+        model, level = models[best], max(variances[best], 1e-3)
         if model is None:
             return None
         other = replace(model, samples=span.some.take(parts[1 - best]))
@@ -233,7 +454,8 @@ class _Parts:
     def best_hypothesis(self, unchanged_T: FloatArray) -> tuple[float, Hypothesis]:
         """Return the hypothesis that leaves the least ratio, with the price of its free parameters, and that ratio."""
         count = len(unchanged_T) * self.model.channels
-        price = _PRICE * np.log(count) / count
+        # 3.0: times the price of a free parameter by Schwarz 1978: the calibrated part has errors of its own.
+        price = 3.0 * np.log(count) / count
         tried = [
             (self.ratio(each.fields_T) + price * each.free, place, each)
             for place, each in enumerate(hypotheses(self.model, unchanged_T, 1 if self.is_inside else -1))

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tam_calibration.core.noise import fast_noise
-from tam_calibration.effects.bias_jump import BiasJump
 from tam_calibration.effects.gross_jump import LEAST_FALL, Cuts, best_cuts, shape_of
-from tam_calibration.effects.states import is_on
+from tam_calibration.effects.states import BiasJump, is_on
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.gap.world import World, turns

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.core.harmonics import harmonics
 from tam_calibration.effects.grades import LEAST_SAMPLES
-from tam_calibration.model.interpolated_noise import InterpolatedNoise
+from tam_calibration.model.recording import InterpolatedNoise
 from tam_calibration.model.units import FloatArray
 
 CHANCE = 0.05

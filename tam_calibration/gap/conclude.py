@@ -9,7 +9,7 @@ from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Finding, LinearEffect
 from tam_calibration.effects.grades import MINOR, MOST, NEARLY_ALL, NOTABLE
 from tam_calibration.effects.library import effect_named, units_of
-from tam_calibration.effects.spread import LARGEST_NOISE
+from tam_calibration.effects.noise_excess import LARGEST_NOISE
 from tam_calibration.gap.checks import checks_of
 from tam_calibration.gap.hypothesis import Hypothesis, Place, sensors_of
 from tam_calibration.gap.joint import Joint

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.linalg import LinAlgError
 
 from tam_calibration.effects.library import installed_effects, shown_by
-from tam_calibration.fit.attitude_convention import misread_attitude
+from tam_calibration.fit.recorded_attitude import misread_attitude
 from tam_calibration.gap.conclude import conclude
 from tam_calibration.gap.floor import floor_of
 from tam_calibration.gap.recorded_noise import recorded_noise, remarks_on

@@ -5,8 +5,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.consistency import SOMETHING_MAGNETIC
-from tam_calibration.fit.doubts import LOOK_FOR_CAUSE
+from tam_calibration.fit.consistency import LOOK_FOR_CAUSE, SOMETHING_MAGNETIC
 from tam_calibration.gap.diagnose import diagnose
 from tam_calibration.gap.result import Gap
 from tam_calibration.gap.search import Progress

@@ -7,7 +7,7 @@ import numpy as np
 
 from tam_calibration.gap.colour import Colour, Shapes, colour_of
 from tam_calibration.gap.spectrum import Spectra, spectra_of
-from tam_calibration.model.interpolated_noise import InterpolatedNoise
+from tam_calibration.model.recording import InterpolatedNoise
 from tam_calibration.model.units import FloatArray
 
 ColourName = Literal["white", "1/f", "band"]

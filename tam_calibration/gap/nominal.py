@@ -15,13 +15,13 @@ import numpy as np
 from numpy.linalg import LinAlgError, norm
 from numpy.typing import NDArray
 
-from tam_calibration.effects.bias_jump import BiasJump
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.grades import MOST, NEGLIGIBLE
 from tam_calibration.effects.gross_jump import LEAST_FALL
+from tam_calibration.effects.states import BiasJump
 from tam_calibration.fit import ellipsoid
-from tam_calibration.fit.handedness import mirror_images
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
+from tam_calibration.fit.moments import mirror_images
 from tam_calibration.fit.scale import normalize, sphere_of_most
 from tam_calibration.gap.attitude_nominal import products_of
 from tam_calibration.gap.regressors import update

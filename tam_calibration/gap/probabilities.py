@@ -7,7 +7,7 @@ from math import exp, expm1, factorial, log, log1p
 import numpy as np
 
 from tam_calibration.effects.grades import SLIGHT
-from tam_calibration.effects.spread import LARGEST_NOISE
+from tam_calibration.effects.noise_excess import LARGEST_NOISE
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.regressors import Regressors

@@ -17,7 +17,7 @@ from tam_calibration.core.normal_equations import Normal
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Effect, Finding, FoundEffect, LinearEffect
 from tam_calibration.effects.grades import NEARLY_ALL
-from tam_calibration.effects.spread import LARGEST_NOISE
+from tam_calibration.effects.noise_excess import LARGEST_NOISE
 from tam_calibration.effects.states import Times
 from tam_calibration.gap.checks import CHANCE
 from tam_calibration.gap.floor import floor_of

@@ -8,7 +8,7 @@ import numpy as np
 from tam_calibration.effects.effect import Effect, Finding
 from tam_calibration.effects.grades import LONGEST_BURST, NEARLY_ALL, SLIGHT
 from tam_calibration.effects.library import effect_named
-from tam_calibration.effects.spikes import A_DOZEN
+from tam_calibration.effects.outliers import A_DOZEN
 from tam_calibration.gap.hypothesis import Hypothesis, places_of, sensors_of
 from tam_calibration.gap.laws.law import Signature
 from tam_calibration.gap.regression import Base

@@ -8,17 +8,11 @@ import numpy as np
 from tam_calibration.model.recording import SKETCH, Recording, SampleSource
 from tam_calibration.model.units import FloatArray
 
-ENOUGH = 2000
-"""Samples at most: a share of one per cent of them is 20 samples, which no chance makes of a sound axis."""
-
 SHARED = 0.9
 """Least canonical correlation of sensors that both show the motion in all directions, and not their noise."""
 
 LARGEST_T = 1e9
 """Tesla: the Earth's field in nT, taken for T, has some 1e4; squares of larger numbers are none."""
-
-LONE = 0.01
-"""Share of the samples at either end that may be spikes, and do not count for the spread of an axis."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +25,8 @@ class Overview:
     @classmethod
     def of(cls, source: SampleSource) -> "Overview":
         """Return that of a complete recording of any size."""
-        return cls(source.thinned(SKETCH).thinned(ENOUGH), source.time_span_s)
+        # 2000: samples at most: a share of one per cent of them is 20 samples, which no chance makes of a sound axis.
+        return cls(source.thinned(SKETCH).thinned(2000), source.time_span_s)
 
     @property
     def sensor_count(self) -> int:
@@ -53,7 +48,8 @@ class Overview:
     def without_spikes_T(self) -> FloatArray:
         """(3K, n) readings about their mean, those beyond all but one per cent moved to there."""
         count = self.sorted_T.shape[1]
-        lone = int(LONE * count)
+        # 0.01: share of the samples at either end that may be spikes, and do not count for the spread of an axis.
+        lone = int(0.01 * count)
         low, high = self.sorted_T[:, lone : lone + 1], self.sorted_T[:, count - 1 - lone : count - lone]
         clipped = np.clip(self.values_T, low, high)
         return np.asarray(clipped - clipped.mean(axis=1, keepdims=True))

@@ -17,23 +17,12 @@ from tam_calibration.model.units import FloatArray
 FEWEST_AT_END = 6
 """Samples at the end of a range that are no coincidence."""
 
-END_RATIO = 5.0
-"""Of samples at the end to those one step further in: where a sine turns, coarse steps make 2.4."""
-
-STEPS_OF_RANGE = 20.0
-"""Steps in the range of an axis at least, before one value is its end: a few steps may fill unevenly."""
 
 MANY_AT_END = 0.01
 """Share of the samples at an end that spoils a fit: a sphere is cut off by 2 % of the field, and scale errs by 1e-3."""
 
 COARSE = 10.0
 """Of the error of rounding to the stated noise: standard errors would be ten times too small."""
-
-REPEATING = 0.05
-"""Share of readings that others repeat from which the steps can be seen."""
-
-OFF_STEP = 0.05
-"""Part of a step by which readings may miss it: those without steps miss by a quarter."""
 
 
 def at_ends(overview: Overview) -> Iterator[Fault]:
@@ -48,12 +37,14 @@ def at_ends(overview: Overview) -> Iterator[Fault]:
             if outward[FEWEST_AT_END - 1] != end:
                 continue
             inner = outward[outward != end]
-            if not len(inner) or STEPS_OF_RANGE * abs(end - inner[0]) > abs(end - inner[-1]):
+            # 20.0: steps in the range of an axis at least, before one value is its end: a few steps may fill unevenly.
+            if not len(inner) or 20.0 * abs(end - inner[0]) > abs(end - inner[-1]):
                 continue
             there = values[column] == end
             own = 3 * (column // 3)
             different = len(np.unique(values[own : own + 3, there], axis=1).T)
-            if different >= max(FEWEST_AT_END, END_RATIO * int((inner == inner[0]).sum())):
+            # 5.0: of samples at the end to those one step further in: where a sine turns, coarse steps make 2.4.
+            if different >= max(FEWEST_AT_END, 5.0 * int((inner == inner[0]).sum())):
                 yield _at_end(overview, column, name, float(end), there)
 
 
@@ -90,12 +81,14 @@ def _step(ordered: FloatArray) -> float | None:
     """Return the step of readings (n,) in increasing order, None where there is none to be seen."""
     gaps = np.diff(ordered)
     rising = gaps[gaps > rounding(ordered)]
-    if len(rising) < 2 or len(rising) > (1 - REPEATING) * len(gaps):
+    # 0.05: share of readings that others repeat from which the steps can be seen.
+    if len(rising) < 2 or len(rising) > (1 - 0.05) * len(gaps):
         return None
     step = float(rising.min())
     multiples = np.round(rising / step)
     step = float(rising.sum() / multiples.sum())
-    return step if np.abs(rising / step - np.round(rising / step)).max() < OFF_STEP else None
+    # 0.05: part of a step by which readings may miss it: those without steps miss by a quarter.
+    return step if np.abs(rising / step - np.round(rising / step)).max() < 0.05 else None
 
 
 def rounding(ordered: FloatArray) -> float:
@@ -109,8 +102,6 @@ CELLS = 2048
 FEWEST_PERIODS = 2.5
 """Periods in the range of the values at least: fewer bands are no pattern."""
 
-FEWEST_ALONE = 16.0
-"""The same if no other sensor shows that the motion leaves nothing out: fewer bands may be visited attitudes."""
 
 DIFFERENT = 100
 """Values that differ by a sixteenth of a period if no other sensor shows it: the poses of a turntable are fewer."""
@@ -124,11 +115,6 @@ EMPTY = (0.45, 0.8)
 FILLED = 7
 """Of eight equal parts of the rest, that hold values: a pure lattice of steps has them in one."""
 
-MIXED = 0.5
-"""Share of the variance within the bands that the sensor's other axes explain: noise leaves all, a matrix little."""
-
-PREDICTED = 0.2
-"""Share of the readings that the other sensors predict to lie in the gaps: half of them for half a period."""
 
 NEAR = 160
 """Values nearest to each other, in which short periods are looked for: the mean of their phases errs by 0.08."""
@@ -229,7 +215,9 @@ def _is_mixed(overview: Overview, column: int, values: FloatArray, bands: _Bands
     place = ((readings[column] - bands.origin_T) / bands.period_T - bands.first) % 1.0
     design = np.column_stack([own.T / np.abs(own).max(), np.ones(len(place))])
     left = place - design @ np.linalg.lstsq(design, place, rcond=None)[0]
-    return bool(left.var() < (1 - MIXED) * place.var())
+    # 0.5: share of the variance within the bands that the sensor's other axes explain: noise leaves all, a matrix
+    # little.
+    return bool(left.var() < (1 - 0.5) * place.var())
 
 
 def _is_of_converter(overview: Overview, column: int, values: FloatArray, bands: _Bands) -> bool:
@@ -238,10 +226,13 @@ def _is_of_converter(overview: Overview, column: int, values: FloatArray, bands:
         return False
     if overview.sensor_count == 1:
         different = 1 + int((np.diff((16 * (values - values[0]) / bands.period_T).astype(int)) > 0).sum())
-        return different >= DIFFERENT and float(values[-1] - values[0]) > FEWEST_ALONE * bands.period_T
+        # 16.0: the same if no other sensor shows that the motion leaves nothing out: fewer bands may be visited
+        # attitudes.
+        return different >= DIFFERENT and float(values[-1] - values[0]) > 16.0 * bands.period_T
     readings = overview.values_T
     others = np.delete(readings, range(column - column % 3, column - column % 3 + 3), axis=0)
     design = np.column_stack([others.T, np.ones(readings.shape[1])]) / np.abs(others).max()
     predicted = design @ np.linalg.lstsq(design, readings[column], rcond=None)[0]
     inside = predicted[(predicted > values[0]) & (predicted < values[-1])]
-    return len(inside) > 0 and float(bands.left_out(inside).mean()) > PREDICTED
+    # 0.2: share of the readings that the other sensors predict to lie in the gaps: half of them for half a period.
+    return len(inside) > 0 and float(bands.left_out(inside).mean()) > 0.2

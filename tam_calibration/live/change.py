@@ -31,9 +31,6 @@ _MOST_STEPS, _SETTLED = 20, 1e-6
 _UNSEEN = 1e-9
 """Information along a direction, over that of its unknowns known alone, below which it is not seen: above rounding."""
 
-_NAMED_FROM = 3.0
-"""Standard errors from which a component of a change is named."""
-
 
 GRADIENT = "gradient of the field"
 
@@ -97,22 +94,19 @@ class Evidence:
     def sentence(self) -> str:
         """What has changed and by how much, for people."""
         errors = np.sqrt(np.diag(self.covariance))
+        # 3.0: standard errors from which a component of a change is named.
         components = [
             f"{name} {_in_unit(value, self.hypothesis.unit)} ± {_in_unit(error, self.hypothesis.unit, '')}".strip()
             for name, value, error in zip(self.hypothesis.components, self.size, errors, strict=False)
-            if abs(value) > _NAMED_FROM * error
+            if abs(value) > 3.0 * error
         ]
         unit = {"T": " nT", "rad": "°", "1": " ppm"}.get(self.hypothesis.unit, "")
         return self.hypothesis.name + (f" by {', '.join(components)}{unit}" if components else "")
 
 
 def _in_unit(value: float, unit: str, form: str = "+") -> str:
-    shown = {"T": to_nanotesla, "rad": to_degrees}.get(unit, _to_ppm)(float(value))
-    return f"{shown:{form}.3g}"
-
-
-def _to_ppm(part: float) -> float:
-    return 1e6 * part
+    factor = {"T": to_nanotesla(1.0), "rad": to_degrees(1.0)}.get(unit, 1e6)
+    return f"{factor * float(value):{form}.3g}"
 
 
 class Before(NamedTuple):

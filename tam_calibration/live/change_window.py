@@ -6,27 +6,157 @@ it. What has changed is therefore found from the blocks after that one alone, ag
 moment.
 
 A source that is passed is no change: errors that have changed explain every block after the change.
+
+By how much the means of blocks of samples vary more than white noise of the stated size makes them.
+
+At sea noise lasts that was white at the pier: a motor, waves, the heading error of a scalar. Differences of the means
+of two blocks do not contain what is constant, as errors of the sensors are, and of a change or a passing source only
+some differences do: their median tells the noise. Of noise that lasts longer, differences over a longer time tell more.
 """
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from numpy.linalg import norm
 from scipy.special import chdtri
 
+from tam_calibration.core.slow_cosines import VarianceFactors
 from tam_calibration.fit.contradiction import FAR_RATIO
 from tam_calibration.fit.likelihood import Linearization
 from tam_calibration.fit.prior import Prior
-from tam_calibration.live.block_noise import BlockMeans, noise_of
 from tam_calibration.live.change import Before, Evidence, Weighing, hypotheses
-from tam_calibration.live.moments import MomentLikelihood, SampleMoments
-from tam_calibration.live.recursion import Belief, Walk
-from tam_calibration.model.change_rates import DAY_S
+from tam_calibration.live.recursion import Belief, MomentLikelihood, SampleMoments, Walk
+from tam_calibration.model.array import KnownNoiseArray
+from tam_calibration.model.data_sheet import DAY_S
 from tam_calibration.model.sensor_errors import SensorErrors
-from tam_calibration.model.units import FloatArray
+from tam_calibration.model.units import FloatArray, IntArray
+
+_LAGS = (1, 4, 8)
+"""Blocks between two that are compared: up to a quarter of a minute."""
+
+_PAIRS = 4
+"""Pairs of blocks over the blocks between them, from which they are compared: a change is in a quarter of them."""
+
+
+@dataclass(frozen=True, eq=False)
+class BlockMeans:
+    """Means over the samples of a block.
+
+    Parameters
+    ----------
+    readings_T : (K, 3) array
+        Raw readings, tesla.
+    intensity_T : float
+        Of the mean field of the sensors, tesla.
+    beyond_T : float
+        That intensity beyond the reading of the scalar, tesla.
+    count, scalar_count : int
+        Number of samples, and of those with a scalar reading.
+    errors : SensorErrors
+        By which the fields were restored.
+    """
+
+    readings_T: FloatArray
+    intensity_T: float
+    beyond_T: float
+    count: int
+    scalar_count: int
+    errors: SensorErrors
+
+    @classmethod
+    def of(cls, errors: SensorErrors, readings_T: FloatArray, scalar_T: FloatArray) -> "BlockMeans":
+        """Return those of samples: readings (n, K, 3) and intensities (n,), NaN where there is none."""
+        known = np.isfinite(scalar_T)
+        intensity_T = norm(errors.restore(readings_T).mean(axis=1), axis=1)
+        beyond_T = float(np.mean((intensity_T - scalar_T)[known])) if known.any() else 0.0
+        mean_T = float(intensity_T.mean())
+        return cls(readings_T.mean(axis=0), mean_T, beyond_T, len(readings_T), int(known.sum()), errors)
+
+    def at(self, errors: SensorErrors) -> FloatArray:
+        """Return by how much sensors and scalar differ from the common field with other errors, tesla.
+
+        Returns
+        -------
+        (3 K + 1,) array
+            Of the axes of each sensor, and of the intensity.
+        """
+        fields_T, before_T = (each.restore(self.readings_T[None])[0] for each in (errors, self.errors))
+        differences_T = np.einsum("kij,kj->ki", errors.matrix, fields_T - fields_T.mean(axis=0))
+        beyond_T = self.beyond_T + norm(fields_T.mean(axis=0)) - norm(before_T.mean(axis=0))
+        return np.append(differences_T, beyond_T)
+
+
+def noise_of(array: KnownNoiseArray) -> FloatArray:
+    """Return the noise (3 K + 1,) of ``BlockMeans.at`` for one sample, tesla; the sensors share their mean."""
+    count, vector_T2 = len(array.vector_noise_T), float(np.mean(array.vector_noise_T**2))
+    return np.sqrt([*[vector_T2] * (3 * count), vector_T2 / count + array.scalar_noise_T**2])
+
+
+class BlockNoise:
+    """Follows the noise of both channels.
+
+    Parameters
+    ----------
+    array : KnownNoiseArray
+        With the noise that is stated.
+    """
+
+    def __init__(self, array: KnownNoiseArray) -> None:
+        self._noise_T, self._freedom = noise_of(array), 3 * len(array.vector_noise_T) - 3
+        # 64: blocks, two minutes: a change or a source within them spoils less than half of the differences.
+        self._blocks: deque[BlockMeans] = deque(maxlen=64)
+
+    def add(self, means: BlockMeans) -> None:
+        """Add a block."""
+        self._blocks.append(means)
+
+    @property
+    def is_known(self) -> bool:
+        """Whether it has seen blocks enough for noise that lasts."""
+        return len(self._blocks) >= (_PAIRS + 1) * _LAGS[-1]
+
+    def factors(self, errors: SensorErrors) -> VarianceFactors:
+        """Return the variance of the means of blocks over that of white noise; 1 where it may be that.
+
+        Parameters
+        ----------
+        errors : SensorErrors
+            As they are known now: what an earlier estimate made of the blocks is no noise.
+        """
+        values = np.array([means.at(errors) for means in self._blocks]) / self._noise_T
+        counts = np.array([(means.count, means.scalar_count) for means in self._blocks])
+        known = counts[:, 1] > 0
+        return VarianceFactors(
+            _factor(values[:, :-1], counts[:, 0], self._freedom), _factor(values[known, -1:], counts[known, 1], 1)
+        )
+
+
+def _factor(values: FloatArray, counts: IntArray, freedom: int) -> float:
+    """Return the variance of the means (M, C) of so many samples (M,) over that of white noise.
+
+    What grows with the time between blocks, as the heading error of a scalar does, is the same in all of them: it does
+    not become smaller in their mean.
+    """
+    found, ratio_of_next = 1.0, 1.0
+    for lag in _LAGS if freedom else ():
+        pairs = len(values) - lag
+        if pairs >= _PAIRS * lag:
+            energies = np.sum((values[lag:] - values[:-lag]) ** 2, axis=1) / (1 / counts[lag:] + 1 / counts[:-lag])
+            ratio = float(np.median(energies) / chdtri(freedom, 0.5))
+            # 5.0: standard deviations of the logarithm of a mean of normal squares by which a median may exceed that of
+            # white noise.
+            by_chance = np.exp(5.0 * np.sqrt(2 / (freedom * pairs)))
+            ratio = ratio if ratio > by_chance else 1.0
+            ratio_of_next = ratio if lag == 1 else ratio_of_next
+            lasting = ratio - ratio_of_next if ratio > by_chance * ratio_of_next else 0.0
+            found = max(found, ratio + lasting * (len(values) - 1))
+    return found
+
 
 BLOCK_S = 2.0
 """Time that a block spans, seconds: short compared with the delay of a report, and long enough that solving for
@@ -42,15 +172,6 @@ the blocks in which it begins and ends it is reported within half a minute."""
 MOST_AFTER = int(DECIDE_S / BLOCK_S)
 """Blocks that are looked at while something passes: once these show nothing it has passed."""
 
-UNSTEADY = 0.01
-"""Probability of what a change leaves, by chance, below which it is none: of a change of the sensors as it came."""
-
-BENT = 1e-3
-"""Part of what a change explains that it may leave: over large changes lengths are no straight lines."""
-
-PASSING = 3.0
-"""Change of the intensity from block to block over what sensors differ by, from which a source passes: on a vehicle of
-1 m/s, whose sensors are 0.25 m from their centre, that of a distant source is eight."""
 
 FEWEST_AFTER = 2
 """Blocks after the alarm from which a change, or that it has passed, is reported."""
@@ -138,11 +259,16 @@ def _passes(evidence: Evidence, first: Step, after: Sequence[Step]) -> bool:
     weight = np.array([_counts(step, values_T.shape[1]) for step in after]) / variance_T2
     left_T = values_T - np.sum(weight * values_T, axis=0) / np.maximum(weight.sum(axis=0), np.finfo(float).tiny)
     freedom = (len(after) - 1) * (3 * errors.sensor_count - 2)
-    if freedom and float(np.sum(weight * left_T**2)) > max(chdtri(freedom, UNSTEADY), BENT * evidence.ratio):
+    # 0.01: probability of what a change leaves, by chance, below which it is none: of a change of the sensors as it
+    # came.
+    # 1e-3: part of what a change explains that it may leave: over large changes lengths are no straight lines.
+    if freedom and float(np.sum(weight * left_T**2)) > max(chdtri(freedom, 0.01), 1e-3 * evidence.ratio):
         return True
     seen_T = np.abs(np.mean([step.means.at(first.before.errors) for step in after], axis=0)).max()
     intensity_T = np.array([step.means.intensity_T for step in (first, *after)])
-    return bool(np.abs(np.diff(intensity_T)).max() > PASSING * seen_T)
+    # 3.0: change of the intensity from block to block over what sensors differ by, from which a source passes: on a
+    # vehicle of 1 m/s, whose sensors are 0.25 m from their centre, that of a distant source is eight.
+    return bool(np.abs(np.diff(intensity_T)).max() > 3.0 * seen_T)
 
 
 def _counts(step: Step, channels: int) -> FloatArray:

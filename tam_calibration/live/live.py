@@ -16,12 +16,9 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.identifiability import open_parameters
 from tam_calibration.fit.likelihood import Linearization
 from tam_calibration.fit.prior import Prior
-from tam_calibration.live.block_noise import BlockMeans, BlockNoise
 from tam_calibration.live.change import GRADIENT
-from tam_calibration.live.change_window import BLOCK_S, ChangeWindow, Step, Suspicion
-from tam_calibration.live.moments import MomentLikelihood, SampleMoments
-from tam_calibration.live.recursion import Belief, Recursion, Walk, solve
-from tam_calibration.live.trial import Trial
+from tam_calibration.live.change_window import BLOCK_S, BlockMeans, BlockNoise, ChangeWindow, Step, Suspicion
+from tam_calibration.live.recursion import Belief, MomentLikelihood, Recursion, SampleMoments, Trial, Walk, solve
 from tam_calibration.live.turns import Stretch
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.units import FloatArray
@@ -36,8 +33,6 @@ PUBLISHED_FROM = 0.5
 """Part of the published standard errors, in root mean square over all directions, by which errors or standard errors
 change before they are published: less is small compared with the uncertainty."""
 
-NOISE_CHANGED = 0.1
-"""Part by which the variance of the noise changes before samples are weighed anew."""
 
 MOST_CHANGES = 100
 """Changes that are kept, so that memory is bounded."""
@@ -263,7 +258,8 @@ class Live:
         self._noise.add(means)
         errors = means.errors if self._suspicion is None else self._suspicion.first.before.errors
         factors = self._calibration.variance_factors.at_least(self._noise.factors(errors))
-        if not factors.is_near(self._likelihood.factors, NOISE_CHANGED):
+        # 0.1: part by which the variance of the noise changes before samples are weighed anew.
+        if not factors.is_near(self._likelihood.factors, 0.1):
             self._likelihood = replace(self._likelihood, factors=factors)
 
     def _in_a_field(self, rows: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ import numpy as np
 
 from tam_calibration.core.averaged_rates import AveragedRates
 from tam_calibration.core.normal_equations import Normal
-from tam_calibration.core.variance_factors import VarianceFactors
+from tam_calibration.core.slow_cosines import VarianceFactors
 from tam_calibration.fit.gyroscope_check import judge_gyroscope
 from tam_calibration.fit.prior import Prior
 from tam_calibration.fit.problem import Known, Problem
@@ -18,12 +18,6 @@ from tam_calibration.live.recursion import Belief
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
-
-STRETCH_S = 120.0
-"""Time after which what the gyroscope tells is learned: longer than swings in waves take, and than a quarter turn."""
-
-_BLOCK_SAMPLES = 20
-"""Samples that are kept of a block of 2 s; angular velocities are averaged between them, so that none is lost."""
 
 
 class Stretch:
@@ -64,13 +58,17 @@ class Stretch:
         self._before = self._before or before
         stamps_ns = np.round(1e9 * rows[:, 0]).astype(np.int64)
         self._averaged.add(stamps_ns, rates)
-        kept = np.linspace(0, len(rows), min(_BLOCK_SAMPLES, len(rows)) + 1).astype(int)[1:] - 1
+        # 20: samples that are kept of a block of 2 s; angular velocities are averaged between them, so that none is
+        # lost.
+        kept = np.linspace(0, len(rows), min(20, len(rows)) + 1).astype(int)[1:] - 1
         self._blocks.append((rows[kept], self._averaged.means(stamps_ns[kept], rates[kept])))
 
     @property
     def is_full(self) -> bool:
         """Whether it is long enough to be learned."""
-        return bool(self._blocks) and self._blocks[-1][0][-1, 0] - self._blocks[0][0][0, 0] >= STRETCH_S
+        # 120.0: time after which what the gyroscope tells is learned: longer than swings in waves take, and than a
+        # quarter turn.
+        return bool(self._blocks) and self._blocks[-1][0][-1, 0] - self._blocks[0][0][0, 0] >= 120.0
 
     def information(self, factors: VarianceFactors) -> tuple[Normal, SensorErrors] | None:
         """Return the information of its turns on the errors, and at which; None if the gyroscope is not used.

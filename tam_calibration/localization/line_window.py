@@ -20,7 +20,7 @@ from tam_calibration.localization.line_data import LineData
 from tam_calibration.localization.line_path import Basis, Path
 from tam_calibration.model.array import UNIT_TENSORS
 from tam_calibration.model.units import FloatArray
-from tam_calibration.sources.dipole import dipole_field, field_by_moment
+from tam_calibration.sources.dipole import dipole_field, field_alone, field_by_moment
 
 OF_SOURCE = 6
 
@@ -32,6 +32,9 @@ _BEND_T, _CHANGE_T_PER_M = 20e-9, 2e-9
 
 _DIRECTION, _GRADIENT_T_PER_M = 3e-3, 1e-6
 """Standard deviations of the regional field, as a part of the median of the readings, and of its gradient, T/m."""
+
+_CROSSING = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2).reshape(3, 9)
+"""Matrices of the cross product with unit vectors from the left, row by row."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,77 +149,92 @@ class Window:
         path, turn, calibration, regional, gradient = (rest[part] for part in self.parts)
         of_regional, of_gradient, of_turns = self.bases
         moved = np.split(path, np.cumsum([each.shape[1] for each in self._path_error])[:-1])
-        place = self.place_m + np.column_stack(
-            [rows @ each for rows, each in zip(self._path_error, moved, strict=True)]
-        )
-        along = data.direction
-        theta = data.attitude_error * turn[:3] + (of_turns @ turn[3:])[:, None] * along
+        shift = np.column_stack([rows @ each for rows, each in zip(self._path_error, moved, strict=True)])
+        place, aside = self.place_m + shift, self._aside_m + shift
+        theta = data.attitude_error * turn[:3] + (of_turns @ turn[3:])[:, None] * data.direction
         turned = Rotation.from_rotvec(theta)
         tensor = np.tensordot(of_gradient @ gradient.reshape(5, -1).T, UNIT_TENSORS, 1)
-        aside = self._aside_m + place - self.place_m
         uniform = turned.inv().apply(of_regional @ regional.reshape(3, -1).T)
-        uniform = uniform + np.einsum("nij,nj->ni", tensor, aside)
         every = np.concatenate([sources, self.fixed])
-        at_center = uniform + dipole_field(place[:, None] - every[:, :3], every[:, 3:])[0].sum(axis=1)
-        mean = data.fields_T.mean(axis=1)
-        align = _shortest(turned.apply(at_center), mean)
-        total = align * turned
-        arms = _applied(total.inv(), data.arms_m)
-        points = place[:, None] + arms
-        made, grad, by_moment = dipole_field(points[:, :, None] - every[:, :3], every[:, 3:])
-        field = uniform[:, None] + np.einsum("nij,nkj->nki", tensor, arms) + made.sum(axis=2)
-        added = (data.errors_T @ calibration).reshape(field.shape)
-        residual = (_applied(total.inv(), data.fields_T) - added - field)[..., None]
+        added = (data.errors_T @ calibration).reshape(data.fields_T.shape)
+
+        def field_at(arms: FloatArray) -> FloatArray:
+            points = place[:, None] + arms
+            dipoles = field_alone(points[:, :, None] - every[:, :3], every[:, 3:]).sum(axis=2)
+            return np.asarray(uniform[:, None] + (aside[:, None] + arms) @ tensor + dipoles + added)
+
+        expected, measured = self._mean(field_at(data.arms_m)), self._mean(data.fields_T)
+        total = (_shortest(turned.apply(expected), measured) * turned).inv()
+        arms, readings = _applied(total, data.arms_m), _applied(total, data.fields_T)
+        residual = (readings - field_at(arms))[..., None]
         if not with_slopes:
-            return self._whitened(residual, field)[..., 0], np.zeros((0, 0, 0))
+            return self._whitened(residual, readings)[..., 0], np.zeros((0, 0, 0))
+        made, grad, by_moment = dipole_field((place[:, None] + arms)[:, :, None] - every[:, :3], every[:, 3:])
         slope = tensor[:, None] + grad.sum(axis=2)
-        by_turn = _by_turn(field - uniform[:, None], slope, arms)
         own = np.concatenate([-grad[:, :, : len(sources)], by_moment[:, :, : len(sources)]], axis=4)
-        columns = np.moveaxis(own, 2, 3).reshape(*field.shape, split)
-        spread = np.broadcast_to(np.eye(3), (*field.shape, 3))
+        columns = np.moveaxis(own, 2, 3).reshape(*made.shape[:2], 3, split)
+        by_turn = np.broadcast_to(_crossing(uniform)[:, None], slope.shape)
+        by_regional = np.broadcast_to(turned.inv().as_matrix()[:, None], slope.shape)
         by_tensor = np.einsum("qij,nkj->nkiq", UNIT_TENSORS, arms + aside[:, None])
-        by_errors = data.errors_T.reshape(*field.shape, -1)
-        local = np.concatenate([columns, slope, by_turn, by_errors, spread, by_tensor], axis=3)
-        rows = self._whitened(np.concatenate([residual, local], axis=3), field)
+        by_errors = data.errors_T.reshape(*made.shape[:2], 3, -1)
+        local = np.concatenate([columns, slope, by_turn, by_errors, by_regional, by_tensor], axis=3)
+        # A change of the expected mean turns the readings and the arms after it.
+        turning = _crossing(readings) - slope @ _crossing(arms)
+        along = expected / norm(expected, axis=1, keepdims=True)
+        meant = turned.inv().apply(measured / norm(measured, axis=1, keepdims=True))
+        twist = np.cross(meant, along) / (1 + np.sum(meant * along, axis=1, keepdims=True))
+        by_mean = (_crossing(along) - along[:, :, None] * twist[:, None]) / norm(expected, axis=1)[:, None, None]
+        turns = by_mean @ self._mean(local)
+        by_theta = slice(split + 3, split + 6)
+        turns[..., by_theta] -= along[:, :, None] * (along + np.cross(along, twist))[:, None]
+        local += turning @ turns[:, None]
+        local[..., by_theta] = local[..., by_theta] @ (np.eye(3) - _crossing(theta) / 2)[:, None]
+        rows = self._whitened(np.concatenate([residual, local], axis=3), readings)
         return rows[..., 0], self._expanded(rows[..., 1:], split)
+
+    def _mean(self, values: FloatArray) -> FloatArray:
+        """Return the mean (M, 3, …) of values (M, K, 3, …) of the sensors, weighted by their precision."""
+        weights = self.data.noise_T[0] ** -2.0
+        return np.asarray(np.tensordot(weights / weights.sum(), values, (0, 1)))
 
     def _whitened(self, stacked: FloatArray, field: FloatArray) -> FloatArray:
         """Return rows (M, 3 K - 2, C) of unit noise: the mean along the field, then the differences."""
         data, count = self.data, len(self.data.time_s)
         unit = stacked / data.noise_T[..., None, None]
-        mixed = np.einsum("lk,nkic->nlic", self._contrasts, unit)
-        mean = field.mean(axis=1)
+        mixed = (self._contrasts @ unit.reshape(*unit.shape[:2], -1)).reshape(unit.shape)
+        mean = self._mean(field)
         axis = mean / norm(mean, axis=1, keepdims=True)
-        first = np.einsum("ni,nic->nc", axis, mixed[:, 0])[:, None]
+        first = axis[:, None] @ mixed[:, 0]
         others = mixed[:, 1:].reshape(count, -1, stacked.shape[3])
         crossed = np.cross(axis[:, None], field - mean[:, None]) / data.noise_T[..., None]
-        turned = np.einsum("lk,nki->nli", self._contrasts[1:], crossed).reshape(count, -1)
-        turned = turned * data.white_attitude[:, None]
+        turned = (self._contrasts[1:] @ crossed).reshape(count, -1) * data.white_attitude[:, None]
         square = np.sum(turned**2, axis=1)
         shrink = (1 - 1 / np.sqrt(1 + square)) / np.maximum(square, 1e-30)
-        along = np.einsum("nr,nrc->nc", turned, others) * shrink[:, None]
-        others = others - turned[..., None] * along[:, None]
-        return np.concatenate([first, others], axis=1)
+        along = (turned * shrink[:, None])[:, None] @ others
+        return np.concatenate([first, others - turned[..., None] * along], axis=1)
 
     def _expanded(self, local: FloatArray, split: int) -> FloatArray:
         """Return derivatives (M, 3 K - 2, P) by all unknowns from those by what they make at each moment."""
         of_regional, of_gradient, of_turns = self.bases
-        by_path, by_turn = local[..., split : split + 3], local[..., split + 3 : split + 6]
-        errors = self.data.errors_T.shape[2]
-        by_errors, rest = local[..., split + 6 : split + 6 + errors], local[..., split + 6 + errors :]
-        about = np.einsum("nrj,nj->nr", by_turn, self.data.direction)
-        return np.concatenate(
-            [
-                local[..., :split],
-                *[by_path[..., axis, None] * self._path_error[axis][:, None] for axis in range(3)],
-                self.data.attitude_error * by_turn,
-                about[..., None] * of_turns[:, None],
-                by_errors,
-                *[rest[..., axis, None] * of_regional[:, None] for axis in range(3)],
-                *[rest[..., 3 + number, None] * of_gradient[:, None] for number in range(5)],
-            ],
-            axis=2,
+        by_path, by_turn, by_errors, by_regional, by_tensor = np.split(
+            local[..., split:], np.cumsum([3, 3, self.data.errors_T.shape[2], 3]), axis=2
         )
+        about = np.einsum("nrj,nj->nr", by_turn, self.data.direction)
+        expanded = np.empty((*local.shape[:2], split + self.nuisance_count))
+        expanded[..., :split] = local[..., :split]
+        path, turn, errors, regional, gradient = (
+            expanded[..., split + part.start : split + part.stop] for part in self.parts
+        )
+        of_path = np.split(path, np.cumsum([each.shape[1] for each in self._path_error])[:-1], axis=2)
+        for axis in range(3):
+            np.multiply(by_path[..., axis, None], self._path_error[axis][:, None], out=of_path[axis])
+        np.multiply(self.data.attitude_error, by_turn, out=turn[..., :3])
+        np.multiply(about[..., None], of_turns[:, None], out=turn[..., 3:])
+        errors[...] = by_errors
+        for whole, by, basis in ((regional, by_regional, of_regional), (gradient, by_tensor, of_gradient)):
+            for part, own in zip(np.split(whole, by.shape[2], axis=2), np.moveaxis(by, 2, 0), strict=True):
+                np.multiply(own[..., None], basis[:, None], out=part)
+        return expanded
 
 
 def _applied(rotation: Rotation, vectors: FloatArray) -> FloatArray:
@@ -232,9 +250,6 @@ def _shortest(start: FloatArray, end: FloatArray) -> Rotation:
     return Rotation.from_rotvec(cross * (angle / np.maximum(sine, 1e-300))[:, None])
 
 
-def _by_turn(field: FloatArray, slope: FloatArray, arms: FloatArray) -> FloatArray:
-    """Return derivatives (M, K, 3, 3) of fields beside the regional one by a rotation of the readings."""
-    unit = np.eye(3)
-    turned = np.stack([np.cross(unit[axis], field) for axis in range(3)], axis=3)
-    levers = np.stack([np.cross(unit[axis], arms) for axis in range(3)], axis=3)
-    return np.asarray(turned - slope @ levers)
+def _crossing(vectors: FloatArray) -> FloatArray:
+    """Return the matrices (…, 3, 3) of the cross product with vectors (…, 3) from the left."""
+    return np.asarray((vectors @ _CROSSING).reshape(*vectors.shape, 3))

@@ -3,7 +3,7 @@
 import numpy as np
 
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.attitude_convention import misread_attitude
+from tam_calibration.fit.recorded_attitude import misread_attitude
 from tam_calibration.localization.euler import DIPOLE_INDEX, require_index
 from tam_calibration.localization.line_fit import DIPOLES_INDEX
 from tam_calibration.localization.one_source import locate_run

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.attitude_convention import misread_attitude
+from tam_calibration.fit.recorded_attitude import misread_attitude
 from tam_calibration.localization.calibration_errors import errors_of
 from tam_calibration.localization.line_data import line_data
 from tam_calibration.localization.line_path import Path, path_of, reckoned

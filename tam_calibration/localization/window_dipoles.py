@@ -8,7 +8,7 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.localization.line_window import OF_SOURCE, Window
-from tam_calibration.localization.window_fit import ROUGH_FALL, Solved, annealed, solve
+from tam_calibration.localization.window_fit import ROUGH_FALL, ROUGH_STEPS, Solved, annealed, solve
 from tam_calibration.model.units import FloatArray
 
 UNEXPLAINED = 1.3
@@ -45,9 +45,9 @@ _THIN_M = 1.0
 
 def fit_from(window: Window, start: FloatArray) -> Solved:
     """Return the solution that begins with known dipoles, also with a larger noise where that explains more."""
-    plain = solve(window, start, least_fall=ROUGH_FALL)
+    plain = solve(window, start, ROUGH_STEPS, ROUGH_FALL)
     if mean_square(plain) < UNEXPLAINED:
-        return plain
+        return solve(window, plain.unknowns, least_fall=ROUGH_FALL)
     return min(plain, annealed(window, start), key=lambda each: each.chi_square)
 
 
@@ -88,10 +88,9 @@ def add_dipole(solved: Solved, first: int) -> Solved | None:
             if solved.chi_square - glance.chi_square < LEAST_GAIN / 2:
                 continue
             start = glance.unknowns
-        for fit in (annealed, solve)[: 1 + has_much_left]:
-            more = fit(solved.window, start, least_fall=ROUGH_FALL)
-            if solved.chi_square - more.chi_square > LEAST_GAIN * mean_square(more) and _is_sound(more, first):
-                return more
+        more = annealed(solved.window, start) if has_much_left else solve(solved.window, start, least_fall=ROUGH_FALL)
+        if solved.chi_square - more.chi_square > LEAST_GAIN * mean_square(more) and _is_sound(more, first):
+            return more
     return None
 
 

@@ -5,11 +5,12 @@ from functools import cached_property
 
 import numpy as np
 from numpy.linalg import norm
+from scipy.linalg import cho_factor, cho_solve
 
 from tam_calibration.localization.line_window import OF_SOURCE, Window
 from tam_calibration.model.units import FloatArray
 
-_MOST_STEPS, _ROUGH_STEPS = 25, 8
+_MOST_STEPS, ROUGH_STEPS = 25, 8
 """Steps of a fit, and of one with a larger noise."""
 
 LEAST_FALL, ROUGH_FALL = 0.02, 1.0
@@ -17,6 +18,15 @@ LEAST_FALL, ROUGH_FALL = 0.02, 1.0
 
 _FARTHEST_M, _STRONGEST_AM2, _LARGEST_ERROR = 150.0, 1e7, 30.0
 """Of dipoles from the middle of a window, of their moments, and of errors in units of their standard deviations."""
+
+_LONGEST = 0.5
+"""Longest step of a dipole's place, over its distance from the path."""
+
+_PART = 0.1
+"""Part of a step ahead at which the second derivative is measured."""
+
+_UNCOVERED = 2.0
+"""Mean squared residual, over a noise, from which that noise does not cover what is left."""
 
 _MOST_STALLED = 3
 """Such steps in a row that end a fit, where damping has become large."""
@@ -27,7 +37,7 @@ _LEAST_SEEN = 0.1
 _ROUGHNESSES = np.array([0.1, 0.2, 0.4, 0.7, 1.0])
 """Of a regional field that are tried. The least is 2 nT in 25 m: below it the gradient of far bodies changes."""
 
-_FIRST_DAMPING, _LEAST_DAMPING, _LARGEST_DAMPING = 1e-3, 1e-7, 1e8
+_FIRST_DAMPING, _LEAST_DAMPING, _LARGEST_DAMPING = 1e-5, 1e-9, 1e8
 """Of Levenberg's and Marquardt's steps, over the diagonal."""
 
 
@@ -77,16 +87,35 @@ class Solved:
         return self.window.linearized(self.unknowns, False)[0]
 
 
-def annealed(window: Window, start: FloatArray, least_fall: float = ROUGH_FALL) -> Solved:
+def annealed(window: Window, start: FloatArray) -> Solved:
     """Return the solution that begins with unknowns (P,) and with a larger noise, which falls tenfold each time.
 
-    With little noise χ² is a narrow, bent valley that is followed by small steps only.
+    With little noise χ² is a narrow, bent valley that is followed by small steps only. Where a larger noise does not
+    cover what is left, something is missing, and a smaller one tells no more of it.
     """
     size = float(np.sqrt(np.mean(window.linearized(start, False)[0] ** 2)))
     for factor in 10.0 ** np.arange(np.ceil(np.log10(max(size / 3, 1.0))), 0, -1):
         rough = replace(window, data=replace(window.data, noise_T=factor * window.data.noise_T))
-        start = solve(rough, start, _ROUGH_STEPS, ROUGH_FALL).unknowns
-    return solve(window, start, least_fall=least_fall)
+        solved = solve(rough, start, ROUGH_STEPS, ROUGH_FALL)
+        start = solved.unknowns
+        if np.mean(solved.residual**2) > _UNCOVERED:
+            return solve(window, start, 1)
+    return solve(window, start, least_fall=ROUGH_FALL)
+
+
+def _limited(window: Window, unknowns: FloatArray, step: FloatArray) -> FloatArray:
+    """Return a step (P,) with each dipole's part shortened to half its distance from the path, or so that it stays.
+
+    Else one dipole that tells little, and flies off, holds up all the others.
+    """
+    split = len(unknowns) - window.nuisance_count
+    limited = step.copy()
+    sources, own = unknowns[:split].reshape(-1, OF_SOURCE), limited[:split].reshape(-1, OF_SOURCE)
+    distance = norm(sources[:, None, :3] - window.place_m, axis=2).min(axis=1)
+    own *= np.minimum(1.0, _LONGEST * distance / np.maximum(norm(own[:, :3], axis=1), 1e-300))[:, None]
+    middle = window.place_m[len(window.place_m) // 2]
+    own[norm(sources[:, :3] + own[:, :3] - middle, axis=1) > _FARTHEST_M, :3] = 0.0
+    return limited
 
 
 def _can_be(window: Window, unknowns: FloatArray) -> bool:
@@ -137,15 +166,23 @@ def solve(window: Window, start: FloatArray, most_steps: int = _MOST_STEPS, leas
         scale = np.sqrt(np.diag(normal))
         unit, fall = normal / scale[:, None] / scale, 0.0
         while damping < _LARGEST_DAMPING:
-            damped = unit + damping * np.eye(len(free))
-            tried = unknowns.copy()
-            tried[free] += np.linalg.solve(damped, slope / scale) / scale
+            root = cho_factor(unit + damping * np.eye(len(free)))
+            full = np.zeros(len(start))
+            full[free] = cho_solve(root, slope / scale) / scale
+            step = _limited(window, unknowns, full)
+            # The second derivative along the step bends it into the valley (Transtrum and Sethna 2012, equation 5).
+            ahead = window.linearized(unknowns + _PART * step, False)[0].ravel()
+            bend = 2 / _PART**2 * (residual.ravel() - ahead - _PART * rows @ step[free])
+            curve = np.zeros(len(start))
+            curve[free] = -cho_solve(root, rows.T @ bend / scale) / scale
+            size, curved = norm(step[free] * scale), norm(curve[free] * scale)
+            tried = unknowns + step + (0.5 * curve if curved < 0.75 * size else 0)
             reached = cost(tried)
             if reached < lowest:
                 fall, lowest, unknowns = lowest - reached, reached, tried
-                damping = max(damping / 10, _LEAST_DAMPING)
+                damping = max(damping / 5, _LEAST_DAMPING)
                 break
-            damping *= 10
+            damping *= 3
         stalled = stalled + 1 if fall < least_fall else 0
         if stalled and (damping < _FIRST_DAMPING or stalled >= _MOST_STALLED):
             break

@@ -13,8 +13,7 @@ from tam_calibration.core.interpolation import LARGEST_ERROR
 from tam_calibration.messages.missing import MOST_MISSING
 from tam_calibration.messages.stream import InterpolatedStream, Losses, Stream
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.model.interpolated_noise import LAGS, InterpolatedNoise
-from tam_calibration.model.recording import SampleSource
+from tam_calibration.model.recording import LAGS, InterpolatedNoise, SampleSource
 from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
 
 

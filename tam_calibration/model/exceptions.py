@@ -63,7 +63,7 @@ def quoted(value: Any) -> str:
 
 
 _UNPRINTABLE = ("Cc", "Cf", "Cs", "Zl", "Zp")
-"""Categories of Unicode that end a line, command a terminal, turn the direction of text, or stand for bytes."""
+"""Categories of Unicode that end a line, command a terminal, reverse the direction of text, or represent bytes."""
 
 
 def printable(text: object, keep: str = "") -> str:

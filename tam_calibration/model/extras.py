@@ -37,5 +37,5 @@ def require(extra: str, purpose: str) -> None:
             import_module(library)
         except ModuleNotFoundError:
             pip = f"pip install 'tam_calibration[{extra}]' in a virtual environment"
-            mend = f"{_UBUNTU.get(extra, '')}{pip} (python3 -m venv --system-site-packages)"
-            raise InputError(f"{purpose} needs {library}: {mend}") from None
+            remedy = f"{_UBUNTU.get(extra, '')}{pip} (python3 -m venv --system-site-packages)"
+            raise InputError(f"{purpose} needs {library}: {remedy}") from None

@@ -22,37 +22,9 @@ _Coefficients = NDArray[np.complex128]
 _FILE = Path(__file__).with_name("IGRF14.shc")
 _DEGREE = 13
 
-_REFERENCE_RADIUS_M = 6371.2e3
-"""Of the sphere to which the coefficients refer."""
 
 _EQUATORIAL_RADIUS_M, _ECCENTRICITY_SQUARED = 6378137.0, 0.00669437999014
 """Of the ellipsoid WGS84."""
-
-
-def igrf_T(latitude_deg: float, longitude_deg: float, height_m: float, day: date) -> FloatArray:
-    """Return the field at a place and day; between two sets of coefficients it is linear in time.
-
-    Parameters
-    ----------
-    latitude_deg, longitude_deg : float
-        Geodetic latitude, and longitude east, degrees.
-    height_m : float
-        Above the ellipsoid WGS84, metres.
-    day : date
-        Day of the field, 1900 to 2029.
-
-    Returns
-    -------
-    (3,) array
-        Components east, north, up, tesla.
-    """
-    latitude, longitude = from_degrees(latitude_deg), from_degrees(longitude_deg)
-    east = np.array([-np.sin(longitude), np.cos(longitude), 0.0])
-    up = np.array([np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)])
-    across_m = _EQUATORIAL_RADIUS_M / np.sqrt(1 - _ECCENTRICITY_SQUARED * np.sin(latitude) ** 2)
-    position_m = up * (across_m + height_m - np.array([0.0, 0.0, _ECCENTRICITY_SQUARED * across_m]))
-    field_nT = _field(position_m, _coefficients(day))
-    return from_nanotesla(np.array([east, np.cross(up, east), up]) @ field_nT)
 
 
 def _field(position_m: FloatArray, coefficients: _Coefficients) -> FloatArray:
@@ -72,8 +44,10 @@ def _field(position_m: FloatArray, coefficients: _Coefficients) -> FloatArray:
 
 def _solid_harmonics(position_m: FloatArray) -> _Coefficients:
     """Return (a/r)ⁿ⁺¹ Pₙₘ(sin φ) exp(imλ), with a the reference radius, by degree n and order m."""
-    squared = _REFERENCE_RADIUS_M**2 / float(position_m @ position_m)
-    x, y, z = (squared * position_m / _REFERENCE_RADIUS_M).tolist()
+    # Of the sphere to which the coefficients refer.
+    reference_radius_m = 6371.2e3
+    squared = reference_radius_m**2 / float(position_m @ position_m)
+    x, y, z = (squared * position_m / reference_radius_m).tolist()
     solid = np.zeros((_DEGREE + 2, _DEGREE + 2), dtype=complex)
     solid[0, 0] = np.sqrt(squared)
     for order in range(_DEGREE + 2):
@@ -103,13 +77,10 @@ def _published() -> tuple[list[int], _Coefficients]:
     sets = np.zeros((len(days), _DEGREE + 1, _DEGREE + 1), dtype=complex)
     for line in lines[2:]:
         degree, order, values = int(line[0]), int(line[1]), np.array([float(value) for value in line[2:]])
-        sets[:, degree, abs(order)] += (1 if order >= 0 else -1j) * _schmidt(degree, abs(order)) * values
+        size = abs(order)
+        schmidt = np.sqrt((2 if order else 1) * factorial(degree - size) / factorial(degree + size))
+        sets[:, degree, size] += (1 if order >= 0 else -1j) * schmidt * values
     return days, sets
-
-
-def _schmidt(degree: int, order: int) -> float:
-    """Return the factor of the quasi-normalisation of Schmidt."""
-    return float(np.sqrt((2 if order else 1) * factorial(degree - order) / factorial(degree + order)))
 
 
 WEAKEST_FIELD_T = 200e-9
@@ -118,8 +89,6 @@ WEAKEST_FIELD_T = 200e-9
 STRONGEST_FIELD_T = 10e-3
 """Where coils and sensors of such fields end; the Earth's in pT, taken for nT, is stronger."""
 
-_LARGEST_BIAS = 100.0
-"""Of a sensor's readings, in units of the strongest field: a bias may be many times the field."""
 
 LOCAL_STANDARD_ERROR_T = 140e-9
 """Of each component of a model of the main field: crust and currents, as the World Magnetic Model states."""
@@ -213,7 +182,9 @@ class FieldBounds:
             When one cannot be that of the field with a bias, however large.
         """
         # A weak field is that of a shield, and makes no smaller bias.
-        low, high = self.low_T / _LARGEST_BIAS, max(self.high_T, EARTH_FIELD.high_T) * _LARGEST_BIAS
+        # Of a sensor's readings, in units of the strongest field: a bias may be many times the field.
+        largest_bias = 100.0
+        low, high = self.low_T / largest_bias, max(self.high_T, EARTH_FIELD.high_T) * largest_bias
         for sensor, value in enumerate(length_T.tolist()):
             if not low <= value <= high:
                 raise self._refusal(f"sensor {sensor + 1} reads", value)
@@ -233,10 +204,6 @@ EARTH_FIELD = FieldBounds(15e-6, 100e-6, "the Earth's")
 
 _MODEL_YEARS = (1900, 2030)
 """First year of IGRF-14, and the year at whose beginning it ends."""
-
-_FARTHEST_FROM_IGRF = 1.5
-"""Times the model's intensity, or its inverse: twice the 10 µT of 48 that were measured in 55 homes (Swanson 1994,
-static magnetic fields in homes in the UK), for buildings with more steel. Crust away from ore makes some hundred nT."""
 
 
 def site_field_T(latitude_deg: float, longitude_deg: float, height_m: float, day: date) -> FloatArray:
@@ -273,7 +240,13 @@ def site_field_T(latitude_deg: float, longitude_deg: float, height_m: float, day
         raise InputError(
             f"the geomagnetic model IGRF-14 is valid from {_MODEL_YEARS[0]} to {_MODEL_YEARS[1] - 1}, not in {day.year}"
         )
-    return igrf_T(latitude_deg, longitude_deg, height_m, day)
+    latitude, longitude = from_degrees(latitude_deg), from_degrees(longitude_deg)
+    east = np.array([-np.sin(longitude), np.cos(longitude), 0.0])
+    up = np.array([np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)])
+    across_m = _EQUATORIAL_RADIUS_M / np.sqrt(1 - _ECCENTRICITY_SQUARED * np.sin(latitude) ** 2)
+    position_m = up * (across_m + height_m - np.array([0.0, 0.0, _ECCENTRICITY_SQUARED * across_m]))
+    field_nT = _field(position_m, _coefficients(day))
+    return from_nanotesla(np.array([east, np.cross(up, east), up]) @ field_nT)
 
 
 def field_at(place: str) -> FloatArray:
@@ -302,4 +275,8 @@ def bounds_at(place: str) -> FieldBounds:
         When that is no place and date of the model.
     """
     intensity_T = float(np.linalg.norm(field_at(place)))
-    return FieldBounds(intensity_T / _FARTHEST_FROM_IGRF, intensity_T * _FARTHEST_FROM_IGRF, "the place's")
+    # Times the model's intensity, or its inverse: twice the 10 µT of 48 that were measured in 55 homes (Swanson 1994,
+    # static magnetic fields in homes in the UK), for buildings with more steel. Crust away from ore makes some hundred
+    # nT.
+    farthest_from_igrf = 1.5
+    return FieldBounds(intensity_T / farthest_from_igrf, intensity_T * farthest_from_igrf, "the place's")

@@ -19,10 +19,10 @@ LARGEST = {
     "position": 1e8,
 }
 """Size of a value of each channel, SI. Nanoseconds in 64 bits end at 9.2e9 s, in the year 2262. A field in picotesla
-that is taken for tesla is 5e7, and told as such by the check of units. No sensor is as hot as 10 000 °C, and no current
-near it a million amperes, and no array turns a thousand times a second; an actuator's angle, speed or power is no
-larger in its unit. A quaternion has length 1, and drivers that do not divide by it are near that. No place is farther
-than twice around the Earth."""
+that is taken for tesla is 5e7, and reported as such by the check of units. No sensor is as hot as 10 000 °C, and no
+current near it a million amperes, and no array turns a thousand times a second; an actuator's angle, speed or power
+is no larger in its unit. A quaternion has length 1, and drivers that do not divide by it are near that. No place is
+farther than twice around the Earth."""
 
 
 def largest_of(stream: str) -> float:
@@ -108,9 +108,6 @@ RATE_SCALE = Limits(0.0, 0.3, "")
 MOUNTING_ERROR = Limits(0.0, 0.5, "rad")
 """Of how a sensor of attitude is mounted: what is not known to 30° is not known."""
 
-_ROUNDING = 1e-6
-"""Part of a correlation that rounding of a covariance in a file may change: six digits are written at least."""
-
 
 def is_covariance(matrices: FloatArray) -> bool:
     """Return whether matrices (…, D, D) are symmetric and positive definite, but for rows of zeros, to rounding."""
@@ -121,4 +118,6 @@ def is_covariance(matrices: FloatArray) -> bool:
     deviation = np.sqrt(np.where(unknown, 1.0, variance))
     correlation = matrices / deviation[..., None] / deviation[..., None, :]
     skew = np.abs(correlation - np.swapaxes(correlation, -1, -2)).max(initial=0.0)
-    return bool(skew <= _ROUNDING and np.linalg.eigvalsh(correlation).min(initial=0.0) >= -_ROUNDING)
+    # Part of a correlation that rounding of a covariance in a file may change: six digits are written at least.
+    rounding = 1e-6
+    return bool(skew <= rounding and np.linalg.eigvalsh(correlation).min(initial=0.0) >= -rounding)

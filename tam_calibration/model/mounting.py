@@ -15,12 +15,6 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
 
-_UNIT_TOLERANCE = 0.01
-"""By how much the length of a quaternion may differ from 1: more than rounding to three digits makes of it."""
-
-_SAME_ROTATION = 1e-6
-"""Difference of quaternions up to which two rotations are one: some 2 µrad, far below what a sensor shows."""
-
 _NO_ROTATION = np.array([0.0, 0.0, 0.0, 1.0])
 """The quaternion x, y, z, w of no rotation."""
 
@@ -85,7 +79,8 @@ class Mounting:
         """Whether the other has as many sensors with the same rotations; IMU and frame names do not matter."""
         mine, others = (_NO_ROTATION if each.rotations is None else each.rotations for each in (self, other))
         difference = np.minimum(np.abs(mine - others).max(axis=-1), np.abs(mine + others).max(axis=-1))
-        return bool((difference < _SAME_ROTATION).all())
+        # 1e-6: difference of quaternions up to which two rotations are one: some 2 µrad, far below what a sensor shows.
+        return bool((difference < 1e-6).all())
 
     @cached_property
     def sensor_turns(self) -> dict[int, Turn]:
@@ -156,7 +151,8 @@ def _unit(quaternion: FloatArray, name: str) -> FloatArray:
         When it is no rotation.
     """
     length = np.linalg.norm(quaternion)
-    if quaternion.shape != (4,) or not abs(length - 1) <= _UNIT_TOLERANCE:
+    # 0.01: by how much the length of a quaternion may differ from 1: more than rounding to three digits makes of it.
+    if quaternion.shape != (4,) or not abs(length - 1) <= 0.01:
         raise InputError(
             f"{name} is no rotation: {quaternion.tolist()}; a quaternion is x, y, z, w of length 1, angles are finite"
         )

@@ -1,4 +1,7 @@
-"""The data of one run, checked, and what the fits need of any source of samples."""
+"""The data of one run, checked, and what the fits need of any source of samples.
+
+What interpolation makes of the white noise of sensors that are read by clocks of their own.
+"""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -10,13 +13,39 @@ from tam_calibration.model import conversion
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.further_channels import require_further
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
-from tam_calibration.model.interpolated_noise import InterpolatedNoise
 from tam_calibration.model.limits import LARGEST, LEAST_SPREAD_T, SHORTEST_ATTITUDE
 from tam_calibration.model.units import FloatArray
 
 if TYPE_CHECKING:
     import pandas
     import xarray
+
+
+LAGS = 8
+"""Samples after which nothing is left of the correlation: five readings take less at seven tenths of the rate."""
+
+
+@dataclass(frozen=True, eq=False)
+class InterpolatedNoise:
+    """The correlation of the noise of K sensors from sample to sample that interpolation makes; its size is kept.
+
+    Parameters
+    ----------
+    correlation : (K, LAGS) array
+        Of samples that lie so many apart.
+    readings_per_sample : (K,) array
+        Number of readings of a sensor from one sample to the next.
+    """
+
+    correlation: FloatArray
+    readings_per_sample: FloatArray
+
+    def spectrum(self, frequency: FloatArray) -> FloatArray:
+        """Return the power (K, F) of white noise of variance one at frequencies (F,), cycles a sample."""
+        turns = np.cos(2 * np.pi * np.outer(np.arange(1, LAGS + 1), frequency))
+        # 0.05: part of white noise that is left at any frequency, at least: between readings at even steps it is 0.08.
+        return np.asarray(np.maximum(1 + 2 * self.correlation @ turns, 0.05))
+
 
 CHANNELS = ("scalar_T", "temperature_C", "current_A", "attitude", "angular_velocity_rad_s", "position_m")
 """Channels that may be recorded with the sensors; a channel of NaN only is absent."""
@@ -189,12 +218,12 @@ class Recording:
                 first_s, last_s = self.time_s[bad_samples[[0, -1]]].tolist()
                 has_times = np.isfinite([first_s, last_s]).all()
                 span = f", between {first_s:.12g} and {last_s:.12g} s" if has_times else ""
-                kind, mend = f"{'' if is_channel else 'NaN or '}infinite values", "leave those samples out"
+                kind, remedy = f"{'' if is_channel else 'NaN or '}infinite values", "leave those samples out"
                 if np.isfinite(first):
-                    kind, mend = f"values beyond {largest:g}", f"{first:g} is of another unit, or damage"
+                    kind, remedy = f"values beyond {largest:g}", f"{first:g} is of another unit, or damage"
                 raise InputError(
                     f"{len(bad_samples)} of {self.sample_count} samples hold {kind}, first {where} in sample "
-                    f"{index[0] + 1}{span}: {mend}"
+                    f"{index[0] + 1}{span}: {remedy}"
                 )
 
     def _check_attitude(self) -> None:
@@ -413,7 +442,7 @@ class Recording:
         """
         from importlib import import_module
 
-        # The readers of files know tables too; they stand above the model, which does not import them.
+        # The readers of files know tables too; their room is above the model, which does not import it.
         made: Recording = import_module("tam_calibration.recordings.recording_file").recording_of_frame(frame, map)
         return made
 

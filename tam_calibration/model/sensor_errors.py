@@ -14,7 +14,6 @@ from itertools import permutations, product
 
 import numpy as np
 from numpy.linalg import inv, norm
-from numpy.typing import NDArray
 
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray
@@ -36,9 +35,6 @@ ORIENTATIONS = np.array(
     ]
 )
 """(24, 3, 3) the rotations that exchange and reverse axes, that without effect first."""
-
-_STEEPEST = np.pi / 4
-"""Largest β without an orientation, radians: half way to where α and γ are one; their errors grow by 1.4 there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +79,8 @@ class SensorErrors:
         if not (self.scale_factor > 0).all():
             raise InputError("scale factors must be positive: turn a reversed axis round before")
         orientation = np.asarray(self.orientation, dtype=float)
-        for sensor, is_one in enumerate(_are_orientations(orientation), start=1):
+        is_known = (ORIENTATIONS[None] == orientation.reshape(-1, 1, 3, 3)).all(axis=(2, 3)).any(axis=1)
+        for sensor, is_one in enumerate(is_known, start=1):
             if not is_one:
                 raise InputError(
                     f"the orientation of sensor {sensor} must exchange and reverse axes and stay right-handed: "
@@ -210,13 +207,13 @@ class SensorErrors:
         alpha, beta, gamma = self.misalignment.T
         about_x, about_yz = _rotate(0, alpha), _rotate(1, beta) @ _rotate(2, gamma) @ self.orientation
         # A passive rotation by an angle has the derivative -[axis]× times itself.
-        matrix[:, 9] = measurement @ -_CROSS[0] @ rotation
-        matrix[:, 10] = measurement @ about_x @ -_CROSS[1] @ about_yz
-        matrix[:, 11] = measurement @ self._misaligned @ -_CROSS[2] @ self.orientation
+        matrix[:, 9] = measurement @ -CROSS[0] @ rotation
+        matrix[:, 10] = measurement @ about_x @ -CROSS[1] @ about_yz
+        matrix[:, 11] = measurement @ self._misaligned @ -CROSS[2] @ self.orientation
         return np.moveaxis(derivative, 1, 3)
 
 
-_CROSS = np.array(
+CROSS = np.array(
     [[[0, 0, 0], [0, 0, -1], [0, 1, 0]], [[0, 0, 1], [0, 0, 0], [-1, 0, 0]], [[0, -1, 0], [1, 0, 0], [0, 0, 0]]],
     dtype=float,
 )
@@ -247,15 +244,12 @@ def orientation_from_axes(axes: Sequence[str]) -> FloatArray:
     return rows
 
 
-def _are_orientations(rotations: FloatArray) -> NDArray[np.bool_]:
-    nearest = ORIENTATIONS[None] == rotations.reshape(-1, 1, 3, 3)
-    return np.asarray(nearest.all(axis=(2, 3)).any(axis=1))
-
-
 def _orientations_of(rotation: FloatArray) -> FloatArray:
     """Return the orientations (K, 3, 3) nearest to rotations where their β is steep, and none elsewhere."""
     overlap = np.einsum("kij,oij->ko", rotation, ORIENTATIONS)
-    is_steep = np.abs(rotation[:, 0, 2]) > np.sin(_STEEPEST)
+    # np.pi / 4: largest β without an orientation, radians: half way to where α and γ are one; their errors grow by 1.4
+    # there.
+    is_steep = np.abs(rotation[:, 0, 2]) > np.sin(np.pi / 4)
     return ORIENTATIONS[np.where(is_steep, overlap.argmax(axis=1), 0)]
 
 

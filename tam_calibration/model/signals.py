@@ -13,18 +13,12 @@ ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 CODE_OF_SHELLS = 128
 """What shells add to the number of a signal for the exit code: 130 after Ctrl-C, 143 after SIGTERM."""
 
-_ONCE_MORE_S = 0.01
-"""After which an ending that was lost is raised again, seconds: what lost it, as a collection of garbage, is over."""
-
-_LAST_MOMENTS_S = 5
-"""Time within which a process that puts itself in order ends."""
-
 
 @contextmanager
 def held_back() -> Iterator[None]:
     """Hold the signals back from processes that are started in the block, until they ask for them.
 
-    A process that is told to end while its interpreter still starts then ends as well as any other.
+    A process that gets a signal while its interpreter still starts then ends as well as any other.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
     try:
@@ -114,14 +108,17 @@ class Ending:
             raise SystemExit(code)
 
         signal.signal(signal.SIGALRM, end)
-        signal.setitimer(signal.ITIMER_REAL, _ONCE_MORE_S)
+        # 0.01: after which an ending that was lost is raised again, seconds: what lost it, as a collection of garbage,
+        # is over.
+        signal.setitimer(signal.ITIMER_REAL, 0.01)
 
 
 def ignore() -> None:
     """Let nothing interrupt the end, and nothing hold it up for long: then the kernel ends the process."""
     _handle(signal.SIG_IGN)
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
-    signal.alarm(_LAST_MOMENTS_S)
+    # 5: time within which a process that puts itself in order ends.
+    signal.alarm(5)
 
 
 def _handle(handler: Callable[[int, FrameType | None], None] | signal.Handlers) -> None:

@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files.text_files import check_writable
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
-from tam_calibration.fit.doubts import is_unexplained
+from tam_calibration.fit.consistency import is_unexplained
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.explained import explained
 from tam_calibration.gap.result import Gap

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.interpolated_noise import InterpolatedNoise
-from tam_calibration.model.recording import BLOCK, Block, Recording
+from tam_calibration.model.recording import BLOCK, Block, InterpolatedNoise, Recording
 from tam_calibration.model.units import FloatArray
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
 
 @dataclass(frozen=True)
@@ -11,7 +10,6 @@ class Text:
 
     text: str
     emphasis: str = ""
-    kind: ClassVar[str] = "text"
 
 
 @dataclass(frozen=True)
@@ -19,15 +17,6 @@ class Points:
     """A list of points."""
 
     points: Sequence[str]
-    kind: ClassVar[str] = "points"
-
-
-@dataclass(frozen=True)
-class Formula:
-    """Lines of a formula, set apart and as they are."""
-
-    lines: Sequence[str]
-    kind: ClassVar[str] = "formula"
 
 
 @dataclass(frozen=True)
@@ -36,7 +25,6 @@ class Code:
 
     text: str
     caption: str
-    kind: ClassVar[str] = "code"
 
 
 @dataclass(frozen=True)
@@ -50,7 +38,6 @@ class Table:
     rows: Sequence[Sequence[str]]
     caption: str = ""
     numeric: bool = True
-    kind: ClassVar[str] = "table"
 
 
 @dataclass(frozen=True)
@@ -60,7 +47,6 @@ class Image:
     source: str
     alternative: str
     caption: str
-    kind: ClassVar[str] = "image"
 
 
 @dataclass(frozen=True)
@@ -68,10 +54,9 @@ class Gallery:
     """Pictures side by side where the page is wide enough."""
 
     images: Sequence[Image]
-    kind: ClassVar[str] = "gallery"
 
 
-Block = Text | Points | Formula | Code | Table | Image | Gallery
+Block = Text | Points | Code | Table | Image | Gallery
 
 
 @dataclass(frozen=True)

@@ -1,19 +1,19 @@
 """The report on a calibration: one HTML page for the people who will rely on it, section by section."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
-from numpy.linalg import inv
 
 from tam_calibration import __version__
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.coverage import Coverage
 from tam_calibration.fit.identifiability import find_weakness
-from tam_calibration.model.array import OUTPUT_NAMES
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import to_nanotesla
-from tam_calibration.report.blocks import Block, Formula, Gallery, Image, Points, Section, Table, Text
+from tam_calibration.report.blocks import Block, Gallery, Image, Points, Section, Table, Text
 from tam_calibration.report.calibration_figure import (
     NO_GRADIENT,
     CalibrationView,
@@ -25,14 +25,14 @@ from tam_calibration.report.calibration_rows import known_source_blocks, paramet
 from tam_calibration.report.formatting import count, fixed, number, sentence
 from tam_calibration.report.page import embed, sections_of, write_page
 from tam_calibration.report.recording_plots import (
-    Panel,
     intensity_panels,
     plot_coverage,
-    plot_histograms,
+    plot_distributions,
     plot_over_time,
     tensor_panels,
     thinning_note,
 )
+from tam_calibration.report.style import COLORS
 from tam_calibration.report.update_rows import update_blocks
 
 
@@ -90,23 +90,23 @@ def _introduce(evidence: CalibrationView) -> str:
 
 
 _INTRO = (
-    "Residuals after calibration (blue) against the Gaussian of the noise floor (line), with their RMS over the floor. "
-    "A histogram that is wider than its line, shifted or lopsided contains more than sensor noise. "
-    "“Outside” counts samples beyond the axis."
+    "Residuals after calibration over their noise floor, on a logarithmic scale. A distribution that is wider than the "
+    "dashed line, shifted or lopsided contains more than sensor noise. Samples beyond the axis count in the last bins."
 )
 
 
 def histograms_section(evidence: CalibrationView) -> Section:
     """Return how often the residuals have which size."""
     floor = evidence.calibration.floor
-    pictures = [_histograms(intensity_panels(evidence.after, floor), "nT", f"|B| − {evidence.reference_name}")]
+    kinds = {f"|B| − {evidence.reference_name}": intensity_panels(evidence.after, floor)}
     if evidence.calibration.array.has_gradient:
-        pictures.append(_histograms(tensor_panels(evidence.after, floor), "nT/m", "Tensor components"))
-    return Section("Distribution of the residuals", [Text(_INTRO), Gallery(pictures)])
-
-
-def _histograms(panels: Sequence[Panel], unit: str, what: str) -> Image:
-    return embed(plot_histograms(panels, unit), f"Histograms: {what}, after calibration", f"{what}, after calibration")
+        kinds["Tensor components"] = tensor_panels(evidence.after, floor)
+    blocks: list[Block] = [Text(_INTRO)]
+    for what, panels in kinds.items():
+        drawn = [replace(panel, color=color) for panel, color in zip(panels, cycle(COLORS), strict=False)]
+        label = f"{what}, after calibration"
+        blocks.append(embed(plot_distributions(drawn, f"{label}, in noise floors"), f"Distributions: {label}", label))
+    return Section("Distribution of the residuals", blocks)
 
 
 def coverage_section(evidence: CalibrationView) -> Section:
@@ -133,43 +133,14 @@ def _summary(coverage: Coverage) -> str:
     return f"{seen} {strength} {'' if coverage.enough else sentence(coverage.advice)}".strip()
 
 
-_SENSOR_BY_HAND = "By hand, the reading yᵢ of sensor i becomes the field bᵢ in the array frame by"
-_ARRAY_BY_HAND = "Field and gradient at the centre are sums over the sensors, with the weights of the array's geometry:"
-_WEIGHTS = "Weights W (no unit) of the centre field and G (1/m) of the gradient; empty where a reading does not count."
-
-
 def parameters_section(evidence: CalibrationView) -> Section:
-    """Return the parameters with their standard errors, and how to apply them by hand."""
+    """Return the parameters with their standard errors."""
     calibration = evidence.calibration
     blocks = parameter_blocks(calibration)
     blocks += [Text(statement) for statement in calibration.statements]
-    blocks += [Text(_SENSOR_BY_HAND), Formula(["bᵢ = Cᵢ (yᵢ − oᵢ),   Cᵢ = (Dᵢ Λᵢ)⁻¹"]), _matrices(calibration)]
-    if calibration.array.has_gradient:
-        blocks += [Text(_ARRAY_BY_HAND), Formula(["b = Σᵢ Wᵢ bᵢ,   g = Σᵢ Gᵢ bᵢ"]), _weights(calibration)]
-    else:
-        blocks.append(Text(f"The field at the centre is the mean of all bᵢ. {NO_GRADIENT}"))
+    if not calibration.array.has_gradient:
+        blocks.append(Text(f"The field at the centre is the mean of all sensors. {NO_GRADIENT}"))
     return Section("Parameters", blocks)
-
-
-def _matrices(calibration: Calibration) -> Table:
-    rows = []
-    for sensor, matrix in enumerate(inv(calibration.errors.matrix)):
-        for axis, name in enumerate("xyz"):
-            bias = fixed(to_nanotesla(float(calibration.errors.bias_T[sensor, axis])), 3)
-            rows.append([f"{sensor + 1} {name}", bias, *(fixed(float(value), 9) for value in matrix[axis])])
-    header = ["sensor, axis", "o (nT)", "C, column x", "C, column y", "C, column z"]
-    return Table(header, rows, "Bias o and matrix C of each sensor: the inverse of the calibration file's matrix.")
-
-
-def _weights(calibration: Calibration) -> Table:
-    names = [f"b{sensor + 1}{axis}" for sensor in range(calibration.errors.sensor_count) for axis in "xyz"]
-    weights = zip(names, calibration.array.operator.T, strict=True)
-    rows = [[name, *(_weight(float(value)) for value in row)] for name, row in weights]
-    return Table(["from", *OUTPUT_NAMES], rows, _WEIGHTS)
-
-
-def _weight(value: float) -> str:
-    return "" if abs(value) < 1e-12 else fixed(value, 6).rstrip("0").rstrip(".")
 
 
 def prior_section(evidence: CalibrationView) -> Section | None:

@@ -20,8 +20,8 @@ from tam_calibration.report.blocks import Block, Code, Points, Section, Table, T
 from tam_calibration.report.comparison_rows import axis_name
 from tam_calibration.report.formatting import count, number
 from tam_calibration.report.gap_cause_plots import SHADES, GapView, cell_means, draw_means
-from tam_calibration.report.gap_residual_plots import Distribution, plot_distributions
 from tam_calibration.report.page import embed, sections_of, write_page
+from tam_calibration.report.recording_plots import Panel, plot_distributions
 from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR, MISSING_COLOR, PAGE_WIDTH_INCH, QUIET_COLOR, STYLE
 from tam_calibration.results.comparison_json import Sources, mend_in_texts
 
@@ -32,18 +32,7 @@ _COLORS = {"simulation": SIMULATION_COLOR, "recording": RECORDING_COLOR}
 
 
 @matplotlib.rc_context(STYLE)
-def plot_noise(noise: NoiseDifference) -> Figure:
-    """Draw the spectra of an axis's noise over each other, with their 95 % intervals."""
-    figure = Figure(figsize=(PAGE_WIDTH_INCH, 3.0), layout="constrained")
-    axes = figure.subplots()
-    _draw_noise(axes, noise, _range([noise]))
-    axes.set(xlabel="frequency (Hz)", ylabel=f"noise of {axis_name(noise.recording)} (nT/√Hz)")
-    axes.legend(frameon=False, fontsize=8)
-    return figure
-
-
-@matplotlib.rc_context(STYLE)
-def plot_all_noise(noise: Sequence[NoiseDifference]) -> Figure:
+def plot_noise(noise: Sequence[NoiseDifference]) -> Figure:
     """Draw the spectra of all axes small, those of sensors on one scale; what differs has a shaded ground."""
     columns = 3
     rows = -(-len(noise) // columns)
@@ -64,10 +53,6 @@ def plot_all_noise(noise: Sequence[NoiseDifference]) -> Figure:
     return figure
 
 
-_LEAST_SHOWN = 10**0.6
-"""Least ratio of an end of the axis to its middle: more than a decade, so that there is a tick with a number."""
-
-
 def _range(noise: Sequence[NoiseDifference]) -> tuple[float, float]:
     """Return the ends of a logarithmic axis, nT/√Hz, that shows the spectra of all but of what has no noise."""
     sides = [side for each in noise for side in (each.simulation, each.recording)]
@@ -78,8 +63,8 @@ def _range(noise: Sequence[NoiseDifference]) -> tuple[float, float]:
     ]
     drawn = np.concatenate([each[each > 0] for each in bounds])
     low, high = (float(drawn.min()), float(drawn.max())) if len(drawn) else (1.0, 1.0)
-    middle = np.sqrt(low * high)
-    return min(low, middle / _LEAST_SHOWN), max(high, middle * _LEAST_SHOWN)
+    middle, least = np.sqrt(low * high), 10**0.6  # more than a decade, so that there is a tick with a number
+    return min(low, middle / least), max(high, middle * least)
 
 
 def _amplitude(noise: AxisNoise, density: FloatArray) -> FloatArray:
@@ -158,7 +143,7 @@ def plot_histograms(simulation: Side, recording: Side, row: int, name: str) -> F
     """
     floor = float(recording.gap.residue.floor_T[row])
     sides = {"simulation": simulation, "recording": recording}
-    drawn = [Distribution(side, _COLORS[side], each.gap.residue.before[:, row] / floor) for side, each in sides.items()]
+    drawn = [Panel(side, each.gap.residue.before[:, row], floor, _COLORS[side]) for side, each in sides.items()]
     return plot_distributions(drawn, f"residual of {name}, in noise floors of the recording")
 
 
@@ -192,26 +177,18 @@ def differences_section(comparison: Comparison) -> Section | None:
 
 
 def noise_section(comparison: Comparison) -> Section | None:
-    """Return the noise of both, the axis that differs most first; None where nothing was compared."""
+    """Return the noise of both; None where nothing was compared."""
     if not comparison.noise:
         return None
-    worst = comparison_rows.most_other(comparison.noise)
-    name = comparison_rows.axis_name(worst.recording)
     words, table = comparison_rows.noise_blocks(comparison)
-    blocks: list[Block] = [
-        words,
-        embed(plot_noise(worst), f"Noise of {name}", f"Noise of {name} by frequency, with 95 % intervals"),
-        Points(
-            [
-                "What you see: where the lines lie apart by more than their bands, the noise is another; a rise to the "
-                "left is 1/f noise or drift, a hump is noise in a band.",
-                "When they are the same: the bands overlap at all frequencies.",
-            ]
-        ),
-        embed(plot_all_noise(comparison.noise), "Noise of all axes", "All axes; what differs is shaded"),
-        table,
+    caption = "Noise of all axes by frequency, with 95 % intervals; what differs is shaded"
+    seen = [
+        "What you see: where the lines lie apart by more than their bands, the noise is another; a rise to the left is "
+        "1/f noise or drift, a hump is noise in a band.",
+        "When they are the same: the bands overlap at all frequencies.",
     ]
-    return Section("Noise", blocks)
+    picture = embed(plot_noise(comparison.noise), "Noise of all axes", caption)
+    return Section("Noise", [words, picture, Points(seen), table])
 
 
 def residuals_section(comparison: Comparison) -> Section | None:

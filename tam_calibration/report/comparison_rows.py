@@ -1,7 +1,7 @@
 """A comparison as rows of text and sentences, for the page, the terminal and the answer of the calibrator."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import islice
 
 from tam_calibration.comparison import result
@@ -243,16 +243,6 @@ def _colour(noise: AxisNoise) -> str:
     if noise.colour == "band" and noise.band_hz is not None:
         return f"band {number(noise.band_hz[0], 2)} to {number(noise.band_hz[1], 2)} Hz"
     return noise.colour
-
-
-def most_other(noise: Sequence[result.NoiseDifference]) -> result.NoiseDifference:
-    """Return the axis whose noise differs most: of those that differ that with the largest ratio of levels."""
-    return max(noise, key=lambda each: (each.differs, _ratio(each.simulation.level_T, each.recording.level_T)))
-
-
-def _ratio(*levels: float) -> float:
-    """Return the larger over the smaller; infinite where a simulator makes no noise."""
-    return max(levels) / min(levels) if min(levels) > 0 else math.inf
 
 
 def closing_rows(closing: result.Closing) -> list[list[str]]:

@@ -4,24 +4,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 from tam_calibration.correction.calibration import Provenance
-from tam_calibration.gap.checks import Check, Checks, row_name
 from tam_calibration.gap.laws.causes import causes_of
 from tam_calibration.gap.result import Gap
 from tam_calibration.report import gap_rows
-from tam_calibration.report.blocks import Block, Points, Section, Table, Text
-from tam_calibration.report.formatting import count, fixed, number, sentence
+from tam_calibration.report.blocks import Block, Points, Section, Text
+from tam_calibration.report.formatting import count, sentence
 from tam_calibration.report.gap_cause_plots import GapView, plot_dependence, plot_evidence, plot_sphere
 from tam_calibration.report.gap_residual_plots import plot_course, plot_histogram, plot_map, plot_spectrum, plot_time
 from tam_calibration.report.page import figure_blocks, sections_of, write_page
 from tam_calibration.report.signature_rows import law_sentence, signature_blocks
-
-_HEADER = {
-    "chi_square": "χ²/n",
-    "lag_1_correlation": "lag-1 correlation",
-    "strongest_line": "strongest line (mean power)",
-    "part_of_direction": "part that goes with the direction",
-    "excess_kurtosis": "excess kurtosis",
-}
 
 
 def checks_section(view: GapView) -> Section | None:
@@ -29,37 +20,12 @@ def checks_section(view: GapView) -> Section | None:
     checks = view.gap.checks
     if checks is None:
         return None
-    return Section("Against the simulated twin", _summary(checks))
-
-
-def _summary(checks: Checks) -> list[Block]:
     compared = "With its causes the recording would look like its simulated twin, which has noise alone"
-    if not checks.departing_rows:
-        return [Text(f"{compared}, and so it does: every statistic of every axis is in the range of noise.", "good")]
-    rows = [row_name(row, len(checks.line_hz)) for row in checks.departing_rows]
-    cells = [
-        [name, *(_cell(check, row) for check in checks.by_name.values())]
-        for name, row in zip(rows, checks.departing_rows, strict=True)
-    ]
-    twin = ["noise alone", *(_range(check, checks.departing_rows[0]) for check in checks.by_name.values())]
-    return [
-        Text(f"{compared}, if nothing else were in it. It does not:"),
-        Points(checks.sentences),
-        Table(
-            ["axis", *(_HEADER[name] for name in checks.by_name)],
-            [twin, *cells],
-            "Axes that depart; ▲ and ▼ mark what is above and below the range of noise.",
-        ),
-    ]
-
-
-def _cell(check: Check, row: int) -> str:
-    value = check.values[row]
-    return number(value) + (" ▲" if value > check.high[row] else " ▼" if value < check.low[row] else "")
-
-
-def _range(check: Check, row: int) -> str:
-    return f"{fixed(check.low[row], 2)} to {number(check.high[row])}"
+    if not checks.sentences:
+        words = f"{compared}, and so it does: every statistic of every axis is in the range of noise."
+        return Section("Against the simulated twin", [Text(words, "good")])
+    words = f"{compared}, if nothing else were in it. It does not:"
+    return Section("Against the simulated twin", [Text(words), Points(checks.sentences)])
 
 
 _TERMS = (

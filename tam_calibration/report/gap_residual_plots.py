@@ -1,8 +1,5 @@
 """The residuals of a gap drawn: by sensor and axis, over time, by size and by frequency; and the course of its law."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,7 +11,7 @@ from tam_calibration.gap.laws.law import Course
 from tam_calibration.model.units import FloatArray, to_nanotesla
 from tam_calibration.report.formatting import ratio
 from tam_calibration.report.gap_cause_plots import GapView, State
-from tam_calibration.report.recording_plots import Panel, draw_over_time
+from tam_calibration.report.recording_plots import Panel, draw_over_time, plot_distributions
 from tam_calibration.report.style import BEFORE_COLOR, FLOOR_COLOR, MISSING_COLOR, PAGE_WIDTH_INCH, STYLE
 
 _SHADES = LinearSegmentedColormap.from_list("gap", ["#f4f6f8", BEFORE_COLOR, "#5a2f06"])
@@ -74,25 +71,6 @@ def plot_time(view: GapView, row: int) -> Figure:
     return figure
 
 
-_FEWEST_BINS, _MOST_BINS = 21, 81
-"""Limits of the number of bins, else the root of the number of samples."""
-
-_WIDEST_BIN = 0.5
-"""Widest bin, in noise floors: wider ones blur the Gaussian of the floor."""
-
-_LOWEST, _HIGHEST = 4.5, 30.0
-"""Least and largest limit of the axis, in noise floors: beyond all white noise, but with the floor visible."""
-
-
-@dataclass(frozen=True, eq=False)
-class Distribution:
-    """A residual (N,), in noise floors, NaN where there is none, whose distribution is drawn."""
-
-    name: str
-    color: str
-    values: FloatArray
-
-
 def plot_histogram(view: GapView, row: int) -> Figure:
     """Draw the distributions of one row, all states together, on a logarithmic scale that shows the tails.
 
@@ -104,37 +82,8 @@ def plot_histogram(view: GapView, row: int) -> Figure:
         3 i + a for axis a of sensor i, both from 0; 3K for the scalar.
     """
     floor = float(view.gap.residue.floor_T[row])
-    drawn = [Distribution(state.name, state.color, state.rows_T[:, row] / floor) for state in view.states]
+    drawn = [Panel(state.name, state.rows_T[:, row], floor, state.color) for state in view.states]
     return plot_distributions(drawn, f"residual of {view.row_name(row)}, in noise floors")
-
-
-@matplotlib.rc_context(STYLE)
-def plot_distributions(drawn: Sequence[Distribution], label: str) -> Figure:
-    """Draw distributions over each other, on a logarithmic scale that shows the tails, beside that of unit noise.
-
-    Parameters
-    ----------
-    drawn : sequence of Distribution
-        The number of bins goes with the samples of the first.
-    label : str
-        Of the axis.
-    """
-    figure = Figure(figsize=(PAGE_WIDTH_INCH, 3.0), layout="constrained")
-    axes = figure.subplots()
-    known = [each.values[np.isfinite(each.values)] for each in drawn]
-    reach = float(np.clip(max(np.max(np.abs(values), initial=0.0) for values in known), _LOWEST, _HIGHEST))
-    bins = int(max(np.clip(np.sqrt(len(known[0])), _FEWEST_BINS, _MOST_BINS), 2 * reach / _WIDEST_BIN))
-    for each, values in zip(drawn, known, strict=True):
-        counts, edges = np.histogram(np.clip(values, -reach, reach), bins, range=(-reach, reach))
-        density = counts / (max(len(values), 1) * (edges[1] - edges[0]))
-        axes.stairs(density, edges, color=each.color, linewidth=1.4, label=each.name)
-    x = np.linspace(-reach, reach, 401)
-    gaussian = np.exp(-0.5 * x**2) / np.sqrt(2 * np.pi)
-    axes.plot(x, gaussian, color=FLOOR_COLOR, linestyle="dashed", linewidth=0.9, label="noise floor alone")
-    axes.set(yscale="log", xlabel=label, ylabel="probability density")
-    axes.set_ylim(0.3 / (max(len(known[0]), 1) * (2 * reach / bins)), 1.5)
-    axes.legend(frameon=False, fontsize=8)
-    return figure
 
 
 _BANDS = 250

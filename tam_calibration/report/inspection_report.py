@@ -1,9 +1,9 @@
 """The report on an inspection: what a recording contains, and every channel over time."""
 
+from itertools import cycle
 from pathlib import Path
 
 import matplotlib
-import numpy as np
 from matplotlib.figure import Figure
 
 from tam_calibration.recordings.inspection_result import InspectedChannel, InspectedTable, Inspection
@@ -11,10 +11,7 @@ from tam_calibration.report.blocks import Block, Code, Image, Points, Section, T
 from tam_calibration.report.inspection_rows import HEADER, headline, rows_of
 from tam_calibration.report.page import embed, sections_of, write_page
 from tam_calibration.report.recording_plots import time_axis
-from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR, FLOOR_COLOR, PAGE_WIDTH_INCH, QUIET_COLOR, STYLE
-
-_COLORS = (BEFORE_COLOR, AFTER_COLOR, FLOOR_COLOR, QUIET_COLOR)
-"""Of the components of a channel, x first."""
+from tam_calibration.report.style import COLORS, PAGE_WIDTH_INCH, STYLE
 
 _MOST_CHANNELS = 200
 """Channels that are drawn: a page of more takes a minute to draw, and a browser as long to show."""
@@ -69,9 +66,9 @@ def _picture(table: InspectedTable, channels: list[InspectedChannel]) -> Image:
     unit, seconds = time_axis(last) if has_time else ("rows", 1.0)
     for axes, channel in zip(rows, channels, strict=True):
         course = channel.course
-        for low, high, color in zip(course.low.T, course.high.T, np.resize(_COLORS, len(channel.fields)), strict=True):
-            axes.vlines(course.time_s / seconds, low, high, color=str(color), linewidth=0.8, rasterized=True)
-            axes.plot(course.time_s / seconds, low, color=str(color), linewidth=0.4, rasterized=True)
+        for low, high, color in zip(course.low.T, course.high.T, cycle(COLORS[:4]), strict=False):
+            axes.vlines(course.time_s / seconds, low, high, color=color, linewidth=0.8, rasterized=True)
+            axes.plot(course.time_s / seconds, low, color=color, linewidth=0.4, rasterized=True)
         axes.set_title(channel.title, loc="left")
         axes.set_title(" ".join(part for part in (channel.taken_as, channel.unit) if part), loc="right")
     rows[-1].set_xlabel(f"time from the beginning ({unit})" if has_time else unit)

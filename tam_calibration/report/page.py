@@ -78,6 +78,7 @@ def render(title: str, subtitle: str, sections: Sequence[Section]) -> str:
     )
     # Numbers and their units stay together at the ends of lines.
     environment.filters["keep_units"] = lambda text: re.sub(r"(\d) (nT|×|%)", "\\1\N{NO-BREAK SPACE}\\2", text)
+    environment.filters["kind"] = lambda block: type(block).__name__.lower()
     return environment.get_template("page.html").render(title=title, subtitle=subtitle, sections=sections)
 
 

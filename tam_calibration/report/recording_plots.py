@@ -15,8 +15,15 @@ from tam_calibration.fit.coverage import BANDS, SECTORS, Coverage, cell_of
 from tam_calibration.model.array import OUTPUT_NAMES, TENSOR_OUTPUTS
 from tam_calibration.model.residuals import Residuals, ResidualSeries
 from tam_calibration.model.units import FloatArray, from_degrees, to_nanotesla
-from tam_calibration.report.formatting import count, number, ratio
-from tam_calibration.report.style import AFTER_COLOR, FLOOR_COLOR, MISSING_COLOR, QUIET_COLOR, STYLE, WIDTH_INCH
+from tam_calibration.report.formatting import count, number
+from tam_calibration.report.style import (
+    AFTER_COLOR,
+    FLOOR_COLOR,
+    MISSING_COLOR,
+    PAGE_WIDTH_INCH,
+    STYLE,
+    WIDTH_INCH,
+)
 
 _SHADES = LinearSegmentedColormap.from_list("samples", ["#d3e3f1", AFTER_COLOR, "#0d2c4b"])
 _MISSING = ListedColormap([MISSING_COLOR])
@@ -89,9 +96,6 @@ def _name_directions(axes: Axes) -> None:
 _DRAWN_SINGLY = 4000
 _STROKES = 1000
 _TIME_UNITS = (("s", 1, 600), ("min", 60, 3 * 3600), ("h", 3600, np.inf))
-_DEVIATION_PER_MEDIAN = 1.4826
-_REACH = 4.5
-_FEWEST_BINS, _MOST_BINS = 21, 81
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,26 +166,32 @@ def draw_over_time(figure: FigureBase, time_s: FloatArray, panels: Sequence[Pane
 
 
 @matplotlib.rc_context(STYLE)
-def plot_histograms(panels: Sequence[Panel], unit: str) -> Figure:
-    """Draw the distribution of residuals, one small plot a panel, against the Gaussian of the noise floor.
+def plot_distributions(panels: Sequence[Panel], label: str) -> Figure:
+    """Draw distributions over each other, in noise floors, on a logarithmic scale, beside that of unit noise.
 
     Parameters
     ----------
     panels : sequence of Panel
-        Residuals with their noise floors.
-    unit : str
-        Unit of all residuals.
+        Residuals with their noise floors; the number of bins goes with the samples of the first.
+    label : str
+        Of the axis.
     """
-    columns = min(2, len(panels))
-    rows = -(-len(panels) // columns)
-    figure = Figure(figsize=(WIDTH_INCH, 0.9 + 1.25 * rows), layout="constrained")
-    plots = figure.subplots(rows, columns, squeeze=False).ravel()
-    for axes, panel in zip(plots, panels, strict=False):
-        _draw_histogram(axes, panel)
-    for axes in plots[len(panels) :]:
-        axes.remove()
-    figure.supxlabel(f"residual ({unit})")
-    figure.supylabel("probability density")
+    figure = Figure(figsize=(PAGE_WIDTH_INCH, 3.0), layout="constrained")
+    axes = figure.subplots()
+    known = [panel.known / panel.floor for panel in panels]
+    # The axis goes beyond white noise, but not so far that the floor is no longer visible.
+    reach = float(np.clip(max(np.max(np.abs(values), initial=0.0) for values in known), 4.5, 30.0))
+    bins = int(max(np.clip(np.sqrt(len(known[0])), 21, 81), 4 * reach))
+    for panel, values in zip(panels, known, strict=True):
+        counts, edges = np.histogram(np.clip(values, -reach, reach), bins, range=(-reach, reach))
+        density = counts / (max(len(values), 1) * (edges[1] - edges[0]))
+        axes.stairs(density, edges, color=panel.color, linewidth=1.4, label=panel.name)
+    x = np.linspace(-reach, reach, 401)
+    gaussian = np.exp(-0.5 * x**2) / np.sqrt(2 * np.pi)
+    axes.plot(x, gaussian, color=FLOOR_COLOR, linestyle="dashed", linewidth=0.9, label="noise floor alone")
+    axes.set(yscale="log", xlabel=label, ylabel="probability density")
+    axes.set_ylim(0.3 / (max(len(known[0]), 1) * (2 * reach / bins)), 1.5)
+    axes.legend(frameon=False, fontsize=8)
     return figure
 
 
@@ -215,25 +225,6 @@ def draw_series(axes: Axes, time: FloatArray, values: FloatArray, color: str) ->
     low, high = np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts)
     pale = 0.4 + 0.6 * np.array(to_rgb(color))
     axes.vlines(time[starts], low, high, color=pale, linewidth=0.8, rasterized=True)
-
-
-def _draw_histogram(axes: Axes, panel: Panel) -> None:
-    values, floor = panel.known, panel.floor
-    spread = _DEVIATION_PER_MEDIAN * float(np.median(np.abs(values)))
-    reach = _REACH * max(floor, spread)
-    bins = int(np.clip(np.sqrt(len(values)), _FEWEST_BINS, _MOST_BINS))
-    counts, edges = np.histogram(values, bins=bins, range=(-reach, reach))
-    density = counts / (len(values) * (edges[1] - edges[0]))
-    axes.stairs(density, edges, fill=True, color=AFTER_COLOR, alpha=0.75, linewidth=0)
-    x = np.linspace(-reach, reach, 301)
-    axes.plot(x, np.exp(-0.5 * (x / floor) ** 2) / (floor * np.sqrt(2 * np.pi)), color=FLOOR_COLOR, linewidth=1.2)
-    outside = len(values) - int(counts.sum())
-    remark = f"{ratio(panel.root_mean_square / floor)} × floor"
-    remark += f", {count(outside)} outside" if outside else ""
-    axes.set_title(panel.name, loc="left")
-    axes.set_title(remark, loc="right", fontsize=8, color=QUIET_COLOR)
-    axes.set_yticks([])
-    axes.spines["left"].set_visible(False)
 
 
 COMPONENT_NAMES = tuple(OUTPUT_NAMES[output][1:] for output in TENSOR_OUTPUTS)

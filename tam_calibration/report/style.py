@@ -7,6 +7,9 @@ AFTER_COLOR = "#1f5f99"
 FLOOR_COLOR = "#3c4650"
 MISSING_COLOR = "#f0a35e"
 QUIET_COLOR = "#5b6773"
+COLORS = (BEFORE_COLOR, AFTER_COLOR, FLOOR_COLOR, QUIET_COLOR, MISSING_COLOR)
+"""Of lines in one figure, in order."""
+
 WIDTH_INCH = 4.7
 """Of a plain figure."""
 

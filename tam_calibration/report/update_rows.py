@@ -4,8 +4,8 @@ from itertools import groupby
 
 import numpy as np
 
-from tam_calibration.correction.update import Moved, Update, in_words
-from tam_calibration.model.change_rates import DAY_S
+from tam_calibration.correction.parts import Moved, Update, in_words
+from tam_calibration.model.data_sheet import DAY_S
 from tam_calibration.model.sensor_errors import PARAMETER_NAMES
 from tam_calibration.model.units import to_degrees, to_nanotesla
 from tam_calibration.report.blocks import Block, Table, Text

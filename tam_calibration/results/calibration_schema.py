@@ -14,7 +14,7 @@ from tam_calibration.correction.calibration import (
     KnownSource,
     Provenance,
 )
-from tam_calibration.correction.quality import Grade
+from tam_calibration.correction.parts import Grade
 from tam_calibration.effects.library import check_numbers
 from tam_calibration.files import quantities
 from tam_calibration.files.quantities import in_si

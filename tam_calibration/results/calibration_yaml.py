@@ -8,7 +8,7 @@ import numpy as np
 
 from tam_calibration import __version__
 from tam_calibration.correction.calibration import AmbientGradientEstimate, Calibration, KnownSource
-from tam_calibration.correction.quality import Quality
+from tam_calibration.correction.parts import Quality
 from tam_calibration.effects.library import units_of
 from tam_calibration.files.quantities import NOT_TURNED, block_to_write, value_to_write
 from tam_calibration.files.text_files import in_file, read_text, write_text

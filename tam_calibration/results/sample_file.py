@@ -18,8 +18,7 @@ import numpy as np
 
 from tam_calibration.files.text_files import to_json, write_whole
 from tam_calibration.live.live import Change, LiveState
-from tam_calibration.live.moments import SampleMoments
-from tam_calibration.live.recursion import Belief, Recursion
+from tam_calibration.live.recursion import Belief, Recursion, SampleMoments
 from tam_calibration.messages.sample_store import StoredSample
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.limits import is_covariance

@@ -13,10 +13,10 @@ from tam_calibration.effects.ambient_gradient import gradient_field, turned
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Effect, LinearEffect
 from tam_calibration.effects.library import effect_named
+from tam_calibration.model.data_sheet import Gyroscope
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.further_channels import is_further
-from tam_calibration.model.gyroscope import Gyroscope
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
@@ -30,8 +30,8 @@ from dataclasses import field, replace
 from numpy.typing import NDArray
 
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.effects.noise_excess import LARGEST_NOISE
 from tam_calibration.effects.removal import agreed_field, filled, removable
-from tam_calibration.effects.spread import LARGEST_NOISE
 from tam_calibration.model.array import Array
 from tam_calibration.model.further_channels import require_further
 from tam_calibration.simulation.attitude import Motion

@@ -114,6 +114,14 @@ def dipole_field(offset_m: FloatArray, moment_Am2: FloatArray) -> tuple[FloatArr
     return field, gradient, by_moment
 
 
+def field_alone(offset_m: FloatArray, moment_Am2: FloatArray) -> FloatArray:
+    """Return the first of what ``dipole_field`` does, (…, 3), in tesla."""
+    offset, moment = map(_components, np.broadcast_arrays(offset_m, moment_Am2))
+    square = np.sum(offset**2, axis=0)
+    along = 3 * np.sum(offset * moment, axis=0) / square
+    return np.moveaxis((along * offset - moment) * (_STRENGTH / (square * np.sqrt(square))), 0, -1)
+
+
 def field_by_moment(offset_m: FloatArray) -> FloatArray:
     """Return the third of what ``dipole_field`` does, (…, 3, 3), in T/(A m²)."""
     return np.moveaxis(_by_moment(_components(offset_m))[3], (0, 1), (-2, -1))

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.linalg import inv, norm
 
-from tam_calibration.fit.integrated import integrated
+from tam_calibration.fit.published import integrated
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from tam_calibration.cli.main import main
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.model.array import Array
-from tam_calibration.model.tolerances import Tolerances
+from tam_calibration.model.data_sheet import Tolerances
 from tam_calibration.model.units import from_degrees
 from tam_calibration.recordings import read_recording, write_array
 from tam_calibration.results import read_calibration, write_calibration, write_recording

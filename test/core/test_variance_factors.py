@@ -2,7 +2,7 @@
 
 import pytest
 
-from tam_calibration.core.variance_factors import WHITE, VarianceFactors
+from tam_calibration.core.slow_cosines import WHITE, VarianceFactors
 
 
 @pytest.mark.parametrize(

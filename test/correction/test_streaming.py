@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.correction.calibration import EffectSize
 from tam_calibration.correction.partial import EffectRemoval, PartialCorrection
-from tam_calibration.correction.streaming import Correction, why_left_in
+from tam_calibration.correction.streaming import Correction
 from tam_calibration.fit import calibrate
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import SCALAR, Contribution, FittedEffect
@@ -76,11 +76,12 @@ def test_the_effect_is_taken_off_the_readings(keeping, plain, warming):
 
 def test_a_silent_channel_leaves_the_effect_in_and_says_so(keeping, plain, recording):
     """Without temperature the outputs are those without effects, with errors that hold the size of the drift."""
-    batch = Correction(keeping).correct(recording)
+    correction = Correction(keeping)
+    batch = correction.correct(recording)
     assert batch.left_in == ("temperature_drift",)
     assert_array_equal(batch.outputs, plain.apply(recording.readings_T))
     assert_allclose(batch.standard_errors[0], np.hypot(keeping.output_standard_errors, SIZE.rms))
-    assert why_left_in("temperature_drift") == "temperature_drift needs the temperature, and none arrives"
+    assert correction.why_left_in("temperature_drift") == "temperature_drift needs the temperature, and none arrives"
     with pytest.raises(InputError, match="no such channel"):
         keeping.correct(recording)
 
@@ -104,7 +105,7 @@ def test_an_effect_that_needs_later_samples_is_left_in_live_and_taken_off_offlin
     only_drift = replace(plain, effects=(DRIFT,), effect_sizes=(SIZE,))
     assert_allclose(batch.outputs, only_drift.correct(warming).outputs, rtol=1e-12)
     assert np.abs(both.correct(warming).outputs - batch.outputs).max() > 1e-9
-    assert "needs later samples" in why_left_in("time_skew")
+    assert "needs later samples" in Correction(both).why_left_in("time_skew")
 
 
 def test_effects_are_taken_off_where_a_sensor_is_missing(keeping, plain, warming):

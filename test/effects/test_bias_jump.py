@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.bias_jump import BiasJump
+from tam_calibration.effects.states import BiasJump
 from tam_calibration.model.fitted_effect import SCALAR
 
 EFFECT = BiasJump()

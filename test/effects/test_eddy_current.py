@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.effects.covariates import lagged
-from tam_calibration.effects.eddy_current import EddyCurrent
+from tam_calibration.effects.lags import EddyCurrent
 
 EFFECT = EddyCurrent()
 

@@ -1,7 +1,7 @@
 """What the engine needs to know of an effect stands in the effect's class, and nowhere else."""
 
 import ast
-import re
+import tomllib
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -17,7 +17,7 @@ from tam_calibration.gap.steps import _is_nested
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "tam_calibration"
-NAMES = frozenset(re.findall(r'f"(\w+) = \{NAME\}\.effects\.', (ROOT / "setup.py").read_text()))
+NAMES = frozenset(tomllib.loads((PACKAGE / "effects" / "causes.toml").read_text()))
 
 
 def named(path):

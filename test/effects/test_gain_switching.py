@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.effects.covariates import Memory
-from tam_calibration.effects.gain_switching import GainSwitching
+from tam_calibration.effects.states import GainSwitching
 from tam_calibration.files.schema import check
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 from tam_calibration.results.effects_schema import EffectFile, effect_to_mapping

@@ -5,8 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.effects.covariates import Covariates
-from tam_calibration.effects.interpolated_samples import InterpolatedSamples, _digit, _lines
-from tam_calibration.effects.stale_samples import StaleSamples
+from tam_calibration.effects.displaced_samples import InterpolatedSamples, StaleSamples, _digit, _lines
 from tam_calibration.model.array import Array
 from tam_calibration.model.fitted_effect import Contribution
 from tam_calibration.model.sensor_errors import SensorErrors

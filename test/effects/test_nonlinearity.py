@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.hysteresis import Hysteresis
-from tam_calibration.effects.nonlinearity import Nonlinearity
+from tam_calibration.effects.curves import Hysteresis, Nonlinearity
 from tam_calibration.model.sensor_errors import SensorErrors
 
 EFFECT = Nonlinearity()

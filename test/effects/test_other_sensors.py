@@ -7,8 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.effects.displaced import AgainstOthers
-from tam_calibration.effects.interpolated_samples import InterpolatedSamples
-from tam_calibration.effects.stale_samples import StaleSamples
+from tam_calibration.effects.displaced_samples import InterpolatedSamples, StaleSamples
 
 
 def test_a_shift_is_told_of_the_sensor_that_has_it(bench):

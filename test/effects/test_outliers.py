@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.outliers import Outliers
-from tam_calibration.effects.spikes import find_spikes
+from tam_calibration.effects.outliers import Outliers, find_spikes
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution
 
 OUTLIERS = Outliers()

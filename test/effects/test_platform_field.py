@@ -7,7 +7,7 @@ import pytest
 from numpy.linalg import norm
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.eddy_current import followed
+from tam_calibration.effects.lags import followed
 from tam_calibration.effects.platform_field import PlatformField
 from tam_calibration.effects.removal import EffectStream, require_channels
 from tam_calibration.model.exceptions import InputError

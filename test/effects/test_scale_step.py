@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.effects.scale_step import ScaleStep
+from tam_calibration.effects.states import ScaleStep
 from tam_calibration.files.schema import check
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 from tam_calibration.results.effects_schema import EffectFile, effect_to_mapping

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from tam_calibration.effects.displaced_samples import StaleSamples
 from tam_calibration.effects.outliers import Outliers
-from tam_calibration.effects.stale_samples import StaleSamples
 from tam_calibration.model.fitted_effect import Contribution
 
 STALE = StaleSamples()

@@ -5,9 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tam_calibration.effects.bias_jump import BiasJump
-from tam_calibration.effects.scale_step import ScaleStep
-from tam_calibration.effects.states import in_windows, is_on, windows_at
+from tam_calibration.effects.states import BiasJump, ScaleStep, in_windows, is_on, windows_at
 
 
 @pytest.mark.parametrize("effect", [BiasJump(), ScaleStep()], ids=lambda effect: effect.name)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.fit.attitude_convention import misread_attitude
+from tam_calibration.fit.recorded_attitude import misread_attitude
 from tam_calibration.model.units import from_degrees
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate

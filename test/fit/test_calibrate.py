@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tam_calibration.fit import METHODS, calibrate
-from tam_calibration.fit.frames import in_first_frame
+from tam_calibration.fit.prior import in_first_frame
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.results.scenario import read_scenario

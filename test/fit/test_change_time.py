@@ -8,10 +8,9 @@ from live_mission import UNCHANGING
 
 from tam_calibration.fit import calibrate, prior_changes
 from tam_calibration.fit.contradiction import Change, Hypothesis
-from tam_calibration.fit.posterior import posterior_of
 from tam_calibration.fit.prior import prior_of
 from tam_calibration.fit.prior_changes import samples_between, time_of_change
-from tam_calibration.fit.problem import Known
+from tam_calibration.fit.problem import Known, posterior_of
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.attitude import Tumble
 

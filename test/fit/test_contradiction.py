@@ -8,7 +8,7 @@ from moved_sensors import lone, turn
 from numpy.testing import assert_allclose
 
 from tam_calibration.fit.contradiction import Difference, candidates_of, changes_that_explain
-from tam_calibration.fit.posterior import posterior_of
+from tam_calibration.fit.problem import Known, posterior_of
 from tam_calibration.model.sensor_errors import SensorErrors
 
 
@@ -16,7 +16,7 @@ def test_chance_is_no_change(wu_scenario, array, prior):
     """Of forty clean turns none contradicts, and χ² is that of its degrees of freedom."""
     squares, freedom = [], 0
     for seed in range(40):
-        posterior = posterior_of(turn(wu_scenario, wu_scenario.errors, seed), array, prior)
+        posterior = posterior_of(turn(wu_scenario, wu_scenario.errors, seed), array, Known(prior))
         difference = Difference.of(prior, posterior)
         assert not changes_that_explain(difference, candidates_of(prior, True))
         squares.append(difference.chi_square)
@@ -33,7 +33,7 @@ def test_chi_square_is_that_of_its_freedom(wu_scenario, array, prior):
         values, vectors = np.linalg.eigh(prior.covariance)
         step = vectors @ (np.sqrt(np.maximum(values, 0)) * generator.normal(size=48))
         errors = SensorErrors.from_vector(prior.errors.to_vector() + step.reshape(4, 12))
-        difference = Difference.of(prior, posterior_of(turn(wu_scenario, errors, seed), array, prior))
+        difference = Difference.of(prior, posterior_of(turn(wu_scenario, errors, seed), array, Known(prior)))
         squares.append(difference.chi_square)
         freedom = difference.freedom
     assert np.mean(squares) == pytest.approx(freedom, rel=0.15)

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.fit import calibrate
-from tam_calibration.fit.doubts import doubts_of
+from tam_calibration.fit.consistency import doubts_of
 from tam_calibration.model.array import Array
 from tam_calibration.model.residuals import Residuals
 

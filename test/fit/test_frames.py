@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.fit.frames import turned
+from tam_calibration.fit.prior import turned
 from tam_calibration.model.sensor_errors import SensorErrors
 
 STEP = 1e-6

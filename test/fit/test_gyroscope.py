@@ -16,7 +16,7 @@ from tam_calibration.fit.likelihood import UNIFORM
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.problem import Known
 from tam_calibration.model.array import Array
-from tam_calibration.model.gyroscope import Gyroscope
+from tam_calibration.model.data_sheet import Gyroscope
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import from_degrees

@@ -8,7 +8,7 @@ import pytest
 from moved_sensors import day_old, turn
 from numpy.testing import assert_allclose
 
-from tam_calibration.fit.held_out import _pool, held_out_residuals
+from tam_calibration.fit.calibrate import _pool, held_out_residuals
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.problem import Known

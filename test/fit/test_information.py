@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.fit.information import InformationModel, SensitivityRows, bound
+from tam_calibration.fit.information import InformationModel, bound, information_of
 from tam_calibration.fit.scale import free_scale
 from tam_calibration.model.array import Array
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -82,7 +82,7 @@ def test_variances_are_those_of_the_bound(true_errors, noise_T, has_scalar):
     array, fields = array_of(len(noise_T), noise_T), sphere_of_design(60)
     model = InformationModel(errors, array, has_scalar, FIELD_T_of_design)
     expected = np.diag(bound(fields, errors, array, has_scalar))
-    assert_allclose(model.variances(model.rows(fields).information), expected, rtol=1e-9)
+    assert_allclose(model.variances(information_of(model.rows(fields))), expected, rtol=1e-9)
 
 
 def test_what_a_turn_leaves_open_is_infinite_as_in_the_bound():
@@ -91,7 +91,7 @@ def test_what_a_turn_leaves_open_is_infinite_as_in_the_bound():
     fields = FIELD_T_of_design * np.stack([0.6 * np.cos(angle), 0.6 * np.sin(angle), np.full(90, -0.8)], axis=1)
     array, errors = array_of(4, [1e-9] * 4), SensorErrors.none(4)
     model = InformationModel(errors, array, True, FIELD_T_of_design)
-    variances = model.variances(model.rows(fields).information)
+    variances = model.variances(information_of(model.rows(fields)))
     assert (np.isinf(variances) == np.isinf(np.diag(bound(fields, errors, array, True)))).all()
     assert np.isinf(variances).any() and np.isfinite(variances).any()
 
@@ -99,8 +99,8 @@ def test_what_a_turn_leaves_open_is_infinite_as_in_the_bound():
 def test_one_more_sample_is_as_if_it_had_been_there(true_errors):
     """The variances with one more sample are those of the sum, for every sample."""
     model = InformationModel(true_errors, array_of(4, [1e-9] * 4), True, FIELD_T_of_design)
-    known, candidates = model.rows(sphere_of_design(40)).information, model.rows(sphere_of_design(5, seed=1))
-    expected = [model.variances(known + candidates[[index]].information) for index in range(5)]
+    known, candidates = information_of(model.rows(sphere_of_design(40))), model.rows(sphere_of_design(5, seed=1))
+    expected = [model.variances(known + information_of(candidates[[index]])) for index in range(5)]
     assert_allclose(model.variances_with(known, candidates), expected, rtol=1e-9)
 
 
@@ -108,15 +108,14 @@ def test_information_adds_up(true_errors):
     """Three times the samples are three times the information, and rows that are three times as many."""
     model = InformationModel(true_errors, array_of(4, [1e-9] * 4), True, FIELD_T_of_design)
     rows = model.rows(sphere_of_design(20))
-    three = SensitivityRows(np.tile(rows.ellipsoid, (3, 1)), np.tile(rows.affine, (3, 1))).information
-    assert_allclose((rows.information * 3).ellipsoid, three.ellipsoid, rtol=1e-12)
-    assert_allclose((rows.information + rows.information * 2).affine, three.affine, rtol=1e-12, atol=1e-9)
+    three = information_of(np.tile(rows, (3, 1)))
+    assert_allclose(information_of(rows) * 3, three, rtol=1e-12, atol=1e-9)
 
 
 def test_errors_in_units_of_the_noise_do_not_depend_on_it():
     """Twice the noise, of vector and scalar, doubles every standard error and leaves it the same in units of noise."""
     quiet = InformationModel(SensorErrors.none(4), array_of(4, [1e-9] * 4), True, FIELD_T_of_design)
     loud = replace(quiet, array=Array(np.zeros((4, 3)), np.full(4, 2e-9), 2e-10))
-    errors = [np.sqrt(model.variances(model.rows(sphere_of_design(50)).information)) for model in (quiet, loud)]
+    errors = [np.sqrt(model.variances(information_of(model.rows(sphere_of_design(50))))) for model in (quiet, loud)]
     assert_allclose(errors[1], 2 * errors[0], rtol=1e-9)
     assert_allclose(errors[1] * loud.noise_units, errors[0] * quiet.noise_units, rtol=1e-9)

@@ -8,13 +8,13 @@ from moved_sensors import joined, moved
 from narrow_turns import FINE, WIDE, array_of, drawn, turned
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tam_calibration.core.variance_factors import WHITE
+from tam_calibration.core.slow_cosines import WHITE
 from tam_calibration.correction.calibration import EffectSize, KnownSource
 from tam_calibration.effects.removal import added_to
 from tam_calibration.fit import calibrate, joint_calibration
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.model.array import Array
-from tam_calibration.model.change_rates import DAY_S, ChangeRates
+from tam_calibration.model.data_sheet import DAY_S, ChangeRates
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.fitted_effect import SCALAR, Contribution, FittedEffect
 from tam_calibration.model.units import from_degrees

@@ -8,7 +8,7 @@ from moved_sensors import day_old, turn
 
 from tam_calibration.fit import prior_changes as module
 from tam_calibration.fit.contradiction import candidates_of, changes_of_sensors
-from tam_calibration.fit.frames import in_first_frame
+from tam_calibration.fit.prior import in_first_frame
 from tam_calibration.fit.prior_changes import large_change
 from tam_calibration.fit.problem import Known
 from tam_calibration.model.sensor_errors import SensorErrors

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.core.variance_factors import VarianceFactors
+from tam_calibration.core.slow_cosines import VarianceFactors
 from tam_calibration.fit.channel_maps import ChannelMaps, Turning
 from tam_calibration.fit.likelihood import (
     UNIFORM,

@@ -5,7 +5,7 @@ import pytest
 import scipy.optimize
 from numpy.testing import assert_allclose
 
-from tam_calibration.fit.lossless import lossless
+from tam_calibration.fit.published import lossless
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
 from tam_calibration.simulation import simulate

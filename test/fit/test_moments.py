@@ -6,10 +6,15 @@ from numpy.testing import assert_allclose
 from scipy.signal import lfilter
 from scipy.stats import norm, t
 
-from tam_calibration.fit.frames import in_first_frame
-from tam_calibration.fit.integrated import integrated
 from tam_calibration.fit.moments import gather, jackknife, lasting_factor
-from tam_calibration.fit.published import artificial_vector, fast_rotation, simplified_linear, two_step_linear
+from tam_calibration.fit.prior import in_first_frame
+from tam_calibration.fit.published import (
+    artificial_vector,
+    fast_rotation,
+    integrated,
+    simplified_linear,
+    two_step_linear,
+)
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.simulation import simulate

@@ -10,10 +10,18 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.coverage import CELLS, cell_directions
-from tam_calibration.fit.lossless import lossless
+from tam_calibration.fit.information import information_of
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.plan import field_directions, make_plan, reach_of_turntable, reach_of_vehicle
-from tam_calibration.fit.plan_start import start_from_calibration, start_from_nothing, start_from_recording
+from tam_calibration.fit.plan import (
+    field_directions,
+    make_plan,
+    reach_of_turntable,
+    reach_of_vehicle,
+    start_from_calibration,
+    start_from_nothing,
+    start_from_recording,
+)
+from tam_calibration.fit.published import lossless
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.units import from_degrees
@@ -89,7 +97,7 @@ def plan(start, reach):
 def worst_of(start, directions, poses):
     """Return the worst standard error, in units of the noise, after poses given by their numbers."""
     rows = start.model.rows(start.model.intensity_T * directions[poses])
-    variances = start.model.variances(start.information + rows.information * SAMPLES)
+    variances = start.model.variances(start.information + information_of(rows) * SAMPLES)
     return np.sqrt(np.max(variances * start.model.noise_units**2))
 
 
@@ -149,7 +157,7 @@ def test_dense_coverage_within_limits_has_the_known_cost(nothing, limit_deg, exp
     angles = np.stack(np.meshgrid(yaw, tilt, tilt, indexing="ij"), axis=-1).reshape(-1, 3)
     model = nothing.model
     within, full = (
-        model.variances(model.rows(INTENSITY_T * directions).information * (1 / len(directions))).reshape(4, 12)[1:]
+        model.variances(information_of(model.rows(INTENSITY_T * directions)) / len(directions)).reshape(4, 12)[1:]
         for directions in (field_directions(angles, INCLINATION), cell_directions())
     )
     assert len(cell_directions()) == CELLS
@@ -201,7 +209,7 @@ def test_no_other_pose_is_better_instead_of_one(nothing):
     plan, rows = make_plan(nothing, candidates, POSES, SAMPLES), model.rows(candidates)
 
     def worst(chosen):
-        information = rows[np.array(chosen)].information * SAMPLES
+        information = information_of(rows[np.array(chosen)]) * SAMPLES
         return np.max(np.sqrt(model.variances(information)) * model.noise_units)
 
     chosen = plan.poses.tolist()
@@ -215,7 +223,7 @@ def test_a_calibration_tells_as_much_as_its_recording(narrow, wu_scenario, start
     calibration = maximum_likelihood(narrow, wu_scenario.array)
     again = start_from_calibration(calibration)
     assert_allclose(again.standard_errors, calibration.standard_errors, rtol=1e-6)
-    assert_allclose(again.information.ellipsoid, start.information.ellipsoid, rtol=1e-6)
+    assert_allclose(again.information[:9, :9], start.information[:9, :9], rtol=1e-6)
 
 
 def test_a_calibration_without_information_is_refused(wu_run, wu_scenario):

@@ -9,12 +9,10 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.fit import calibrate
-from tam_calibration.fit.frames import in_first_frame
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.posterior import posterior_of
-from tam_calibration.fit.prior import ChangeRates, prior_of
-from tam_calibration.fit.problem import Known, Problem
+from tam_calibration.fit.prior import ChangeRates, in_first_frame, prior_of
+from tam_calibration.fit.problem import Known, Problem, posterior_of
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -45,7 +43,7 @@ def test_where_the_data_say_all_it_is_the_plain_fit(wu_scenario, wu_run, before,
     array = wu_scenario.array.with_stated_noise()
     prior = prior_of(maximum_likelihood(without_scalar(wu_run.recording, before), array), None, None, ANYTHING)
     recording = without_scalar(simulate(replace(wu_scenario, seed=3)).recording, now)
-    plain, both = maximum_likelihood(recording, array), posterior_of(recording, array, prior)
+    plain, both = maximum_likelihood(recording, array), posterior_of(recording, array, Known(prior))
     difference = np.abs(both.errors.to_vector() - plain.errors.to_vector())
     assert (difference <= 1e-4 * plain.standard_errors + 1e-12).all()
     assert_allclose(np.sqrt(np.diag(both.covariance)).reshape(4, 12), plain.standard_errors, rtol=1e-3, atol=1e-15)
@@ -56,7 +54,7 @@ def test_it_is_never_worse_than_the_prior(wu_scenario, wu_run, is_blind):
     """No variance grows, and at three degrees of tilt the errors stay within what is told."""
     array = wu_scenario.array.with_stated_noise()
     prior = prior_of(maximum_likelihood(wu_run.recording, array), None, None)
-    both = posterior_of(without_scalar(swinging(wu_scenario, 3, 1), is_blind), array, prior)
+    both = posterior_of(without_scalar(swinging(wu_scenario, 3, 1), is_blind), array, Known(prior))
     variance = np.diag(both.covariance)
     assert (variance <= np.diag(prior.covariance) * (1 + 1e-9)).all()
     error = (both.errors.to_vector() - wu_scenario.errors.to_vector()).ravel()
@@ -69,7 +67,7 @@ def test_one_sensor(wu_scenario):
     array = Array(wu_scenario.array.positions_m[:1], wu_scenario.array.vector_noise_T[:1], 1e-10).with_stated_noise()
     scenario = replace(wu_scenario, array=array, errors=first)
     prior = prior_of(maximum_likelihood(simulate(scenario).recording, array), None, None)
-    both = posterior_of(swinging(scenario, 5, 2), array, prior)
+    both = posterior_of(swinging(scenario, 5, 2), array, Known(prior))
     ratio = np.diag(both.covariance)[:9] / np.diag(prior.covariance)[:9]
     assert (ratio <= 1 + 1e-9).all() and ratio[6] < 0.8
 
@@ -90,7 +88,7 @@ def test_noise_that_is_stated_too_large_is_no_reason_to_refuse(wu_scenario, time
     prior = prior_of(replace(before, errors=SensorErrors.none(1), covariance=np.diag(deviation**2)), None, None)
     motion = Manoeuvre(from_degrees(3), from_degrees(3), 30.0)
     turn = simulate(replace(scenario, motion=motion, sample_count=2000, rate_hz=10.0)).recording.take(slice(600))
-    both = posterior_of(turn, replace(array, vector_noise_T=times * array.vector_noise_T), prior)
+    both = posterior_of(turn, replace(array, vector_noise_T=times * array.vector_noise_T), Known(prior))
     off = (both.errors.to_vector() - errors.to_vector()).ravel()
     assert (np.abs(off) <= deviation).all()
 
@@ -104,7 +102,7 @@ def test_an_intensity_below_zero_is_none(wu_scenario):
     mean = turn.readings_T.mean(axis=0)
     away = replace(turn, readings_T=turn.readings_T - 60e-6 * mean / np.linalg.norm(mean))
     with pytest.raises(Refused, match="sensors that cannot be"):
-        posterior_of(away, array, prior)
+        posterior_of(away, array, Known(prior))
 
 
 @pytest.mark.parametrize("mounting_error", [None, from_degrees(0.001)])

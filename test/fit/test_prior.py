@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.fit.frames import in_first_frame
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.prior import prior_of
-from tam_calibration.model.change_rates import DAY_S, ChangeRates
+from tam_calibration.fit.prior import in_first_frame, prior_of
+from tam_calibration.model.data_sheet import DAY_S, ChangeRates
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.sensor_errors import SensorErrors
 

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from moved_sensors import DIRECTION, SIZES, joined, moved, turn
 
-from tam_calibration.correction.update import KINDS
+from tam_calibration.correction.parts import KINDS
 from tam_calibration.fit import prior_changes
 from tam_calibration.fit.contradiction import candidates_of
-from tam_calibration.fit.frames import in_first_frame
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, with_noise
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.prior import prior_of
+from tam_calibration.fit.prior import in_first_frame, prior_of
 from tam_calibration.fit.prior_changes import MOST_TIMES, update_prior
 from tam_calibration.fit.problem import Known
 from tam_calibration.model.array import Array

@@ -11,19 +11,18 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from tam_calibration.core.slow_cosines import BLOCKS, COSINES
-from tam_calibration.core.variance_factors import WHITE, VarianceFactors
+from tam_calibration.core.slow_cosines import BLOCKS, COSINES, WHITE, VarianceFactors
 from tam_calibration.fit import calibrate, slow_residuals
-from tam_calibration.fit.frames import in_first_frame
 from tam_calibration.fit.information import keeping, rows_by_unknowns
 from tam_calibration.fit.likelihood import Likelihood
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
+from tam_calibration.fit.prior import in_first_frame
 from tam_calibration.fit.scale import free_scale_gradient
 from tam_calibration.fit.slow_residuals import GROWING, variance_factors, widened
 from tam_calibration.model.array import Array
+from tam_calibration.model.data_sheet import Tolerances
 from tam_calibration.model.recording import BLOCK, Recording
 from tam_calibration.model.sensor_errors import SensorErrors
-from tam_calibration.model.tolerances import Tolerances
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.attitude import Manoeuvre, Tumble
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from tam_calibration.core.slow_cosines import BLOCKS
-from tam_calibration.fit.slow_sums import SlowSums
+from tam_calibration.core.slow_cosines import BLOCKS, SlowSums
 
 PARAMETERS = 20
 INFORMATION = np.tile(np.eye(PARAMETERS) / BLOCKS, (BLOCKS, 1, 1))

@@ -8,8 +8,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.source_calibration import SourceCalibration, calibrate_by_source
-from tam_calibration.fit.source_completion import complete
+from tam_calibration.fit.source_calibration import SourceCalibration, calibrate_by_source, complete
 from tam_calibration.localization.euler import locate_with_baselines
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused

@@ -5,8 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.fit.information import bound
-from tam_calibration.fit.lossless import lossless
-from tam_calibration.fit.published import two_step_linear
+from tam_calibration.fit.published import lossless, two_step_linear
 from tam_calibration.simulation import simulate
 
 

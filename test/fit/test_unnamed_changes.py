@@ -7,12 +7,10 @@ import pytest
 from moved_sensors import SIZES, lone, moved, turn
 
 from tam_calibration.fit import calibrate
-from tam_calibration.fit.contradiction import Difference, candidates_of
+from tam_calibration.fit.contradiction import Difference, candidates_of, small_changes
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
-from tam_calibration.fit.posterior import posterior_of
 from tam_calibration.fit.prior_changes import update_prior
-from tam_calibration.fit.problem import Known
-from tam_calibration.fit.unnamed_changes import small_changes
+from tam_calibration.fit.problem import Known, posterior_of
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import from_degrees
 from tam_calibration.simulation import simulate
@@ -69,7 +67,7 @@ def test_a_hint_of_a_change_widens_a_prior(wu_scenario, array, prior):
     small, larger = (small_changes(lone(prior, evidence), candidates).covariance[30, 30] for evidence in (2.0, 5.0))
     square = [(lone(prior, evidence).score[30] / 1e18) ** 2 for evidence in (2.0, 5.0)]
     assert larger / square[1] == pytest.approx(np.exp(3) * small / square[0], rel=0.3)
-    difference = Difference.of(prior, posterior_of(turn(wu_scenario, wu_scenario.errors, 3), array, prior))
+    difference = Difference.of(prior, posterior_of(turn(wu_scenario, wu_scenario.errors, 3), array, Known(prior)))
     widened = np.diag(small_changes(difference, candidates).covariance)
     free = np.diag(prior.covariance) > 0
     assert (widened[free] < 0.02 * np.diag(prior.covariance)[free]).all()

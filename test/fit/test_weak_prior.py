@@ -7,17 +7,20 @@ import pytest
 from narrow_turns import FINE, NOISE_T, WIDE, array_of, drawn, turned
 from numpy.testing import assert_allclose
 
-from tam_calibration.core.variance_factors import VarianceFactors
-from tam_calibration.fit import calibrate, weak_prior
-from tam_calibration.fit.frames import in_first_frame
-from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
-from tam_calibration.fit.prior import prior_of
+from tam_calibration.core.slow_cosines import VarianceFactors
+from tam_calibration.fit import calibrate
+from tam_calibration.fit import maximum_a_posteriori as weak_prior
+from tam_calibration.fit.maximum_a_posteriori import (
+    calibrate_with_weak_prior,
+    is_weak,
+    maximum_a_posteriori,
+    prior_of_tolerances,
+)
+from tam_calibration.fit.prior import in_first_frame, prior_of
 from tam_calibration.fit.problem import Known
 from tam_calibration.fit.scale import free_scale
-from tam_calibration.fit.weak_prior import calibrate_with_weak_prior, is_weak, prior_of_tolerances
-from tam_calibration.model.change_rates import ChangeRates
+from tam_calibration.model.data_sheet import ChangeRates, Tolerances
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.model.tolerances import Tolerances
 
 
 def pulls(calibration, errors):

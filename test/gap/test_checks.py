@@ -5,8 +5,8 @@ import pytest
 from scipy import stats
 
 from tam_calibration.gap.checks import LAGS, _kurtosis, checks_of
-from tam_calibration.model.interpolated_noise import LAGS as SHARED
-from tam_calibration.model.interpolated_noise import InterpolatedNoise
+from tam_calibration.model.recording import LAGS as SHARED
+from tam_calibration.model.recording import InterpolatedNoise
 
 SAMPLES = 400
 FLOOR_T = np.array([1e-9, 2e-9, 1e-9, 3e-10])

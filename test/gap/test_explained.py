@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tam_calibration.fit import calibrate
-from tam_calibration.fit.doubts import is_unexplained
+from tam_calibration.fit.consistency import is_unexplained
 from tam_calibration.gap.explained import explained
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate

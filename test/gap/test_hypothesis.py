@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from tam_calibration.effects.bias_jump import BiasJump
-from tam_calibration.effects.flexure import Flexure
-from tam_calibration.effects.geomagnetic_drift import GeomagneticDrift
-from tam_calibration.effects.nonlinearity import Nonlinearity
+from tam_calibration.effects.channels import Flexure, TemperatureDrift
+from tam_calibration.effects.curves import Nonlinearity
 from tam_calibration.effects.platform_field import PlatformField
-from tam_calibration.effects.temperature_drift import TemperatureDrift
+from tam_calibration.effects.scalar_effects import GeomagneticDrift
+from tam_calibration.effects.states import BiasJump
 from tam_calibration.gap.hypothesis import _searched, best_form, given_form, places_of, refined
 from tam_calibration.model.fitted_effect import SCALAR, Contribution, FittedEffect
 

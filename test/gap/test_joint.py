@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tam_calibration.effects.temperature_drift import TemperatureDrift
+from tam_calibration.effects.channels import TemperatureDrift
 from tam_calibration.gap.joint import Joint
 from tam_calibration.gap.part import Part
 

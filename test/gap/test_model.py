@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import least_squares
 
+from tam_calibration.effects.channels import TemperatureDrift
 from tam_calibration.effects.effect import Finding
-from tam_calibration.effects.temperature_drift import TemperatureDrift
 from tam_calibration.gap import diagnose
 from tam_calibration.gap import model as module
 from tam_calibration.gap.hypothesis import given_form

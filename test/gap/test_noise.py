@@ -8,7 +8,7 @@ from tam_calibration.core.interpolation import Correlation, interpolated
 from tam_calibration.gap.noise import noise_of
 from tam_calibration.gap.spectrum import spectra_of
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.interpolated_noise import LAGS, InterpolatedNoise
+from tam_calibration.model.recording import LAGS, InterpolatedNoise
 
 
 @pytest.mark.parametrize("count", [320, 1000, 4000])

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.nonlinearity import Nonlinearity
-from tam_calibration.effects.temperature_drift import TemperatureDrift
+from tam_calibration.effects.channels import TemperatureDrift
+from tam_calibration.effects.curves import Nonlinearity
 from tam_calibration.gap.hypothesis import given_form
 from tam_calibration.gap.probabilities import energies_of, features_of, probabilities, right, set_of, shares_of
 from tam_calibration.gap.size import Evidence

@@ -8,8 +8,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.bias_jump import BiasJump
-from tam_calibration.effects.nonlinearity import Nonlinearity
+from tam_calibration.effects.curves import Nonlinearity
+from tam_calibration.effects.states import BiasJump
 from tam_calibration.effects.term import Coefficient, Term
 from tam_calibration.gap import whitened_channels as module
 from tam_calibration.gap.regressors import Regressors, calibration_regressors, update

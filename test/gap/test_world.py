@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.effects.flexure import Flexure
-from tam_calibration.effects.geomagnetic_drift import GeomagneticDrift
+from tam_calibration.effects.channels import Flexure
+from tam_calibration.effects.scalar_effects import GeomagneticDrift
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.gap.world import World

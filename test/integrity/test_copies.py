@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tam_calibration.integrity import copies
+from tam_calibration.integrity import repeated
 from tam_calibration.integrity.check import faults_of
 from tam_calibration.model.array import Array
 
@@ -38,12 +38,12 @@ def test_a_copy_for_a_while_is_told_with_its_times(run):
 def test_the_shortest_copy(run):
     """Ten readings in a row."""
 
-    def repeated(length):
+    def told_of(length):
         span = slice(300, 300 + length)
         return run.spoiled(lambda readings: readings.__setitem__((span, 3), readings[span, 1])).told
 
-    assert copies.SHORTEST == 10
-    assert repeated(9) == [] and repeated(10) == [("repeated", 4, "")]
+    assert repeated.SHORTEST == 10
+    assert told_of(9) == [] and told_of(10) == [("repeated", 4, "")]
 
 
 def test_an_axis_that_repeats_another_but_for_scale_and_offset(run):
@@ -76,7 +76,7 @@ def test_noise_makes_no_copy(run):
         readings[:, 1] = readings[:, 0] + 1e-10 * np.random.default_rng(1).normal(size=(1500, 3))
 
     assert run.spoiled(nearly).told == []
-    assert copies.COPIED == 1 - 1e-13
+    assert repeated.COPIED == 1 - 1e-13
 
 
 def test_motion_in_a_plane_without_noise(run, true_errors):

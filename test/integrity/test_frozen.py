@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tam_calibration.integrity import frozen
+from tam_calibration.integrity import repeated
 from tam_calibration.integrity.check import faults_of
 from tam_calibration.model.array import Array
 from tam_calibration.recordings.recording_stream import RecordingStream
@@ -45,7 +45,7 @@ def test_the_shortest_hold(run):
     def held(length):
         return run.spoiled(lambda readings: readings.__setitem__((slice(300, 300 + length), 2), readings[300, 2])).told
 
-    assert frozen.SHORTEST == 10
+    assert repeated.SHORTEST == 10
     assert held(9) == [] and held(10) == [("frozen", 3, "")]
 
 
@@ -76,7 +76,7 @@ def test_where_a_sine_of_coarse_steps_turns_back_it_is_not_frozen(run):
     """It stays in its last step for ten samples and more, and leaves it by one step."""
     stepped = run.spoiled(lambda readings: np.round(readings, 7, out=readings))
     assert [fault for fault in stepped.faults if fault.name == "frozen"] == []
-    assert frozen.STEPS == 2
+    assert repeated.STEPS == 2
 
 
 @pytest.mark.parametrize("count", [1, 40])
@@ -97,7 +97,7 @@ def test_a_hold_goes_on_from_block_to_block(run, size):
         readings[350:380, 3] = 0
 
     spoiled = run.spoiled(hold)
-    whole, cut = frozen.FrozenAxes(4), frozen.FrozenAxes(4)
+    whole, cut = repeated.FrozenAxes(4), repeated.FrozenAxes(4)
     for block in spoiled.recording.blocks():
         whole.add(block)
         for start in range(0, len(block.time_s), size):

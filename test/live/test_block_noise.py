@@ -5,8 +5,8 @@ import pytest
 from live_mission import dive
 from scipy.signal import lfilter
 
-from tam_calibration.core.variance_factors import WHITE
-from tam_calibration.live.block_noise import BlockMeans, BlockNoise
+from tam_calibration.core.slow_cosines import WHITE
+from tam_calibration.live.change_window import BlockMeans, BlockNoise
 
 BLOCK, BLOCKS = 40, 60
 

@@ -25,9 +25,8 @@ from tam_calibration.live.change_window import (
 from tam_calibration.live.live import MOST_CHANGES, PUBLISHED_FROM, WIDENED, Live
 from tam_calibration.live.recursion import LARGEST_WALK, Belief, Recursion
 from tam_calibration.model.array import Array
-from tam_calibration.model.change_rates import DAY_S, ChangeRates
+from tam_calibration.model.data_sheet import DAY_S, ChangeRates, Gyroscope
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.gyroscope import Gyroscope
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import from_degrees
 

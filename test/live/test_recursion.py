@@ -7,14 +7,13 @@ import pytest
 from live_mission import UNCHANGING, ashore, dive, moved, recording_of
 from numpy.testing import assert_allclose
 
-from tam_calibration.core.variance_factors import VarianceFactors
+from tam_calibration.core.slow_cosines import VarianceFactors
 from tam_calibration.fit.likelihood import UniformLikelihood
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.posterior import posterior_of
+from tam_calibration.fit.problem import Known, posterior_of
 from tam_calibration.fit.scale import Normalized
-from tam_calibration.live.moments import MomentLikelihood, SampleMoments
-from tam_calibration.live.recursion import LARGEST_WALK, Belief, Recursion, Walk
-from tam_calibration.model.change_rates import DAY_S, ChangeRates
+from tam_calibration.live.recursion import LARGEST_WALK, Belief, MomentLikelihood, Recursion, SampleMoments, Walk
+from tam_calibration.model.data_sheet import DAY_S, ChangeRates
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.sensor_errors import SensorErrors
 
@@ -45,7 +44,7 @@ def test_blocks_one_after_another_give_the_fit_of_all_samples(far_prior, cross, 
     prior, errors = far_prior
     rows = dive(errors, cross, np.random.default_rng(2), np.arange(3000) / 20)
     rows[::7, -2] = np.nan
-    batch = posterior_of(recording_of(rows), prior.calibration.array, prior)
+    batch = posterior_of(recording_of(rows), prior.calibration.array, Known(prior))
     now = learned(prior, rows, size).now
     assert now.distance(batch.errors) < 0.01
     deviations = np.sqrt(np.diag(batch.covariance))

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from live_mission import ashore, dive, moved
 
-from tam_calibration.live.moments import MomentLikelihood
-from tam_calibration.live.recursion import Belief
-from tam_calibration.live.trial import CLEARLY_BETTER, MOST_TRIED, TRIED, Trial
+from tam_calibration.live.recursion import CLEARLY_BETTER, MOST_TRIED, TRIED, Belief, MomentLikelihood, Trial
 
 
 @pytest.fixture

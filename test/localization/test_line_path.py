@@ -30,6 +30,12 @@ def test_a_path_is_smooth_and_its_error_is_stated(white_m):
     assert stated < max(0.7 * white_m, 2e-3)
 
 
+def test_exact_positions_of_a_fast_sway_are_followed():
+    """To a tenth of a millimetre: the field of a strong target changes by its noise in that."""
+    true = TRUE_M + 0.05 * np.sin(2 * np.pi * TIME_S / 3)[:, None]
+    assert np.abs(path_of(TIME_S, true).at(TIME_S[10:-10]) - true[10:-10]).max() < 1e-4
+
+
 def test_a_repeated_position_counts_once():
     """Navigation that is slower than the samples repeats its last position, which is true when it comes first."""
     held = TRUE_M[5 * (np.arange(600) // 5)]

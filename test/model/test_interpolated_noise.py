@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.testing import assert_allclose
 
-from tam_calibration.model.interpolated_noise import LAGS, InterpolatedNoise
+from tam_calibration.model.recording import LAGS, InterpolatedNoise
 
 
 def test_the_spectrum_is_that_of_the_filter():

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from tam_calibration.model.data_sheet import Tolerances
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.tolerances import Tolerances
 
 SHEET = {"scale_factor": 0.01, "non_orthogonality": 0.02, "bias_T": 3e-6, "misalignment": 0.03}
 

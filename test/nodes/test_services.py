@@ -12,9 +12,9 @@ from ros_bench import node_command
 
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
+from tam_calibration.model.data_sheet import Tolerances
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.tolerances import Tolerances
 from tam_calibration.recordings import write_array
 from tam_calibration.results import calibration_from_yaml, read_calibration, write_calibration
 

@@ -2,8 +2,8 @@
 
 import pytest
 
+from tam_calibration.model.data_sheet import Tolerances
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.tolerances import Tolerances
 from tam_calibration.model.units import from_degrees, from_nanotesla
 from tam_calibration.recordings import read_array
 from tam_calibration.recordings.array_yaml import write_array

@@ -9,8 +9,8 @@ from tam_calibration import read_array, read_recording
 from tam_calibration.core.averaged_rates import AveragedRates
 from tam_calibration.messages.topics import IMU, MAGNETIC_FIELD
 from tam_calibration.model.array import Array
+from tam_calibration.model.data_sheet import Gyroscope
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.gyroscope import Gyroscope
 from tam_calibration.model.mounting import Mounting, quaternion_of
 from tam_calibration.model.recording import Recording
 from tam_calibration.recordings.array_yaml import write_array

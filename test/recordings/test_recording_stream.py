@@ -8,8 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.fit import METHODS, calibrate
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.interpolated_noise import InterpolatedNoise
-from tam_calibration.model.recording import BLOCK, Recording
+from tam_calibration.model.recording import BLOCK, InterpolatedNoise, Recording
 from tam_calibration.recordings.recording_file import is_large, read_stream
 from tam_calibration.recordings.recording_stream import RecordingStream
 from tam_calibration.results import write_recording

@@ -86,7 +86,6 @@ def test_figures_of_the_calibration_are_on_the_page(make, write, undrawn):
     assert f"{bias_nT} ± 0.12" in page.text
     assert f"{1e9 * calibration.before.tensor_T_per_m[0]:.0f}" in page.text
     assert f"{1e9 * calibration.in_sample.tensor_rmse_T_per_m:.2f}" in page.text
-    assert f"{np.linalg.inv(calibration.errors.matrix)[1, 0, 0]:.9f}" in page.text
     assert "1.01 between the sensors and 0.980 against the reference intensity" in page.text
     assert all(words in page.text for words in ("tumble_4.csv", "ab" * 32, "123 456 bytes", "maximum_likelihood"))
     assert all(statement in page.text for statement in calibration.statements)

@@ -3,7 +3,13 @@ import pytest
 
 from tam_calibration.fit.coverage import measure_coverage
 from tam_calibration.report.page import embed
-from tam_calibration.report.recording_plots import Panel, plot_coverage, plot_histograms, plot_over_time, thinning_note
+from tam_calibration.report.recording_plots import (
+    Panel,
+    plot_coverage,
+    plot_distributions,
+    plot_over_time,
+    thinning_note,
+)
 
 
 def panels(samples: int) -> list[Panel]:
@@ -41,12 +47,13 @@ def test_time_axis_is_readable(span_s, unit):
 
 
 def test_histogram_counts_what_lies_outside():
-    """Outliers beyond the axis are counted, and the bars hold the share of the others."""
-    values = np.append(np.random.default_rng(5).normal(size=9990), np.full(10, 1000.0))
-    axes = plot_histograms([Panel("xx", values, 1.0)], "nT/m").axes[0]
-    assert axes.get_title("right").endswith("10 outside")
+    """Outliers beyond the axis are counted in its last bin, and the bars hold all samples that are known."""
+    values = np.append(np.random.default_rng(5).normal(size=9990), [*np.full(10, 1000.0), np.nan])
+    axes = plot_distributions([Panel("xx", 2 * values, 2.0)], "residual").axes[0]
     density, edges, _ = axes.patches[0].get_data()
-    assert density.sum() * (edges[1] - edges[0]) == pytest.approx(0.999)
+    share = density * (edges[1] - edges[0])
+    assert share.sum() == pytest.approx(1) and share[-1] == pytest.approx(0.001)
+    assert edges[-1] == 30
 
 
 def test_missing_cells_are_drawn():
@@ -68,6 +75,6 @@ def test_forward_is_in_the_middle_and_left_on_the_left():
 
 def test_same_figure_gives_same_bytes():
     """A report of the same data is the same file."""
-    first, second = (embed(plot_histograms(panels(500), "nT"), "Histograms").source for _ in range(2))
+    first, second = (embed(plot_distributions(panels(500), "nT"), "Histograms").source for _ in range(2))
     assert first == second
     assert first.startswith("data:image/svg+xml;base64,")

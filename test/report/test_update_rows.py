@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from tam_calibration.correction.update import KINDS, Moved, Update
-from tam_calibration.model.change_rates import ChangeRates
+from tam_calibration.correction.parts import KINDS, Moved, Update
+from tam_calibration.model.data_sheet import ChangeRates
 from tam_calibration.report.update_rows import update_sentences
 
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from tam_calibration.correction.update import Moved, Update
+from tam_calibration.correction.parts import Moved, Update
 from tam_calibration.files.schema import check
 from tam_calibration.files.yaml_document import dump_mapping
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.model.change_rates import ChangeRates
+from tam_calibration.model.data_sheet import ChangeRates
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.recordings.array_yaml import ArrayFile, array_to_mapping
 from tam_calibration.results.calibration_yaml import calibration_from_yaml, calibration_to_mapping, calibration_to_yaml

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.core.harmonics import fields
 from tam_calibration.effects.covariates import lagged
-from tam_calibration.effects.hysteresis import play
+from tam_calibration.effects.curves import play
 from tam_calibration.gap.laws.decisions import PLAYS, RATE_LAGS
 from tam_calibration.gap.laws.whitened import Residual
 from tam_calibration.model.units import FloatArray

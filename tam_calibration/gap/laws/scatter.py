@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.effects.grades import NEARLY_ALL
-from tam_calibration.effects.spikes import A_DOZEN
+from tam_calibration.effects.outliers import A_DOZEN
 from tam_calibration.gap.laws.decisions import (
     CLUSTERED,
     LEAST_EVIDENCE,

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.effects.grades import FEWEST, NOTABLE
+from tam_calibration.effects.noise_excess import LARGEST_NOISE
 from tam_calibration.effects.quantization import find_lattices
-from tam_calibration.effects.spread import LARGEST_NOISE
 from tam_calibration.effects.states import Times
 from tam_calibration.gap.laws.candidates import Candidate
 from tam_calibration.gap.laws.curve import curve_of

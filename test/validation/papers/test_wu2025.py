@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.fit.lossless import lossless
+from tam_calibration.fit.published import lossless
 from tam_calibration.model.units import to_nanotesla
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate

@@ -1,6 +1,6 @@
-"""An axis whose reading depends on where the field came from."""
+"""Effects of an axis' own field: a reading that is a curve of it, or depends on where it came from."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
@@ -8,8 +8,56 @@ from numpy.polynomial.legendre import legvander
 from tam_calibration.effects.covariates import Memory, follow
 from tam_calibration.effects.effect import Coefficient, Covariates, LinearEffect, Shape, Term, WhitenedResiduals
 from tam_calibration.effects.grades import MINOR
-from tam_calibration.effects.nonlinearity import full_scale
+from tam_calibration.effects.laws import angles_of, axis_at, order_terms
 from tam_calibration.model.units import FloatArray
+
+_ORDERS = {"quadratic": (2,), "cubic": (3,), "higher": (4, 5), "highest": (6, 7, 8, 9)}
+"""Orders of the polynomials that stand or fall together, by name: bends, and kinks as of a limit that is soft."""
+
+
+class Nonlinearity(LinearEffect):
+    """The reading of an axis is a curve of the field along it."""
+
+    name = "nonlinearity"
+
+    def obstacle(self, covariates: Covariates) -> str | None:
+        """Return that no axis was turned far enough, where it is so."""
+        spread = float(np.ptp(covariates.sensed_T, axis=0).max() / covariates.intensity_T.max())
+        if spread < MINOR:
+            return f"no axis sees the field change by more than {100 * spread:.2g} % of its length"
+        return None
+
+    def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
+        """Return the largest field as the full scale.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        residuals : WhitenedResiduals
+            Not used: the full scale follows from the field.
+        """
+        return ({"full_scale_T": full_scale(covariates)},)
+
+    def terms(self, covariates: Covariates, shape: Shape) -> Iterator[Term]:
+        """Yield Legendre polynomials of degree 2 to 9 of the field along each axis.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        shape : Shape
+            ``full_scale_T``, the field that the polynomials are scaled by, tesla.
+        """
+        for row in range(covariates.scalar_row):
+            curves = legvander(covariates.sensed_T[:, row] / shape["full_scale_T"], 9)
+            yield from order_terms(covariates, row, _ORDERS, "P", curves)
+
+
+def full_scale(covariates: Covariates) -> float:
+    """Return the largest field along any axis, tesla."""
+    return float(np.abs(covariates.sensed_T).max())
+
 
 _PLAYS = (0.15, 0.4)
 """Fields that must be turned back before a sharp loop closes, as parts of the full scale: narrow and wide."""
@@ -26,9 +74,6 @@ _LOOPS = {
         for name in ("P2", "P3", *(f"P{order} of play {width}" for width in _PLAYS for order in (3, 5)))
     ],
 }
-
-_STILL = 0.01
-"""Part of the full scale below which a change counts as noise, which must not erase the memory."""
 
 _DIRECTIONS = np.array(
     [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, -1, 0), (1, 0, 1), (1, 0, -1), (0, 1, 1), (0, 1, -1),
@@ -62,12 +107,8 @@ class Hysteresis(LinearEffect):
         residuals : WhitenedResiduals
             Not used: the directions are fixed.
         """
-        scale = full_scale(covariates)
-        shapes: list[Shape] = [{"full_scale_T": scale}]
-        for x, y, z in _DIRECTIONS.tolist():
-            elevation = float(np.arctan2(z, np.hypot(x, y)))
-            shapes.append({"full_scale_T": scale, "azimuth_rad": float(np.arctan2(y, x)), "elevation_rad": elevation})
-        return shapes
+        scale = {"full_scale_T": full_scale(covariates)}
+        return [scale, *({**scale, **angles} for angles in angles_of(_DIRECTIONS))]
 
     def terms(self, covariates: Covariates, shape: Shape) -> Iterator[Term]:
         """Yield loops of each axis in its own field, or in the field along a direction of the array.
@@ -82,23 +123,18 @@ class Hysteresis(LinearEffect):
         scale = shape["full_scale_T"]
         drives = covariates.sensed_T
         if "azimuth_rad" in shape:
-            azimuth, elevation = shape["azimuth_rad"], shape["elevation_rad"]
-            flat = np.cos(elevation)
-            direction = flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)
-            drives = covariates.field_T @ np.array(direction)[:, None]
-        states = play(drives, scale * np.array([_STILL, *_PLAYS]), covariates.memory)
+            drives = covariates.field_T @ axis_at(shape)[:, None]
+        # Less than a per cent of the full scale counts as noise, which must not erase the memory.
+        states = play(drives, scale * np.array([0.01, *_PLAYS]), covariates.memory)
         rounded = [rounded_loop(states[:, :, 0], scale * width, covariates.memory) for width in _ROUNDED]
         for row in range(covariates.scalar_row):
             if row < drives.shape[1]:
-                loops = _loops(scale, drives[:, [row]], states[:, row, 1:], [loop[:, [row]] for loop in rounded])
+                drive, plays = drives[:, [row]], states[:, row, 1:]
+                curve = legvander(drive[:, 0] / scale, 3)[:, 2:]
+                bent = legvander(plays / scale, 5)[:, :, [3, 5]].reshape(len(drive), -1)
+                loops = plays - drive, np.hstack([loop[:, [row]] for loop in rounded]), np.hstack([curve, bent])
             for (name, parts), features in zip(_LOOPS.items(), loops, strict=True):
                 yield Term.of_row(covariates, row, name, parts, features)
-
-
-def _loops(scale: float, drive: FloatArray, plays: FloatArray, rounded: Sequence[FloatArray]) -> list[FloatArray]:
-    """Return plays, loops that are rounded and loops that saturate, of one drive (N, 1)."""
-    bent = legvander(plays / scale, 5)[:, :, [3, 5]].reshape(len(drive), -1)
-    return [plays - drive, np.hstack(rounded), np.hstack([legvander(drive[:, 0] / scale, 3)[:, 2:], bent])]
 
 
 def rounded_loop(drive: FloatArray, width: float, memory: Memory | None = None) -> FloatArray:
