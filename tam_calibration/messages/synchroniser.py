@@ -115,9 +115,8 @@ class Synchroniser:
         delayed = [*(sensor_stream(index + 1) for index in range(layout.sensor_count)), "scalar"]
         self._delays_ns = {name: delay for name, delay in zip(delayed, delays_ns, strict=False) if delay}
         self._sensors = [JoinedStream(sensor_stream(1), tolerance_ns, True)]
-        self._sensors += [
-            InterpolatedStream(sensor_stream(index + 1), tolerance_ns, True) for index in range(1, layout.sensor_count)
-        ]
+        others = range(2, layout.sensor_count + 1)
+        self._sensors += [InterpolatedStream(sensor_stream(sensor), tolerance_ns, True) for sensor in others]
         channels: list[Stream] = []
         for name in layout.channels:
             kind = HeldStream if name != "scalar" else OnceStream if scalar_is_held else IntensityStream

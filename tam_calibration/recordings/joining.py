@@ -165,10 +165,8 @@ class Joining:
 
     def whole(self, progress: Progress) -> Samples:
         """Return the samples of the complete recording, as `pieces` yields them."""
-        parts = list(self._rows(progress))
-        return self._samples(
-            np.concatenate([stamps for stamps, _ in parts]), np.concatenate([rows for _, rows in parts])
-        )
+        stamps_ns, rows = zip(*self._rows(progress), strict=True)
+        return self._samples(np.concatenate(stamps_ns), np.concatenate(rows))
 
     def _rows(self, progress: Progress) -> Iterator[tuple[IntArray, FloatArray]]:
         """Yield the stamps and the rows of samples, batch by batch."""

@@ -168,9 +168,8 @@ def _without_empty(**values: Any) -> dict[str, Any]:
 
 def _known_source(found: KnownSource) -> dict[str, Any]:
     block = block_to_write(KnownSourceFile, astuple(found))
-    return {
-        key: value if key in ("baseline_scale", "rotation_deg") else _rounded(value) for key, value in block.items()
-    }
+    exact = ("baseline_scale", "rotation_deg")
+    return {key: value if key in exact else _rounded(value) for key, value in block.items()}
 
 
 def _gradient(gradient: AmbientGradientEstimate | None) -> dict[str, Any]:
