@@ -212,11 +212,7 @@ class RatesFile(Document):
         return ChangeRates(**{each.name: value for each, value in stated if value is not None})
 
 
-_SCHEMAS: dict[type, type[Document]] = {
-    Tolerances: TolerancesFile,
-    Gyroscope: GyroscopeFile,
-    ChangeRates: RatesFile,
-}
+_SCHEMAS: dict[type, type[Document]] = {Tolerances: TolerancesFile, Gyroscope: GyroscopeFile, ChangeRates: RatesFile}
 
 
 def part_to_mapping(part: Tolerances | Gyroscope | ChangeRates | None) -> dict[str, Any] | None:

@@ -142,11 +142,9 @@ class BatchSynchroniser(Synchroniser):
 
     def _limit(self, partners: Sequence[Queue]) -> int:
         """Return the last stamp at which it is decided what joins a sample."""
-        limits = [
-            max(queue.decided_until_ns, self._hold_horizon if queue.is_held else self._horizon)
-            for queue in partners
-            if queue.stream.awaited
-        ]
+        awaited = [queue for queue in partners if queue.stream.awaited]
+        horizons = (self._horizon, self._hold_horizon)
+        limits = [max(queue.decided_until_ns, horizons[queue.is_held]) for queue in awaited]
         return max(min(limits, default=NEVER), LONG_AGO)
 
     def _without_the_next(

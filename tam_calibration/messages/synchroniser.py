@@ -34,15 +34,8 @@ from tam_calibration.messages.timeline import STEP_NS, StampStep
 from tam_calibration.messages.usage import Usage, why_lost
 from tam_calibration.model.units import FloatArray
 
-_MAXIMUM_AGE_NS = {
-    "scalar": 2_000_000_000,
-    "temperature": 60_000_000_000,
-    "current": 2_000_000_000,
-    "attitude": 200_000_000,
-    "gyroscope": 200_000_000,
-    "position": 2_000_000_000,
-}
-"""How old the newest value of a held channel may be."""
+_MAXIMUM_AGE_NS = {"temperature": 60_000_000_000, "attitude": 200_000_000, "gyroscope": 200_000_000}
+"""How old the newest value of a held channel may be; of the others two seconds."""
 
 CATCH_UP_NS = 1_000_000_000
 """Time of arrival for which samples wait for all streams after a stall: ten times what was measured after 8 s."""
@@ -122,17 +115,13 @@ class Synchroniser:
         delayed = [*(sensor_stream(index + 1) for index in range(layout.sensor_count)), "scalar"]
         self._delays_ns = {name: delay for name, delay in zip(delayed, delays_ns, strict=False) if delay}
         self._sensors = [JoinedStream(sensor_stream(1), tolerance_ns, True)]
-        self._sensors += [
-            InterpolatedStream(sensor_stream(index + 1), tolerance_ns, True) for index in range(1, layout.sensor_count)
-        ]
-        channels: list[Stream] = [
-            IntensityStream(name, tolerance_ns, name in expected)
-            if name == "scalar" and not scalar_is_held
-            else (OnceStream if name == "scalar" else HeldStream)(
-                name, maximum_age_ns.get(name, _MAXIMUM_AGE_NS["current"]), name in expected
-            )
-            for name in layout.channels
-        ]
+        others = range(2, layout.sensor_count + 1)
+        self._sensors += [InterpolatedStream(sensor_stream(sensor), tolerance_ns, True) for sensor in others]
+        channels: list[Stream] = []
+        for name in layout.channels:
+            kind = HeldStream if name != "scalar" else OnceStream if scalar_is_held else IntensityStream
+            window_ns = tolerance_ns if kind is IntensityStream else maximum_age_ns.get(name, 2_000_000_000)
+            channels.append(kind(name, window_ns, name in expected))
         self._partners = [*self._sensors[1:], *channels]
         self._no_value = {name: _NO_READING[:1] * len(columns_of(name)) for name in layout.channels}
         self._streams: dict[str, Stream] = {stream.name: stream for stream in [*self._sensors, *channels]}

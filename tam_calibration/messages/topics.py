@@ -7,21 +7,15 @@ from tam_calibration.model.further_channels import topic_of
 MAGNETIC_FIELD, FLOAT64 = "sensor_msgs/msg/MagneticField", "std_msgs/msg/Float64"
 IMU, TEMPERATURE = "sensor_msgs/msg/Imu", "sensor_msgs/msg/Temperature"
 
-CHANNEL_TOPICS = {
-    "scalar": "scalar/intensity",
-    "temperature": "temperature",
-    "current": "current",
-    "attitude": "imu/data",
-    "gyroscope": "imu/data",
+_CHANNELS = {
+    "scalar": ("scalar/intensity", MAGNETIC_FIELD),
+    "temperature": ("temperature", TEMPERATURE),
+    "current": ("current", FLOAT64),
+    "attitude": ("imu/data", IMU),
+    "gyroscope": ("imu/data", IMU),
 }
+CHANNEL_TOPICS = {channel: topic for channel, (topic, _) in _CHANNELS.items()}
 
-_CHANNEL_TYPES = {
-    "scalar": MAGNETIC_FIELD,
-    "temperature": TEMPERATURE,
-    "current": FLOAT64,
-    "attitude": IMU,
-    "gyroscope": IMU,
-}
 
 FIELD_UNITS = {MAGNETIC_FIELD: {f"magnetic_field.{axis}": "T" for axis in "xyz"}}
 """Units that definitions of messages state, by type and field."""
@@ -36,4 +30,4 @@ def topic_and_type(stream: str) -> tuple[str, str]:
     """Return the relative topic of a stream, a sensor's or a channel's, and the type that is recorded there."""
     if not is_channel(stream):
         return f"{stream}/magnetic_field", MAGNETIC_FIELD
-    return CHANNEL_TOPICS.get(stream) or topic_of(stream), _CHANNEL_TYPES.get(stream, FLOAT64)
+    return _CHANNELS[stream] if stream in _CHANNELS else (topic_of(stream), FLOAT64)

@@ -7,10 +7,12 @@ from functools import lru_cache
 from glob import escape
 from itertools import groupby
 from pathlib import Path
+from typing import Any
 from weakref import finalize
 
 import numpy as np
 from rosbags.interfaces import Connection
+from zstandard import BufferWithSegments, ZstdDecompressor, frame_content_size
 
 from tam_calibration.files.text_files import require_regular
 from tam_calibration.files.whole_files import temporary_place, unfinished
@@ -243,18 +245,18 @@ def raw_blocks(
 
 
 def _unpacked(messages: RawMessages) -> RawMessages:
-    """Return messages of which each may be compressed by itself.
-
-    Raises
-    ------
-    InputError
-        When one, or all together, unpack to more than a recording could hold.
-    """
+    """Return messages of which each may be compressed; all by one decompressor: making it takes most of the time."""
     if bytes(messages.block[messages.start[0] :][: len(_ZSTD)]) != _ZSTD:
         return messages
-    packed, content, total = messages.messages(), list[bytes](), 0
-    for each in packed:
-        content.append(unpack_bounded(each, "zstd", "a message"))
-        total += len(content[-1])
-        check_piece(int(messages.size.sum()), total, f"a block of {len(packed)} messages")
-    return RawMessages.of(messages.connection, messages.recorded_ns, content)
+    packed = messages.messages()
+    sizes = [frame_content_size(each) for each in packed]  # -1 where a frame does not tell
+    for each, size in zip(packed, sizes, strict=True):
+        check_piece(len(each), size, "a message")
+    check_piece(int(messages.size.sum()), sum(sizes), f"a block of {len(packed)} messages")
+    content: Any
+    if min(sizes) < 0:
+        content = [unpack_bounded(each, "zstd", "a message") for each in packed]
+    else:
+        segments = np.column_stack([messages.start, messages.size]).astype("<u8").tobytes()
+        content = ZstdDecompressor().multi_decompress_to_buffer(BufferWithSegments(messages.block.data, segments))
+    return RawMessages.of(messages.connection, messages.recorded_ns, list(content))

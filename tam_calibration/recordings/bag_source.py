@@ -40,9 +40,8 @@ def _imu_values(
     has_no_attitude = (numbers[:, 4] == -1) | ~numbers[:, :4].any(axis=1)
     attitude = np.where(has_no_attitude[:, None], np.nan, numbers[:, :4])
     rates = np.where((numbers[:, 8] == -1)[:, None], np.nan, numbers[:, 5:8])
-    return stamps, np.column_stack(
-        [part for part, own in ((attitude, _ORIENTATION), (rates, _RATES)) if own[0] in paths]
-    )
+    chosen = [part for part, own in ((attitude, _ORIENTATION), (rates, _RATES)) if own[0] in paths]
+    return stamps, np.column_stack(chosen)
 
 
 _FRAME = 16

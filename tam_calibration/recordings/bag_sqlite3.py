@@ -17,7 +17,7 @@ from rosbags.rosbag2 import CompressionMode
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 
 from tam_calibration.files.whole_files import temporary_place, unfinished
-from tam_calibration.messages.cdr import RawMessages
+from tam_calibration.messages.cdr import RawMessages, gather
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import IntArray
 from tam_calibration.recordings.bag_bounds import LARGEST_PIECE, Damaged, check_topics, quality_of
@@ -127,9 +127,8 @@ def _read_connections(database: apsw.Connection) -> list[Connection]:
     connections = []
     for row in database.execute("SELECT * FROM topics ORDER BY id"):
         topic = dict(zip(columns, row, strict=True))
-        extra = ConnectionExtRosbag2(
-            topic["serialization_format"], quality_of(str(topic.get("offered_qos_profiles", "")))
-        )
+        quality = quality_of(str(topic.get("offered_qos_profiles", "")))
+        extra = ConnectionExtRosbag2(topic["serialization_format"], quality)
         named = topic["id"], topic["name"], topic["type"], definitions.get(topic["type"], unknown)
         connections.append(Connection(*named, topic.get("type_description_hash", ""), 0, extra, database))
     return connections
@@ -161,21 +160,33 @@ class Sqlite3File:
         position : mapping of int to int
             For the id of each wanted connection its number in the messages.
         """
+        size = self.path.stat().st_size
+        with closing(_open(self.path)) as database:
+            if _first(database, _HAS_INDEX):
+                yield from self._gathered(database, size, position)
+            else:  # somebody dropped it
+                rows = database.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp")
+                wanted = ((position[topic], *row) for topic, *row in rows if topic in position)
+                yield from gather(wanted, size / self.message_count)
+
+    def _gathered(
+        self, database: apsw.Connection, size: int, position: Mapping[int, int]
+    ) -> Iterator[tuple[RawMessages, int]]:
+        """Yield rows that the database itself joins, which spares an object for each."""
         is_all = len(position) == len(self.connections)
         query = _GATHER if is_all else f"{_GATHER} AND topic_id IN ({','.join(map(str, position))})"
         number = np.zeros(max(position) + 1, dtype=np.int64)
         number[list(position)] = list(position.values())
-        first, last, count, size = self.start_ns, self.end_ns, self.message_count, self.path.stat().st_size
+        first, last, count = self.start_ns, self.end_ns, self.message_count
         rows = max(min(ROWS, _BYTES * count // size), 1)
-        with closing(_open(self.path)) as database:
-            while first <= last:
-                following = _first(database, _NEXT, first, rows)
-                end = max(following[0], first + 1) if following else last + 1
-                topics, times, sizes, block = _first(database, query, first, end)
-                if block is not None:
-                    connection = number[_parse(topics)]
-                    yield _messages(connection, first + _parse(times), _parse(sizes), block), size * rows // count
-                first = end
+        while first <= last:
+            following = _first(database, _NEXT, first, rows)
+            end = max(following[0], first + 1) if following else last + 1
+            topics, times, sizes, block = _first(database, query, first, end)
+            if block is not None:
+                connection = number[_parse(topics)]
+                yield _messages(connection, first + _parse(times), _parse(sizes), block), size * rows // count
+            first = end
 
 
 def _parse(numbers: str) -> IntArray:
@@ -202,7 +213,7 @@ def condition_of(path: Path) -> Condition:
         query = f"SELECT id, {topic}, timestamp / 1e9 FROM messages WHERE NOT {_is_intact(database)} LIMIT 1"
         for number, name, recorded_s in database.execute(query):
             raise Damaged(f"message {number} is damaged, of {name} at {recorded_s:.3f} s")
-        return Condition.COMPLETE if _first(database, _HAS_INDEX) else Condition.NOT_INDEXED
+    return Condition.COMPLETE
 
 
 def _is_cut(path: Path) -> bool:
@@ -233,11 +244,6 @@ def _is_intact(database: apsw.Connection) -> str:
     """Return SQL that tells whether a row of a database is a message as it was written."""
     has_crc = _CRC_COLUMN in [name for _, name, *_ in database.execute("PRAGMA table_info(messages)")]
     return f"CASE WHEN {_IS_MESSAGE} THEN {_FITS_CRC if has_crc else 1} ELSE 0 END"
-
-
-def crc_of(topic: int, recorded_ns: int, message: bytes) -> int:
-    """Return the CRC-32 that is stored with a message: of its topic's number, time of recording and bytes."""
-    return crc32(message, crc32(b"%d %d" % (topic, recorded_ns)))
 
 
 def complete_messages(path: Path, faults: list[str]) -> Iterator[tuple[Connection, int, bytes]]:
@@ -325,8 +331,9 @@ class Sqlite3BlockWriter(Sqlite3Writer):
         data : bytes
             The serialised message.
         """
-        row = connection.id, timestamp, bytes(data)
-        self.cursor.execute(_INSERT, (*row, crc_of(*row)))
+        content = bytes(data)
+        crc = crc32(content, crc32(b"%d %d" % (connection.id, timestamp)))  # as _FITS_CRC has it
+        self.cursor.execute(_INSERT, (connection.id, timestamp, content, crc))
 
 
 FILE, WRITER = Sqlite3File, Sqlite3BlockWriter

@@ -96,13 +96,8 @@ class Pick(Document):
         inside = ", ".join(map(str, self.paths))
         unit = self.unit or ("" if self.scale_nT is None else f"{self.scale_nT:g} nT a count")
         unit = "" if unit and all(unit in str(path) for path in self.paths) and self.paths else unit
-        kind = (
-            "columns"
-            if len(self.columns) > 1
-            else "column"
-            if any(isinstance(path, int) for path in self.paths)
-            else ""
-        )
+        has_number = any(isinstance(path, int) for path in self.paths)
+        kind = "columns" if len(self.columns) > 1 else "column" if has_number else ""
         return " ".join(part for part in (f"{where}{number}", kind, inside, f"[{unit}]" if unit else "") if part)
 
 

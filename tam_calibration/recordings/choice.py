@@ -88,10 +88,8 @@ def choose(source: Source, sensor_count: int | None, frame_ids: Sequence[str] | 
     channels, remarks = _channels(source.tables, _scalars(source.tables, vectors, sensors), sensors)
     processed = [str(vector.pick) for vector in magnetic if sensors and vector.changes > sensors[0].changes]
     if processed:
-        remarks = (
-            f"not taken, as the sensors' readings are closer to what was measured: {shortened(processed, most=4)}",
-            *remarks,
-        )
+        listed = shortened(processed, most=4)
+        remarks = (f"not taken, as the sensors' readings are closer to what was measured: {listed}", *remarks)
     if not sensors:
         present = shortened([_described(table) for table in source.tables]) if source.tables else "nothing"
         return Choice(None, (f"no vector of a magnetic field is recognised among {present}",), remarks)

@@ -194,11 +194,8 @@ class _Inspecting:
             What is taken, by stream.
         """
         faults = [each.fault for each in self._of_streams().values() if each.fault]
-        units = [
-            unit_doubt(stream, channel, self._has_sure_unit(stream))
-            for stream, channel in channels.items()
-            if _is_field(stream)
-        ]
+        fields = {stream: each for stream, each in channels.items() if _is_field(stream)}
+        units = [unit_doubt(stream, each, self._has_sure_unit(stream)) for stream, each in fields.items()]
         advice = ": state time: received in the map, to join them by the recorder's times" if self.is_received else ""
         apart = [f"{self._apart}{advice}"] if self._apart else []
         return tuple(dict.fromkeys(filter(None, [*self.choice.doubts, *self._fault, *faults, *units, *apart])))

@@ -93,11 +93,8 @@ class InspectedChannel:
     def title(self) -> str:
         """Its fields for people: a vector by what its paths have in common."""
         parents = {path.rpartition(".")[0] for path in self.fields}
-        return (
-            parents.pop()
-            if len(self.fields) > 1 and len(parents) == 1 and "" not in parents
-            else ", ".join(self.fields)
-        )
+        is_vector = len(self.fields) > 1 and len(parents) == 1 and "" not in parents
+        return parents.pop() if is_vector else ", ".join(self.fields)
 
 
 @dataclass(frozen=True, eq=False)

@@ -260,10 +260,8 @@ class Counter:
                     continue
                 # Almost all jumps must be whole counts: by chance a tenth are.
                 is_count = np.abs(jumps / step - np.round(jumps / step)) < 0.05
-                if (
-                    is_count.mean() >= 0.9
-                    and np.where(is_overflow, np.abs(jumps - size), jumps).max() < (1 - _JUMP) * size
-                ):
+                steps = np.where(is_overflow, np.abs(jumps - size), jumps)
+                if is_count.mean() >= 0.9 and steps.max() < (1 - _JUMP) * size:
                     axes[axis], sizes[axis] = bits, size
         counter = cls(axes, sizes)
         return cls(axes, sizes, counter.turns_before(raw)) if axes else counter

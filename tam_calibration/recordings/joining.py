@@ -165,10 +165,8 @@ class Joining:
 
     def whole(self, progress: Progress) -> Samples:
         """Return the samples of the complete recording, as `pieces` yields them."""
-        parts = list(self._rows(progress))
-        return self._samples(
-            np.concatenate([stamps for stamps, _ in parts]), np.concatenate([rows for _, rows in parts])
-        )
+        stamps_ns, rows = zip(*self._rows(progress), strict=True)
+        return self._samples(np.concatenate(stamps_ns), np.concatenate(rows))
 
     def _rows(self, progress: Progress) -> Iterator[tuple[IntArray, FloatArray]]:
         """Yield the stamps and the rows of samples, batch by batch."""
@@ -248,8 +246,6 @@ class Joining:
             return messages
         if self._first_ns is None and not is_channel(stream):
             self._first_ns = int(stamps[0])
-        if self._window.is_all:
-            return messages
         inside = self._window.contains(stamps, self._first_ns if self._first_ns is not None else int(stamps[0]))
         return messages if inside.all() else messages.take(inside)
 

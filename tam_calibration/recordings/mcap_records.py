@@ -32,12 +32,8 @@ MESSAGE_HEAD = struct.Struct("<HIQQ")
 """Channel, sequence number, time of recording and time of publishing before a message."""
 
 
-_FORMATS = {
-    "ros2msg": MessageDefinitionFormat.MSG,
-    "ros1msg": MessageDefinitionFormat.MSG,
-    "ros2idl": MessageDefinitionFormat.IDL,
-    "omgidl": MessageDefinitionFormat.IDL,
-}
+_MSG, _IDL = MessageDefinitionFormat.MSG, MessageDefinitionFormat.IDL
+_FORMATS = {"ros2msg": _MSG, "ros1msg": _MSG, "ros2idl": _IDL, "omgidl": _IDL}
 """Encodings of schemas that rosbags can parse; other definitions are left out."""
 
 _IDL_HEAD = "=" * 80 + "\nIDL: "

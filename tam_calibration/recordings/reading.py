@@ -84,11 +84,6 @@ class Window:
     start: Moment | None = None
     end: Moment | None = None
 
-    @property
-    def is_all(self) -> bool:
-        """Whether it is the complete recording."""
-        return self.start is None and self.end is None
-
     def contains(self, stamps_ns: IntArray, first_ns: int) -> NDArray[np.bool_]:
         """Return which stamps (n,) lie within; the end belongs to it.
 

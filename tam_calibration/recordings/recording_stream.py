@@ -125,12 +125,9 @@ class RecordingStream:
         if stride == 1:
             return self.whole()
         places = self._places(np.arange(0, self.sample_count, stride))
-        return Recording.of_values(
-            {
-                name: np.concatenate([column.read(place, 1) for place in places])
-                for name, column in self._columns.items()
-            }
-        )
+        columns = self._columns.items()
+        values = {name: np.concatenate([each.read(place, 1) for place in places]) for name, each in columns}
+        return Recording.of_values(values)
 
     def with_noise(self, noise: InterpolatedNoise) -> "RecordingStream":
         """Return the same samples with what interpolation made of their noise."""
@@ -142,9 +139,8 @@ class RecordingStream:
         """Return the samples that a mask (N,) selects; they stay where they are."""
         taken = RecordingStream.__new__(RecordingStream)
         taken._columns, taken._thinned, taken.interpolated_noise = self._columns, {}, self.interpolated_noise
-        taken._chosen = (
-            np.ones(self._columns["time_s"].count, dtype=bool) if self._chosen is None else self._chosen.copy()
-        )
+        total = self._columns["time_s"].count
+        taken._chosen = np.ones(total, dtype=bool) if self._chosen is None else self._chosen.copy()
         taken._chosen[taken._chosen] = index
         return taken
 

@@ -54,8 +54,6 @@ class RowSource:
         Those that hold numbers.
     time : TimeColumn
         Where their time is, as far as it is stated.
-    has_header : bool
-        Whether the names stand in the file.
     """
 
     def __init__(
@@ -65,10 +63,8 @@ class RowSource:
         columns: Sequence[str],
         numeric: Sequence[str],
         time: TimeColumn,
-        has_header: bool = True,
     ) -> None:
         self.path, self.format, self.unfinished, self._columns = path, format, "", tuple(columns)
-        self.has_header = has_header
         self.time_column, self.time_unit = self._time(time, numeric)
         self.rate_hz = time.rate_hz
         self._reported: set[str] = set()

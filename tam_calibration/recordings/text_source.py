@@ -43,7 +43,7 @@ class TextSource(RowSource):
         self.dialect: Dialect = detect_dialect(path, text)
         names = self.dialect.names
         numeric = [name for column, name in enumerate(names) if self.dialect.is_numeric(column)]
-        super().__init__(path, "text", names, numeric, time, self.dialect.has_header)
+        super().__init__(path, "text", names, numeric, time)
 
     def _is_time(self, column: str, is_numeric: bool) -> bool:
         cells = [row[self._columns.index(column)] for row in self.dialect.sample]

@@ -207,11 +207,8 @@ def _unwrapped(stamps_ns: IntArray, steps: IntArray, unit: str) -> tuple[IntArra
         size = tick << bits
         # A counter that wraps falls by more than half its range.
         falls = steps < -0.5 * size
-        if (
-            falls.sum() == (steps < 0).sum()
-            and (stamps_ns < size).all()
-            and (steps[falls] + size < 1000 * max(typical, tick)).all()
-        ):
+        is_next = steps[falls] + size < 1000 * max(typical, tick)
+        if falls.sum() == (steps < 0).sum() and (stamps_ns < size).all() and is_next.all():
             turned = stamps_ns + size * np.concatenate([[0], np.cumsum(falls)])
             return turned, np.diff(turned), f"its counter of {bits} bits wrapped {int(falls.sum())} times, and goes on"
     return stamps_ns, steps, ""

@@ -181,10 +181,8 @@ class _Topics:
         self._templates = {
             topic: bytes(TYPESTORE.serialize_cdr(message, _TOPIC_TYPES[topic])) for topic, message in messages.items()
         }
-        self._ids = {
-            topic: writer.add_connection(namespace + topic, _TOPIC_TYPES[topic], typestore=TYPESTORE).id
-            for topic in self._templates
-        }
+        add = writer.add_connection
+        self._ids = {topic: add(namespace + topic, _TOPIC_TYPES[topic], typestore=TYPESTORE).id for topic in messages}
 
     def messages(
         self, stamps_ns: IntArray, results: FloatArray, recorded_ns: IntArray, covariances: Mapping[int, FloatArray]

@@ -120,7 +120,6 @@ def quality_to_mapping(quality: Quality) -> dict[str, Any]:
 
 def calibration_to_mapping(calibration: Calibration) -> dict[str, Any]:
     """Return the content of a calibration file: numbers that are read again are exact, those for people rounded."""
-    source = calibration.source
     return {
         "schema": SCHEMA,
         "software": f"tam_calibration {__version__}",
@@ -130,8 +129,7 @@ def calibration_to_mapping(calibration: Calibration) -> dict[str, Any]:
         "frame": calibration.frame,
         "statements": list(calibration.statements[1:]),
         "warnings": list(calibration.warnings),
-        **({"notes": list(calibration.notes)} if calibration.notes else {}),
-        **({"accepted": list(calibration.accepted)} if calibration.accepted else {}),
+        **_without_empty(notes=list(calibration.notes), accepted=list(calibration.accepted)),
         "sensors": sensors_to_mapping(calibration.errors, calibration.standard_errors),
         "array": array_to_mapping(calibration.array) | {"noise_is_estimated": calibration.noise_is_estimated},
         "field": {
@@ -141,37 +139,37 @@ def calibration_to_mapping(calibration: Calibration) -> dict[str, Any]:
             **_gradient(calibration.ambient_gradient),
         },
         "residuals": {
-            name: _residuals(residuals)
-            for name, residuals in (
-                ("before", calibration.before),
-                ("in_sample", calibration.in_sample),
-                ("held_out", calibration.held_out),
-                ("noise_floor", calibration.floor),
-            )
+            "before": _residuals(calibration.before),
+            "in_sample": _residuals(calibration.in_sample),
+            "held_out": calibration.held_out and _residuals(calibration.held_out),
+            "noise_floor": _residuals(calibration.floor),
         },
         "reduced_chi_square": {name: _rounded(value) for name, value in calibration.reduced_chi_square.items()},
-        **_effects(calibration),
-        **_known_source(calibration.known_source),
-        **({} if calibration.update is None else {"update": update_to_mapping(calibration.update)}),
+        **_without_empty(
+            effects=_effects(calibration),
+            known_source=calibration.known_source and _known_source(calibration.known_source),
+            update=calibration.update and update_to_mapping(calibration.update),
+        ),
         "recording": {
             "samples": calibration.samples,
             "time_span_s": list(calibration.time_span_s),
-            "name": source and source.name,
-            "size_bytes": source and source.size_bytes,
-            "sha256": source and source.sha256,
-            **({} if calibration.temperature_C is None else {"mean_temperature_C": calibration.temperature_C}),
+            **{name: getattr(calibration.source, name, None) for name in ("name", "size_bytes", "sha256")},
+            **_without_empty(mean_temperature_C=calibration.temperature_C),
         },
         "covariance_order": _COVARIANCE_ORDER,
         "covariance_SI": None if calibration.covariance is None else calibration.covariance.tolist(),
     }
 
 
-def _known_source(found: KnownSource | None) -> dict[str, Any]:
-    if found is None:
-        return {}
+def _without_empty(**values: Any) -> dict[str, Any]:
+    """Return the values of keys that older files do not have, where there are any."""
+    return {key: value for key, value in values.items() if value is not None and value != []}
+
+
+def _known_source(found: KnownSource) -> dict[str, Any]:
     block = block_to_write(KnownSourceFile, astuple(found))
     exact = ("baseline_scale", "rotation_deg")
-    return {"known_source": {key: value if key in exact else _rounded(value) for key, value in block.items()}}
+    return {key: value if key in exact else _rounded(value) for key, value in block.items()}
 
 
 def _gradient(gradient: AmbientGradientEstimate | None) -> dict[str, Any]:
@@ -180,16 +178,12 @@ def _gradient(gradient: AmbientGradientEstimate | None) -> dict[str, Any]:
     return {key: value_to_write(key, value) for key, value in zip(keys, values, strict=False)}
 
 
-def _effects(calibration: Calibration) -> dict[str, Any]:
-    """Return the effects, where there are any: a file without them is one of before they could be kept."""
-    if not calibration.effects:
-        return {}
-    blocks = [
+def _effects(calibration: Calibration) -> list[dict[str, Any]]:
+    return [
         effect_to_mapping(fitted, units_of(fitted, calibration.errors, calibration.array))
         | {"size": _of_outputs(size.rms), "size_standard_error": _of_outputs(size.standard_errors)}
         for fitted, size in zip(calibration.effects, calibration.effect_sizes, strict=True)
     ]
-    return {"effects": blocks}
 
 
 def _of_outputs(nine: FloatArray) -> dict[str, list[float]]:
@@ -226,9 +220,7 @@ def sensors_to_mapping(errors: SensorErrors, standard_errors: FloatArray | None 
     return blocks
 
 
-def _residuals(residuals: Residuals | None) -> dict[str, Any] | None:
-    if residuals is None:
-        return None
+def _residuals(residuals: Residuals) -> dict[str, Any]:
     block = block_to_write(ResidualsFile, (*astuple(residuals), residuals.tensor_rmse_T_per_m))
     return {key: _rounded(value) for key, value in block.items()}
 

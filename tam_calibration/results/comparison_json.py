@@ -324,8 +324,4 @@ def mend_in_texts(mend: Mend) -> dict[str, Any]:
     mend : Mend
         What to write into the simulator.
     """
-    return {
-        "sdf": gazebo_sdf(mend),
-        "plugin": python_plugin(mend),
-        "parameters": mend_to_mapping(mend),
-    }
+    return {"sdf": gazebo_sdf(mend), "plugin": python_plugin(mend), "parameters": mend_to_mapping(mend)}

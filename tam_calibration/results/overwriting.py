@@ -69,9 +69,8 @@ def _holds_bag(folder: Path) -> bool:
     with suppress(OSError):
         begin = "" if (folder / METADATA).exists() else f"{folder.name}_"  # as recorders name the files of a bag
         suffixes = tuple(storage.suffix for storage in STORAGES.values())
-        return any(
-            each.name.startswith(begin) and any(suffix in each.name for suffix in suffixes) for each in folder.iterdir()
-        )
+        names = [each.name for each in folder.iterdir() if each.name.startswith(begin)]
+        return any(suffix in name for name in names for suffix in suffixes)
     return False
 
 

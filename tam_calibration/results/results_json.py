@@ -88,11 +88,6 @@ def source_to_mapping(source: Provenance | None) -> dict[str, Any] | None:
     return None if source is None else attributes(source, "name", "size_bytes", "sha256")
 
 
-def parameters_of(cause: Cause) -> dict[str, dict[str, Any]]:
-    """Return the parameters of a cause, as ``numbers_of`` does."""
-    return numbers_of(cause.fitted, cause.units)
-
-
 def numbers_of(fitted: FittedEffect, units: Mapping[str, str]) -> dict[str, dict[str, Any]]:
     """Return value, standard error and unit of each parameter of an effect, by a name that is unique.
 
@@ -181,7 +176,7 @@ def _cause(cause: Cause) -> dict[str, Any]:
     return {
         "effect": cause.fitted.effect,
         **rounded(attributes(cause, "sensors", "axes", "probability", "share")),
-        "parameters": parameters_of(cause),
+        "parameters": numbers_of(cause.fitted, cause.units),
         "evidence": rounded(attributes(cause, "delta_bic", "r2_cv")),
         "indistinguishable_from": list(cause.indistinguishable_from),
         "sizes": [_sized(sized) for sized in cause.sizes],

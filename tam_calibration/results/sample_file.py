@@ -81,9 +81,8 @@ class SampleFile:
                 self.remark = f"{other} is of another node: this one has {self.path}"
                 return self.read()
             found = self._whole(content[len(self._head) :])
-            is_complete = (
-                content.startswith(self._head) and len(found) == (len(content) - len(self._head)) // self._size
-            )
+            size = len(content) - len(self._head)
+            is_complete = content.startswith(self._head) and len(found) == size // self._size
             if content and not is_complete:
                 self._set_aside(content, found)
         except OSError as problem:

@@ -155,6 +155,7 @@ def test_pieces_give_the_whole(folder, monkeypatch):
     whole = run("run", "--calibration", "c.yaml", "-o", "whole.csv", "--json").stdout
     monkeypatch.setattr("tam_calibration.recordings.bag_source.BATCH", 100)
     monkeypatch.setattr("tam_calibration.recordings.bag_sqlite3.ROWS", 64)
+    monkeypatch.setattr("tam_calibration.messages.cdr.COUNT", 64)
     run("run", "--calibration", "c.yaml", "-o", "pieces")
     pieces = run("run", "--calibration", "c.yaml", "-o", "pieces.csv", "--json").stdout
     assert read_cloud(folder / "pieces").tolist() == read_cloud(folder / "whole").tolist()
@@ -166,6 +167,7 @@ def test_readings_in_another_unit_are_refused_after_some_that_are_none(folder, r
     """A few pieces of nonsense are corrected like the rest; when most are not in tesla, nothing is written."""
     monkeypatch.setattr("tam_calibration.recordings.bag_source.BATCH", 500)
     monkeypatch.setattr("tam_calibration.recordings.bag_sqlite3.ROWS", 500)
+    monkeypatch.setattr("tam_calibration.messages.cdr.COUNT", 500)
     for name, bad in (("few", slice(100, 200)), ("most", slice(100, 600))):
         readings = recording.readings_T.copy()
         readings[bad] *= 1e9

@@ -112,6 +112,7 @@ def test_pieces_are_the_whole(bag, monkeypatch):
     whole = read_samples(bag)
     monkeypatch.setattr("tam_calibration.recordings.bag_source.BATCH", 100)
     monkeypatch.setattr("tam_calibration.recordings.bag_sqlite3.ROWS", 100)
+    monkeypatch.setattr("tam_calibration.messages.cdr.COUNT", 100)
     pieces = list(read_pieces(bag))
     assert len(pieces) > 2
     assert_array_equal(np.concatenate([each.stamps_ns for each in pieces]), whole.stamps_ns)

@@ -10,7 +10,7 @@ from tam_calibration.correction.calibration import Provenance
 from tam_calibration.effects.effect import Limit, Sized
 from tam_calibration.gap.checks import checks_of
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
-from tam_calibration.results.results_json import gap_to_mapping, parameters_of, write_gap
+from tam_calibration.results.results_json import gap_to_mapping, numbers_of, write_gap
 
 
 def test_the_keys_are_those_of_the_schema(gap):
@@ -55,7 +55,7 @@ def test_sizes_are_in_units_of_files(gap):
 
 def test_parameters_have_units_and_standard_errors(gap):
     """Each parameter is named for its sensor and axis, and comes with its unit."""
-    parameters = parameters_of(gap.causes[0])
+    parameters = numbers_of(gap.causes[0].fitted, gap.causes[0].units)
     assert list(parameters) == ["time constant", "sensor 2 x offset", "sensor 2 y offset", "sensor 2 z offset"]
     assert parameters["time constant"] == {"value": 60.0, "standard_error": 5.0, "unit": "s"}
     assert parameters["sensor 2 y offset"] == {"value": 2.0, "standard_error": 0.02, "unit": "nT/°C"}
@@ -69,7 +69,7 @@ def test_names_of_parameters_are_unique(gap):
         Contribution(ALL, 2, "step 1", {"height": 3e-9}),
     )
     fitted = FittedEffect("bias_jump", {"start_time_s": 12.5}, parts)
-    parameters = parameters_of(replace(gap.causes[0], fitted=fitted, units={"height": "T", "start_time_s": "s"}))
+    parameters = numbers_of(fitted, {"height": "T", "start_time_s": "s"})
     assert list(parameters) == ["start time", "scalar step 1 height", "scalar step 2 height", "all sensors z height"]
     assert math.isnan(parameters["start time"]["standard_error"])
 
