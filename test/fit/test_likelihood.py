@@ -7,11 +7,12 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.core.slow_cosines import VarianceFactors
-from tam_calibration.fit.channel_maps import ChannelMaps, Turning
 from tam_calibration.fit.likelihood import (
     UNIFORM,
+    ChannelMaps,
     CommonModeSums,
     Likelihood,
+    Turning,
     common_mode,
     expected_score,
     normal_equations,
