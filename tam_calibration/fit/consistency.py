@@ -229,7 +229,7 @@ def _residual(calibration: Calibration) -> str:
     high = [(name, value) for name, value in ratios.items() if not value <= accepted]
     # 2: residuals that a doubt names, the largest first.
     worst = ", ".join(f"{name} {value:.3g} times" for name, value in sorted(high, key=lambda one: -one[1])[:2])
-    factor = float(np.sqrt(calibration.variance_factors.largest))
+    factor = float(np.sqrt(max(calibration.variance_factors)))
     widened = (
         f"; its slow part is {factor:.3g} times that of white noise, and standard errors have been increased"
         if factor > 1
