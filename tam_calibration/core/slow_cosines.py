@@ -1,15 +1,10 @@
-"""Slow cosines of time, by which sums over samples show whether what is summed is correlated from sample to sample.
+"""Whether what is summed over time is correlated from sample to sample, and by how much that increases variances.
 
 Where the samples are stationary, a sum weighted by a slow cosine has the variance of the sum itself, whatever the
 correlation is, as long as it ends within a fraction of the recording (Lazarus, Lewis, Stock and Watson, HAR inference:
-recommendations for practice, J. Bus. Econ. Stat. 36, 2018, p. 541: equally weighted cosines).
-
-What sums of scores over time show of the noise: whether it varies more, or longer, than white noise.
-
-Their sums weighted by slow cosines (``core.slow_cosines``) are compared with the variance that white noise of the
-stated size gives them, all parameters together: each alone would have too few degrees of freedom.
-
-By how much the variance of what each channel of the likelihood tells exceeds that of white noise.
+recommendations for practice, J. Bus. Econ. Stat. 36, 2018, p. 541: equally weighted cosines). The weighted sums of
+scores are compared with the variance that white noise of the stated size gives them, all parameters together: each
+alone would have too few degrees of freedom.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Whether recorded attitude agrees with the readings, and how large its errors are.
+"""Whether recorded attitude agrees with the readings, how large its errors are, and what it would add.
 
 Most attitudes of robots come from an AHRS that takes its heading from the very magnetometer that is calibrated. Such a
 heading repeats the errors of that sensor, and the fit finds them too small, with small standard errors. Attitude is

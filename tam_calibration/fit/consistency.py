@@ -1,8 +1,7 @@
 """Whether one calibration describes a whole recording, and what speaks against trusting it.
 
 Of a recording of more than ``SKETCH`` samples every n-th one is looked at.
-
-What speaks against trusting a calibration: each doubt says what is wrong and, behind the last colon, what to do.
+Each doubt says what is wrong and, behind the last colon, what to do.
 """
 
 from collections.abc import Callable, Collection

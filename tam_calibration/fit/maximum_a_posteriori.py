@@ -1,11 +1,10 @@
 """The calibration of a recording and of what else is known: a prior, attitude, a main field.
 
-The calibration with a weak prior, which leaves errors open: tolerances of new sensors, or a narrow turn.
-
-Where the turn leaves much to such a prior, a fit that takes residuals for less than they are leaves it by many of its
-deviations, and may not settle. The fit therefore comes from above: it begins as if the readings contained hardly any
-information, measures its residuals, and weighs the readings by these the next time. At the end the curvature that
-lengths have over errors so uncertain is added to the covariance.
+A weak prior leaves errors open: tolerances of new sensors, or a narrow turn. Where the turn leaves much to it, a fit
+that takes residuals for less than they are leaves it by many of its deviations, and may not settle. The fit therefore
+comes from above: it begins as if the readings contained hardly any information, measures its residuals, and weighs the
+readings by these the next time. At the end the curvature that lengths have over errors so uncertain is added to the
+covariance.
 """
 
 from contextlib import suppress

@@ -5,8 +5,6 @@ without any change of the sensors that is the fit of prior and all samples, to t
 When what the walk may have moved is no longer small compared with the uncertainty, a new stretch begins: its prior is
 the estimate, less certain by the walk, as in Kalman's filter.
 
-Samples as sums, from which the normal equations follow at any errors of the sensors.
-
 The likelihood follows from sums alone: moments of the readings up to fourth order. The differential channels are
 bilinear in readings and parameters, so that the second moments of the readings serve them at every point. Of the common
 mode the length of the field is not; but its residual |b| - s is (|b|² - s²) / 2s but for a part e / 2s of itself, and
