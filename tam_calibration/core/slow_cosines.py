@@ -1,19 +1,15 @@
-"""Slow cosines of time, by which sums over samples show whether what is summed is correlated from sample to sample.
+"""Whether what is summed over time is correlated from sample to sample, and by how much that increases variances.
 
 Where the samples are stationary, a sum weighted by a slow cosine has the variance of the sum itself, whatever the
 correlation is, as long as it ends within a fraction of the recording (Lazarus, Lewis, Stock and Watson, HAR inference:
-recommendations for practice, J. Bus. Econ. Stat. 36, 2018, p. 541: equally weighted cosines).
-
-What sums of scores over time show of the noise: whether it varies more, or longer, than white noise.
-
-Their sums weighted by slow cosines (``core.slow_cosines``) are compared with the variance that white noise of the
-stated size gives them, all parameters together: each alone would have too few degrees of freedom.
-
-By how much the variance of what each channel of the likelihood tells exceeds that of white noise.
+recommendations for practice, J. Bus. Econ. Stat. 36, 2018, p. 541: equally weighted cosines). The weighted sums of
+scores are compared with the variance that white noise of the stated size gives them, all parameters together: each
+alone would have too few degrees of freedom.
 """
 
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
+from typing import NamedTuple
 
 import numpy as np
 
@@ -73,56 +69,41 @@ class SlowSums:
         cosines = slow_cosines(BLOCKS - 1)
         # What lasts for a few samples only shows in fast cosines too, of which there are more.
         slow, every, fast = (
-            _Ratio.of(information, score, some) for some in (cosines[:, :COSINES], cosines, cosines[:, COSINES:])
+            _ratio(information, score, some) for some in (cosines[:, :COSINES], cosines, cosines[:, COSINES:])
         )
         # Standard deviations of a normal law beyond which white noise of the stated size is once in a thousand
         # recordings: as often standard errors are widened without need.
         beyond = 3.09
-        if max(slow.deviation, every.deviation) <= beyond:
+        if max(_deviation(slow), _deviation(every)) <= beyond:
             return cls()
-        return cls(max(1.0, slow.value, every.value), slow.deviation_from(fast) > beyond)
+        return cls(max(1.0, slow[0], every[0]), _deviation(slow, fast) > beyond)
 
 
-@dataclass(frozen=True)
-class _Ratio:
-    """Variance of sums over that of white noise.
+def _ratio(information: FloatArray, score: FloatArray, cosines: FloatArray) -> tuple[float, float]:
+    """Return the variance of sums over that of white noise, and the variance of its cube root where the noise is white.
 
     A sum of squares of unequal variances is nearly a multiple of a χ² (Satterthwaite 1946), the cube root of which is
-    nearly normal (Wilson and Hilferty 1931), with a variance that is stated for white noise.
+    nearly normal (Wilson and Hilferty 1931).
     """
-
-    value: float
-    variance: float
-
-    @classmethod
-    def of(cls, information: FloatArray, score: FloatArray, cosines: FloatArray) -> "_Ratio":
-        energy = float(np.sum((cosines.T @ score) ** 2))
-        taken = np.einsum("bc,bpq->cpq", cosines, information)
-        expected = squares = 0.0
-        for first, second in combinations_with_replacement(range(len(taken)), 2):
-            weights = cosines[:, first] * cosines[:, second]
-            covariance = np.tensordot(weights, information, 1) - taken[first] @ taken[second]
-            squares += (1 if first == second else 2) * float(np.sum(covariance**2))
-            expected += float(np.trace(covariance)) if first == second else 0.0
-        if expected <= 0:
-            return cls(1.0, 1.0)
-        return cls(energy / expected, 2 / 9 * squares / expected**2)
-
-    @property
-    def deviation(self) -> float:
-        """From white noise, in standard deviations."""
-        return self.deviation_from(_Ratio(1.0, 0.0))
-
-    def deviation_from(self, other: "_Ratio") -> float:
-        """Return by how many standard deviations it exceeds that of other sums of the same noise."""
-        root = np.cbrt(self.value / other.value)
-        return float(
-            (root * (1 - other.variance) - 1 + self.variance) / np.sqrt(root**2 * other.variance + self.variance)
-        )
+    energy = float(np.sum((cosines.T @ score) ** 2))
+    taken = np.einsum("bc,bpq->cpq", cosines, information)
+    expected = squares = 0.0
+    for first, second in combinations_with_replacement(range(len(taken)), 2):
+        weights = cosines[:, first] * cosines[:, second]
+        covariance = np.tensordot(weights, information, 1) - taken[first] @ taken[second]
+        squares += (1 if first == second else 2) * float(np.sum(covariance**2))
+        expected += float(np.trace(covariance)) if first == second else 0.0
+    return (energy / expected, 2 / 9 * squares / expected**2) if expected > 0 else (1.0, 1.0)
 
 
-@dataclass(frozen=True)
-class VarianceFactors:
+def _deviation(ratio: tuple[float, float], other: tuple[float, float] = (1.0, 0.0)) -> float:
+    """Return by how many standard deviations a ratio exceeds that of other sums of the same noise, or white noise."""
+    (value, variance), (other_value, other_variance) = ratio, other
+    root = np.cbrt(value / other_value)
+    return float((root * (1 - other_variance) - 1 + variance) / np.sqrt(root**2 * other_variance + variance))
+
+
+class VarianceFactors(NamedTuple):
     """Variance of the scores of each channel over that which white noise of the stated size gives them.
 
     Parameters
@@ -136,31 +117,21 @@ class VarianceFactors:
     differential: float = 1.0
     common_mode: float = 1.0
 
-    @property
-    def largest(self) -> float:
-        """The larger of both."""
-        return max(self.differential, self.common_mode)
-
     def at_least(self, others: "VarianceFactors") -> "VarianceFactors":
         """Return the larger of each two."""
-        return VarianceFactors(max(self.differential, others.differential), max(self.common_mode, others.common_mode))
+        return VarianceFactors(*map(max, self, others))
 
     def times(self, multiple: float) -> "VarianceFactors":
         """Return a multiple of both."""
-        return VarianceFactors(self.differential * multiple, self.common_mode * multiple)
+        return VarianceFactors(multiple * self.differential, multiple * self.common_mode)
 
     def is_near(self, others: "VarianceFactors", part: float) -> bool:
         """Whether both differ from the same of others by no more than a part of those."""
-        return (
-            abs(self.differential - others.differential) <= part * others.differential
-            and abs(self.common_mode - others.common_mode) <= part * others.common_mode
-        )
+        return all(abs(own - other) <= part * other for own, other in zip(self, others, strict=True))
 
     def exceed(self, others: "VarianceFactors", part: float) -> bool:
         """Whether one of them is larger than the same of others by more than a part of that."""
-        return (
-            self.differential > (1 + part) * others.differential or self.common_mode > (1 + part) * others.common_mode
-        )
+        return any(own > (1 + part) * other for own, other in zip(self, others, strict=True))
 
 
 WHITE = VarianceFactors()

@@ -10,7 +10,8 @@ the generalised least-squares estimate (Gauss-Markov). An output lᵀx, gzz = -g
 where l lies in the row space of A, which is that of the stacked F_i: lᵀ A⁺A = lᵀ. Its variance is then lᵀ (AᵀA)⁺ l, to
 which the calibration's own uncertainty is added. Other outputs are NaN, and so are their errors.
 
-Finds sensors that fail while a survey goes on: their corrected readings contradict those of all others.
+``ContradictionSearch`` finds sensors that fail during a survey: their corrected readings contradict those of all
+others.
 """
 
 from collections import Counter

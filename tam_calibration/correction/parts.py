@@ -1,8 +1,7 @@
-"""Parts of a calibration besides the errors of the sensors, and what it makes of a recording.
+"""Parts of a calibration besides the errors of the sensors: its grade, its update, and what it makes of a recording.
 
-The grade of a calibration: whether it can be used, what speaks against it, and what to do next.
-
-What a calibration took from the one before it: the shares of data and prior, and what has moved in between.
+The grade says whether it can be used, what speaks against it, and what to do next. The update says what it took from
+the calibration before it: the shares of data and prior, and what has moved in between.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Whether recorded attitude agrees with the readings, and how large its errors are.
+"""Whether recorded attitude agrees with the readings, how large its errors are, and what it would add.
 
 Most attitudes of robots come from an AHRS that takes its heading from the very magnetometer that is calibrated. Such a
 heading repeats the errors of that sensor, and the fit finds them too small, with small standard errors. Attitude is
@@ -231,9 +231,10 @@ class _Fit(MotionFit):
             if probability_of(chi_square, len(along)) < limit and (own_white @ along).max() > 0:
                 chi_square /= with_headings.lasting(alone[:, both])
                 if probability_of(chi_square, len(along)) < limit:
-                    followed[-chi_square] = f"follows the errors of {name}, {raw.size_deg(index):.2g}°"
+                    size_deg = to_degrees(float(np.std(raw.errors[index])))
+                    followed[-chi_square] = f"follows the errors of {name}, {size_deg:.2g}°"
             if raw.is_raw(index, self.noise):
-                size_deg = raw.variation_deg(index)
+                size_deg = to_degrees(float(np.std(raw.left[index])))
                 is_raw[size_deg] = f"is that of the raw readings of {name}, to {size_deg:.2g}°"
         found = followed or is_raw
         return f"the heading of the recorded attitude {found[min(found)]}: {_REMEDY}" if found else ""
@@ -328,14 +329,6 @@ class RawHeadings:
         trend = np.polynomial.polynomial.polyvander(np.linspace(-1, 1, filtered.shape[1]), 1)
         filtered -= filtered @ pinv(trend).T @ trend.T
         return np.stack([self.errors, filtered], axis=1).reshape(-1, filtered.shape[1])
-
-    def size_deg(self, index: int) -> float:
-        """Return the root mean square of what the errors of readings make of a heading, degrees."""
-        return to_degrees(float(np.std(self.errors[index])))
-
-    def variation_deg(self, index: int) -> float:
-        """Return the root mean square variation of the heading of readings in the recorded attitude, degrees."""
-        return to_degrees(float(np.std(self.left[index])))
 
     def is_raw(self, index: int, attitude_noise: float) -> bool:
         """Return whether the recorded heading is that of raw readings, rather than these happen to have few errors.

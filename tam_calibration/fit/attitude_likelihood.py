@@ -16,8 +16,7 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.core.normal_equations import Normal, gram
-from tam_calibration.fit.channel_maps import ChannelMaps
-from tam_calibration.fit.likelihood import UNIFORM
+from tam_calibration.fit.likelihood import UNIFORM, ChannelMaps
 from tam_calibration.fit.recorded_attitude import across_of, likely_turn
 from tam_calibration.fit.scale import Normalized
 from tam_calibration.model.array import KnownNoiseArray

@@ -1,6 +1,6 @@
 """One call from a recording to a calibration that was checked before, after, and on samples it has not seen.
 
-Residuals of every sample by errors that were fitted without it.
+The held-out residuals of a sample are those by errors that were fitted without it.
 """
 
 from collections.abc import Collection, Iterator

@@ -1,8 +1,7 @@
 """Whether one calibration describes a whole recording, and what speaks against trusting it.
 
 Of a recording of more than ``SKETCH`` samples every n-th one is looked at.
-
-What speaks against trusting a calibration: each doubt says what is wrong and, behind the last colon, what to do.
+Each doubt says what is wrong and, behind the last colon, what to do.
 """
 
 from collections.abc import Callable, Collection
@@ -229,7 +228,7 @@ def _residual(calibration: Calibration) -> str:
     high = [(name, value) for name, value in ratios.items() if not value <= accepted]
     # 2: residuals that a doubt names, the largest first.
     worst = ", ".join(f"{name} {value:.3g} times" for name, value in sorted(high, key=lambda one: -one[1])[:2])
-    factor = float(np.sqrt(calibration.variance_factors.largest))
+    factor = float(np.sqrt(max(calibration.variance_factors)))
     widened = (
         f"; its slow part is {factor:.3g} times that of white noise, and standard errors have been increased"
         if factor > 1

@@ -7,9 +7,8 @@ import numpy as np
 from tam_calibration.core.noise import complete_noise
 from tam_calibration.core.slow_cosines import VarianceFactors
 from tam_calibration.correction.calibration import FRAME_STATEMENT, AmbientGradientEstimate, Calibration
-from tam_calibration.fit.channel_maps import ChannelMaps
 from tam_calibration.fit.coverage import field_of, measure_coverage
-from tam_calibration.fit.likelihood import UNIFORM, energies
+from tam_calibration.fit.likelihood import UNIFORM, ChannelMaps, energies
 from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.recording import SKETCH, Block, SampleSource

@@ -21,7 +21,6 @@ import numpy as np
 from numpy.linalg import inv, norm
 
 from tam_calibration.core.normal_equations import Normal, gram
-from tam_calibration.fit.channel_maps import ChannelMaps
 from tam_calibration.fit.ellipsoid import COLUMNS, ROWS
 from tam_calibration.fit.gyroscope_path import (
     GyroscopePath,
@@ -29,7 +28,7 @@ from tam_calibration.fit.gyroscope_path import (
     GyroscopeUse,
     rotated,
 )
-from tam_calibration.fit.likelihood import UNIFORM
+from tam_calibration.fit.likelihood import UNIFORM, ChannelMaps
 from tam_calibration.fit.recorded_attitude import across_of
 from tam_calibration.fit.scale import Normalized
 from tam_calibration.model.array import KnownNoiseArray

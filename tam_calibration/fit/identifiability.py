@@ -119,7 +119,7 @@ def require_accurate(calibration: Calibration, recording: SampleSource, accept: 
     excess = 1.0
     if calibration.method == _FROM_STATED_NOISE:
         left = (calibration.reduced_chi_square.get(channel, 1.0) for channel in ("differential", "common_mode"))
-        excess = float(np.sqrt(max(1.0, *left) / calibration.variance_factors.largest))
+        excess = float(np.sqrt(max(1.0, *left) / max(calibration.variance_factors)))
     field_T = field_of(recording.thinned(SKETCH), calibration.errors)
     problem = _inaccuracy(calibration.standard_errors.ravel(), excess, calibration.intensity_T, field_T)
     if problem is None:

@@ -97,7 +97,9 @@ def calibrate_jointly(
         given = None if array.tolerances is None else prior_of_tolerances(recording, array)
         return _as_far_as_they_agree(recording, array, Known(given, main_field_T))
     given = prior_for(recording, array, prior)
-    kept = _of_array(given.calibration)
+    kept = replace(given.calibration, effects=of_array(given.calibration.effects))
+    sizes = zip(given.calibration.effects, given.calibration.effect_sizes, strict=True)
+    kept = replace(kept, effect_sizes=tuple(size for fitted, size in sizes if fitted in kept.effects))
     if kept.effects:
         recording = kept.without_effects(recording.whole())
     if kept.known_source is not None:
@@ -107,15 +109,6 @@ def calibrate_jointly(
         joint.calibration, effects=kept.effects, effect_sizes=kept.effect_sizes, known_source=kept.known_source
     )
     return joint._replace(calibration=calibration)
-
-
-def _of_array(calibration: Calibration) -> Calibration:
-    """Return a calibration with those of its effects that go with the array."""
-    kept = of_array(calibration.effects)
-    sizes = tuple(
-        size for fitted, size in zip(calibration.effects, calibration.effect_sizes, strict=True) if fitted in kept
-    )
-    return replace(calibration, effects=kept, effect_sizes=sizes)
 
 
 def prior_for(recording: SampleSource, array: Array, prior: Prior | Calibration) -> Prior:

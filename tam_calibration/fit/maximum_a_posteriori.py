@@ -1,13 +1,13 @@
 """The calibration of a recording and of what else is known: a prior, attitude, a main field.
 
-The calibration with a weak prior, which leaves errors open: tolerances of new sensors, or a narrow turn.
-
-Where the turn leaves much to such a prior, a fit that takes residuals for less than they are leaves it by many of its
-deviations, and may not settle. The fit therefore comes from above: it begins as if the readings contained hardly any
-information, measures its residuals, and weighs the readings by these the next time. At the end the curvature that
-lengths have over errors so uncertain is added to the covariance.
+A weak prior leaves errors open: tolerances of new sensors, or a narrow turn. Where the turn leaves much to it, a fit
+that takes residuals for less than they are leaves it by many of its deviations, and may not settle. The fit therefore
+comes from above: it begins as if the readings contained hardly any information, measures its residuals, and weighs the
+readings by these the next time. At the end the curvature that lengths have over errors so uncertain is added to the
+covariance.
 """
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -266,7 +266,12 @@ def calibrate_with_weak_prior(recording: SampleSource, array: Array, known: Know
     """
     prior = known.given
     noisy, is_estimated = complete_noise(array, recording)
-    settled, calibration = _settled(replace(known, start=_plain_fit(recording, noisy)), recording, noisy)
+    plain = None
+    with suppress(InputError, Refused):
+        # The errors may be any. From the fit of the readings alone, where they determine one, the way is short; from no
+        # errors those of ten times the field are not found.
+        plain = require_accurate(maximum_likelihood(recording, noisy), recording)
+    settled, calibration = _settled(replace(known, start=plain), recording, noisy)
     # 2: of a noise that is not stated to what is left: with a prior that is contradicted it would grow without end.
     for _ in range(2 if array.vector_noise_T is None else 0):
         before = noisy.vector_noise_T
@@ -281,19 +286,6 @@ def calibrate_with_weak_prior(recording: SampleSource, array: Array, known: Know
     update = update_of(calibration, prior, prior, energy, uncertain)
     calibration = replace(calibration, update=update, warnings=_left_open(calibration, update))
     return calibration, settled, lambda samples, _: maximum_a_posteriori(samples, noisy, settled)
-
-
-def _plain_fit(recording: SampleSource, array: KnownNoiseArray) -> Calibration | None:
-    """Return the fit of the readings alone, where they determine one: its errors may be any, and far from the prior's.
-
-    From there the way is short; from no errors those of ten times the field are not found.
-    """
-    try:
-        calibration = maximum_likelihood(recording, array)
-        require_accurate(calibration, recording)
-    except (InputError, Refused):
-        return None
-    return calibration
 
 
 def _settled(known: Known, recording: SampleSource, array: KnownNoiseArray) -> tuple[Known, Calibration]:

@@ -5,8 +5,6 @@ A method that needs no more than these is worked out for all sets at once, and i
 Sensors that are orthogonal already are aligned by Procrustes analysis, or by linear regression. Every function takes
 any number of leading axes and treats each of them apart.
 
-Which sensors a fit finds to be mirror images of the others: their numbers, by majority.
-
 A fit sees the handedness of sensors only against each other or against a reference that is made of them: that sensor 2
 is a mirror image of sensor 1 is the same finding as that sensor 1 is one of sensor 2. The fewer are named first.
 """

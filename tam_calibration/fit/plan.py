@@ -1,6 +1,6 @@
 """Which attitudes to record next, of those in reach, so that the worst standard error becomes as small as it can.
 
-What is known before a plan: nothing, a recording, or a calibration.
+A plan begins with nothing, a recording or a calibration.
 """
 
 from collections.abc import Callable

@@ -1,6 +1,6 @@
 """Which turn of a vehicle buys most certainty of tensor and centre field per minute, in addition to a prior.
 
-Standard errors that samples will have, before they are fitted: what a turn buys, planned or made so far.
+The standard errors of a turn are computed before it is fitted, planned or made so far.
 """
 
 from dataclasses import dataclass, replace

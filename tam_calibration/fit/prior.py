@@ -5,7 +5,7 @@ that of the changes. What a calibration holds by convention tells nothing: the f
 reference the scale. Errors are therefore compared in the prior's convention: θ' = convention(θ), with derivative L, has
 the energy (θ' - θ₀)ᵀ P⁻¹ (θ' - θ₀), which adds the information Lᵀ P⁻¹ L to that of the data.
 
-The errors of sensors in another common frame, with their covariance.
+``turned`` and ``in_first_frame`` express errors in another common frame, with the derivative for their covariance.
 """
 
 from dataclasses import dataclass, replace

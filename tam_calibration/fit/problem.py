@@ -4,12 +4,11 @@ Gauss-Newton over the errors θ themselves, in which the prior is a parabola: th
 rows [D Λ | o], is carried to them by the derivative of the rows, and that of the prior is added. What nothing tells is
 held as plain fits hold it: the frame of sensor 1, and the mean determinant where no reference tells the scale.
 
-Beside the errors there are unknowns that only some recordings have: the constant intensity where no scalar reads it,
+Some recordings have further unknowns: the constant intensity where no scalar reads it,
 and where attitude is data, how it is mounted and where the world's field points.
 
-What is known of the errors of the sensors after a recording: the most probable ones, and their covariance.
-
-What attitude or angular velocity must offer as data: a term of the likelihood with unknowns of its own.
+Attitude and angular velocity are terms of the likelihood with unknowns of their own (``Motion``). A ``Posterior`` has
+the most probable errors and their covariance.
 """
 
 from contextlib import suppress

@@ -188,21 +188,16 @@ def artificial_vector(recording: SampleSource, array: Array) -> Calibration:
     moments = gather(recording, "artificial vector", with_platform=True)
     sets, sensors = len(moments.joint), recording.sensor_count
     center, shape = ellipsoid.fitted(moments.quartic[:, -1])
-    square, cross = _normal_equations(moments.joint, sensors)
+    # The moments of each sensor's reading and 1, and of these by the platform's reading, which comes last.
+    one = 3 * sensors + 3
+    columns = [[3 * sensor, 3 * sensor + 1, 3 * sensor + 2, one] for sensor in range(sensors)]
+    square = np.stack([moments.joint[:, rows][:, :, rows] for rows in columns], axis=1)
+    cross = np.stack([moments.joint[:, rows, one - 3 : one] for rows in columns], axis=1)
     # The mean reading less its bias, then the field, as an affine map of each sensor's reading.
     cross = cross - square[..., 3, None] * center[:, None, None, :]
     unmix, bias = regress(square, cross @ np.swapaxes(shape, 1, 2)[:, None])
     matrix = into_frame_of_first(inv(unmix)).reshape(sets, sensors, 3, 3)
     return finish("artificial_vector", recording, array, moments.data, matrix, bias)
-
-
-def _normal_equations(joint: FloatArray, sensors: int) -> tuple[FloatArray, FloatArray]:
-    """Return the moments (S, K, 4, 4) of each sensor's reading and 1, and (S, K, 4, 3) of these by the platform's."""
-    one = joint.shape[1] - 1
-    columns = [[3 * sensor, 3 * sensor + 1, 3 * sensor + 2, one] for sensor in range(sensors)]
-    square = np.stack([joint[:, rows][:, :, rows] for rows in columns], axis=1)
-    cross = np.stack([joint[:, rows, one - 3 : one] for rows in columns], axis=1)
-    return square, cross
 
 
 @ellipsoid.determined()

@@ -1,10 +1,9 @@
 """What recorded attitude adds to a fit: the turn of the common frame, and the gradient of the ambient field.
 
-How a recorded attitude may have been written otherwise: inverted, w first, in FRD axes, or not at all.
-
-The right attitude turns the corrected field into one that is constant in the world. A constant turn of the world, such
-as NED for ENU, cannot be seen, and does no harm. Where the stated attitude leaves the field turning and another reading
-of the same numbers makes it constant, the recording was written in that way.
+An attitude may have been written otherwise: inverted, w first, in FRD axes, or not at all. The right attitude turns the
+corrected field into one that is constant in the world. A constant turn of the world, such as NED for ENU, cannot be
+seen, and does no harm. Where the stated attitude leaves the field turning and another reading of the same numbers makes
+it constant, the recording was written in that way.
 """
 
 from dataclasses import dataclass, replace
@@ -15,7 +14,7 @@ from numpy.linalg import norm
 
 from tam_calibration.correction.calibration import AmbientGradientEstimate
 from tam_calibration.effects.ambient_gradient import require_attitude, without_gradient
-from tam_calibration.fit.channel_maps import Turning
+from tam_calibration.fit.likelihood import Turning
 from tam_calibration.fit.scale import sphere_center
 from tam_calibration.model.array import UNIT_TENSORS, Array
 from tam_calibration.model.exceptions import InputError

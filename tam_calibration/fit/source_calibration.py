@@ -3,9 +3,8 @@
 What the places of the axes have in common with longer baselines counts as scale: Σ p_k · d_ka is zero, p_k the stated
 position of sensor k and d_ka the place of its axis a.
 
-A calibration from a uniform field, completed with what an alternating source shows in poses at rest.
-
-A uniform field leaves baselines, common frame and places of the axes open; the field of a known source tells them.
+A uniform field leaves baselines, common frame and places of the axes open. ``complete`` adds what an alternating source
+shows of them in poses at rest.
 """
 
 from dataclasses import dataclass, replace

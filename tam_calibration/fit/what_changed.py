@@ -3,8 +3,6 @@
 The longer part is calibrated. Each hypothesis says how the readings of the other part would have looked without the
 change. The one whose sensors then agree best with each other and with the intensity is named; parameters that it has
 free count against it (Schwarz 1978).
-
-What may have changed between two parts of a recording, and the fields that the readings show if it did.
 """
 
 from collections.abc import Collection, Iterator

@@ -5,10 +5,9 @@ attitude, h the field of the world and o a bias. About their means P b = C h, wi
 linear least-squares problem in h with one and the same matrix A = ⟨Cᵀ C⟩ (Wahba, A least squares estimate of satellite
 attitude, SIAM Review 7, 1965, with the unknown rotation among few). P with h reads as -P with -h: rotations suffice.
 
-Sensors with left-handed axes: reversed or exchanged ones, found with the other sensors and recorded attitude.
-
-The intensity of a field does not show them: it is the same for the mirrored one. Nor does attitude alone, as all axes
-reversed are those of a field that is reversed in the world; only that fields point north does.
+Sensors with left-handed axes are found with the other sensors and with recorded attitude. The intensity of a field does
+not show them: it is the same for the mirrored one. Nor does attitude alone, as all axes reversed are those of a field
+that is reversed in the world; only that fields point north does.
 """
 
 from collections.abc import Iterator

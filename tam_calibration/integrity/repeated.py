@@ -293,7 +293,9 @@ def _frozen(runs: list[_Run], step_T: FloatArray, source: SampleSource) -> list[
             span.add(block)
     *during, complete = spans
     for run, span in zip(runs, during, strict=True):
-        if not run.is_of_sensor and (not run.is_fine or _is_at_end(run, complete)):
+        low_T, high_T = complete.low_T[run.columns[0]], complete.high_T[run.columns[0]]
+        is_at_end = low_T < high_T and run.value_T in (low_T, high_T)
+        if not run.is_of_sensor and (not run.is_fine or is_at_end):
             continue  # it may have turned about an axis of coarse steps; and the end of a range is saturation
         if _is_one_step(run, span, step_T):
             continue
@@ -302,12 +304,6 @@ def _frozen(runs: list[_Run], step_T: FloatArray, source: SampleSource) -> list[
         if run.is_fine if not len(moved) else moved.max() > (0 if run.is_fine else MOVED):
             faults.append(_fault(run, "the others move" if len(moved) else "its noise would show", source))
     return faults
-
-
-def _is_at_end(run: _Run, complete: "_Span") -> bool:
-    """Whether an axis keeps an end of its range, and has one."""
-    low_T, high_T = complete.low_T[run.columns[0]], complete.high_T[run.columns[0]]
-    return bool(low_T < high_T and run.value_T in (low_T, high_T))
 
 
 def _is_one_step(run: _Run, span: "_Span", step_T: FloatArray) -> bool:

@@ -44,7 +44,11 @@ def in_other_units(overview: Overview, array: Array) -> Iterator[Fault]:
             continue
         for axis in np.flatnonzero(each):
             yield _fault(overview, sensor, "xyz"[axis], float(overview.spread_T[sensor, axis]), usual / np.sqrt(3))
-    if scalar_T is not None and known_T is None and len(sound) and _is_of(usual, field, scalar_T):
+    if scalar_T is None or known_T is not None or not len(sound):
+        return
+    # Readings that spread so far may be those of a field within bounds, and not of what the scalar reads.
+    is_apart = not usual / APART < scalar_T < usual * APART
+    if is_apart and field.low_T * TURNED < usual < field.high_T * 2:
         sentence = (
             f"the scalar reads {in_nanotesla(scalar_T)} {between(overview.time_s)}, where the sensors vary by "
             f"{in_nanotesla(usual)}: it is in another unit"
@@ -64,12 +68,6 @@ def _may_be_read(overview: Overview, field: FieldBounds) -> bool:
     except InputError:
         return False
     return True
-
-
-def _is_of(size_T: float, field: FieldBounds, scalar_T: float) -> bool:
-    """Whether readings that spread so far may be those of a field within bounds, and not of what the scalar reads."""
-    is_apart = not size_T / APART < scalar_T < size_T * APART
-    return is_apart and field.low_T * TURNED < size_T < field.high_T * 2
 
 
 def _of_sensors(overview: Overview, reference: FieldBounds | float) -> FloatArray:

@@ -25,13 +25,6 @@ from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
 CLEAR_RATIO = 2 * float(np.log(100.0))
 """By how much a ratio exceeds another that is ruled out: the data are then a hundred times less probable by that."""
 
-_MOST_STEPS, _SETTLED = 20, 1e-6
-"""Steps to a change, and the part that the last may leave: six lead to the right one, wrong ones may not settle."""
-
-_UNSEEN = 1e-9
-"""Information along a direction, over that of its unknowns known alone, below which it is not seen: above rounding."""
-
-
 GRADIENT = "gradient of the field"
 
 
@@ -139,13 +132,7 @@ class Weighing:
     """
 
     def __init__(self, among: Sequence[Hypothesis], chance: float) -> None:
-        self._among = among
-        self._unknowns = np.array([each.directions.shape[1] for each in among])
-        self._thresholds = chdtri(self._unknowns, chance)
-        self._equal_sizes = [np.flatnonzero(self._unknowns == unknowns) for unknowns in np.unique(self._unknowns)]
-        self._directions = [
-            np.stack([among[int(index)].directions for index in places]) for places in self._equal_sizes
-        ]
+        self._among, self._chance = among, chance
 
     def weigh(self, information: FloatArray, gradient: FloatArray, before: Before) -> tuple[Evidence, ...]:
         """Return the most probable hypothesis and those that are not clearly less so, or none where it may be chance.
@@ -157,22 +144,9 @@ class Weighing:
         before : Before
             The samples.
         """
-        of_changes, score = _marginal(information, gradient, before.covariance)
-        ratios = np.empty(len(self._among))
-        for places, directions in zip(self._equal_sizes, self._directions, strict=True):
-            turned = np.swapaxes(directions, 1, 2)
-            unit, scale = scaled(turned @ of_changes @ directions)
-            along = (turned @ score) / scale
-            solved = np.linalg.solve(unit + _UNSEEN * np.eye(unit.shape[-1]), along[..., None])[..., 0]
-            ratios[places] = np.sum(along * solved, axis=1) / before.excess
-        scores = ratios - self._unknowns * np.log(max(before.samples, 2))
-        order = np.argsort(-scores)
-        if ratios[order[0]] <= self._thresholds[order[0]]:
-            return ()
-        not_out = order[scores[order[0]] - scores[order] <= CLEAR_RATIO]
-        return tuple(
-            self._evidence(index, of_changes, score, float(scores[index]), before.excess) for index in not_out.tolist()
-        )
+        marginal = _marginal(information, gradient, before.covariance)
+        found = _not_ruled_out([_evidence(each, *marginal, before) for each in self._among])
+        return found if found[0].ratio > chdtri(len(found[0].size), self._chance) else ()
 
     def weigh_far(
         self, linearize: Callable[[SensorErrors], Linearization], errors: SensorErrors, before: Before
@@ -189,49 +163,59 @@ class Weighing:
             The samples.
         """
         without, found = linearize(errors), list[Evidence]()
-        for index in range(len(self._among)):
-            fitted = self._fitted(index, linearize, errors, before)
+        for hypothesis in self._among:
+            fitted = _fitted(hypothesis, linearize, errors, before)
             if fitted is not None:
                 evidence, here = fitted
                 ratio = (without.both.energy - here.both.energy) / before.excess
-                score = ratio - float(self._unknowns[index]) * np.log(max(before.samples, 2))
-                found.append(replace(evidence, ratio=ratio, score=score))
-        found.sort(key=lambda evidence: -evidence.score)
-        return tuple(evidence for evidence in found if found[0].score - evidence.score <= CLEAR_RATIO)
+                found.append(replace(evidence, ratio=ratio, score=evidence.score + ratio - evidence.ratio))
+        return _not_ruled_out(found)
 
-    def _fitted(
-        self, index: int, linearize: Callable[[SensorErrors], Linearization], errors: SensorErrors, before: Before
-    ) -> tuple[Evidence, Linearization] | None:
-        """Return what a hypothesis comes to, and what the samples say there; None where no sensors are like that."""
-        start = errors.to_vector().ravel()
-        change = np.zeros_like(start)
-        here = linearize(errors)
-        for _ in range(_MOST_STEPS):
-            both = here.both
-            marginal = _marginal(both.information, both.score + both.information @ change, before.covariance)
-            evidence = self._evidence(index, *marginal, 0.0, before.excess)
-            left, change = evidence.change - change, evidence.change
-            vector = (start + change).reshape(-1, 12)
-            if not are_possible(vector):
-                return None
-            here = linearize(SensorErrors.from_vector(vector, errors.orientation))
-            if np.abs(left).max() <= _SETTLED * np.abs(change).max():
-                break
-        return evidence, here
 
-    def _evidence(self, index: int, of_changes: FloatArray, score: FloatArray, net: float, excess: float) -> Evidence:
-        hypothesis = self._among[int(index)]
-        directions = hypothesis.directions
-        unit, scale = scaled(directions.T @ of_changes @ directions)
-        values, vectors = np.linalg.eigh(unit)
-        seen = values > _UNSEEN
-        along = vectors[:, seen] / scale[:, None]
-        size = along / values[seen] @ (along.T @ (directions.T @ score))
-        covariance = excess * along / values[seen] @ along.T
-        is_open = np.abs(vectors[:, ~seen]).max(axis=1, initial=0.0) > np.sqrt(_UNSEEN)
-        covariance[is_open, is_open] = np.inf
-        ratio = float(size @ (directions.T @ score)) / excess
-        return Evidence(hypothesis, size, covariance, ratio, net)
+def _not_ruled_out(found: Sequence[Evidence]) -> tuple[Evidence, ...]:
+    """Return the most probable hypothesis and after it those that are not clearly less so."""
+    ordered = sorted(found, key=lambda evidence: -evidence.score)
+    return tuple(evidence for evidence in ordered if ordered[0].score - evidence.score <= CLEAR_RATIO)
+
+
+def _fitted(
+    hypothesis: Hypothesis, linearize: Callable[[SensorErrors], Linearization], errors: SensorErrors, before: Before
+) -> tuple[Evidence, Linearization] | None:
+    """Return what a hypothesis comes to, and what the samples say there; None where no sensors are like that."""
+    start = errors.to_vector().ravel()
+    change = np.zeros_like(start)
+    here = linearize(errors)
+    # 20 and 1e-6: steps to a change, and the part that the last may leave: six lead to the right one, wrong ones may
+    # not settle.
+    for _ in range(20):
+        both = here.both
+        marginal = _marginal(both.information, both.score + both.information @ change, before.covariance)
+        evidence = _evidence(hypothesis, *marginal, before)
+        left, change = evidence.change - change, evidence.change
+        vector = (start + change).reshape(-1, 12)
+        if not are_possible(vector):
+            return None
+        here = linearize(SensorErrors.from_vector(vector, errors.orientation))
+        if np.abs(left).max() <= 1e-6 * np.abs(change).max():
+            break
+    return evidence, here
+
+
+def _evidence(hypothesis: Hypothesis, of_changes: FloatArray, score: FloatArray, before: Before) -> Evidence:
+    """Return what samples say of a hypothesis, by what ``_marginal`` returns of them."""
+    directions = hypothesis.directions
+    unit, scale = scaled(directions.T @ of_changes @ directions)
+    values, vectors = np.linalg.eigh(unit)
+    # Information along a direction, over that of its unknowns known alone, below which it is not seen: above rounding.
+    unseen = 1e-9
+    seen = values > unseen
+    along = vectors[:, seen] / scale[:, None]
+    size = along / values[seen] @ (along.T @ (directions.T @ score))
+    covariance = before.excess * along / values[seen] @ along.T
+    is_open = np.abs(vectors[:, ~seen]).max(axis=1, initial=0.0) > np.sqrt(unseen)
+    covariance[is_open, is_open] = np.inf
+    ratio = float(size @ (directions.T @ score)) / before.excess
+    return Evidence(hypothesis, size, covariance, ratio, ratio - len(size) * float(np.log(max(before.samples, 2))))
 
 
 def _marginal(information: FloatArray, gradient: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:

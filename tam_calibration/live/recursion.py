@@ -5,8 +5,6 @@ without any change of the sensors that is the fit of prior and all samples, to t
 When what the walk may have moved is no longer small compared with the uncertainty, a new stretch begins: its prior is
 the estimate, less certain by the walk, as in Kalman's filter.
 
-Samples as sums, from which the normal equations follow at any errors of the sensors.
-
 The likelihood follows from sums alone: moments of the readings up to fourth order. The differential channels are
 bilinear in readings and parameters, so that the second moments of the readings serve them at every point. Of the common
 mode the length of the field is not; but its residual |b| - s is (|b|² - s²) / 2s but for a part e / 2s of itself, and
@@ -28,10 +26,9 @@ from tam_calibration.core.least_squares import scaled
 from tam_calibration.core.normal_equations import Elimination, Normal, gram
 from tam_calibration.core.slow_cosines import WHITE, VarianceFactors
 from tam_calibration.correction.acceptance import are_possible
-from tam_calibration.fit.channel_maps import ChannelMaps
 from tam_calibration.fit.gauss_newton import descend
 from tam_calibration.fit.information import rows_by_unknowns
-from tam_calibration.fit.likelihood import UNIFORM, CommonModeSums, Linearization, normal_equations
+from tam_calibration.fit.likelihood import UNIFORM, ChannelMaps, CommonModeSums, Linearization, normal_equations
 from tam_calibration.fit.prior import Prior
 from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.exceptions import Refused

@@ -1,6 +1,6 @@
 """The data of one run, checked, and what the fits need of any source of samples.
 
-What interpolation makes of the white noise of sensors that are read by clocks of their own.
+Interpolation correlates the white noise of sensors with separate clocks (``InterpolatedNoise``).
 """
 
 from collections.abc import Iterator, Mapping

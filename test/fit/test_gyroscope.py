@@ -8,11 +8,10 @@ from compasses import with_compass
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.fit import calibrate
-from tam_calibration.fit.channel_maps import ChannelMaps
 from tam_calibration.fit.gyroscope_check import judge_gyroscope
 from tam_calibration.fit.gyroscope_likelihood import GyroscopeLikelihood
 from tam_calibration.fit.gyroscope_path import GyroscopePath, GyroscopeState, GyroscopeUse
-from tam_calibration.fit.likelihood import UNIFORM
+from tam_calibration.fit.likelihood import UNIFORM, ChannelMaps
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.problem import Known
 from tam_calibration.model.array import Array

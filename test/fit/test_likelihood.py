@@ -7,11 +7,12 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.core.slow_cosines import VarianceFactors
-from tam_calibration.fit.channel_maps import ChannelMaps, Turning
 from tam_calibration.fit.likelihood import (
     UNIFORM,
+    ChannelMaps,
     CommonModeSums,
     Likelihood,
+    Turning,
     common_mode,
     expected_score,
     normal_equations,
@@ -144,8 +145,8 @@ def test_interpolation_noise_reaches_the_common_mode_across_pieces(scenario, mon
     """What samples share is taken over the whole run, however it is cut into pieces."""
     run = simulate(replace(scenario, site_gradient_T_per_m=None))
     scalar = np.where(np.arange(40) % 5 == 0, run.recording.scalar_T, np.nan) / UNIT_T
-    reference = interpolate(run.recording.time_s, scalar, 2e-6)
-    likelihood = replace(likelihood_of(run, 0.0), intensity=reference.intensity, interpolation_noise=reference.noise)
+    intensity, noise = interpolate(run.recording.time_s, scalar, 2e-6)
+    likelihood = replace(likelihood_of(run, 0.0), intensity=intensity, interpolation_noise=noise)
     matrix, bias = run.errors.matrix + 1e-6, run.errors.bias_T / UNIT_T
     whole = likelihood.linearize(matrix, bias)
     monkeypatch.setattr("tam_calibration.fit.likelihood._PIECE", 7)
