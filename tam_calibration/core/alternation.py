@@ -21,14 +21,14 @@ def alternations(readings_T: FloatArray) -> dict[int, str]:
     dict of int to str
         Number of each such sensor, from 1, and what it does, in words.
     """
-    # 4096: samples in a row that are looked at: some tens of seconds.
+    # Samples in a row that are looked at: some tens of seconds.
     readings_T = readings_T[:4096]
     if len(readings_T) < FEWEST or readings_T.shape[1] < 2:
         return {}
     next_T, second_T = (_distance(readings_T, lag) for lag in (1, 2))
-    # 0.5: median distance from the middle of the readings two samples away over that of the next ones: 1 for noise, 4
+    # Median distance from the middle of the readings two samples away over that of the next ones: 1 for noise, 4
     # for a smooth course; noise falls so low by 3.5 standard deviations of the fewest samples.
-    # -0.5: median cosine of successive changes; noise has it too, a sensor that is read at half the rate has zero.
+    # Median cosine of successive changes; noise has it too, a sensor that is read at half the rate has zero.
     is_alternating = (second_T < 0.5 * next_T) & (_cosine(readings_T) < -0.5)
     if is_alternating.all():
         return {}  # the array itself was turned to and fro

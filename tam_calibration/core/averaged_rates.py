@@ -48,7 +48,7 @@ class AveragedRates:
             return newest
         usual_ns = int(np.median(intervals))
         before = stamps_ns[0] - usual_ns if self._last_ns is None else self._last_ns
-        # 1.5: intervals of samples over which angular velocities are averaged at most: longer ones are gaps.
+        # Intervals of samples over which angular velocities are averaged at most: longer ones are gaps.
         begins = np.maximum(np.append(before, stamps_ns[:-1]), stamps_ns - int(1.5 * usual_ns))
         first, last = (np.searchsorted(self._stamps_ns, each, side="right") for each in (begins, stamps_ns))
         sums = np.vstack([np.zeros(3), np.cumsum(self._rates, axis=0)])

@@ -115,7 +115,7 @@ def solve_damped(
     damping = np.full(len(data), 1e-3)
     is_open, is_found = np.full(len(data), True), np.full(len(data), False)
     chi_square, normal, slope = _linearize(predict, data, unknowns, np.arange(len(data)))
-    # 1e-13: part of the squares of the data by which rounding may raise χ².
+    # Part of the squares of the data by which rounding may raise χ².
     rounding = 1e-13 * np.sum(data**2, axis=1)
     for _ in range(most_steps):
         if not is_open.any():
@@ -130,7 +130,7 @@ def solve_damped(
         better = at[is_better]
         unknowns[better], chi_square[better] = tried[is_better], new_chi_square[is_better]
         normal[better], slope[better] = new_normal[is_better], new_slope[is_better]
-        # 1e-14: added to a diagonal of one: fifty times its rounding, so that equal unknowns make no singular matrix.
+        # Added to a diagonal of one: fifty times its rounding, so that equal unknowns make no singular matrix.
         # 0.03 and 10.0: by what the damping is multiplied after a step that lowers χ², and after one that does not.
         damping[at] = np.maximum(damping[at] * np.where(is_better, 0.03, 10.0), 1e-14)
         is_last = is_small(unknowns[at], change)
@@ -159,7 +159,7 @@ def _invert(normal: FloatArray) -> tuple[FloatArray, np.ndarray]:
     """Return the inverses (M, P, P) and whether each exists; NaN where it does not."""
     unit, scale = scaled(np.where(np.isfinite(normal), normal, 0.0))
     values, vectors = np.linalg.eigh(unit)
-    # 1e12: of scaled normal equations that determine every unknown.
+    # Of scaled normal equations that determine every unknown.
     exists = values[:, 0] > values[:, -1] / 1e12
     inverse = vectors / np.where(exists[:, None], values, np.nan)[:, None, :] @ np.swapaxes(vectors, 1, 2)
     return inverse / scale[:, :, None] / scale[:, None, :], exists

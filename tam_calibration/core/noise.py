@@ -64,7 +64,7 @@ def complete_noise(array: Array, source: SampleSource) -> tuple[KnownNoiseArray,
     if vector is None:
         fast = np.sqrt(np.mean(fast_noise(readings) ** 2, axis=1))
         spread = readings.std(axis=0).mean(axis=1)
-        # 0.02: of the readings' spread, which attitudes that jump would pass for noise; 1000 nT in the Earth's field.
+        # Of the readings' spread, which attitudes that jump would pass for noise; 1000 nT in the Earth's field.
         vector = np.minimum(fast, np.maximum(0.02 * spread, _SMALLEST_T))
     if needs_scalar and len(reference) > 3:
         scalar = float(fast_noise(reference[:, None])[0])

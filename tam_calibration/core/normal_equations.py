@@ -107,7 +107,7 @@ def ridged(information: FloatArray) -> FloatArray:
     """
     mean = np.asarray(np.trace(information, axis1=-2, axis2=-1) / information.shape[-1])
     size = np.where(mean > 0, mean, 1.0)
-    # 1e-9: part of the mean information that is added in each direction: above rounding, and below all that data tell.
+    # Part of the mean information that is added in each direction: above rounding, and below all that data tell.
     return information + 1e-9 * size[..., None, None] * np.eye(information.shape[-1])
 
 

@@ -57,7 +57,7 @@ def are_possible(vector: FloatArray) -> bool:
         In the order of ``SensorErrors.to_vector``.
     """
     scale_factor, skew = vector[:, :3], np.abs(vector[:, 3:6])
-    # 1e3: scale factor of a sensor with another unit: far beyond, gradients vanish, and a fit may settle anywhere.
+    # Scale factor of a sensor with another unit: far beyond, gradients vanish, and a fit may settle anywhere.
     is_scaled = (scale_factor > 0) & (scale_factor < 1e3)
     # np.pi / 2: non-orthogonality at which two axes of a sensor coincide, radians.
     return bool(is_scaled.all() and (skew <= np.pi / 2).all())
@@ -101,7 +101,7 @@ def within_limits(calibration: Calibration, accept: Collection[str]) -> Calibrat
 
 def _scale_factor(factor: FloatArray) -> str:
     sensor, axis, value = _worst(factor, np.abs(np.log(factor)))
-    # (0.5, 2.0): least and largest: chips are within 30 % of their data sheets, and the nearest other unit is ten times
+    # Least and largest: chips are within 30 % of their data sheets, and the nearest other unit is ten times
     # away.
     least, most = (0.5, 2.0)
     ratio = factor.max(axis=1) / factor.min(axis=1)
@@ -149,10 +149,10 @@ def _residual(calibration: Calibration) -> str:
     ]
     whose = f"of sensor {sensor + 1}", "between the sensors"
     for (size_T, excess), words in zip(found, whose, strict=True):
-        # 300.0: ratio of a residual to its noise floor from which ``LARGEST_RELATIVE_ERROR`` counts: a room's gradient
+        # Ratio of a residual to its noise floor from which ``LARGEST_RELATIVE_ERROR`` counts: a room's gradient
         # or a vehicle's currents leave ten times the noise of good sensors.
         is_noisy = calibration.noise_is_estimated or calibration.method == _ROBUST or excess <= 300.0
-        # 0.05: part of the intensity, some 2.5 µT, that the fit may leave: twice what a phone's chip leaves with its
+        # Part of the intensity, some 2.5 µT, that the fit may leave: twice what a phone's chip leaves with its
         # currents.
         limit = 0.05 if is_noisy else LARGEST_RELATIVE_ERROR
         if size_T > limit * calibration.intensity_T:
@@ -167,7 +167,7 @@ def _residual(calibration: Calibration) -> str:
 def _one_sensor(calibration: Calibration) -> str:
     """Compare the errors of each two sensors; where those of all are equal, a simulator gave all the same."""
     errors, covariance, count = calibration.errors.to_vector(), calibration.covariance, calibration.errors.sensor_count
-    # 3: sensors of which two may have the same errors and others not.
+    # Sensors of which two may have the same errors and others not.
     if covariance is None or count < 3:
         return ""
     blocks = covariance.reshape(count, 12, count, 12)
@@ -190,7 +190,7 @@ def _one_sensor(calibration: Calibration) -> str:
     if not same or len(same) == count * (count - 1) // 2:
         return ""
     one, other = same[0]
-    # 100.0: times that distance, by which errors must differ from those of an ideal sensor: others are small, or
+    # Times that distance, by which errors must differ from those of an ideal sensor: others are small, or
     # unknown.
     if distance(errors[other] - np.repeat([1.0, 0.0], [3, 9]), blocks[other, :, other]) < 100.0 * same_errors:
         return ""
@@ -253,7 +253,7 @@ class ScalarAgreement:
     def is_doubtful(self, calibration: Calibration) -> bool:
         """Whether the residual is larger than the calibration left it."""
         least_T = max(calibration.floor.center_intensity_T, calibration.in_sample.center_intensity_T)
-        # 3.0: residual over the noise floor, or over what the fit left, above which a new calibration is advised.
+        # Residual over the noise floor, or over what the fit left, above which a new calibration is advised.
         return self.residual_T > 3.0 * least_T
 
     def sentence(self, calibration: Calibration) -> str:

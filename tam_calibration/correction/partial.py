@@ -319,7 +319,7 @@ class ContradictionSearch:
         codes = np.zeros(len(time_s), dtype=np.int64)
         self._begin_s = self._begin_s if self._count else float(time_s[0])
         self._count += len(codes)
-        # 3: sensors of which the others outvote one.
+        # Sensors of which the others outvote one.
         if self._sensor_count >= 3 and (suspected := np.flatnonzero(self._may_fail(readings_T))).size:
             codes[suspected] = self._failing(time_s[suspected], readings_T[suspected])
         return codes
@@ -341,7 +341,7 @@ class ContradictionSearch:
             others_T = np.delete(fields_T, sensor, axis=1)
             center_T = others_T.mean(axis=1)
             spread_T = np.linalg.norm(others_T - center_T[:, None], axis=2).max(axis=1)
-            # 20.0: that deviation over the largest of the others: a dipole 0.6 m from the centre of a 0.5 m cross makes
+            # That deviation over the largest of the others: a dipole 0.6 m from the centre of a 0.5 m cross makes
             # at most 17.
             least_T = np.maximum(_APART * np.linalg.norm(center_T, axis=1), 20.0 * spread_T)
             is_wrong = np.linalg.norm(fields_T[:, sensor] - center_T, axis=1) > least_T

@@ -308,7 +308,7 @@ class RawHeadings:
         errors = -_heading(np.einsum("nij,nkj->kni", agreeing, np.concatenate([raw, usual], axis=1)))
         columns = _by_mounting(field, agreeing, direction)
         headings = np.vstack([_heading(world), _heading(world) - errors[: len(names)], errors[len(names) :]])
-        # 1e-3: part of the largest singular value below which a turn of the mounting does not show in the heading.
+        # Part of the largest singular value below which a turn of the mounting does not show in the heading.
         left = headings - headings @ pinv(columns, rcond=1e-3).T @ columns.T
         return cls(
             names,
@@ -383,7 +383,7 @@ def worth_of(recording: SampleSource, calibration: Calibration) -> str:
     calibration : Calibration
         With a covariance.
     """
-    # 1000: by which the worth of attitude is judged.
+    # By which the worth of attitude is judged.
     some = recording.thinned(1000)
     if some.attitude is None or not np.isfinite(some.attitude).all(axis=1).any() or calibration.covariance is None:
         return ""

@@ -242,5 +242,5 @@ class AttitudeLikelihood:
 def _rising(along: FloatArray, up: FloatArray) -> FloatArray:
     """Return the unit vectors (N, 3) across unit vectors along which these rise; zero where they are vertical."""
     rising = up - np.sum(up * along, axis=1, keepdims=True) * along
-    # 1e-3: sine of the angle to the vertical below which a direction has no heading.
+    # Sine of the angle to the vertical below which a direction has no heading.
     return np.asarray(rising / np.maximum(norm(rising, axis=1, keepdims=True), 1e-3))

@@ -161,7 +161,7 @@ def _checked(
     faults = require_sound(recording, array, accept, screened=screened)
     found = [fault.sentence for fault in faults if fault.severity != "note"]
     notes = [fault.sentence for fault in faults if fault.severity == "note"]
-    # 160: samples from which noise that lasts shows in the residuals: ten in each of the blocks that are compared.
+    # Samples from which noise that lasts shows in the residuals: ten in each of the blocks that are compared.
     if used.sample_count < 160:
         notes.append(
             f"{used.sample_count} samples do not show whether their noise is white, as the standard errors assume: "

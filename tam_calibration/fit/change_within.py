@@ -94,7 +94,7 @@ def find_change(recording: SampleSource, array: Array) -> Span | None:
     best, gain = sums.best(np.column_stack([first, last]))
     reach = int(np.diff(bounds).max())
     steps = np.unique(np.linspace(-reach, reach, 2 * blocks).astype(int))
-    # 2: rounds of refining either end of a change to the sample, the other end held.
+    # Rounds of refining either end of a change to the sample, the other end held.
     for _ in range(2):
         for end in (0, 1):
             if best[end] < count:
@@ -108,12 +108,12 @@ def find_change(recording: SampleSource, array: Array) -> Span | None:
     further = [
         sums.best(np.column_stack([bounds, np.full_like(bounds, stop)]), start)[1] for start, stop in pairwise(edges)
     ]
-    # 0.05: largest gain of a further change that is no chance, as a part of the first: of a ramp it is a half.
-    # 0.2: the same of one that chance may have made: slow noise of short recordings looks like steps too.
+    # Largest gain of a further change that is no chance, as a part of the first: of a ramp it is a half.
+    # The same of one that chance may have made: slow noise of short recordings looks like steps too.
     is_steady = np.array(further) <= max(0.05 * gain, min(chance, 0.2 * gain))
     if not (is_steady.any() if best[1] == count else is_steady.all()):
         return None
-    # 50.0: gain for each parameter from which a change is plain: a step of five times the noise in one axis half-way of
+    # Gain for each parameter from which a change is plain: a step of five times the noise in one axis half-way of
     # 1200 samples. Slow noise of five times the white one gained less in 300 recordings.
     return Span(
         some,
@@ -198,12 +198,12 @@ class _Sums:
         energy = between + np.sum(np.maximum(own, joint[:, -1, -1, None]), axis=1)
         channels = joint.shape[1] - 1
         freedom = joint[:, -1, -1] * (channels - 3 + channels // 3)
-        # 1e-3: least variance of the residuals over that of the noise; what is below is rounding.
+        # Least variance of the residuals over that of the noise; what is below is rounding.
         return np.asarray(freedom * np.log(energy / (freedom - self.parameters) + 1e-3))
 
     def usual_variance(self) -> float:
         """Return the median variance over the noise that short stretches leave between sensors, or of a single one."""
-        # 60: samples of the stretches in which a noise that is not stated is looked for: a change is in one of them.
+        # Samples of the stretches in which a noise that is not stated is looked for: a change is in one of them.
         bounds = np.linspace(0, len(self.joint) - 1, (len(self.joint) - 1) // 60 + 1).astype(int)
         between, own = _energies(np.diff(self.joint[bounds], axis=0), np.diff(self.quartic[bounds], axis=0))
         channels, terms = self.joint.shape[1] - 1, self.quartic.shape[2] - 1
@@ -217,7 +217,7 @@ def _energies(joint: FloatArray, quartic: FloatArray) -> tuple[FloatArray, Float
     mean = joint[:, :-1, -1:] / joint[:, -1:, -1:]
     spread = joint[:, :-1, :-1] - mean * joint[:, -1:, :-1]
     normal, right = quartic[..., :-1, :-1], quartic[..., :-1, -1]
-    # 1e-13: part of the trace of normal equations below which lies the rounding of cumulative sums.
+    # Part of the trace of normal equations below which lies the rounding of cumulative sums.
     ridge = 1e-13 * np.trace(normal, axis1=-2, axis2=-1)[..., None, None] * np.eye(normal.shape[-1])
     explained = np.sum(right * np.linalg.solve(normal + ridge, right[..., None])[..., 0], axis=-1)
     between = np.sum(np.maximum(np.linalg.eigvalsh(spread)[:, :-3], 0), axis=1)

@@ -38,7 +38,7 @@ class _Parts:
     def exceeds(self, residual_T: float) -> bool:
         """Whether the residual changes much between the parts and grows above a size."""
         loud = float(self.residual_T.max())
-        # 4.0: of the largest to the smallest residual; in the shortest parts white noise of four sensors makes 2.5 once
+        # Of the largest to the smallest residual; in the shortest parts white noise of four sensors makes 2.5 once
         # in 1000.
         return loud > residual_T and loud > 4.0 * float(self.residual_T.min())
 
@@ -99,7 +99,7 @@ def require_one_sphere(recording: SampleSource) -> None:
     for points in np.swapaxes(data.points, 0, 1):
         center, radius = sphere_of_most(points)
         distance = np.maximum(distance, np.abs(norm(points - center, axis=1) - radius))
-    # 0.05: part of the radius of a sphere that most readings are near; errors of scale and angles make readings miss it
+    # Part of the radius of a sphere that most readings are near; errors of scale and angles make readings miss it
     # too.
     _in_parts(data.radius_T * distance, some.time_s).require_steady(0.05 * data.radius_T)
 
@@ -115,7 +115,7 @@ def residual_that_changes(recording: SampleSource, calibration: Calibration) -> 
         What was fitted to them.
     """
     parts = _residual_in_parts(recording, calibration)
-    # 1e-5: part of the intensity, half a nanotesla: what is less, no calibration is asked for.
+    # Part of the intensity, half a nanotesla: what is less, no calibration is asked for.
     if not parts.exceeds(1e-5 * calibration.intensity_T):
         return ""
     return f"{parts.sentence()}: leave that time out with --from and --until"
@@ -216,7 +216,7 @@ def is_unexplained(calibration: Calibration) -> bool:
 
 def _residual(calibration: Calibration) -> str:
     """Compare with the floor, leaving room for three standard deviations of an RMS of so many samples."""
-    # 1.1: largest residual over noise floor, apart from chance: data sheets are hardly more exact.
+    # Largest residual over noise floor, apart from chance: data sheets are hardly more exact.
     accepted = 1.1 + 3 / np.sqrt(2 * calibration.samples)
     residuals, floor = calibration.best_residuals, calibration.floor
     sensors = residuals.sensor_intensity_T / floor.sensor_intensity_T
@@ -226,7 +226,7 @@ def _residual(calibration: Calibration) -> str:
     chi_square = calibration.reduced_chi_square
     ratios |= {words: float(np.sqrt(chi_square[name])) for name, words in _CHANNELS.items() if name in chi_square}
     high = [(name, value) for name, value in ratios.items() if not value <= accepted]
-    # 2: residuals that a doubt names, the largest first.
+    # Residuals that a doubt names, the largest first.
     worst = ", ".join(f"{name} {value:.3g} times" for name, value in sorted(high, key=lambda one: -one[1])[:2])
     factor = float(np.sqrt(max(calibration.variance_factors)))
     widened = (
@@ -234,7 +234,7 @@ def _residual(calibration: Calibration) -> str:
         if factor > 1
         else ""
     )
-    # 100.0: samples over how long their noise lasts, from which standard errors hold (benchmarks/error_coverage.py).
+    # Samples over how long their noise lasts, from which standard errors hold (benchmarks/error_coverage.py).
     if widened and (independent := calibration.samples / factor**2) < 100.0:
         widened += f" but may still be too small ({independent:.0f} independent samples)"
     if high:
@@ -248,7 +248,7 @@ def _small_residual(calibration: Calibration) -> str:
     """Say where less than half of the stated noise is left, six standard deviations of χ² below that."""
     chance = 6 * np.sqrt(2 / max(1, calibration.samples - FEWEST_SAMPLES))
     chi_square = calibration.reduced_chi_square
-    # 0.25: smallest reduced χ², of half the stated noise: data sheets guarantee more than sensors make.
+    # Smallest reduced χ², of half the stated noise: data sheets guarantee more than sensors make.
     small = {name: chi_square[name] for name in _CHANNELS if chi_square.get(name, 1.0) < min(0.25, 1 - chance)}
     if not small:
         return ""
@@ -317,7 +317,7 @@ def _bias(calibration: Calibration) -> str:
     bias_T = np.abs(calibration.errors.bias_T)
     sensor, axis = divmod(int(np.argmax(bias_T)), 3)
     ratio = float(bias_T[sensor, axis]) / calibration.intensity_T
-    # 2.0: bias over the field from which a magnet or an offset of the driver is suspected: it uses up most of a usual
+    # Bias over the field from which a magnet or an offset of the driver is suspected: it uses up most of a usual
     # range.
     if ratio <= 2.0:
         return ""

@@ -180,7 +180,7 @@ class Difference:
         left, turns = np.linalg.eigh(prior.whitening.T @ covariance @ prior.whitening)
         left = np.clip(left, np.finfo(float).eps, 1.0)
         gain, along, back = 1 / left - 1, turns.T @ distance, prior.whitening @ turns
-        # 0.01: information of the data over that of the prior above which a direction counts: in others they cannot
+        # Information of the data over that of the prior above which a direction counts: in others they cannot
         # contradict.
         is_seen = gain > 0.01
         chi_square = float(np.sum(along[is_seen] ** 2 * (1 + 1 / gain[is_seen])))
@@ -325,7 +325,7 @@ def candidates_of(prior: Prior, sees_scale: bool) -> list[list[Change]]:
         directions = derivative @ hypothesis.directions
         if not sees_scale and (sensors == 1 or hypothesis.sensor == 0):
             directions = without_scale(errors) @ directions
-        # 1e-9: part of a change that is left of it in the convention of the prior where that holds it: rounding.
+        # Part of a change that is left of it in the convention of the prior where that holds it: rounding.
         if np.abs(directions).max() < 1e-9 * np.abs(hypothesis.directions).max():
             continue
         is_bias = hypothesis.directions.reshape(-1, 12, hypothesis.directions.shape[1])[:, 6:9].any(axis=(0, 1))
@@ -417,9 +417,9 @@ def _more(left: Difference, change: Change, prior: Prior) -> Unnamed:
         name, directions, scaled = in_words(SEVERAL, sensor), every[:, sensor - 1], np.isin(np.arange(12), _MATRIX)
     intensity_T = prior.calibration.intensity_T
     size_T = np.sqrt(np.mean(change.estimate**2)) * (1.0 if "bias" in change.hypothesis.parameters else intensity_T)
-    # (1.0, 0.3, 0.1, 0.03): sizes that are tried for the other changes, over that of the change that is named.
+    # Sizes that are tried for the other changes, over that of the change that is named.
     variances = np.square(np.outer((1.0, 0.3, 0.1, 0.03), size_T * np.where(scaled, 1 / intensity_T, 1.0)))
-    # 0.0: logarithm of the odds, before any reading, that more has changed with what is named: as likely as not.
+    # Logarithm of the odds, before any reading, that more has changed with what is named: as likely as not.
     return _weighed(name, left, prior, directions, variances, 0.0)
 
 

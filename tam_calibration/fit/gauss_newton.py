@@ -62,7 +62,7 @@ def gauss_newton(
         return here.information[np.ix_(free, free)], here.score[free], here.information
 
     def moved(before: Point, change: FloatArray) -> Point:
-        # 1e6: size of a step of matrices and biases, which are of order one, from which no way leads back.
+        # Size of a step of matrices and biases, which are of order one, from which no way leads back.
         if not np.abs(change).max() < 1e6:
             raise Refused(f"the fit goes astray: {_NOT_ONE}")
         step = np.zeros(free.size)

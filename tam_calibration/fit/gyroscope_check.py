@@ -217,7 +217,7 @@ def judge_gyroscope(recording: Recording, array: Array, known: Known, since_s: f
     some, rates = recording.take(is_judged), cleaned[is_judged]
     interval_s = float(np.median(np.diff(some.time_s))) if some.sample_count > 1 else 0.0
     path = GyroscopePath(some.time_s, rates, interval_s, some.time_span_s)
-    # 100: intervals whose turn is known: with fewer the noise is uncertain by more than a tenth.
+    # Intervals whose turn is known: with fewer the noise is uncertain by more than a tenth.
     if len(path.links) < 100:
         return GyroscopeJudgement(recording, None, "the angular velocity spans too few samples without gaps")
     try:
@@ -239,7 +239,7 @@ def judge_gyroscope(recording: Recording, array: Array, known: Known, since_s: f
         use = GyroscopeUse(noise, stated.bias, interval_s, start, stated.scale_error, stride=stride)
         fit = GyroscopeFit.settled(some, array, known, use)
         if not use.shape_error and fit.is_bent:
-            # 0.03: standard deviation of the scale and the angles of axes that are not true: data sheets bound them by
+            # Standard deviation of the scale and the angles of axes that are not true: data sheets bound them by
             # 1 to 3 %.
             fit = GyroscopeFit.settled(some, array, known, replace(fit.use, start=fit.state, shape_error=0.03))
             notes += (fit.bent,)
@@ -262,7 +262,7 @@ def _within_range(rates: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
     for axis, side in product(range(3), (1.0, -1.0)):
         values, counts = np.unique(side * rates[known, axis], return_counts=True)
         # Of a coarse gyroscope each value is frequent; at the end of its range all that is beyond is one value.
-        # 4: readings of an axis that are its largest, over those of the next value, from which they are the end of its
+        # Readings of an axis that are its largest, over those of the next value, from which they are the end of its
         # range.
         if counts[-1] >= 4 * max(counts[-2:-1].max(initial=1), 1):
             at_end |= side * rates[:, axis] == values[-1]
@@ -275,7 +275,7 @@ def _within_range(rates: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
 
 def _used_density(gyroscope: Gyroscope | None, fit: GyroscopeFit) -> tuple[float, str]:
     """Return the density to fit with, and what is wrong with the stated one."""
-    # 3.0: standard deviations of chance by which residuals may be less than those of the noise that is used.
+    # Standard deviations of chance by which residuals may be less than those of the noise that is used.
     found, most = fit.measured(), max(fit.measured(3.0), RATE_NOISE.least)
     stated = None if gyroscope is None else gyroscope.noise_density
     if stated is None:

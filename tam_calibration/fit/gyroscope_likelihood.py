@@ -166,7 +166,7 @@ class GyroscopeLikelihood:
         low, high = (float(np.log10(each)) for each in (RATE_NOISE.least, RATE_NOISE.most))
         if excess(low) <= 0:
             return 0.0
-        # 14: of the exponent of a density: nine decades to a thousandth.
+        # Of the exponent of a density: nine decades to a thousandth.
         for _ in range(14):
             middle = (low + high) / 2
             low, high = (middle, high) if excess(middle) > 0 else (low, middle)

@@ -171,7 +171,7 @@ class GyroscopePath:
     def _is_known(self) -> np.ndarray:
         """(N - 1,) whether the turn between two samples is known."""
         known = np.asarray(np.isfinite(self.rates).all(axis=1))
-        # 1.5: interval over the usual one from which samples between are missing: what the array did there is not
+        # Interval over the usual one from which samples between are missing: what the array did there is not
         # known.
         is_short = np.asarray(np.diff(self.time_s) < 1.5 * self.interval_s)
         # Readings must be known on both sides of the moment at which that of a sample was stamped, or at it.
@@ -180,7 +180,7 @@ class GyroscopePath:
         between = np.clip(after - 1, 0, len(is_short) - 1)
         is_told = np.asarray((known[:-1] & known[1:] & is_short)[between] & (after - 1 == between))
         for neighbour in (between, between + 1):
-            # 0.02: part of an interval within which a reading is that of a moment.
+            # Part of an interval within which a reading is that of a moment.
             is_told |= known[neighbour] & (np.abs(self.time_s[neighbour] - at_s) < 0.02 * self.interval_s)
         return np.asarray(is_told[:-1] & is_told[1:] & is_short)
 
@@ -336,10 +336,10 @@ def matched(along: FloatArray, path: GyroscopePath) -> Match:
     (cost, scale, mount), (mirrored, _, _) = best.rotation(1.0), best.rotation(-1.0)
     unit = min(UNITS, key=lambda name: abs(np.log(scale / UNITS[name])))
     match = Match(unit, mount, best.delay_s)
-    # 0.5: part of the changes of the field that the angular velocity must explain.
+    # Part of the changes of the field that the angular velocity must explain.
     if min(cost, mirrored) > (1 - 0.5) * best.square:
         return replace(match, reason="the angular velocity does not go with the turns of the field")
-    # 0.5: sum of squares of a mirrored rotation over that of a rotation from which axes are left-handed.
+    # Sum of squares of a mirrored rotation over that of a rotation from which axes are left-handed.
     if mirrored < 0.5 * cost:
         return replace(
             match, reason="the field turns as if the axes of the gyroscope or of the sensors were left-handed"
@@ -357,11 +357,11 @@ def _changes(along: FloatArray, path: GyroscopePath) -> tuple[FloatArray, FloatA
     steps = np.array([1, 2, 5, 10, 20, 50, 100, 200])
     steps = steps[steps <= max(count // 10, 1)]
     chords = [np.sqrt(np.mean(np.sum((along[step:] - along[:-step]) ** 2, axis=1))) for step in steps]
-    # 0.05: turn of the field over which changes are compared, radians: far above the noise, and nearly linear.
+    # Turn of the field over which changes are compared, radians: far above the noise, and nearly linear.
     step = int(steps[min(int(np.searchsorted(np.maximum.accumulate(chords), 0.05)), len(steps) - 1)])
     first = path.links[path.links < count - step]
     first = first[np.isin(first + step - 1, path.links)]
-    # 4000: changes that are compared.
+    # Changes that are compared.
     first = first[:: len(first) // 4000 + 1]
     last = first + step
 

@@ -81,7 +81,7 @@ def _inaccuracy(errors: FloatArray, excess: float, intensity_T: float, field_T: 
         return None
     if measure_coverage(field_T).relative_error > ENOUGH_RELATIVE_ERROR:
         refuse_open(excess * errors, intensity_T)
-    # 10.0: residual over the noise from which no noise that is stated too small explains it: data sheets are within
+    # Residual over the noise from which no noise that is stated too small explains it: data sheets are within
     # twice.
     if excess > 10.0:
         return Refused(
@@ -245,7 +245,7 @@ def find_weakness(recording: Recording, calibration: Calibration) -> Weakness:
 def _worst(ratio: FloatArray) -> tuple[str, ...]:
     weak = ratio > _WEAK_RELATIVE_ERROR
     largest = np.where(weak, ratio, 0).max(axis=0)
-    # 3: parameters that are named: the worst tell what to do.
+    # Parameters that are named: the worst tell what to do.
     ordered = np.argsort(-largest)[: min(3, int(weak.any(axis=0).sum()))]
     only = np.arange(len(PARAMETER_NAMES)) == ordered[:, None]
     times = [f"{ratio:.3g} ×" if np.isfinite(ratio) else "undetermined" for ratio in largest[ordered]]

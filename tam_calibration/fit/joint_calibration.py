@@ -318,7 +318,7 @@ def _doubts(calibration: Calibration, given: Prior, update: Update, unnamed: Seq
             "turn the array all round"
         )
     noise, before = (norm(each.array.vector_noise_T) for each in (calibration, given.calibration))
-    # 3.0: noise over that of the prior, where none is stated: estimates from twenty samples differ by less.
+    # Noise over that of the prior, where none is stated: estimates from twenty samples differ by less.
     if calibration.noise_is_estimated and given.rates is not None and noise > 3.0 * before:
         doubts.append(
             f"the readings scatter {noise / before:.3g} times as much as those of the prior did: their noise has "

@@ -124,7 +124,7 @@ def with_noise(recording: SampleSource, array: Array, known: Known) -> tuple[Kno
     """
     noisy, is_estimated = complete_noise(array, recording)
     posterior = posterior_of(recording, noisy, known)
-    # 10: of a noise that is not stated, down to what the errors leave.
+    # Of a noise that is not stated, down to what the errors leave.
     for _ in range(10 if array.vector_noise_T is None else 0):
         left = noise_left_in(recording, noisy, posterior.errors, posterior.intensity_T)
         if left.vector_noise_T[0] > _SETTLED * noisy.vector_noise_T[0]:
@@ -272,7 +272,7 @@ def calibrate_with_weak_prior(recording: SampleSource, array: Array, known: Know
         # errors those of ten times the field are not found.
         plain = require_accurate(maximum_likelihood(recording, noisy), recording)
     settled, calibration = _settled(replace(known, start=plain), recording, noisy)
-    # 2: of a noise that is not stated to what is left: with a prior that is contradicted it would grow without end.
+    # Of a noise that is not stated to what is left: with a prior that is contradicted it would grow without end.
     for _ in range(2 if array.vector_noise_T is None else 0):
         before = noisy.vector_noise_T
         noisy = noise_left_in(recording, noisy, calibration.errors, calibration.intensity_T)
@@ -299,7 +299,7 @@ def _settled(known: Known, recording: SampleSource, array: KnownNoiseArray) -> t
         measured = variance_factors(calibration, recording)
         if measured.is_near(factors, SETTLED):
             break
-        # 10.0: of the variance from one round to the next: what a fit far above leaves tells too little, and a fit that
+        # Of the variance from one round to the next: what a fit far above leaves tells too little, and a fit that
         # follows it takes what is slow for errors of the sensors.
         factors = measured.at_least(factors.times(1 / 10.0))
     else:

@@ -80,7 +80,7 @@ def principal_form(data: Normalized, vector_noise: FloatArray, scalar_noise: flo
     mean = data.moments[-1, :-1] / count
     spread = weight[:, None] * (data.moments[:-1, :-1] / count - np.outer(mean, mean)) * weight
     values, vectors = np.linalg.eigh(spread)
-    # 1e-12: smallest over largest variance of readings that are not all in a plane: rounding leaves 1e-16 of a plane.
+    # Smallest over largest variance of readings that are not all in a plane: rounding leaves 1e-16 of a plane.
     if values[-3] < 1e-12 * values[-1]:
         raise InputError(ellipsoid.NO_ELLIPSOID)
     components = vectors[:, -3:]

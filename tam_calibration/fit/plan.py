@@ -280,7 +280,7 @@ def _reach(axes: list[FloatArray], inclination: float) -> Reach:
     angles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     angles = angles[np.argsort(np.abs(angles[:, 1:]).sum(axis=1), kind="stable")]
     directions = field_directions(angles, inclination)
-    # 0.01: difference of unit vectors from which two directions of the field are different: half a degree.
+    # Difference of unit vectors from which two directions of the field are different: half a degree.
     _, first = np.unique(np.round(directions / 0.01), axis=0, return_index=True)
     first = np.sort(first)
     return Reach(angles[first], directions[first])
@@ -369,7 +369,7 @@ class _PoseSearch:
 
     def scores(self, chosen: list[int], criterion: Callable[[FloatArray], FloatArray]) -> FloatArray:
         """Return the criterion of the squared standard errors with each candidate added to the chosen ones."""
-        # 1e-9: information that is there before any sample, as part of that of a pose, so that nothing is infinite.
+        # Information that is there before any sample, as part of that of a pose, so that nothing is infinite.
         least = 1e-9 * np.repeat([np.mean(self.poses[:, :9] ** 2), np.mean(self.poses[:, 9:] ** 2)], [9, 4])
         variances = self.model.variances_with(self.with_poses(chosen) + np.diag(least), self.poses)
         return criterion(variances * self.model.noise_units**2)
@@ -382,7 +382,7 @@ class _PoseSearch:
             for place, old in enumerate(chosen):
                 scores = self.scores(chosen[:place] + chosen[place + 1 :], criterion)
                 chosen[place] = int(np.argmin(scores))
-                # 1e-3: relative fall of the errors below which a further exchange of poses is not worth its time.
+                # Relative fall of the errors below which a further exchange of poses is not worth its time.
                 if scores[chosen[place]] < (1 - 1e-3) * scores[old]:
                     gained = True
                 else:

@@ -116,7 +116,7 @@ def best_turns(prior: Prior, vehicle: Vehicle, inclination: float, gyroscope: Gy
         angles = _angles(yaw, pitch, roll, vehicle)
         duration_s = len(angles) / vehicle.sample_rate_hz
         excess = excess_of(prior, _covariance_after(prior, angles, vehicle, inclination, gyroscope))
-        # 60.0: seconds in a minute.
+        # Seconds in a minute.
         turns.append(Turn(yaw, pitch, roll, duration_s, excess, (before - excess) * 60.0 / duration_s))
     return sorted(turns, key=lambda turn: -turn.gain_per_minute)
 
@@ -124,7 +124,7 @@ def best_turns(prior: Prior, vehicle: Vehicle, inclination: float, gyroscope: Gy
 def _angles(yaw: float, pitch: float, roll: float, vehicle: Vehicle) -> FloatArray:
     """Return yaw, pitch and roll (N, 3) at the samples of a turn, none faster than the vehicle."""
     periods_s = 2 * np.pi * np.array([pitch, roll * _GOLDEN_RATIO]) / vehicle.turn_rate
-    # 2: of pitch and roll at least, in a turn that has them.
+    # Of pitch and roll at least, in a turn that has them.
     duration_s = max(yaw / vehicle.turn_rate, 2 * float(periods_s.max()))
     time_s = np.arange(max(2, round(duration_s * vehicle.sample_rate_hz))) / vehicle.sample_rate_hz
     swings = [

@@ -126,7 +126,7 @@ class Prior:
     @cached_property
     def whitening(self) -> FloatArray:
         """(12 K, R) matrix W of the precision W Wᵀ: Wᵀ (θ' - θ₀) has unit variance; nothing along what is held."""
-        # 1e-13: part of the largest eigenvalue of a scaled covariance below which a direction is held, and not
+        # Part of the largest eigenvalue of a scaled covariance below which a direction is held, and not
         # uncertain.
         return whitening(self.covariance, 1e-13)
 
@@ -210,7 +210,7 @@ def prior_of(
 
 def has_date(time_s: float) -> bool:
     """Whether a stamp counts from 1970."""
-    # 1e8: since 1970: stamps before March 1973 count from the start of a recording, not from an epoch.
+    # Since 1970: stamps before March 1973 count from the start of a recording, not from an epoch.
     return time_s > 1e8
 
 
@@ -226,7 +226,7 @@ def _covariance_of(calibration: Calibration) -> FloatArray:
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0))
     scale = np.divide(1, deviation, out=np.zeros_like(deviation), where=deviation > 0)
     values = np.linalg.eigvalsh((covariance + covariance.T) / 2 * np.outer(scale, scale))
-    # 1e-6: part of the largest eigenvalue of a scaled covariance that rounding may make negative in a file.
+    # Part of the largest eigenvalue of a scaled covariance that rounding may make negative in a file.
     if values[0] < -1e-6 * max(values[-1], 1.0) or (np.diag(covariance) < 0).any():
         raise InputError(
             "the covariance of the calibration is not valid: it gives a combination of the errors a negative variance; "

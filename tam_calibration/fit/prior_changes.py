@@ -48,7 +48,7 @@ def large_change(
         What may have changed, each in all sizes.
     """
     prior, some = known.given, recording.whole()
-    # 500: of a recording, spread over it: what contradicts by as much shows in some.
+    # Of a recording, spread over it: what contradicts by as much shows in some.
     some = some.take(slice(None, None, -(-some.sample_count // 500)))
     weighed = []
     for *_, largest in candidates:
@@ -84,7 +84,7 @@ def time_of_change(
         What moved.
     """
     known = replace(known, gyroscope=None)  # its turns reach from one block into the next
-    # 100: of equal length, at the beginning of one of which the change is placed: to a hundredth of the recording.
+    # Of equal length, at the beginning of one of which the change is placed: to a hundredth of the recording.
     count = min(100, recording.sample_count)
     starts = np.linspace(0, recording.sample_count, count + 1).astype(int)
     place = Place(posterior.errors, posterior.intensity_T, posterior.motion)
@@ -104,7 +104,7 @@ def time_of_change(
         gain = score @ np.linalg.solve(information + np.diag(1 / change.variance), score)
         evidence.append((gain - slogdet(np.eye(unknowns) + change.variance[:, None] * information)[1]) / 2)
     best = int(np.argmax(evidence))
-    # 5.0: logarithm of the evidence, in addition to that of the number of times tried, for a change within the
+    # Logarithm of the evidence, in addition to that of the number of times tried, for a change within the
     # recording.
     if evidence[best] - evidence[0] < 5.0 + np.log(count):
         return None
@@ -146,7 +146,7 @@ def _largest(energies: FloatArray, channels: int) -> float:
     """Return the energy beyond which a sample does not fit, where most do, or do as well as these."""
     from scipy.special import chdtri
 
-    # 1e-6: probability of a sample's energy beyond which it does not fit: none in most recordings.
+    # Probability of a sample's energy beyond which it does not fit: none in most recordings.
     usual, limit = chdtri(channels, [0.5, 1e-6])
     return float(limit * max(1.0, np.median(energies) / usual))
 
@@ -313,12 +313,12 @@ def _split(
     if since_s is None:
         return None
     place = int(np.searchsorted(whole.time_s, since_s))
-    # 50: a fiftieth of the recording to both sides of the first estimate of a change: what it may be wrong by, or last
+    # A fiftieth of the recording to both sides of the first estimate of a change: what it may be wrong by, or last
     # for.
     margin = min(count // 50, place // 2, (count - place) // 2)
     last, first = place - margin, place + margin
     with suppress(Refused):
-        # 5: to place a change within a recording, each with the errors before and after the last: two or three are
+        # To place a change within a recording, each with the errors before and after the last: two or three are
         # enough.
         for _ in range(5):
             later = whole.take(slice(first, None))

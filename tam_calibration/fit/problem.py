@@ -213,7 +213,7 @@ class Problem:
                 return self.settled(self.start, is_corrected=True)
         end, kept = self.settled(self.start, is_corrected=False)
         # Noise that is stated larger than it is, in a turn that tells little more than the prior, has no such place.
-        # 0.6: length of the steps where whole ones do not settle: what is taken off the gradient has a slope that the
+        # Length of the steps where whole ones do not settle: what is taken off the gradient has a slope that the
         # information does not hold, which is as large where a narrow turn contains little compared with wide
         # tolerances.
         for length in (1.0, 0.6):
@@ -301,7 +301,7 @@ class Problem:
         information = self.data_at(place).information
         # Of an attitude's mounting and the world's direction, which come last, lengths tell nothing.
         curvature = np.pad(curvature, (0, len(information) - len(curvature)))
-        # 1e-13: part of the largest eigenvalue of a scaled information below which a direction is open.
+        # Part of the largest eigenvalue of a scaled information below which a direction is open.
         white = information @ whitening(information + curvature, 1e-13)
         return white @ white.T + self.known_at(place).information
 
@@ -329,7 +329,7 @@ class Problem:
         assert self.motion is not None
         precisions, downhill = self.motion.prior(state, self.known.main_field_T)
         if self.mounting_error is not None:
-            # 1e-8: of a mounting that is stated to be exact, radians.
+            # Of a mounting that is stated to be exact, radians.
             precisions[state.turn] += (own := 1 / max(self.mounting_error, 1e-8) ** 2)
             downhill[state.turn] -= own * Rotation.from_matrix(state.mount).as_rotvec()
         return precisions, downhill

@@ -279,9 +279,9 @@ def count_determined(recording: Recording, array: Array) -> tuple[int, int]:
     centered = recording.readings_T[:, 0] - recording.readings_T[:, 0].mean(axis=0)
     radius = np.sqrt(np.mean(np.sum(centered**2, axis=1)))
     points = centered / radius
-    # 10.0: times the noise that a direction must be turned through to count: less would let noise determine a
+    # Times the noise that a direction must be turned through to count: less would let noise determine a
     # parameter.
-    # 1e-9: least turn that counts without noise, of the field: least squares lose as much to rounding.
+    # Least turn that counts without noise, of the field: least squares lose as much to rounding.
     least = max(10.0 * float(noisy.vector_noise_T[0]) / radius, 1e-9) * np.sqrt(len(points))
     linear = _rank(np.column_stack([points, np.ones(len(points))]), least)
     quadratic = min(_rank(ellipsoid.monomial_columns(points.T, np.ones(len(points)))[:10].T, least), 9)
@@ -438,7 +438,7 @@ def constrained_ellipsoid(moments: FloatArray, mean_square: FloatArray) -> tuple
     InputError
         When the points determine no ellipsoid.
     """
-    # (100.0, 4.0): bounds on I²/J of the ellipsoid, I the trace of A and J the sum of its principal minors (Li and
+    # Bounds on I²/J of the ellipsoid, I the trace of A and J the sum of its principal minors (Li and
     # Griffiths 2004). It is 3 for a sphere. The first bound admits axes of 14 to 1; what is fitted under the second is
     # always an ellipsoid.
     for ratio in (100.0, 4.0):

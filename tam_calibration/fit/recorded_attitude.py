@@ -79,7 +79,7 @@ def _still_turns(field: FloatArray, to_world: FloatArray) -> FloatArray:
     mixed = np.einsum("naj,ni->jia", to_world, field).reshape(9, 3)
     residuals = np.kron(np.eye(3), field.T @ field) - mixed @ mixed.T / len(field)
     values, vectors = np.linalg.eigh(residuals)
-    # 1e-3: how far the second best turn must be from the field standing still, as part of the field's square.
+    # How far the second best turn must be from the field standing still, as part of the field's square.
     return vectors[:, : max(1, int(np.searchsorted(values, 1e-3 * len(field))))]
 
 
@@ -315,7 +315,7 @@ def misread_attitude(recording: SampleSource, errors: SensorErrors | None = None
     errors : SensorErrors, optional
         By which readings are corrected; without them those of sensor 1 count about the centre of their sphere.
     """
-    # 2000: by which an attitude is judged.
+    # By which an attitude is judged.
     some = recording.thinned(2000).whole()
     if some.attitude is None:
         return ""

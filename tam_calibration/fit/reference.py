@@ -151,7 +151,7 @@ def interpolate(time_s: FloatArray, scalar: FloatArray, noise: float) -> tuple[F
     known = np.flatnonzero(np.isfinite(scalar))
     when, reading = time_s[known], scalar[known]
     gap = np.diff(when)
-    # 3.0: gaps between readings are bridged up to this multiple of the usual one.
+    # Gaps between readings are bridged up to this multiple of the usual one.
     is_bridged = gap <= 3.0 * np.median(gap)
     interval = np.clip(np.searchsorted(when, time_s, side="right") - 1, 0, len(gap) - 1)
     way = (time_s - when[interval]) / gap[interval]

@@ -80,7 +80,7 @@ def _turning_part(scalar_T: FloatArray, field: FloatArray, recording: SampleSour
     left_T = scalar_T - slow @ (slow.T @ scalar_T)
     rows = ellipsoid_rows(field)
     rows = rows - slow @ (slow.T @ rows)
-    # 1e-6: part of the largest eigenvalue below which a column is the noise of the readings.
+    # Part of the largest eigenvalue below which a column is the noise of the readings.
     columns = rows @ whitening(rows.T @ rows, 1e-6)
     explained = columns.T @ left_T
     residual_T = left_T - columns @ explained
@@ -94,17 +94,17 @@ def _turning_part(scalar_T: FloatArray, field: FloatArray, recording: SampleSour
     # The cube root of a χ² is nearly normal (Wilson and Hilferty 1931).
     variance = 2 / 9 / len(explained)
     deviation = (np.cbrt(energy / (len(explained) * noise_T**2 * lasting)) - 1 + variance) / np.sqrt(variance)
-    # 2.33: standard deviations of a normal law from which standard errors hold what the dependence may do: once in a
+    # Standard deviations of a normal law from which standard errors hold what the dependence may do: once in a
     # hundred.
     if deviation < 2.33:
         return 0.0, False
     noisy, _ = complete_noise(array, recording)
     variance_T2 = noise_T**2 + 1 / float(np.sum(1 / noisy.vector_noise_T**2))
-    # 4.0: squared standard errors by which the dependence moves the errors, and which are not worth losing a scalar.
+    # Squared standard errors by which the dependence moves the errors, and which are not worth losing a scalar.
     is_harmful = energy > 4.0 * variance_T2 * lasting
     unit = np.column_stack([slow, field / norm(field, axis=1, keepdims=True)])
     size_T = float(norm(np.linalg.lstsq(unit, scalar_T, rcond=1e-6)[0][-3:]))
-    # 3.72: standard deviations of a normal law: once in ten thousand sound recordings.
-    # 0.5: part of what is not slow that a magnet near the scalar explains at least: a field that varies faster may
+    # Standard deviations of a normal law: once in ten thousand sound recordings.
+    # Part of what is not slow that a magnet near the scalar explains at least: a field that varies faster may
     # follow the direction in part by chance.
     return size_T, bool(deviation > 3.72 and is_harmful and energy >= 0.5 * float(left_T @ left_T))

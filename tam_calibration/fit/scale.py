@@ -112,20 +112,20 @@ def sphere_of_most(points: FloatArray) -> tuple[FloatArray, float]:
     design = np.column_stack([2 * points, np.ones(len(points))])
     square = np.sum(points**2, axis=1)
     weight = np.ones(len(points))
-    # 40: of the least absolute distances, which come nearer by a constant part each time.
+    # Of the least absolute distances, which come nearer by a constant part each time.
     for _ in range(40):
         solution = np.linalg.lstsq(design * weight[:, None], square * weight, rcond=None)[0]
         center = solution[:3]
         radius = float(np.sqrt(max(solution[3] + center @ center, 0.0)))
         distance = np.abs(norm(points - center, axis=1) - radius)
-        # 1e-4: part of the radius below which a distance weighs no more, so that no weight is infinite.
+        # Part of the radius below which a distance weighs no more, so that no weight is infinite.
         weight = 1 / np.sqrt(np.maximum(distance, 1e-4 * norm(points, axis=1).mean()))
     return center, radius
 
 
 def normalize(source: SampleSource) -> Normalized:
     """Return the readings and intensity in units of order one."""
-    # 400: from which centre and radius are taken: they only make the numbers of order one.
+    # From which centre and radius are taken: they only make the numbers of order one.
     some = source.thinned(400).readings_T
     origin = sphere_center(np.swapaxes(some, 0, 1))
     centered = some - origin

@@ -66,7 +66,7 @@ class LeftOut:
     def is_event(self) -> bool:
         """Whether most samples of a stretch of time are left out, and not by one sensor that fails alone."""
         own = self._densest
-        # 0.9: least part of the bad samples that belong to a sensor that fails alone; noise attributes a few to others.
+        # Least part of the bad samples that belong to a sensor that fails alone; noise attributes a few to others.
         fails_alone = _COMPARED <= self.sensor_count != own[0] and bool((own == own[0]).mean() > 0.9)
         return not self.is_brief and not fails_alone
 
@@ -88,7 +88,7 @@ class LeftOut:
         """Whether nearly all samples from the beginning, or until the end, are left out, and no others."""
         first, last = int(self.place[0]), int(self.place[-1])
         reaches_end = first == 0 or last == self.sample_count - 1
-        # 0.9: least part of the samples of a time that are left out where a sensor changed: some are by chance what
+        # Least part of the samples of a time that are left out where a sensor changed: some are by chance what
         # they were.
         return reaches_end and len(self.place) > 0.9 * (last + 1 - first)
 
@@ -127,7 +127,7 @@ def without_bad_readings(recording: SampleSource, array: Array) -> tuple[SampleS
     array : Array
         Geometry and noise of the sensors; a noise that is not stated is estimated.
     """
-    # 50: fewest samples that are judged: their median χ² errs by a sixth with 3 degrees of freedom, and by a third with
+    # Fewest samples that are judged: their median χ² errs by a sixth with 3 degrees of freedom, and by a third with
     # 1.
     if recording.sample_count < 50:
         return recording, None
@@ -135,7 +135,7 @@ def without_bad_readings(recording: SampleSource, array: Array) -> tuple[SampleS
     is_stated = array.vector_noise_T is not None
     try:
         judge = _Judge(estimate(recording, noisy), noisy, recording.thinned(SKETCH), is_stated)
-        # 2.0: mean square of the residuals, over the noise or their median, from which bad readings may hide in the fit
+        # Mean square of the residuals, over the noise or their median, from which bad readings may hide in the fit
         # of all.
         if judge.spread < 2.0 and not judge.is_bad(recording).any():
             return recording, None
@@ -175,7 +175,7 @@ def _far_off(recording: SampleSource) -> NDArray[np.bool_]:
     some_T = recording.thinned(SKETCH).readings_T
     center_T = np.median(some_T, axis=0)
     usual_T = np.median([_lengths(some_T - center_T), _lengths(some_T)], axis=1).max(axis=0)
-    # 2.2: distance from the median reading, over its median or over the field: a turned sensor reaches 2.
+    # Distance from the median reading, over its median or over the field: a turned sensor reaches 2.
     far = [(_lengths(block.readings_T - center_T) > 2.2 * usual_T).any(axis=1) for block in recording.blocks()]
     return np.concatenate(far)
 
@@ -205,11 +205,11 @@ class _Judge:
         distances = self._distances(some)
         scale = np.nanmedian(distances, axis=0) / [_MEDIANS[each] for each in freedom]
         self.spread = float(np.max(np.nanmean(distances, axis=0) / freedom / np.minimum(scale, 1)))
-        # 1e-3: probability that a sound recording loses a sample.
+        # Probability that a sound recording loses a sample.
         exponent = np.log(distances.size / 1e-3)
         # No χ² is larger with probability exp(-exponent), Laurent and Massart 2000, lemma 1.
         limits = freedom + 2 * np.sqrt(freedom * exponent) + 2 * exponent
-        # 1e-2: median square of the residuals over that of an estimated noise: below lies only rounding.
+        # Median square of the residuals over that of an estimated noise: below lies only rounding.
         self._limits = limits * np.maximum(scale, 1.0 if is_stated else 1e-2)
 
     def is_bad(self, source: SampleSource) -> NDArray[np.bool_]:

@@ -171,7 +171,7 @@ def widened(calibration: Calibration, recording: SampleSource) -> Calibration:
 
 def _slow_sums(information: FloatArray, score: FloatArray) -> list[SlowSums]:
     """Return what each channel shows, from what ``_by_block`` returns."""
-    # 1e-9: part of the largest eigenvalue of a scaled information below which a direction is open.
+    # Part of the largest eigenvalue of a scaled information below which a direction is open.
     white = whitening(information.sum(axis=(0, 1)), 1e-9)
     return list(map(SlowSums.of, white.T @ information @ white, score @ white))
 
@@ -199,7 +199,7 @@ def _sandwich(covariance: FloatArray, differential: FloatArray, factors: Varianc
     factors : VarianceFactors
         f_d and f_c.
     """
-    # 1e-13: part of the largest eigenvalue of a scaled covariance below which lies rounding.
+    # Part of the largest eigenvalue of a scaled covariance below which lies rounding.
     root = covariance @ whitening(covariance, 1e-13)
     part, turn = np.linalg.eigh(root.T @ differential @ root)
     directions, part = root @ turn, np.clip(part, 0, 1)

@@ -228,7 +228,7 @@ def _is_determined(normal: Normal) -> bool:
     if normal.count < len(normal.score) or not (np.diag(normal.information) > 0).all():
         return False
     values = np.linalg.eigvalsh(scaled(normal.information)[0])
-    # 1e6: condition of the scaled design from which a parameter is open: its error is a thousand times the usual.
+    # Condition of the scaled design from which a parameter is open: its error is a thousand times the usual.
     return bool(values[0] * 1e6**2 >= values[-1])
 
 
@@ -302,7 +302,7 @@ def complete(calibration: Calibration, recording: Recording, source: Source, fre
         seen.amplitudes_T, seen.noise_T, source, seen.poses, calibration.errors, calibration.array
     )
     reduced = found.chi_square / found.degrees_of_freedom
-    # 10.0: reject the stated source above this ratio of the squared residuals to the noise floor.
+    # Reject the stated source above this ratio of the squared residuals to the noise floor.
     if reduced > 10.0:
         raise Refused(
             f"the readings differ from those of the stated source by {reduced**0.5:.3g} times their noise: check its "

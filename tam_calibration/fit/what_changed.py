@@ -181,7 +181,7 @@ def _undelayed(model: PartModel, unchanged_T: FloatArray, sensor: int) -> tuple[
     others_T = np.delete(unchanged_T, sensor, axis=1).mean(axis=1)
     rate = np.gradient(others_T, time_s, axis=0)
     delay_s, shifted_T = 0.0, own_T
-    # 3: Gauss-Newton steps for a delay: of a tenth of a turn two leave a thousandth of it.
+    # Gauss-Newton steps for a delay: of a tenth of a turn two leave a thousandth of it.
     for _ in range(3):
         delay_s -= float(np.sum((shifted_T - others_T) * rate) / np.sum(rate**2))
         read_s = time_s + delay_s
@@ -202,7 +202,7 @@ def _of_axes(order: tuple[int, ...], signs: tuple[int, ...]) -> str:
 
 def _of_bias(whose: str, jump_T: FloatArray) -> str:
     axis = int(np.argmax(np.abs(jump_T)))
-    # 0.1: largest part of a jump across an axis that is said to be along it.
+    # Largest part of a jump across an axis that is said to be along it.
     if np.abs(np.delete(jump_T, axis)).max() < 0.1 * np.abs(jump_T[axis]):
         return f"the bias of {whose} {'xyz'[axis]} changes by {_in_nanotesla(jump_T[axis])} nT"
     return f"the bias of {whose} changes by ({', '.join(map(_in_nanotesla, jump_T))}) nT"
@@ -220,7 +220,7 @@ def _of_gain(whose: str, factor: float) -> str:
 def _of_matrix(matrix: FloatArray) -> str:
     left, _, right = np.linalg.svd(matrix)
     turn = left @ right
-    # 0.02: largest difference of a matrix from a rotation, which is then said to be one.
+    # Largest difference of a matrix from a rotation, which is then said to be one.
     if np.abs(matrix - turn).max() > 0.02 or np.linalg.det(turn) < 0:
         return "the gains, axes and biases of {} change"
     return f"{{}} is turned by {to_degrees(float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))):.2g}°"
@@ -245,7 +245,7 @@ def _of_all(model: PartModel, unchanged_T: FloatArray, sign: int) -> Iterator[Hy
 def _of_biases(jumps_T: FloatArray) -> str:
     mean_T, size_T = jumps_T.mean(axis=0), norm(jumps_T, axis=1)
     largest = _in_nanotesla(float(size_T.max()))
-    # 0.9: cosine of the jumps of all sensors and their mean from which one magnet makes them.
+    # Cosine of the jumps of all sensors and their mean from which one magnet makes them.
     if np.all(jumps_T @ mean_T > 0.9 * size_T * norm(mean_T)):
         return f"something magnetic adds up to {largest} nT to all sensors"
     many = [str(sensor + 1) for sensor in np.flatnonzero(size_T > size_T.max() / 10)]
@@ -340,7 +340,7 @@ def despite_changes(
     if change is None:
         return calibration
     off = _distance(calibration, recording.take(change.is_calibrated))
-    # 3.0: standard errors by which the calibration of all readings may differ from that of the longer part.
+    # Standard errors by which the calibration of all readings may differ from that of the longer part.
     is_wrong = off is None or bool(np.any(np.abs(off) > 3.0 * calibration.standard_errors.ravel()))
     if change.is_plain and is_wrong and "residual" not in accept:
         raise Refused(change.sentence)
@@ -379,19 +379,19 @@ def what_changed(recording: SampleSource, array: Array) -> Change | None:
     before = parts.ratio(unchanged_T)
     after, best = parts.best_hypothesis(unchanged_T)
     gained = (before - after) * len(unchanged_T) * parts.model.channels
-    # 50.0: least energy that a hypothesis explains beyond its price where noise is white: chance makes less than its
+    # Least energy that a hypothesis explains beyond its price where noise is white: chance makes less than its
     # price.
-    # 4.0: least ratio of the variances of both parts' residuals where the noise is not white: a room leaves a half or
+    # Least ratio of the variances of both parts' residuals where the noise is not white: a room leaves a half or
     # twice.
     if gained < 50.0 if parts.level < _NOISE_ALONE else before < 4.0:
         return None
     is_calibrated = span.of_all(parts.is_calibrated, recording.sample_count)
-    # 1e-3: part of the residuals' energy that a hypothesis may leave in any case: 3 % of their size, which are side
+    # Part of the residuals' energy that a hypothesis may leave in any case: 3 % of their size, which are side
     # effects.
     is_explained = after < max(min(_EXPLAINED, (1 + before) / 2), 1e-3 * before)
     if is_explained and (parts.are_steady or after < _EXPLAINED):
         return Change(*_in_words(span, best.words), is_calibrated, span.is_plain)
-    # 100.0: variance of the residuals over that of the calibrated part from which readings fail that nothing explains.
+    # Variance of the residuals over that of the calibrated part from which readings fail that nothing explains.
     if before < 100.0:
         return None
     if sensor := parts.failing_sensor(unchanged_T):
@@ -434,10 +434,10 @@ class _Parts:
         models = [PartModel.of(span.some.take(part), span.array) for part in parts]
         variances = [model.variance(model.fields(model.samples.readings_T)) if model else np.inf for model in models]
         steady = [span.inside_is_steady if part[span.first] else span.outside_is_steady for part in parts]
-        # 16.0: ratio of the residuals' variances from which the shorter part is calibrated: readings that are none fit
+        # Ratio of the residuals' variances from which the shorter part is calibrated: readings that are none fit
         # nothing.
         best = int(variances[1] < 16.0 * variances[0]) if all(steady) else steady.index(True)
-        # 1e-3: least variance of the residuals over that of the noise.
+        # Least variance of the residuals over that of the noise.
         model, level = models[best], max(variances[best], 1e-3)
         if model is None:
             return None
@@ -452,7 +452,7 @@ class _Parts:
     def best_hypothesis(self, unchanged_T: FloatArray) -> tuple[float, Hypothesis]:
         """Return the hypothesis that leaves the least ratio, with the price of its free parameters, and that ratio."""
         count = len(unchanged_T) * self.model.channels
-        # 3.0: times the price of a free parameter by Schwarz 1978: the calibrated part has errors of its own.
+        # Times the price of a free parameter by Schwarz 1978: the calibrated part has errors of its own.
         price = 3.0 * np.log(count) / count
         tried = [
             (self.ratio(each.fields_T) + price * each.free, place, each)

@@ -25,7 +25,7 @@ class Overview:
     @classmethod
     def of(cls, source: SampleSource) -> "Overview":
         """Return that of a complete recording of any size."""
-        # 2000: samples at most: a share of one per cent of them is 20 samples, which no chance makes of a sound axis.
+        # Samples at most: a share of one per cent of them is 20 samples, which no chance makes of a sound axis.
         return cls(source.thinned(SKETCH).thinned(2000), source.time_span_s)
 
     @property
@@ -48,7 +48,7 @@ class Overview:
     def without_spikes_T(self) -> FloatArray:
         """(3K, n) readings about their mean, those beyond all but one per cent moved to there."""
         count = self.sorted_T.shape[1]
-        # 0.01: share of the samples at either end that may be spikes, and do not count for the spread of an axis.
+        # Share of the samples at either end that may be spikes, and do not count for the spread of an axis.
         lone = int(0.01 * count)
         low, high = self.sorted_T[:, lone : lone + 1], self.sorted_T[:, count - 1 - lone : count - lone]
         clipped = np.clip(self.values_T, low, high)

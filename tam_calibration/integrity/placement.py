@@ -69,7 +69,7 @@ def turn_in_words(turn: FloatArray) -> str:
 
 def allowed(least: float) -> float:
     """Return the share of the variance that other axes may leave where the best ones leave the least."""
-    # 5.0: times the unexplained variance of the best axes that other axes may leave.
+    # Times the unexplained variance of the best axes that other axes may leave.
     return min(5.0 * least + ROUNDING, FITS)
 
 

@@ -31,7 +31,7 @@ def is_chance(equal: int, share: float, count: int) -> bool:
     count : int
         Number of samples, at each of which the row may begin.
     """
-    # 1e-6: probability of a false alarm in one recording.
+    # Probability of a false alarm in one recording.
     return share >= 1 or equal * log(share) > log(1e-6 / count)
 
 
@@ -137,7 +137,7 @@ def _lags(numbers: FloatArray) -> list[tuple[int, int, int]]:
     late = here - place[probe]
     later = (copy != original) & (late > 0)
     found, times = np.unique(np.stack([copy, original, late])[:, later], axis=1, return_counts=True)
-    # 4: of these, that are met again equally late, before a copy is looked for there.
+    # Of these, that are met again equally late, before a copy is looked for there.
     return [(int(k), int(j), int(lag)) for k, j, lag in found[:, times >= 4].T]
 
 
@@ -150,7 +150,7 @@ def _axes(overview: Overview, known: set[frozenset[int]]) -> list[Fault]:
     faults = []
     correlation, count = unit @ unit.T, overview.sensor_count
     own = correlation.reshape(count, 3, count, 3)[range(count), :, range(count)]
-    # 1e-12: variance out of a plane of readings without noise, in units of theirs: axes agree there because the field
+    # Variance out of a plane of readings without noise, in units of theirs: axes agree there because the field
     # does.
     is_flat = np.linalg.eigvalsh(own)[:, 0] < 1e-12
     for copy, original in np.argwhere(np.tril(np.abs(correlation) > COPIED, -1)).tolist():

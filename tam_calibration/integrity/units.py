@@ -83,11 +83,11 @@ def _of_sensors(overview: Overview, reference: FieldBounds | float) -> FloatArra
     # No field spreads further than it is strong, whatever it is added to.
     wrong[spread > APART * high_T] = 1
     if overview.sensor_count == 1:
-        # 300.0: times the spread of an axis that the others have, where no other sensor shows how the array was turned:
+        # Times the spread of an axis that the others have, where no other sensor shows how the array was turned:
         # no turntable keeps an axis within a fifth of a degree.
         wrong[0][spread[0] * 300.0 < np.median(spread[0])] = -1
     # At rest all sensors read their noise, which is round too, and small.
-    # 0.25: least over largest variance of readings whose spread is that of the complete field: those of half a sphere.
+    # Least over largest variance of readings whose spread is that of the complete field: those of half a sphere.
     is_round = (principal[:, 0] ** 2 > 0.25 * principal[:, 2] ** 2).all() and not wrong.any()
     if is_round and (size * APART < low_T).all() and len(size) > 1 and overview.shared_motion(0, 1) > SHARED:
         wrong[:] = -1

@@ -37,13 +37,13 @@ def at_ends(overview: Overview) -> Iterator[Fault]:
             if outward[FEWEST_AT_END - 1] != end:
                 continue
             inner = outward[outward != end]
-            # 20.0: steps in the range of an axis at least, before one value is its end: a few steps may fill unevenly.
+            # Steps in the range of an axis at least, before one value is its end: a few steps may fill unevenly.
             if not len(inner) or 20.0 * abs(end - inner[0]) > abs(end - inner[-1]):
                 continue
             there = values[column] == end
             own = 3 * (column // 3)
             different = len(np.unique(values[own : own + 3, there], axis=1).T)
-            # 5.0: of samples at the end to those one step further in: where a sine turns, coarse steps make 2.4.
+            # Of samples at the end to those one step further in: where a sine turns, coarse steps make 2.4.
             if different >= max(FEWEST_AT_END, 5.0 * int((inner == inner[0]).sum())):
                 yield _at_end(overview, column, name, float(end), there)
 
@@ -81,13 +81,13 @@ def _step(ordered: FloatArray) -> float | None:
     """Return the step of readings (n,) in increasing order, None where there is none to be seen."""
     gaps = np.diff(ordered)
     rising = gaps[gaps > rounding(ordered)]
-    # 0.05: share of readings that others repeat from which the steps can be seen.
+    # Share of readings that others repeat from which the steps can be seen.
     if len(rising) < 2 or len(rising) > (1 - 0.05) * len(gaps):
         return None
     step = float(rising.min())
     multiples = np.round(rising / step)
     step = float(rising.sum() / multiples.sum())
-    # 0.05: part of a step by which readings may miss it: those without steps miss by a quarter.
+    # Part of a step by which readings may miss it: those without steps miss by a quarter.
     return step if np.abs(rising / step - np.round(rising / step)).max() < 0.05 else None
 
 
@@ -215,7 +215,7 @@ def _is_mixed(overview: Overview, column: int, values: FloatArray, bands: _Bands
     place = ((readings[column] - bands.origin_T) / bands.period_T - bands.first) % 1.0
     design = np.column_stack([own.T / np.abs(own).max(), np.ones(len(place))])
     left = place - design @ np.linalg.lstsq(design, place, rcond=None)[0]
-    # 0.5: share of the variance within the bands that the sensor's other axes explain: noise leaves all, a matrix
+    # Share of the variance within the bands that the sensor's other axes explain: noise leaves all, a matrix
     # little.
     return bool(left.var() < (1 - 0.5) * place.var())
 
@@ -226,7 +226,7 @@ def _is_of_converter(overview: Overview, column: int, values: FloatArray, bands:
         return False
     if overview.sensor_count == 1:
         different = 1 + int((np.diff((16 * (values - values[0]) / bands.period_T).astype(int)) > 0).sum())
-        # 16.0: the same if no other sensor shows that the motion leaves nothing out: fewer bands may be visited
+        # The same if no other sensor shows that the motion leaves nothing out: fewer bands may be visited
         # attitudes.
         return different >= DIFFERENT and float(values[-1] - values[0]) > 16.0 * bands.period_T
     readings = overview.values_T
@@ -234,5 +234,5 @@ def _is_of_converter(overview: Overview, column: int, values: FloatArray, bands:
     design = np.column_stack([others.T, np.ones(readings.shape[1])]) / np.abs(others).max()
     predicted = design @ np.linalg.lstsq(design, readings[column], rcond=None)[0]
     inside = predicted[(predicted > values[0]) & (predicted < values[-1])]
-    # 0.2: share of the readings that the other sensors predict to lie in the gaps: half of them for half a period.
+    # Share of the readings that the other sensors predict to lie in the gaps: half of them for half a period.
     return len(inside) > 0 and float(bands.left_out(inside).mean()) > 0.2

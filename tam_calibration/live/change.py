@@ -87,7 +87,7 @@ class Evidence:
     def sentence(self) -> str:
         """What has changed and by how much, for people."""
         errors = np.sqrt(np.diag(self.covariance))
-        # 3.0: standard errors from which a component of a change is named.
+        # Standard errors from which a component of a change is named.
         components = [
             f"{name} {_in_unit(value, self.hypothesis.unit)} ± {_in_unit(error, self.hypothesis.unit, '')}".strip()
             for name, value, error in zip(self.hypothesis.components, self.size, errors, strict=False)

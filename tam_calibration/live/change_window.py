@@ -108,7 +108,7 @@ class BlockNoise:
 
     def __init__(self, array: KnownNoiseArray) -> None:
         self._noise_T, self._freedom = noise_of(array), 3 * len(array.vector_noise_T) - 3
-        # 64: blocks, two minutes: a change or a source within them spoils less than half of the differences.
+        # Blocks, two minutes: a change or a source within them spoils less than half of the differences.
         self._blocks: deque[BlockMeans] = deque(maxlen=64)
 
     def add(self, means: BlockMeans) -> None:
@@ -148,7 +148,7 @@ def _factor(values: FloatArray, counts: IntArray, freedom: int) -> float:
         if pairs >= _PAIRS * lag:
             energies = np.sum((values[lag:] - values[:-lag]) ** 2, axis=1) / (1 / counts[lag:] + 1 / counts[:-lag])
             ratio = float(np.median(energies) / chdtri(freedom, 0.5))
-            # 5.0: standard deviations of the logarithm of a mean of normal squares by which a median may exceed that of
+            # Standard deviations of the logarithm of a mean of normal squares by which a median may exceed that of
             # white noise.
             by_chance = np.exp(5.0 * np.sqrt(2 / (freedom * pairs)))
             ratio = ratio if ratio > by_chance else 1.0
@@ -259,14 +259,14 @@ def _passes(evidence: Evidence, first: Step, after: Sequence[Step]) -> bool:
     weight = np.array([_counts(step, values_T.shape[1]) for step in after]) / variance_T2
     left_T = values_T - np.sum(weight * values_T, axis=0) / np.maximum(weight.sum(axis=0), np.finfo(float).tiny)
     freedom = (len(after) - 1) * (3 * errors.sensor_count - 2)
-    # 0.01: probability of what a change leaves, by chance, below which it is none: of a change of the sensors as it
+    # Probability of what a change leaves, by chance, below which it is none: of a change of the sensors as it
     # came.
-    # 1e-3: part of what a change explains that it may leave: over large changes lengths are no straight lines.
+    # Part of what a change explains that it may leave: over large changes lengths are no straight lines.
     if freedom and float(np.sum(weight * left_T**2)) > max(chdtri(freedom, 0.01), 1e-3 * evidence.ratio):
         return True
     seen_T = np.abs(np.mean([step.means.at(first.before.errors) for step in after], axis=0)).max()
     intensity_T = np.array([step.means.intensity_T for step in (first, *after)])
-    # 3.0: change of the intensity from block to block over what sensors differ by, from which a source passes: on a
+    # Change of the intensity from block to block over what sensors differ by, from which a source passes: on a
     # vehicle of 1 m/s, whose sensors are 0.25 m from their centre, that of a distant source is eight.
     return bool(np.abs(np.diff(intensity_T)).max() > 3.0 * seen_T)
 

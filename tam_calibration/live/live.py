@@ -258,7 +258,7 @@ class Live:
         self._noise.add(means)
         errors = means.errors if self._suspicion is None else self._suspicion.first.before.errors
         factors = self._calibration.variance_factors.at_least(self._noise.factors(errors))
-        # 0.1: part by which the variance of the noise changes before samples are weighed anew.
+        # Part by which the variance of the noise changes before samples are weighed anew.
         if not factors.is_near(self._likelihood.factors, 0.1):
             self._likelihood = replace(self._likelihood, factors=factors)
 

@@ -145,7 +145,7 @@ class MomentLikelihood:
         turn[:16, :16] = np.kron(affine, affine)
         choose = np.zeros((13, 17))
         choose[:12, :12] = np.eye(12)
-        # (0, 5, 10): places of the squares of the field's components among its products with itself and 1.
+        # Places of the squares of the field's components among its products with itself and 1.
         choose[12, (0, 5, 10)], choose[12, 16] = 0.5, -0.5
         turned = turn @ moments.fourth @ turn.T
         covariance = back @ self._elimination.covariance @ back.T
@@ -453,7 +453,7 @@ class Trial:
         metal that turns with it.
         """
         of_sensors, of_all = float(self.fall[0]), float(self.fall.sum())
-        # 0.01: part of the squared residuals by which they fall as well: biases of all sensors were off by a tenth of
+        # Part of the squared residuals by which they fall as well: biases of all sensors were off by a tenth of
         # the noise. With less, errors that the mission does not turn through may become worse.
         least = max(CLEARLY_BETTER, 0.01 * float(self.energy.sum()))
         fall = min(of_sensors, of_all) if self.energy[0] else of_all

@@ -58,7 +58,7 @@ class Stretch:
         self._before = self._before or before
         stamps_ns = np.round(1e9 * rows[:, 0]).astype(np.int64)
         self._averaged.add(stamps_ns, rates)
-        # 20: samples that are kept of a block of 2 s; angular velocities are averaged between them, so that none is
+        # Samples that are kept of a block of 2 s; angular velocities are averaged between them, so that none is
         # lost.
         kept = np.linspace(0, len(rows), min(20, len(rows)) + 1).astype(int)[1:] - 1
         self._blocks.append((rows[kept], self._averaged.means(stamps_ns[kept], rates[kept])))
@@ -66,7 +66,7 @@ class Stretch:
     @property
     def is_full(self) -> bool:
         """Whether it is long enough to be learned."""
-        # 120.0: time after which what the gyroscope tells is learned: longer than swings in waves take, and than a
+        # Time after which what the gyroscope tells is learned: longer than swings in waves take, and than a
         # quarter turn.
         return bool(self._blocks) and self._blocks[-1][0][-1, 0] - self._blocks[0][0][0, 0] >= 120.0
 

@@ -79,7 +79,7 @@ class Mounting:
         """Whether the other has as many sensors with the same rotations; IMU and frame names do not matter."""
         mine, others = (_NO_ROTATION if each.rotations is None else each.rotations for each in (self, other))
         difference = np.minimum(np.abs(mine - others).max(axis=-1), np.abs(mine + others).max(axis=-1))
-        # 1e-6: difference of quaternions up to which two rotations are one: some 2 µrad, far below what a sensor shows.
+        # Difference of quaternions up to which two rotations are one: some 2 µrad, far below what a sensor shows.
         return bool((difference < 1e-6).all())
 
     @cached_property
@@ -151,7 +151,7 @@ def _unit(quaternion: FloatArray, name: str) -> FloatArray:
         When it is no rotation.
     """
     length = np.linalg.norm(quaternion)
-    # 0.01: by how much the length of a quaternion may differ from 1: more than rounding to three digits makes of it.
+    # By how much the length of a quaternion may differ from 1: more than rounding to three digits makes of it.
     if quaternion.shape != (4,) or not abs(length - 1) <= 0.01:
         raise InputError(
             f"{name} is no rotation: {quaternion.tolist()}; a quaternion is x, y, z, w of length 1, angles are finite"

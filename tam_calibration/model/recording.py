@@ -43,7 +43,7 @@ class InterpolatedNoise:
     def spectrum(self, frequency: FloatArray) -> FloatArray:
         """Return the power (K, F) of white noise of variance one at frequencies (F,), cycles a sample."""
         turns = np.cos(2 * np.pi * np.outer(np.arange(1, LAGS + 1), frequency))
-        # 0.05: part of white noise that is left at any frequency, at least: between readings at even steps it is 0.08.
+        # Part of white noise that is left at any frequency, at least: between readings at even steps it is 0.08.
         return np.asarray(np.maximum(1 + 2 * self.correlation @ turns, 0.05))
 
 

@@ -108,7 +108,7 @@ class Ending:
             raise SystemExit(code)
 
         signal.signal(signal.SIGALRM, end)
-        # 0.01: after which an ending that was lost is raised again, seconds: what lost it, as a collection of garbage,
+        # After which an ending that was lost is raised again, seconds: what lost it, as a collection of garbage,
         # is over.
         signal.setitimer(signal.ITIMER_REAL, 0.01)
 
@@ -117,7 +117,7 @@ def ignore() -> None:
     """Let nothing interrupt the end, and nothing hold it up for long: then the kernel ends the process."""
     _handle(signal.SIG_IGN)
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
-    # 5: time within which a process that puts itself in order ends.
+    # Time within which a process that puts itself in order ends.
     signal.alarm(5)
 
 
