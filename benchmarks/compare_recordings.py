@@ -25,8 +25,9 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.recordings import provenance, read_array, read_recording
+from tam_calibration.report.blocks import Table
 from tam_calibration.report.comparison_report import write_comparison_report
-from tam_calibration.report.comparison_rows import closing_rows, difference_rows, headline, noise_rows, parameter_tables
+from tam_calibration.report.comparison_rows import closing_blocks, difference_blocks, headline, noise_blocks
 from tam_calibration.results import write_recording
 from tam_calibration.results.comparison_json import Sources, write_comparison
 
@@ -102,11 +103,10 @@ def lines(comparison: Comparison) -> Iterator[str]:
     yield headline(comparison)
     yield from (f"mistake: {mistake.what}" for mistake in comparison.mistakes)
     yield from comparison.remarks
-    for rows in (difference_rows(comparison), *(table.rows for table in parameter_tables(comparison))):
-        yield from ("  ".join(row) for row in rows)
-    yield from ("noise of " + "  ".join(row) for row in noise_rows(comparison))
+    for block in (*difference_blocks(comparison), *noise_blocks(comparison), *closing_blocks(comparison)):
+        if isinstance(block, Table):
+            yield from ("  ".join(row) for row in block.rows)
     if comparison.closing is not None:
-        yield from ("gap " + "  ".join(row) for row in closing_rows(comparison.closing))
         yield f"left: {comparison.closing.left or 'nothing'}"
 
 

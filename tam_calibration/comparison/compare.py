@@ -25,9 +25,6 @@ from tam_calibration.model.units import to_nanotesla
 _NAMES = "The simulation", "The recording"
 """How remarks on the two begin."""
 
-_QUANTILE = 1.96
-"""Of the normal distribution, for 95 % intervals."""
-
 
 def compare(
     simulation: SampleSource,
@@ -215,7 +212,7 @@ def _interval(before: float, after: float, undecided: float, count: float) -> tu
     if before <= 0:
         return (0.0, 1.0)
     variance = (2 + 4 * after) / count / before**2 + (2 + 4 * before) / count * after**2 / before**4
-    closed, half = 1 - after / before, _QUANTILE * float(np.sqrt(variance))
+    closed, half = 1 - after / before, 1.96 * float(np.sqrt(variance))
     return (float(np.clip(closed - undecided / before - half, 0, 1)), float(np.clip(closed + half, 0, 1)))
 
 

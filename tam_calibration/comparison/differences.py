@@ -15,12 +15,6 @@ from tam_calibration.model.sensors_in_words import numbered
 _OPEN = ("partly_explained", "unexplained")
 """Verdicts that leave an unknown part."""
 
-_LIKELY = 0.5
-"""Probability below which a cause is not named where an unknown part remains: it belongs to that part."""
-
-_UNKNOWN_SAME = 0.5
-"""Part by which two unknown parts may differ in size and still be one: twice that of runs of one phone, or one IMU."""
-
 
 def likely_causes(side: Side) -> list[Cause]:
     """Return the causes that are named: all where they explain the recording, else the likely ones.
@@ -30,7 +24,8 @@ def likely_causes(side: Side) -> list[Cause]:
     side : Side
         With its diagnosis.
     """
-    return [cause for cause in side.gap.causes if side.gap.verdict not in _OPEN or cause.probability >= _LIKELY]
+    # Where an unknown part remains, a cause that is not likely belongs to it.
+    return [cause for cause in side.gap.causes if side.gap.verdict not in _OPEN or cause.probability >= 0.5]
 
 
 def unknown_part(side: Side) -> EffectDifference | None:
@@ -58,7 +53,8 @@ def may_be_same(one: EffectDifference, other: EffectDifference) -> bool:
         Both unknown.
     """
     small, large = sorted((one.size, other.size))
-    return bool(set(one.sensors) & set(other.sensors)) and large - small <= _UNKNOWN_SAME * large
+    # Runs of one phone, or one IMU, differ by half as much.
+    return bool(set(one.sensors) & set(other.sensors)) and large - small <= 0.5 * large
 
 
 @dataclass(frozen=True, eq=False)

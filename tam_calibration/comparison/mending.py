@@ -108,25 +108,6 @@ def _quiet(side: Side) -> Recording:
     return replace(recording, readings_T=calibration.errors.distort(field), interpolated_noise=None)
 
 
-_DISTANCE = 8.0
-"""Distance of the source, in those of the farthest sensor from the centre: 2 m for a cross of 0.5 m."""
-
-_DIRECTION = np.array([0.6, 0.48, -0.64])
-"""Of the source from the array in the world, as of an object on the ground ahead."""
-
-_SIGNAL = 300.0
-"""Gradient of the source over the standard error of the tensor's components: found to about a tenth of a per cent."""
-
-_MOST = 400
-"""Samples that are located: enough for a median within a tenth of its size."""
-
-_BLOCKS = 20
-"""Blocks of time whose medians show how certain the median of all is."""
-
-_DRAWS = 1000
-"""Times that blocks are drawn anew (bootstrap)."""
-
-
 def source_of(side: Side) -> Dipole | None:
     """Return the source that is put into both recordings, for the noise of one; None where no gradient is known.
 
@@ -138,11 +119,13 @@ def source_of(side: Side) -> Dipole | None:
     array = side.calibration.array
     if not array.has_gradient or side.recording.attitude is None:
         return None
-    distance = _DISTANCE * float(norm(array.positions_m, axis=1).max())
+    # Eight times as far as the farthest sensor: 2 m for a cross of 0.5 m.
+    distance = 8.0 * float(norm(array.positions_m, axis=1).max())
     error = float(np.sqrt(np.mean(side.calibration.output_standard_errors[3:] ** 2)))
     # The largest component of the gradient of a dipole is 6 x 10⁻⁷ m / r⁴.
-    moment = _SIGNAL * error * distance**4 / 6e-7
-    return Dipole(distance * _DIRECTION, moment * np.array([0.0, 0.6, 0.8]))
+    moment = 300.0 * error * distance**4 / 6e-7
+    # As of an object on the ground ahead, found to about a tenth of a per cent by its gradient.
+    return Dipole(distance * np.array([0.6, 0.48, -0.64]), moment * np.array([0.0, 0.6, 0.8]))
 
 
 def source_error(recording: Recording, side: Side, source: Dipole) -> SourceError | None:
@@ -165,7 +148,8 @@ def source_error(recording: Recording, side: Side, source: Dipole) -> SourceErro
         return None
     calibration = replace(side.calibration, effects=(), effect_sizes=())
     known = np.flatnonzero(np.isfinite(recording.attitude).all(axis=1))
-    chosen = recording.take(known[np.linspace(0, len(known) - 1, min(_MOST, len(known))).astype(int)])
+    # Enough for a median within a tenth of its size.
+    chosen = recording.take(known[np.linspace(0, len(known) - 1, min(400, len(known))).astype(int)])
     assert chosen.attitude is not None
     regional = Regional(regional_of(calibration.correct(chosen).outputs, chosen.attitude).field_T)
     turns = Rotation.from_quat(chosen.attitude).as_matrix()
@@ -184,7 +168,8 @@ def _error(distance_m: FloatArray) -> SourceError:
     """Return the median of distances (N,) but NaN, with the interval that the medians of blocks of time give."""
     generator = np.random.default_rng(0)
     located_m = distance_m[np.isfinite(distance_m)]
-    blocks = [np.median(block) for block in np.array_split(located_m, min(_BLOCKS, len(located_m)))]
-    drawn = np.median(generator.choice(blocks, (_DRAWS, _BLOCKS)), axis=1)
+    # The medians of 20 blocks of time show how certain the median of all is (bootstrap).
+    blocks = [np.median(block) for block in np.array_split(located_m, min(20, len(located_m)))]
+    drawn = np.median(generator.choice(blocks, (1000, 20)), axis=1)
     low, high = np.quantile(drawn, (0.025, 0.975))
     return SourceError(float(np.median(located_m)), (float(low), float(high)))

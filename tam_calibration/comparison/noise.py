@@ -19,9 +19,6 @@ LEAST_DIFFERENCE = 0.05
 CERTAIN = 4.5
 """Standard errors from which two noises differ: of 13 rows at 15 frequencies by chance in one of a thousand."""
 
-_FREEDOM = 60.0
-"""Degrees of freedom of neighbouring bands of two spectra that are compared as one: their ratio is nearly normal."""
-
 
 def differs(simulation: AxisNoise, recording: AxisNoise) -> bool:
     """Return whether two noises of an axis differ by more than chance, and by more than matters in practice.
@@ -47,7 +44,8 @@ def differs(simulation: AxisNoise, recording: AxisNoise) -> bool:
         is_certain = abs(ratio) > CERTAIN * error or abs(more_T2) > CERTAIN * np.hypot(before_T2, after_T2)
         return bool(is_certain and abs(ratio) > np.log1p(LEAST_DIFFERENCE))
     (before, before_error), (after, after_error) = _powers_of_both(simulation, recording)
-    group = np.cumsum(2 / (before_error**2 + after_error**2)) // _FREEDOM
+    # With 60 degrees of freedom the ratio of two bands is nearly normal.
+    group = np.cumsum(2 / (before_error**2 + after_error**2)) // 60.0
     group = np.minimum(group, group[-1] - 1)
     bands = group[:, None] == np.unique(group)
     bands = np.column_stack([bands, np.ones(len(before), dtype=bool)])

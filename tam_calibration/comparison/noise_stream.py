@@ -30,9 +30,6 @@ _PER_DECADE = 3
 _FREQUENCIES = 100
 """At which the density is fitted, equally far from each other on a logarithmic scale."""
 
-_FORGOTTEN = 1e3
-"""Decay, as an exponent, after which nothing is left of a mode: its next kick makes it anew."""
-
 
 @dataclass(frozen=True, eq=False)
 class SlowModes:
@@ -146,7 +143,8 @@ class NoiseStream:
     def _coloured(self, time_s: FloatArray) -> FloatArray:
         step = np.diff(time_s, prepend=self._newest_s)[:, None]
         self._newest_s = float(time_s[-1])
-        exponent = np.where(step > 0, np.maximum(step, 0) * self._decay, _FORGOTTEN)
+        # After a pause, or where time goes back, nothing is left of a mode: its next kick makes it anew.
+        exponent = np.where(step > 0, np.maximum(step, 0) * self._decay, 1e3)
         size = -np.expm1(-2 * exponent.real) / (2 * self._decay.real)
         square = -np.expm1(-2 * exponent) / (2 * self._decay)
         along, across = (np.sqrt(np.maximum(size + sign * np.abs(square), 0) / 2) for sign in (1, -1))

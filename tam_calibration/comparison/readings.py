@@ -22,9 +22,6 @@ SAME_RATE = 0.01
 SAME_TIME = 0.01
 """Part of the interval by which two jitters may differ: clocks of computers make as much."""
 
-RESOLUTION_S = 1e-9
-"""Of stamps in ROS, seconds: jitter below it is rounding."""
-
 SAME_PART = 0.01
 """Part of the samples by which two losses may differ: no figure of the rest depends on it."""
 
@@ -68,7 +65,8 @@ def _of_stamps(time_s: FloatArray) -> Iterator[ReadingFigure]:
     is_hole = interval >= LEAST_HOLE * step
     missing = float(np.rint(interval[is_hole] / step - 1).sum())
     jitter = float(noise_deviation(interval[~is_hole] - step))
-    jitter = jitter if jitter > RESOLUTION_S else 0.0
+    # Jitter below the resolution of stamps in ROS is rounding.
+    jitter = jitter if jitter > 1e-9 else 0.0
     lost = missing / (missing + len(time_s))
     rate, count = 1 / step, len(interval)
     # A median has 2/π of the information on a mean, a median of absolute deviations 37 % of that on a deviation.

@@ -18,15 +18,6 @@ from tam_calibration.gap.size import unusable
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.fitted_effect import FittedEffect
 
-_SAME = 0.2
-"""Part of an effect by which its parameters may differ and still count as the same: twins of sensors differ so."""
-
-_CERTAIN = 4.0
-"""Energy of the difference of two fits of one effect, over that expected of their errors, from which they differ."""
-
-_SAME_FREQUENCY = 0.01
-"""Relative difference of two frequencies that are one: clocks and motors keep a per cent."""
-
 
 def energy_of(causes: Sequence[Cause], side: Side) -> float:
     """Return the energy that causes explain, squared noise floors of the side that was diagnosed.
@@ -106,7 +97,8 @@ def parameters_differ(
         count / max(energy_of(causes, side) * side.gap.channel_count, 1.0)
         for causes, side in ((theirs, simulation), (own, recording))
     )
-    return part, part > _SAME**2 + _CERTAIN * chance
+    # Twins of sensors differ by a fifth; beyond that, four times what the errors of the two fits explain is no chance.
+    return part, part > 0.2**2 + 4.0 * chance
 
 
 def _difference_of_signals(theirs: Sequence[FittedEffect], own: Sequence[FittedEffect], recording: Side) -> float:
@@ -121,7 +113,8 @@ def _difference_of_signals(theirs: Sequence[FittedEffect], own: Sequence[FittedE
 def _difference_of_values(theirs: FittedEffect, own: FittedEffect) -> float:
     """Return the relative squared difference of the sizes at each place; 1 where the frequencies differ."""
     simulated, recorded = (one.shape.get("frequency_hz", 0.0) for one in (theirs, own))
-    if abs(recorded - simulated) > _SAME_FREQUENCY * recorded:
+    # Clocks and motors keep a per cent.
+    if abs(recorded - simulated) > 0.01 * recorded:
         return 1.0
     if getattr(effect_named(own.effect), "is_of_site", False):
         return 0.0

@@ -168,10 +168,6 @@ def _followed(added: NDArray[Any], decay: NDArray[Any]) -> NDArray[Any]:
     return np.asarray(solve(diagonals, added, uplo="L", diag="U")[0])
 
 
-_LARGEST_STEP = 3.0
-"""Time step over the median from which it is a hole in the record."""
-
-
 @dataclass(frozen=True, eq=False)
 class Covariates:
     """Field, channels and attitude at each sample, as far as they are known.
@@ -248,7 +244,8 @@ class Covariates:
     @cached_property
     def stretches(self) -> tuple[slice, ...]:
         """The samples between holes of the record."""
-        cuts = np.flatnonzero(np.diff(self.time_s) > _LARGEST_STEP * self.step_s) + 1
+        # A longer step than three median ones is a hole in the record.
+        cuts = np.flatnonzero(np.diff(self.time_s) > 3.0 * self.step_s) + 1
         bounds = [0, *cuts.tolist(), self.sample_count]
         return tuple(slice(start, stop) for start, stop in pairwise(bounds))
 

@@ -17,14 +17,8 @@ from tam_calibration.model.fitted_effect import Contribution, FittedEffect, Shap
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
 
-_MOST_READINGS = 500_000
-"""Readings of which cumulative sums are kept, 200 bytes each; a longer recording is thinned."""
-
 _BLOCKS = 300
 """Blocks of time between which a jump is searched first: 45 000 pairs."""
-
-_ROUNDS = 2
-"""Rounds of refining either end of a jump to the sample, the other end held."""
 
 LEAST_FALL = 4.0
 """Ratio of the residual energies without and with a gross jump that it must reach: far above that of noise."""
@@ -51,7 +45,7 @@ def best_cuts(energy: Callable[[Cuts], FloatArray], count: int) -> Cuts | None:
     pairs = np.column_stack([first, last])[first < last]
     best: Cuts = pairs[np.argmin(energy(pairs))]
     reach = int(bounds[1])
-    for _ in range(_ROUNDS):
+    for _ in range(2):
         for end in (0, 1):
             if best[end] == count:
                 continue
@@ -76,7 +70,8 @@ def gross_bias_jump(recording: Recording) -> FittedEffect | None:
     recording : Recording
         In a field of constant intensity, turned about several axes before and after the jump.
     """
-    thinning = recording.sample_count * recording.sensor_count // _MOST_READINGS + 1
+    # Sums of 200 bytes are kept of each reading: a longer recording is thinned.
+    thinning = recording.sample_count * recording.sensor_count // 500_000 + 1
     recording = recording.take(slice(None, None, thinning))
     sums = _Sums.of(recording)
     best = best_cuts(sums.residual_energy, recording.sample_count)
@@ -94,13 +89,6 @@ def gross_bias_jump(recording: Recording) -> FittedEffect | None:
     return FittedEffect(BiasJump.name, shape_of(recording.time_s, best), contributions)
 
 
-_ROUNDING = 1e-12
-"""Rounding error of differences of the cumulative sums, as a part of the sums over all samples."""
-
-_FARTHEST = 1e3
-"""Limit of readings, in units of the field: the fourth powers of larger ones would swamp the sums."""
-
-
 @dataclass(frozen=True, eq=False)
 class _Sums:
     """Sums over the samples before each, for each sensor: of [y, 1, |y|²] times itself, readings in units of the field.
@@ -114,7 +102,8 @@ class _Sums:
     @classmethod
     def of(cls, recording: Recording) -> "_Sums":
         unit = np.median(norm(recording.readings_T, axis=2), axis=0)
-        reading = np.clip(recording.readings_T / unit[:, None], -_FARTHEST, _FARTHEST)
+        # The fourth powers of readings a thousand times the field would swamp the sums.
+        reading = np.clip(recording.readings_T / unit[:, None], -1e3, 1e3)
         size = np.sum(reading**2, axis=2, keepdims=True)
         own = np.concatenate([reading, np.ones_like(size), size], axis=2)
         total = np.zeros((recording.sample_count + 1, recording.sensor_count, 5, 5))
@@ -134,7 +123,7 @@ class _Sums:
     def _fit(self, sums: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return coefficients (..., 4) and residual energy (...) of spheres fitted to samples with sums (..., 5, 5)."""
         # As large as the rounding of differences of all sums.
-        ridge = _ROUNDING * (1 + np.trace(self.total[-1, ..., :4, :4], axis1=-2, axis2=-1))
+        ridge = 1e-12 * (1 + np.trace(self.total[-1, ..., :4, :4], axis1=-2, axis2=-1))
         information = sums[..., :4, :4] + ridge[:, None, None] * np.eye(4)
         score = sums[..., :4, 4]
         step = np.linalg.solve(information, score[..., None])[..., 0]

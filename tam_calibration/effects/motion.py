@@ -14,13 +14,7 @@ from tam_calibration.model.units import FloatArray
 _NEIGHBOURS = 6
 """Samples on both sides through which a polynomial (of fifth degree) predicts one, as turns are smooth."""
 
-_LARGEST_WEIGHT = 50.0
-"""Largest weight of a neighbour in a derivative, per time step; a larger one means samples that nearly coincide."""
-
 _KNOWN: WeakKeyDictionary[Covariates, FloatArray] = WeakKeyDictionary()
-
-_BLOCKS = (1, 2, 4, 8, 16)
-"""Samples whose mean is predicted: longer means have less noise, which a slow motion needs."""
 
 
 def rates(covariates: Covariates) -> FloatArray:
@@ -39,7 +33,8 @@ def rates(covariates: Covariates) -> FloatArray:
         for first_of_piece in range(0, len(here), BLOCK):
             nodes, own = neighbours[first_of_piece:][:BLOCK], here[first_of_piece:][:BLOCK]
             _, slope = _weights(covariates.time_s[nodes] - covariates.time_s[own, None])
-            wild = np.abs(slope).max(axis=1) * covariates.step_s > _LARGEST_WEIGHT
+            # A larger weight of a neighbour, per time step, means samples that nearly coincide.
+            wild = np.abs(slope).max(axis=1) * covariates.step_s > 50.0
             slope[wild] = 0
             rate[own] = _combined(slope, covariates.field_T, nodes)
     _KNOWN[covariates] = rate
@@ -50,7 +45,8 @@ def jumps(covariates: Covariates) -> str | None:
     """Return that the field changes from sample to sample in jumps, not in continuous motion, where it does."""
     if covariates.sample_count < 2 * _NEIGHBOURS:
         return f"{covariates.sample_count} samples are too few to tell a motion"
-    for size in _BLOCKS:
+    # Means of several samples have less noise, which a slow motion needs.
+    for size in (1, 2, 4, 8, 16):
         steps, misses = [], []
         for stretch in covariates.stretches:
             count = (stretch.stop - stretch.start) // size

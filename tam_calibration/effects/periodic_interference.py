@@ -16,9 +16,6 @@ _LEAST_PERIODS = 10
 _MOST_STEPS = 1 << 21
 """Steps of time that a transform spans, of some hundred megabytes."""
 
-SAME_LINE = 4.0
-"""Distance within which two tones are one, in widths of a spectral line (1 / duration)."""
-
 _FINER = 4
 """Points of the periodogram per width of a line."""
 
@@ -61,7 +58,7 @@ class PeriodicInterference(LinearEffect):
             Their times state the duration, hence the width of a line.
         """
         apart = abs(shape["frequency_hz"] - other["frequency_hz"])
-        return apart * float(np.ptp(covariates.time_s)) < SAME_LINE
+        return apart * float(np.ptp(covariates.time_s)) < 4.0
 
     def sizes(self, covariates: Covariates, fitted: FittedEffect) -> list[Sized]:
         """Return the amplitudes, and that of the harmonics beside that of the line.

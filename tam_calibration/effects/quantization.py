@@ -28,12 +28,6 @@ _FINEST = 0.5
 _DISTANCE = 500.0
 """Typical difference of the readings compared, in the same unit."""
 
-_PER_FINEST = 8
-"""Cells of the histogram of differences to the finest step."""
-
-_DIFFERENCES = 2000
-"""Differences of readings compared; more would not determine their phases better."""
-
 
 @dataclass(frozen=True)
 class Lattice:
@@ -156,8 +150,10 @@ def _frequency(ordered: FloatArray) -> float | None:
     difference = np.sort(difference)
     near = int(np.searchsorted(difference, 4 * _DISTANCE))
     difference = difference[: max(near, len(difference) // 2, LEAST_SAMPLES)]
-    difference = difference[:: max(1, len(difference) // _DIFFERENCES)]
-    cell = _FINEST / _PER_FINEST
+    # More than 2000 differences would not determine their phases better.
+    difference = difference[:: max(1, len(difference) // 2000)]
+    # Eight cells of the histogram to the finest step.
+    cell = _FINEST / 8
     histogram = np.bincount((difference / cell + 0.5).astype(np.intp))
     length = 2 ** int(np.ceil(np.log2(2 * len(histogram))))
     coherence = np.abs(np.fft.rfft(histogram, length)) / len(difference)

@@ -17,9 +17,6 @@ from tam_calibration.model.recording import BLOCK, Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
-_PASSES = 2
-"""Iterations: the signal depends on the field, and the field on the signal; the error is squared in each."""
-
 
 @dataclass(frozen=True, eq=False)
 class Added:
@@ -60,7 +57,8 @@ class EffectStream:
         self._begin()
 
     def _begin(self) -> None:
-        self._memories = [[Memory() for _ in self._effects] for _ in range(_PASSES)]
+        # The signal depends on the field, and the field on the signal: each pass squares the error.
+        self._memories = [[Memory() for _ in self._effects] for _ in range(2)]
 
     def go_on(self, other: "EffectStream") -> None:
         """Take up the recursions of another stream, where it is of the same effects beside other errors."""

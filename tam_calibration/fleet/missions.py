@@ -8,13 +8,9 @@ from itertools import groupby
 import numpy as np
 
 from tam_calibration.fleet.task import Result
+from tam_calibration.model.data_sheet import DAY_S
 from tam_calibration.model.units import FloatArray
-
-SECONDS_PER_DAY = 86_400.0
-"""Of a day without a leap second."""
-
-_FIRST_ABSOLUTE_S = 631_152_000.0
-"""Least time that counts from 1970, seconds: 1990. Earlier times count from the start of a recorder."""
+from tam_calibration.report.formatting import KINDS, Kind
 
 
 @dataclass(frozen=True)
@@ -68,7 +64,7 @@ def fit_drift(
     count = int(known.sum())
     if not count:
         return None
-    days, value = (time_s[known] - time_s[0]) / SECONDS_PER_DAY, values[known]
+    days, value = (time_s[known] - time_s[0]) / DAY_S, values[known]
     weight = standard_errors[known] ** -2.0
     total = float(weight.sum())
     mean, middle = float(weight @ value) / total, float(weight @ days) / total
@@ -85,50 +81,19 @@ def fit_drift(
 
 
 @dataclass(frozen=True)
-class Group:
-    """Three parameters of a sensor: their names, those of their columns, key in the calibration file and unit."""
-
-    title: str
-    names: tuple[str, str, str]
-    columns: tuple[str, str, str]
-    key: str
-    unit: str = ""
-
-    @property
-    def standard_error_key(self) -> str:
-        """Key of their standard errors in the calibration file."""
-        stem = self.key.removesuffix(f"_{self.suffix}") if self.suffix else self.key
-        return f"{stem}_standard_error_{self.suffix}".rstrip("_")
-
-    @property
-    def suffix(self) -> str:
-        """The unit as keys and columns have it."""
-        return "deg" if self.unit == "°" else self.unit
-
-
-_AXES = ("x", "y", "z")
-GROUPS = (
-    Group("scale factor", _AXES, _AXES, "scale_factor"),
-    Group("non-orthogonality", ("θ", "φ", "ψ"), ("theta", "phi", "psi"), "non_orthogonality_deg", "°"),
-    Group("bias", _AXES, _AXES, "bias_nT", "nT"),
-    Group("misalignment", ("α", "β", "γ"), ("alpha", "beta", "gamma"), "misalignment_deg", "°"),
-)
-
-
-@dataclass(frozen=True)
 class ParameterDrift:
     """The drift of one parameter of a sensor of a platform."""
 
     platform: str
     sensor: int
-    group: Group
+    kind: Kind
     axis: int
     drift: LinearDrift
 
     @property
     def name(self) -> str:
         """Name of the parameter, without the sensor."""
-        return f"{self.group.title} {self.group.names[self.axis]}"
+        return f"{self.kind.name} {self.kind.axes[self.axis]}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,14 +109,14 @@ class Missions:
     longest_s : float
         Duration of the longest mission, seconds.
     values, standard_errors : dict
-        For each group (M, K, 3), in its unit.
+        For each kind (M, K, 3), in its unit.
     """
 
     platform: str
     time_s: FloatArray
     longest_s: float
-    values: dict[Group, FloatArray]
-    standard_errors: dict[Group, FloatArray]
+    values: dict[Kind, FloatArray]
+    standard_errors: dict[Kind, FloatArray]
 
     @property
     def no_drift(self) -> str:
@@ -160,18 +125,19 @@ class Missions:
             return ""
         if np.ptp(self.time_s) <= self.longest_s:
             return "no drift: the missions have one time"
-        is_absolute = self.time_s.min() >= _FIRST_ABSOLUTE_S
+        # Times before 1990 count from the start of a recorder.
+        is_absolute = self.time_s.min() >= 631_152_000.0
         return "" if is_absolute else "no drift: the times of the missions do not count from 1970"
 
     def drifts(self) -> Iterator[ParameterDrift]:
         """Yield the drift of each parameter that some mission determines."""
         apart_s = math.inf if self.no_drift else self.longest_s
-        for group, values in self.values.items():
-            errors = self.standard_errors[group]
+        for kind, values in self.values.items():
+            errors = self.standard_errors[kind]
             for sensor, axis in np.ndindex(*values.shape[1:]):
                 drift = fit_drift(self.time_s, values[:, sensor, axis], errors[:, sensor, axis], apart_s)
                 if drift is not None:
-                    yield ParameterDrift(self.platform, sensor + 1, group, axis, drift)
+                    yield ParameterDrift(self.platform, sensor + 1, kind, axis, drift)
 
 
 def by_platform(results: Sequence[Result]) -> dict[str, list[Result]]:
@@ -188,8 +154,8 @@ def all_missions(results: Sequence[Result]) -> list[Missions]:
     missions = []
     for platform, some in by_platform([result for result in results if result.sensors and result.time_span_s]).items():
         spans_s = np.array([result.time_span_s for result in some])
-        values = {group: _table(some, group.key) for group in GROUPS}
-        errors = {group: _table(some, group.standard_error_key) for group in GROUPS}
+        values = {kind: _table(some, kind.key()) for kind in KINDS}
+        errors = {kind: _table(some, kind.key("standard_error")) for kind in KINDS}
         missions.append(Missions(platform, spans_s.mean(axis=1), float(np.ptp(spans_s, axis=1).max()), values, errors))
     return missions
 

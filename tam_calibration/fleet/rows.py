@@ -57,8 +57,6 @@ def _occurrences(results: Sequence[Result]) -> str:
 COUNTS_HEADER = ("platform", *COLUMNS, "causes")
 DRIFT_HEADER = ("platform", "sensor", "parameter", "missions", "drift per day", "over its error", "scatter", "mean")
 
-_DECIMALS = 6
-
 
 def count_rows(results: Sequence[Result]) -> list[list[str]]:
     """Return a row for each platform, under ``COUNTS_HEADER``."""
@@ -71,16 +69,16 @@ def count_rows(results: Sequence[Result]) -> list[list[str]]:
 
 def drift_row(found: ParameterDrift) -> list[str]:
     """Return the row of a drift, under ``DRIFT_HEADER``."""
-    drift, unit = found.drift, f" ({found.group.unit})" if found.group.unit else ""
+    drift, unit = found.drift, f" ({found.kind.sign})" if found.kind.sign else ""
     return [
         found.platform,
         str(found.sensor),
         found.name + unit,
         str(drift.missions),
-        with_error(drift.per_day, drift.per_day_standard_error, _DECIMALS),
+        with_error(drift.per_day, drift.per_day_standard_error, 6),
         number(drift.significance),
         number(drift.scatter),
-        with_error(drift.mean, drift.mean_standard_error, _DECIMALS),
+        with_error(drift.mean, drift.mean_standard_error, 6),
     ]
 
 
@@ -88,7 +86,7 @@ def largest(drifts: Sequence[ParameterDrift]) -> list[ParameterDrift]:
     """Return the drift of each platform and kind of parameter that stands out most over its standard error."""
     kinds: dict[tuple[str, str], ParameterDrift] = {}
     for found in drifts:
-        key = found.platform, found.group.title
+        key = found.platform, found.kind.name
         if abs(found.drift.significance) > (abs(kinds[key].drift.significance) if key in kinds else 0.0):
             kinds[key] = found
     return list(kinds.values())

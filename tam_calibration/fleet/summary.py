@@ -16,8 +16,6 @@ from matplotlib.figure import Figure
 from tam_calibration.files.text_files import to_json
 from tam_calibration.files.whole_files import write_set
 from tam_calibration.fleet.missions import (
-    GROUPS,
-    Group,
     Missions,
     ParameterDrift,
     all_drifts,
@@ -36,40 +34,36 @@ from tam_calibration.fleet.rows import (
 )
 from tam_calibration.fleet.task import Result
 from tam_calibration.report.blocks import Block, Gallery, Points, Section, Table, Text
-from tam_calibration.report.formatting import count, number, sentence
+from tam_calibration.report.formatting import KINDS, Kind, count, number, sentence
 from tam_calibration.report.page import embed, write_page
-from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR, FLOOR_COLOR, QUIET_COLOR, STYLE, WIDTH_INCH
-
-_COLORS = (BEFORE_COLOR, AFTER_COLOR, FLOOR_COLOR)
-_HEIGHT_INCH = 1.5
-"""Of the panel of one sensor: three of them fit on a screen."""
+from tam_calibration.report.style import COLORS, QUIET_COLOR, STYLE, WIDTH_INCH
 
 
 @matplotlib.rc_context(STYLE | {"date.converter": "concise"})
-def plot_missions(missions: Missions, group: Group) -> Figure:
+def plot_missions(missions: Missions, kind: Kind) -> Figure:
     """Draw three parameters of each sensor less their means, with standard errors, over time.
 
     Parameters
     ----------
     missions : Missions
         Of one platform, with M missions and K sensors.
-    group : Group
+    kind : Kind
         Parameters to draw; those without a unit are drawn in ppm.
     """
-    factor, unit = (1.0, group.unit) if group.unit else (1e6, "ppm")
-    values, errors = factor * missions.values[group], factor * missions.standard_errors[group]
+    factor, unit = (1.0, kind.sign) if kind.sign else (1e6, "ppm")
+    values, errors = factor * missions.values[kind], factor * missions.standard_errors[kind]
     count = values.shape[1]
-    figure = Figure(figsize=(WIDTH_INCH, _HEIGHT_INCH * count + 0.4), layout="constrained")
+    figure = Figure(figsize=(WIDTH_INCH, 1.5 * count + 0.4), layout="constrained")
     panels = figure.subplots(count, sharex=True, squeeze=False)[:, 0]
     times = [datetime.fromtimestamp(time, UTC) for time in missions.time_s]
     for sensor, axes in enumerate(panels):
-        for axis, color in enumerate(_COLORS):
+        for axis, color in enumerate(COLORS[:3]):
             if (errors[:, sensor, axis] > 0).any():
                 value = values[:, sensor, axis]
-                style = {"fmt": ".", "markersize": 5, "elinewidth": 0.9, "color": color, "label": group.names[axis]}
+                style = {"fmt": ".", "markersize": 5, "elinewidth": 0.9, "color": color, "label": kind.axes[axis]}
                 axes.errorbar(times, value - np.nanmean(value), errors[:, sensor, axis], **style)
         _finish(axes, f"sensor {sensor + 1}")
-    figure.supylabel(f"{group.title} less its mean, {unit}")
+    figure.supylabel(f"{kind.name} less its mean, {unit}")
     return figure
 
 
@@ -123,8 +117,8 @@ def _overview(results: Sequence[Result]) -> Section:
 
 def _drift_section(missions: Missions) -> Section:
     drawn = [
-        embed(plot_missions(missions, group), f"{group.title} over the missions", f"{group.title} ± 1 standard error")
-        for group in GROUPS
+        embed(plot_missions(missions, kind), f"{kind.name} over the missions", f"{kind.name} ± 1 standard error")
+        for kind in KINDS
     ]
     rows = [drift_row(found)[1:] for found in missions.drifts()]
     words = sentence(missions.no_drift) if missions.no_drift else _DRIFTS
@@ -198,7 +192,7 @@ def _summary_to_mapping(results: Sequence[Result]) -> dict[str, Any]:
 
 
 def _drift_mapping(found: ParameterDrift) -> dict[str, Any]:
-    unit = f"_{found.group.suffix}" if found.group.suffix else ""
+    unit = f"_{found.kind.unit}" if found.kind.unit else ""
     return {
         "platform": found.platform,
         "sensor": found.sensor,
@@ -222,12 +216,12 @@ def _summary_rows(results: Sequence[Result]) -> list[list[Any]]:
 
 
 def _columns(sensor: int) -> list[str]:
-    names = []
-    for group in GROUPS:
-        for key in (group.key, group.standard_error_key):
-            stem = key.removesuffix(f"_{group.suffix}") if group.suffix else key
-            names += [f"sensor_{sensor}_{stem}_{axis}_{group.suffix}".rstrip("_") for axis in group.columns]
-    return names
+    return [
+        f"sensor_{sensor}_{kind.key(part)}".removesuffix(f"_{kind.unit}") + f"_{axis}_{kind.unit}".rstrip("_")
+        for kind in KINDS
+        for part in ("", "standard_error")
+        for axis in kind.columns
+    ]
 
 
 def _csv_row(result: Result, width: int) -> list[Any]:
@@ -237,6 +231,6 @@ def _csv_row(result: Result, width: int) -> list[Any]:
     row += [gap["before"], gap["after"], gap["closed"], " ".join(gap["causes"]), result.trouble]
     row = [_FORMULA.sub(r"\1'", cell) if isinstance(cell, str) else cell for cell in row]
     for sensor in result.sensors:
-        for group in GROUPS:
-            row += [*sensor[group.key], *sensor[group.standard_error_key]]
+        for kind in KINDS:
+            row += [*sensor[kind.key()], *sensor[kind.key("standard_error")]]
     return row + [""] * (width - len(row))

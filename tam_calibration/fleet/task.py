@@ -155,9 +155,6 @@ def state_of(path: Path) -> tuple[int, int]:
     return sum(state.st_size for state in states), max((state.st_mtime_ns for state in states), default=0)
 
 
-_DIGEST_LETTERS = 8
-
-
 @dataclass(frozen=True, eq=False)
 class Options:
     """What is asked for every recording.
@@ -231,7 +228,7 @@ class Task:
         options : Options
             What is asked for every recording.
         """
-        digest = sha256(os.fsencode(path)).hexdigest()[:_DIGEST_LETTERS]
+        digest = sha256(os.fsencode(path)).hexdigest()[:8]
         own = Path("recordings", printable(path.parent.name), f"{printable(path.name)}-{digest}")
         return cls(path, Path(os.path.realpath(out)) / own, options)
 

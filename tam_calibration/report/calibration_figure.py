@@ -80,10 +80,6 @@ def view_of(calibration: Calibration, recording: Recording) -> CalibrationView:
     )
 
 
-_COVERAGE_INCH = 3.8
-"""Height of the map of directions, as in a report."""
-
-
 @dataclass(frozen=True)
 class ResidualPlot:
     """Residuals of one kind, before or after calibration: title, panels, and their unit."""
@@ -126,7 +122,7 @@ def plot_calibration(calibration: Calibration, recording: Recording) -> Figure:
     """
     view = view_of(calibration, recording)
     kinds = residual_plots(view)
-    heights = [*(height_inch(before.panels) for before, _ in kinds), _COVERAGE_INCH]
+    heights = [*(height_inch(before.panels) for before, _ in kinds), 3.8]
     figure = Figure(figsize=(1.5 * PAGE_WIDTH_INCH, sum(heights)), layout="constrained")
     *rows, last = figure.subfigures(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0]
     for row, plots in zip(rows, kinds, strict=True):

@@ -161,8 +161,6 @@ _INTRODUCTION = (
 )
 _COMMON = "Value ± standard error, of the noise of the source's amplitudes; the source itself counts as exact."
 _PLACES = "Place of the element of each axis relative to its sensor (mm), array frame ± standard error."
-_DOUBTFUL = 2.0
-"""Reduced χ² above which source and array do not fit each other."""
 
 
 def known_source_blocks(calibration: Calibration) -> list[Block]:
@@ -184,7 +182,7 @@ def _common(found: KnownSource) -> Table:
 
 
 def _verdict(found: KnownSource) -> list[Text]:
-    if found.reduced_chi_square <= _DOUBTFUL:
+    if found.reduced_chi_square <= 2.0:
         return []
     return [
         Text(

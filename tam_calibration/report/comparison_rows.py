@@ -15,12 +15,6 @@ from tam_calibration.report.signature_rows import law_sentence
 
 VERDICTS = {"same": "The same", "differs": "Different", "not_identifiable": "Cannot be told"}
 
-_DIFFERENCES_HEADER = ("effect", "simulation", "recording", "where", "probability", "size (noise floors)")
-
-_NOISE_HEADER = ("noise of", "simulation (nT)", "recording (nT)", "colour: simulation", "colour: recording", "")
-
-_ABSENT = "–"
-
 
 def headline(comparison: result.Comparison) -> str:
     """Return the verdict by name in front of its sentence, once."""
@@ -72,9 +66,15 @@ def law_blocks(comparison: result.Comparison) -> list[Block]:
 
 def difference_blocks(comparison: result.Comparison) -> list[Block]:
     """Return the effects that one side lacks or has otherwise, with parameters; empty where there are none."""
-    rows = difference_rows(comparison)
     laws = law_blocks(comparison)
-    return [*laws, Table(_DIFFERENCES_HEADER, rows, numeric=False), *parameter_tables(comparison)] if rows else laws
+    rows = [
+        (effect_name(each.effect), *sides, _where(each, comparison), percent(each.probability), number(each.size))
+        for each, *sides in _differing(comparison)
+    ]
+    if not rows:
+        return laws
+    header = ("effect", "simulation", "recording", "where", "probability", "size (noise floors)")
+    return [*laws, Table(header, rows, numeric=False), *_parameter_tables(comparison)]
 
 
 def noise_blocks(comparison: result.Comparison) -> list[Block]:
@@ -83,8 +83,9 @@ def noise_blocks(comparison: result.Comparison) -> list[Block]:
         return []
     others, axes = sum(each.differs for each in comparison.noise), len(comparison.noise)
     words = f"The noise of {others} of {axes} axes differs." if others else f"The noise of all {axes} axes is the same."
-    caption = "Standard deviation ± standard error"
-    return [Text(words), Table(_NOISE_HEADER, noise_rows(comparison), caption, numeric=False)]
+    header = ("noise of", "simulation (nT)", "recording (nT)", "colour: simulation", "colour: recording", "")
+    rows = list(map(_noise_row, comparison.noise))
+    return [Text(words), Table(header, rows, "Standard deviation ± standard error", numeric=False)]
 
 
 def closing_blocks(comparison: result.Comparison) -> list[Block]:
@@ -95,7 +96,7 @@ def closing_blocks(comparison: result.Comparison) -> list[Block]:
     header = ("gap to the recording, out of sample", "before", "after the mend")
     blocks: list[Block] = [
         Text("Each term was added to a twin of the simulation's run, or taken from it, and judged out of sample."),
-        Table(header, closing_rows(closing)),
+        Table(header, _closing_rows(closing)),
     ]
     if words := closed_words(closing):
         blocks.append(Text(sentence(words)))
@@ -110,21 +111,35 @@ def closing_blocks(comparison: result.Comparison) -> list[Block]:
     return blocks
 
 
+def _differing(comparison: result.Comparison) -> list[tuple[result.EffectDifference, str, str]]:
+    """Return each effect that one side lacks or has otherwise, and what each side has of it."""
+    return [
+        *((each, _lacking(each), "has it") for each in comparison.missing),
+        *((each, "has it", _lacking(each)) for each in comparison.surplus),
+        *((each.recording, "has it otherwise", "has it") for each in comparison.other_parameters),
+    ]
+
+
 def _difference_sentences(comparison: result.Comparison) -> Iterator[str]:
     """Yield a sentence on each difference, the gravest kind first and the largest of a kind first."""
-    count = _sensor_count(comparison)
     yield from (mistake_words(mistake) for mistake in comparison.mistakes)
-    sides = (comparison.missing, "The simulation lacks"), (comparison.surplus, "Only the simulation has")
-    effects = [(each, begin) for differences, begin in sides for each in differences]
-    for each, begin in sorted(effects, key=lambda one: -one[0].size):
-        yield f"{begin} {effect_name(each.effect)} ({place(each.sensors, each.axes, count)})."
-    for other in comparison.other_parameters:
-        where = place(other.recording.sensors, other.recording.axes, count)
-        yield f"The parameters of {effect_name(other.recording.effect)} ({where}) are others."
+    begins = {"has it": "Only the simulation has {}.", "has it otherwise": "The parameters of {} are others."}
+    told = [(begins.get(own, "The simulation lacks {}."), each) for each, own, _ in _differing(comparison)]
+    for words, each in sorted(told, key=lambda one: ("parameters" in one[0], -one[1].size)):
+        yield words.format(_named(each, comparison))
     for noise in comparison.noise:
         if noise.differs:
             levels = [f"{number(to_nanotesla(side.level_T))} nT" for side in (noise.simulation, noise.recording)]
             yield f"The noise of {axis_name(noise.recording)} is {levels[0]} in the simulation, {levels[1]} recorded."
+
+
+def _named(each: result.EffectDifference, comparison: result.Comparison) -> str:
+    return f"{effect_name(each.effect)} ({_where(each, comparison)})"
+
+
+def _where(each: result.EffectDifference, comparison: result.Comparison) -> str:
+    sensor_count = 0 if comparison.recording is None else comparison.recording.array.sensor_count
+    return place(each.sensors, each.axes, sensor_count)
 
 
 def next_words(comparison: result.Comparison) -> str:
@@ -161,79 +176,40 @@ def axis_name(noise: AxisNoise) -> str:
     return f"sensor {noise.sensor} {noise.axis}" if noise.sensor else "the scalar"
 
 
-def difference_rows(comparison: result.Comparison) -> list[list[str]]:
-    """Return what one side has and the other lacks, then what both have otherwise, as ``_DIFFERENCES_HEADER``."""
-    count = _sensor_count(comparison)
-    return [
-        *(_difference_row(each, _lacking(each), "has it", count) for each in comparison.missing),
-        *(_difference_row(each, "has it", _lacking(each), count) for each in comparison.surplus),
-        *(_difference_row(each.recording, "has it otherwise", "has it", count) for each in comparison.other_parameters),
-    ]
-
-
 def _lacking(difference: result.EffectDifference) -> str:
     return "lacks it" if difference.is_shown_by_other_run else "could not show it"
 
 
-def _difference_row(difference: result.EffectDifference, simulation: str, recording: str, count: int) -> list[str]:
-    return [
-        effect_name(difference.effect),
-        simulation,
-        recording,
-        place(difference.sensors, difference.axes, count),
-        percent(difference.probability),
-        number(difference.size),
-    ]
-
-
-def parameter_tables(comparison: result.Comparison) -> list[Table]:
+def _parameter_tables(comparison: result.Comparison) -> list[Table]:
     """Return a table of the parameters of each difference that has some."""
-    count, header = _sensor_count(comparison), ("parameter", "simulation", "recording", "unit")
-    tables = [(each, _of_one_side(each, is_recording=True)) for each in comparison.missing]
-    tables += [(each, _of_one_side(each, is_recording=False)) for each in comparison.surplus]
-    tables += [(each.recording, _of_both(each)) for each in comparison.other_parameters]
-    return [
-        Table(header, rows, sentence(f"{effect_name(each.effect)} of {place(each.sensors, each.axes, count)}")[:-1])
-        for each, rows in tables
-        if rows
+    differing: list[tuple[result.EffectDifference, result.EffectDifference | None, result.EffectDifference | None]] = [
+        *((each, None, each) for each in comparison.missing),
+        *((each, each, None) for each in comparison.surplus),
+        *((each.recording, each.simulation, each.recording) for each in comparison.other_parameters),
     ]
+    header = ("parameter", "simulation", "recording", "unit")
+    tables = []
+    for each, simulation, recording in differing:
+        theirs, own = _parameters(simulation), _parameters(recording)
+        rows = [[key[0], theirs.get(key, "–"), own.get(key, "–"), key[1]] for key in own | theirs]
+        if rows:
+            caption = sentence(f"{effect_name(each.effect)} of {_where(each, comparison)}")[:-1]
+            tables.append(Table(header, rows, caption))
+    return tables
 
 
-def _of_one_side(difference: result.EffectDifference, is_recording: bool) -> list[list[str]]:
-    rows = _parameter_rows(difference)
-    return [[name, *((_ABSENT, value) if is_recording else (value, _ABSENT)), unit] for name, value, unit in rows]
+def _parameters(difference: result.EffectDifference | None) -> dict[tuple[str, str], str]:
+    """Return value ± standard error of each parameter by its name and unit."""
+    if difference is None or difference.fitted is None:
+        return {}
+    return {(name, unit): value for name, value, unit in number_rows(difference.fitted, difference.units)}
 
 
-def _of_both(other: result.OtherParameters) -> list[list[str]]:
-    simulation, recording = (
-        {(name, unit): value for name, value, unit in _parameter_rows(side)}
-        for side in (other.simulation, other.recording)
-    )
-    return [
-        [name, simulation.get((name, unit), _ABSENT), recording.get((name, unit), _ABSENT), unit]
-        for name, unit in dict.fromkeys([*recording, *simulation])
-    ]
-
-
-def _parameter_rows(difference: result.EffectDifference) -> list[list[str]]:
-    return [] if difference.fitted is None else number_rows(difference.fitted, difference.units)
-
-
-def noise_rows(comparison: result.Comparison) -> list[list[str]]:
-    """Return level and colour of each axis's noise on both sides, as ``_NOISE_HEADER``."""
-    return [
-        [
-            axis_name(each.recording),
-            *(
-                with_error(to_nanotesla(side.level_T), to_nanotesla(side.level_error_T), 3)
-                for side in (each.simulation, each.recording)
-            ),
-            _colour(each.simulation),
-            _colour(each.recording),
-            "differs" if each.differs else "the same",
-        ]
-        for each in comparison.noise
-    ]
+def _noise_row(each: result.NoiseDifference) -> list[str]:
+    """Return level and colour of an axis's noise on both sides."""
+    sides = each.simulation, each.recording
+    levels = [with_error(to_nanotesla(side.level_T), to_nanotesla(side.level_error_T), 3) for side in sides]
+    return [axis_name(each.recording), *levels, *map(_colour, sides), "differs" if each.differs else "the same"]
 
 
 def _colour(noise: AxisNoise) -> str:
@@ -245,7 +221,7 @@ def _colour(noise: AxisNoise) -> str:
     return noise.colour
 
 
-def closing_rows(closing: result.Closing) -> list[list[str]]:
+def _closing_rows(closing: result.Closing) -> list[list[str]]:
     """Return the gap before and after the mend in noise floors, nT, nT/m and metres."""
     sizes = [
         ("in noise floors", closing.before, closing.after),
@@ -293,8 +269,3 @@ def _figure_row(figure: Figure) -> list[str]:
 def _valued(value: float, error: float) -> str:
     """Return a value, with its standard error where there is one."""
     return with_error(value, error, 4) if error > 0 and math.isfinite(value) else number(value, 4)
-
-
-def _sensor_count(comparison: result.Comparison) -> int:
-    """Return the number of sensors K; 0 where nothing was compared."""
-    return 0 if comparison.recording is None else comparison.recording.array.sensor_count

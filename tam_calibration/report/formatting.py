@@ -11,20 +11,40 @@ _THIN_SPACE = "\u202f"
 
 
 class Kind(NamedTuple):
-    """Three errors of a sensor: their name, unit in keys and for people, factor from SI, decimals to show."""
+    """Three errors of a sensor, in the units of files.
+
+    Parameters
+    ----------
+    name : str
+        For people.
+    unit, sign : str
+        Unit in keys and for people.
+    factor : float
+        From SI.
+    decimals : int
+        Decimals to show.
+    axes, columns : tuple of str
+        Names of the three, for people and in the columns of tables.
+    """
 
     name: str
     unit: str
     sign: str
     factor: float
     decimals: int
+    axes: tuple[str, ...] = ("x", "y", "z")
+    columns: tuple[str, ...] = ("x", "y", "z")
+
+    def key(self, part: str = "") -> str:
+        """Return the key of the values in files, or of a part such as "standard_error"."""
+        return "_".join(filter(None, (self.name.replace(" ", "_").replace("-", "_"), part, self.unit)))
 
 
 KINDS = (
     Kind("scale factor", "", "", 1.0, 6),
-    Kind("non-orthogonality", "deg", "°", to_degrees(1.0), 5),
+    Kind("non-orthogonality", "deg", "°", to_degrees(1.0), 5, ("θ", "φ", "ψ"), ("theta", "phi", "psi")),
     Kind("bias", "nT", "nT", to_nanotesla(1.0), 2),
-    Kind("misalignment", "deg", "°", to_degrees(1.0), 5),
+    Kind("misalignment", "deg", "°", to_degrees(1.0), 5, ("α", "β", "γ"), ("alpha", "beta", "gamma")),
 )
 """The errors of a sensor in the order of their vector."""
 

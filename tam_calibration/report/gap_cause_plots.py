@@ -18,8 +18,6 @@ from tam_calibration.report.gap_rows import percent
 from tam_calibration.report.recording_plots import cells_on_map, draw_borders
 from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR, FLOOR_COLOR, PAGE_WIDTH_INCH, QUIET_COLOR, STYLE
 
-_SHOWN_ROWS = 3
-
 
 @dataclass(frozen=True, eq=False)
 class State:
@@ -65,7 +63,7 @@ class GapView:
         """The rows to draw: those with the largest residual in the place of the gap, and in that of each cause."""
         gap = self.gap
         places = [(gap.where.sensors, gap.where.axes), *((cause.sensors, cause.axes) for cause in gap.causes)]
-        return tuple(dict.fromkeys(self._largest(*place) for place in places))[:_SHOWN_ROWS]
+        return tuple(dict.fromkeys(self._largest(*place) for place in places))[:3]
 
     def _largest(self, sensors: Sequence[int | str], axes: Sequence[str]) -> int:
         """Return the row with the largest residual in a place; of all rows where there is no place."""
@@ -81,19 +79,13 @@ class GapView:
         return "scalar" if row == 3 * self.sensor_count else f"sensor {row // 3 + 1} {'xyz'[row % 3]}"
 
 
-_SHOWN = 8
-"""Causes that are drawn, the most probable ones: the others share a few per mille."""
-
-_LEAST_DRAWN = 1e-3
-"""Smallest probability that a figure can show."""
-
-
 @matplotlib.rc_context(STYLE)
 def plot_evidence(gap: Gap) -> Figure:
     """Draw the probabilities of the causes, the most probable on top, supported ones in full colour."""
     supported = {cause.fitted.effect for cause in gap.causes}
     ranked = sorted(gap.probabilities.items(), key=lambda each: -each[1])
-    shown = [each for each in ranked[:_SHOWN] if each[1] >= _LEAST_DRAWN or each[0] in supported] or ranked[:1]
+    # Of the causes the others share a few per mille.
+    shown = [each for each in ranked[:8] if each[1] >= 1e-3 or each[0] in supported] or ranked[:1]
     names, values = [name.replace("_", " ") for name, _ in shown], [value for _, value in shown]
     colors = [AFTER_COLOR if name in supported else QUIET_COLOR for name, _ in shown]
     figure = Figure(figsize=(PAGE_WIDTH_INCH, 0.9 + 0.28 * len(shown)), layout="constrained")
@@ -104,10 +96,6 @@ def plot_evidence(gap: Gap) -> Figure:
     axes.set(xlim=(0, 1.1), ylim=(len(shown) - 0.4, -0.6), xlabel="probability, calibrated on simulated recordings")
     axes.tick_params(axis="y", length=0)
     return figure
-
-
-_BINS = 12
-"""Bins of equally many samples: enough to show a curve, few enough that each mean is certain."""
 
 
 @matplotlib.rc_context(STYLE)
@@ -159,7 +147,8 @@ def binned(
     """
     known = np.isfinite(channel) & np.isfinite(values)
     order = np.argsort(channel[known], kind="stable")
-    parts = [part for part in np.array_split(order, _BINS) if len(part)]
+    # Bins of equally many samples: enough to show a curve, few enough that each mean is certain.
+    parts = [part for part in np.array_split(order, 12) if len(part)]
     channel, values = channel[known], values[known]
     middle = np.array([float(np.median(channel[part])) for part in parts])
     return middle, np.array([measure(values[part]) for part in parts])

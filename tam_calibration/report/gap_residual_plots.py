@@ -86,13 +86,6 @@ def plot_histogram(view: GapView, row: int) -> Figure:
     return plot_distributions(drawn, f"residual of {view.row_name(row)}, in noise floors")
 
 
-_BANDS = 250
-"""Bands, evenly spaced in the logarithm of the frequency: about one for three points of the page."""
-
-_LONGEST = 1 << 21
-"""Longest grid, in samples: six hours at 100 Hz; a record with longer holes is not resampled."""
-
-
 @matplotlib.rc_context(STYLE)
 def plot_spectrum(view: GapView, row: int) -> Figure:
     """Draw the amplitude spectrum of one row, all states together; the band of the gap is shaded.
@@ -138,14 +131,16 @@ def spectrum(time_s: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatA
     """
     step = float(np.median(np.diff(time_s)))
     place = np.rint((time_s - time_s[0]) / step).astype(int)
-    if place[-1] >= _LONGEST:
+    # A longer grid than six hours at 100 Hz has long holes.
+    if place[-1] >= (1 << 21):
         place = np.arange(len(time_s))
     known = np.isfinite(values)
     grid = np.zeros(place[-1] + 1)
     grid[place[known]] = values[known]
     power = np.abs(np.fft.rfft(grid)[1:]) ** 2 / max(int(known.sum()), 1)
     frequency = np.fft.rfftfreq(len(grid), step)[1:]
-    band = np.digitize(frequency, np.geomspace(frequency[0], frequency[-1], _BANDS)[1:-1])
+    # About one band for three points of the page.
+    band = np.digitize(frequency, np.geomspace(frequency[0], frequency[-1], 250)[1:-1])
     counts = np.bincount(band)
     filled = counts > 0
     centers = np.bincount(band, frequency)[filled] / counts[filled]

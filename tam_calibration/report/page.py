@@ -21,7 +21,6 @@ from tam_calibration.files.text_files import write_whole
 from tam_calibration.report.blocks import Block, Image, Points, Section
 
 About = TypeVar("About")
-_RASTER_DPI = 200
 
 
 def sections_of(makers: Sequence[Callable[[About], Section | None]], about: About) -> list[Section]:
@@ -116,5 +115,5 @@ def embed(figure: Figure, alternative: str, caption: str = "") -> Image:
         figure.set_layout_engine(None)  # else all is drawn twice, at first for the layout alone
     buffer = BytesIO()
     with matplotlib.rc_context({"svg.hashsalt": "tam_calibration"}):
-        figure.savefig(buffer, format="svg", dpi=_RASTER_DPI, metadata={"Date": None})
+        figure.savefig(buffer, format="svg", dpi=200, metadata={"Date": None})
     return Image(f"data:image/svg+xml;base64,{base64.b64encode(buffer.getvalue()).decode()}", alternative, caption)

@@ -27,15 +27,6 @@ from tam_calibration.report.style import (
 
 _SHADES = LinearSegmentedColormap.from_list("samples", ["#d3e3f1", AFTER_COLOR, "#0d2c4b"])
 _MISSING = ListedColormap([MISSING_COLOR])
-_PLACES = (
-    ("forward", 0, 0),
-    ("left", -90, 0),
-    ("right", 90, 0),
-    ("backward", -158, 0),
-    ("backward", 158, 0),
-    ("up", 0, 80),
-    ("down", 0, -80),
-)
 
 
 @matplotlib.rc_context(STYLE)
@@ -89,13 +80,19 @@ def draw_borders(axes: Axes) -> None:
 def _name_directions(axes: Axes) -> None:
     """Write the names of directions on the map."""
     halo = [withStroke(linewidth=2.5, foreground="white")]
-    for name, longitude, latitude in _PLACES:
+    for name, longitude, latitude in (
+        ("forward", 0, 0),
+        ("left", -90, 0),
+        ("right", 90, 0),
+        ("backward", -158, 0),
+        ("backward", 158, 0),
+        ("up", 0, 80),
+        ("down", 0, -80),
+    ):
         axes.text(from_degrees(longitude), from_degrees(latitude), name, ha="center", va="center", path_effects=halo)
 
 
 _DRAWN_SINGLY = 4000
-_STROKES = 1000
-_TIME_UNITS = (("s", 1, 600), ("min", 60, 3 * 3600), ("h", 3600, np.inf))
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,12 +193,14 @@ def plot_distributions(panels: Sequence[Panel], label: str) -> Figure:
 
 
 def _stroke_size(sample_count: int) -> int:
-    return -(-sample_count // _STROKES)
+    return -(-sample_count // 1000)
 
 
 def time_axis(span_s: float) -> tuple[str, float]:
     """Return the unit in which a span of time is drawn, and how many seconds it has."""
-    return next((name, size) for name, size, most in _TIME_UNITS if span_s <= most)
+    if span_s <= 600:
+        return "s", 1.0
+    return ("min", 60.0) if span_s <= 3 * 3600 else ("h", 3600.0)
 
 
 def draw_series(axes: Axes, time: FloatArray, values: FloatArray, color: str) -> None:

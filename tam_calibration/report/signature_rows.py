@@ -23,9 +23,6 @@ _DOES = {
 _MOST_TIMES = 6
 """Times that a sentence lists."""
 
-_MOST_CAUSES = 4
-"""Causes that a sentence lists."""
-
 
 def law_sentence(law: Signature, sensor_count: int, is_caused: bool = False) -> str:
     """Return a law in a sentence or two: where, what, how much, when, its share, and what it goes with.
@@ -87,7 +84,7 @@ def causes_sentence(law: Signature) -> str:
     causes = causes_of(law)
     if not causes:
         return ""
-    named = [f"{one.title} ({one.proof})" for one in causes[:_MOST_CAUSES]]
+    named = [f"{one.title} ({one.proof})" for one in causes[:4]]
     return f"Causes with this signature: {'; '.join(named)}."
 
 

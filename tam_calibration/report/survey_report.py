@@ -19,18 +19,10 @@ from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR, FLOOR_COLOR,
 from tam_calibration.report.survey_rows import sample_blocks, source_blocks, statements
 from tam_calibration.sources.demodulation import Spectrum
 
-_PANEL_INCH = 2.5
-"""Height of one row of views."""
-
 _VIEWS = (((0, 1), "plan"), ((0, 2), "profile"), ((1, 2), "profile"))
 _NAMES = {True: ("x, forward", "y, left", "z, up"), False: ("x", "y", "z")}
 _NINETY_FIVE = np.sqrt(5.991)
 """Half axis, in standard deviations, of an ellipse that contains 95 %: χ² with two degrees of freedom."""
-_MOST_ELLIPSES = 40
-"""More cover one another."""
-
-_REACH = 8.0
-"""Half width of the magnified views in half axes of the ellipse of all samples."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +52,7 @@ class _Window:
 def plot_survey_map(survey: Survey) -> Figure:
     """Draw sources and array from above and from two sides, with ellipses that hold 95 %; magnified below."""
     windows = _windows(survey)
-    figure = Figure(figsize=(PAGE_WIDTH_INCH, 0.6 + _PANEL_INCH * len(windows)), layout="constrained")
+    figure = Figure(figsize=(PAGE_WIDTH_INCH, 0.6 + 2.5 * len(windows)), layout="constrained")
     names = _NAMES[survey.frame == ARRAY_FRAME]
     panels = figure.subplots(len(windows), len(_VIEWS), squeeze=False)
     for row, window in zip(panels, windows, strict=True):
@@ -105,7 +97,8 @@ def _draw_view(axes: Axes, survey: Survey, pair: list[int], window: _Window) -> 
     located = np.flatnonzero(solutions.is_located)
     points = window.shown(solutions.position_m)
     axes.plot(*points[located][:, pair].T, ".", color=QUIET_COLOR, markersize=3, label="source of one sample")
-    for index in located[:: max(1, len(located) // _MOST_ELLIPSES)]:
+    # More than 40 ellipses cover one another.
+    for index in located[:: max(1, len(located) // 40)]:
         spread = solutions.position_covariance_m2[index][np.ix_(pair, pair)]
         axes.add_patch(error_ellipse(points[index, pair], spread, QUIET_COLOR, 0.4, window.scale))
     if (overall := survey.overall) is not None:
@@ -132,7 +125,7 @@ def _windows(survey: Survey) -> list[_Window]:
     axis = _NINETY_FIVE * float(np.sqrt(np.linalg.eigvalsh(overall.position_covariance_m2)[-1]))
     return [
         _Window((nearest + overall.position_m) / 2, 0.8 * float(distances.min())),
-        _Window(overall.position_m, _REACH * axis, is_magnified=True),
+        _Window(overall.position_m, 8.0 * axis, is_magnified=True),
     ]
 
 

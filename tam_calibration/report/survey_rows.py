@@ -11,9 +11,6 @@ MOST_ROWS = 20
 """Samples that are shown; of more, some from the first to the last."""
 
 
-_SAMPLES = "Position ± standard error of samples by themselves; of many some from first to last."
-
-
 def answer(survey: Survey) -> str:
     """Return where the source is and how strong, in one line."""
     located, total = int(survey.solutions.is_located.sum()), len(survey.time_s)
@@ -21,37 +18,25 @@ def answer(survey: Survey) -> str:
     if survey.overall is None:
         distance = np.linalg.norm(survey.solutions.position_m - survey.center_m, axis=1)[survey.solutions.is_located]
         return f"A source is {some}, at {number(float(distance.min()))} to {number(float(distance.max()))} m."
-    return f"A source is at {_in_short(survey.overall)}."
-
-
-def _in_short(overall: Overall) -> str:
-    places = zip("xyz", _values(overall.position_m, standard_errors(overall.position_covariance_m2)), strict=True)
-    size = _size(overall.moment_Am2, overall.moment_covariance_A2m4)
-    return f"{', '.join(f'{axis} {value}' for axis, value in places)} m, moment {size} A m²"
+    ((_, x, y, z, _), (*_, size)) = _overall_rows(survey.overall)
+    return f"A source is at x {x}, y {y}, z {z} m, moment {size} A m²."
 
 
 def source_blocks(survey: Survey) -> list[Block]:
     """Return where the source of all samples is; empty where there is none."""
     if survey.overall is None:
         return []
-    rows, caption = overall_rows(survey.overall), "The source of all samples together ± standard errors."
-    return [Table(("", "x", "y", "z", "size"), rows, caption)]
+    caption = "The source of all samples together ± standard errors."
+    return [Table(("", "x", "y", "z", "size"), _overall_rows(survey.overall), caption)]
 
 
 def sample_blocks(survey: Survey, most: int = MOST_ROWS) -> list[Block]:
-    """Return where single samples see the source, at most so many; empty where none does."""
-    header = ("time (s)", "x (m)", "y (m)", "z (m)", "distance (m)", "moment (A m²)")
-    rows = sample_rows(survey, most)
-    return [Table(header, rows, _SAMPLES)] if rows else []
-
-
-def sample_rows(survey: Survey, most: int = MOST_ROWS) -> list[list[str]]:
-    """Return rows of located samples: time from the first, position ± standard errors, distance, size of moment."""
+    """Return where single samples see the source, of many some from first to last; empty where none does."""
     located = np.flatnonzero(survey.solutions.is_located)
     shown = located[np.unique(np.linspace(0, len(located) - 1, min(len(located), most)).round().astype(int))]
     distance = np.linalg.norm(survey.solutions.position_m - survey.center_m, axis=1)
     moments, spreads = survey.solutions.moment_Am2, survey.solutions.moment_covariance_A2m4
-    return [
+    rows = [
         [
             number(float(survey.time_s[index] - survey.time_s[0]), 4),
             *_values(survey.solutions.position_m[index], survey.position_standard_errors_m[index]),
@@ -60,9 +45,12 @@ def sample_rows(survey: Survey, most: int = MOST_ROWS) -> list[list[str]]:
         ]
         for index in shown
     ]
+    header = ("time (s)", "x (m)", "y (m)", "z (m)", "distance (m)", "moment (A m²)")
+    caption = "Position ± standard error of samples by themselves; of many some from first to last."
+    return [Table(header, rows, caption)] if rows else []
 
 
-def overall_rows(overall: Overall) -> list[list[str]]:
+def _overall_rows(overall: Overall) -> list[list[str]]:
     """Return rows of position, moment and fit of the source of all samples."""
     position = _values(overall.position_m, standard_errors(overall.position_covariance_m2))
     moment = _values(overall.moment_Am2, standard_errors(overall.moment_covariance_A2m4))

@@ -7,23 +7,11 @@ import numpy as np
 from tam_calibration.correction.parts import Moved, Update, in_words
 from tam_calibration.model.data_sheet import DAY_S
 from tam_calibration.model.sensor_errors import PARAMETER_NAMES
-from tam_calibration.model.units import to_degrees, to_nanotesla
 from tam_calibration.report.blocks import Block, Table, Text
-from tam_calibration.report.formatting import join, number, with_error
+from tam_calibration.report.formatting import KINDS, join, number, with_error
 
-_UNITS = {
-    "scale factor": (1e6, "ppm"),
-    "non-orthogonality": (to_degrees(1.0), "°"),
-    "bias": (to_nanotesla(1.0), "nT"),
-    "misalignment": (to_degrees(1.0), "°"),
-}
-"""Factor from SI and unit of a change of each kind."""
-
-_MOST_VALUES = 8
-"""Parts of a change whose sizes are stated: for all errors of all sensors the table of errors says more."""
-
-_AXES = {"non-orthogonality": "θ φ ψ", "misalignment": "α β γ"}
-"""Names of the three errors of a kind, where they are not those of the axes."""
+_KINDS = {kind.name: kind for kind in KINDS} | {"scale factor": KINDS[0]._replace(factor=1e6, sign="ppm")}
+"""Kinds of errors by name; changes of scale factors are told in ppm."""
 
 
 def update_sentences(update: Update) -> list[str]:
@@ -82,7 +70,7 @@ def _told(parts: list[Moved]) -> str:
     words = f"The {in_words(kind, sensor)} moved"
     if moved.together is None:
         words += f" by {_values(moved)}"
-    elif len(parts) <= _MOST_VALUES:
+    elif len(parts) <= 8:  # of more the table of errors says more
         words += " together: " + "; ".join(f"{in_words(part.kind, part.sensor)} by {_values(part)}" for part in parts)
     if moved.since_s is not None:
         words += f", at {moved.since_s:.1f} s of the recording; the calibration is that of the sensors since then"
@@ -93,9 +81,7 @@ def _told(parts: list[Moved]) -> str:
 
 
 def _values(moved: Moved) -> str:
-    factor, unit = _UNITS[moved.kind]
-    values = (
-        with_error(float(value), float(error), 2)
-        for value, error in zip(factor * moved.change, factor * moved.standard_errors, strict=True)
-    )
-    return f"{', '.join(values)} {unit} ({_AXES.get(moved.kind, 'x y z')})"
+    kind = _KINDS[moved.kind]
+    pairs = zip(kind.factor * moved.change, kind.factor * moved.standard_errors, strict=True)
+    values = (with_error(float(value), float(error), 2) for value, error in pairs)
+    return f"{', '.join(values)} {kind.sign} ({' '.join(kind.axes)})"

@@ -8,8 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from tam_calibration.fleet.missions import GROUPS, SECONDS_PER_DAY, all_missions, fit_drift
+from tam_calibration.fleet.missions import all_missions, fit_drift
 from tam_calibration.fleet.task import Result
+from tam_calibration.model.data_sheet import DAY_S
+from tam_calibration.report.formatting import KINDS
 
 
 @given(st.integers(4, 30), st.integers(0, 2**32 - 1))
@@ -18,7 +20,7 @@ def test_the_line_is_that_of_numpy(missions, seed):
     rng = np.random.default_rng(seed)
     days, errors = np.sort(rng.uniform(0, 100, missions)), rng.uniform(0.5, 2, missions)
     values = 3 + 0.1 * days + rng.uniform(0.3, 3) * errors * rng.normal(size=missions)
-    found = fit_drift(1.7e9 + days * SECONDS_PER_DAY, values, errors)
+    found = fit_drift(1.7e9 + days * DAY_S, values, errors)
     line, covariance = np.polyfit(days - days.mean(), values, 1, w=1 / errors, cov="unscaled")
     scatter = math.sqrt((((values - np.polyval(line, days - days.mean())) / errors) ** 2).sum() / (missions - 2))
     assert_allclose(found.per_day, line[0], rtol=1e-6, atol=1e-9)
@@ -42,7 +44,7 @@ def test_standard_errors_hold():
 
 def test_what_was_not_determined_does_not_count():
     """A parameter that was held fixed (error 0) or whose error is not known is left out."""
-    time_s, values = np.arange(4) * SECONDS_PER_DAY, np.array([0.0, 1.0, 2.0, 50.0])
+    time_s, values = np.arange(4) * DAY_S, np.array([0.0, 1.0, 2.0, 50.0])
     assert fit_drift(time_s, values, np.array([1.0, 1.0, 1.0, np.nan])).per_day == pytest.approx(1)
     assert fit_drift(time_s, values, np.array([1.0, 1.0, 1.0, 0.0])).missions == 3
     assert fit_drift(time_s, values, np.zeros(4)) is None
@@ -58,14 +60,14 @@ def test_missions_at_one_time_tell_no_drift(time_s):
 
 def test_two_missions_tell_a_drift_without_scatter():
     """The standard error is then what the two calibrations state."""
-    found = fit_drift(np.array([0, 2 * SECONDS_PER_DAY]), np.array([1.0, 5.0]), np.array([3.0, 4.0]))
+    found = fit_drift(np.array([0, 2 * DAY_S]), np.array([1.0, 5.0]), np.array([3.0, 4.0]))
     assert (found.per_day, found.per_day_standard_error) == pytest.approx((2.0, 2.5))
     assert math.isnan(found.scatter)
 
 
 def result(first_s, last_s):
     """Return the result of a mission whose parameters differ from those of others."""
-    sensor = {key: [1 + first_s % 7] * 3 for group in GROUPS for key in (group.key, group.standard_error_key)}
+    sensor = {key: [1 + first_s % 7] * 3 for kind in KINDS for key in (kind.key(), kind.key("standard_error"))}
     return Result("dive", "auv", "dive", "done", {}, "", time_span_s=(first_s, last_s), sensors=[sensor])
 
 

@@ -8,24 +8,25 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tam_calibration.fleet.missions import GROUPS, Missions
+from tam_calibration.fleet.missions import Missions
 from tam_calibration.fleet.summary import SUMMARIES, plot_missions, write_summaries
 from tam_calibration.fleet.task import Result
+from tam_calibration.report.formatting import KINDS
 from tam_calibration.report.page import embed
 
 
 def missions(count):
     """Return missions of four sensors whose misalignment of sensor 1 is fixed."""
     rng = np.random.default_rng(3)
-    values = {group: rng.normal(size=(count, 4, 3)) for group in GROUPS}
-    errors = {group: np.ones((count, 4, 3)) for group in GROUPS}
-    errors[GROUPS[3]][:, 0] = 0
+    values = {group: rng.normal(size=(count, 4, 3)) for group in KINDS}
+    errors = {group: np.ones((count, 4, 3)) for group in KINDS}
+    errors[KINDS[3]][:, 0] = 0
     return Missions("auv", 1.7e9 + 86400.0 * np.arange(count), 3600.0, values, errors)
 
 
 def test_each_sensor_has_a_panel_with_three_parameters():
     """Less their means; the fixed ones of sensor 1 are left out."""
-    figure = plot_missions(missions(5), GROUPS[3])
+    figure = plot_missions(missions(5), KINDS[3])
     drawn = [len(axes.containers) for axes in figure.axes]
     assert drawn == [0, 3, 3, 3]
     for axes in figure.axes[1:]:
@@ -36,7 +37,7 @@ def test_each_sensor_has_a_panel_with_three_parameters():
 def test_a_figure_is_the_same_bytes_every_time():
     """So that a batch that is resumed gives the same page; one mission is drawn too."""
     for count in (1, 4):
-        first, second = (embed(plot_missions(missions(count), GROUPS[2]), "bias").source for _ in range(2))
+        first, second = (embed(plot_missions(missions(count), KINDS[2]), "bias").source for _ in range(2))
         assert first == second
 
 

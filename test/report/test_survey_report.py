@@ -8,7 +8,7 @@ import pytest
 from tam_calibration.localization.solutions import EulerSolutions, Status
 from tam_calibration.localization.survey import WORLD_FRAME, Line, Overall, Survey
 from tam_calibration.report.survey_report import plot_source_spectrum, plot_survey_map, write_survey_report
-from tam_calibration.report.survey_rows import MOST_ROWS, sample_rows, statements
+from tam_calibration.report.survey_rows import MOST_ROWS, sample_blocks, statements
 from tam_calibration.results.targets_file import survey_to_mapping
 from tam_calibration.sources.demodulation import Spectrum
 
@@ -85,7 +85,7 @@ def test_spectrum_has_its_line():
 
 def test_long_tables_are_thinned(survey):
     """Of many samples some are shown, from the first that was located to the last."""
-    rows = sample_rows(survey)
+    rows = sample_blocks(survey)[0].rows
     assert len(rows) == MOST_ROWS
     assert (rows[0][0], rows[-1][0]) == ("1.000", "99.00")
 

@@ -17,30 +17,14 @@ ORDER = 8
 """Of the differences: a turn of 1 rad/s at 20 Hz leaves 1e-11 of the field; noise is a third as well known as by its
 own values."""
 
-ALONG = 0.5
-"""Least part along the field, of what is across it, that is noise: of white noise it is 1, of motion a twentieth."""
-
-SLOW = 0.5
-"""Part of the readings' spread that the differences of a followed motion make; those of attitudes drawn anew for each
-sample make as much as the spread, and what attitude leaves of them is not noise but every small effect."""
-
 _LAGS = np.arange(1, 13)
 """Samples on, at which noise is compared with white noise: a hum, which sensors share, does not die down in them."""
-
-NEAR_WHITE = 0.3
-"""By which its autocorrelation may differ there: of 300 samples each has an error of 0.1."""
 
 _OF_WHITE = np.array([(-1.0) ** lag * comb(2 * ORDER, ORDER + lag) / comb(2 * ORDER, ORDER) for lag in _LAGS])
 """Autocorrelation of the differences of white noise there."""
 
 NO_NOISE_T = 2e-12
 """Rounding of the Earth's field to 32 bits makes 1e-12 T."""
-
-JERK = 5.0
-"""Robust standard deviations from which a difference is that of a jerk; of noise one in 2 million is."""
-
-SHARED = 0.01
-"""Part of its noise by which a sensor differs from others of the same noise: errors of the sensors leave less."""
 
 FEWEST = 40
 """Samples: four for each of the ten numbers by which attitude explains an axis."""
@@ -60,7 +44,8 @@ def noise_sequence(recording: Recording, sensor: int) -> FloatArray | None:
     if len(readings) < FEWEST:
         return None
     tried = [readings]
-    is_slow = _size(differences(readings)) < SLOW * _size(readings - readings.mean(axis=0))
+    # Of attitudes drawn anew for each sample attitude leaves every small effect, not noise alone.
+    is_slow = _size(differences(readings)) < 0.5 * _size(readings - readings.mean(axis=0))
     if is_slow and (residual := _residual_from_attitude(recording, sensor)) is not None:
         tried.append(residual)
     return next((_without_jerks(differences(each)) for each in tried if _is_noise(each, readings)), None)
@@ -68,7 +53,8 @@ def noise_sequence(recording: Recording, sensor: int) -> FloatArray | None:
 
 def _without_jerks(sequence_T: FloatArray) -> FloatArray:
     """Return differences (n, 3) with 0 for all that a jerk of the motion, which all sensors share, has a part in."""
-    is_jerk = np.abs(sequence_T) > JERK * noise_deviation(sequence_T, axis=0)
+    # Of noise one difference in 2 million is as large.
+    is_jerk = np.abs(sequence_T) > 5.0 * noise_deviation(sequence_T, axis=0)
     touched = np.apply_along_axis(np.convolve, 0, is_jerk, np.ones(2 * ORDER + 1), "same") > 0
     return np.where(touched, 0.0, sequence_T)
 
@@ -119,7 +105,8 @@ def is_shared(recording: Recording, sensor: int) -> bool:
     if len(recording.time_s) < FEWEST or left[0] is None or left[1] is None:
         return False
     own, noise = (_size(differences(residual)) for residual in left if residual is not None)
-    return own < SHARED * noise and _is_noise(left[1], recording.readings_T[:, sensor])
+    # Errors of the sensors leave less than a hundredth of the noise.
+    return own < 0.01 * noise and _is_noise(left[1], recording.readings_T[:, sensor])
 
 
 def differences(values: FloatArray) -> FloatArray:
@@ -137,14 +124,16 @@ def is_white(sequence: FloatArray) -> bool:
     lagged = np.array(
         [sequence[lag:] @ sequence[:-lag] / max(known[lag:] @ known[:-lag].astype(float), 1.0) for lag in _LAGS]
     )
-    return bool((np.abs(lagged * count / power - _OF_WHITE) < NEAR_WHITE).all())
+    # Of 300 samples each autocorrelation has an error of 0.1.
+    return bool((np.abs(lagged * count / power - _OF_WHITE) < 0.3).all())
 
 
 def _is_noise(residual_T: FloatArray, readings_T: FloatArray) -> bool:
     """Whether what is left (N, 3) of readings (N, 3) is noise: as large along the readings as across them."""
     length = np.linalg.norm(readings_T, axis=1)
     along = np.sum(residual_T * readings_T, axis=1) / np.where(length > 0, length, 1)
-    return _size(differences(along[:, None])) > ALONG * _size(differences(residual_T))
+    # Of white noise the part along the field is as large as that across it, of motion a twentieth.
+    return _size(differences(along[:, None])) > 0.5 * _size(differences(residual_T))
 
 
 def _residual_from_attitude(recording: Recording, sensor: int) -> FloatArray | None:

@@ -33,22 +33,6 @@ samples have 28 of their own, of which chance makes 0.6 at most."""
 SHORTEST = 100
 """Samples that two sequences share at least before they are compared."""
 
-MUCH_MORE = 10.0
-"""Times that the recording's noise is more, before a simulation has none: sensors of a picotesla may be right."""
-
-NEARLY_NONE = 100.0
-"""Times that the recording's noise is more, before a simulation has none whatever its sensors: no two kinds that are
-taken for one another differ by so much."""
-
-NEAR_SQUARE = 0.2
-"""Part by which a noise may differ from the square of the right one: each is known to some 6 % from 300 samples."""
-
-NEAR_SQUARE_IN_TESLA = 0.5
-"""The same for tesla, where the square is a billion times less and nothing else is near."""
-
-APART = 4.0
-"""Times that a noise is more or less than the right one, before a square is more likely than another sensor."""
-
 _MISTAKEN_UNITS = ("nT", "uT", "G", "T")
 """Units in which simulators state noise."""
 
@@ -167,17 +151,20 @@ def _levels(simulation: Recording, recording: Recording, array: Array) -> Iterat
 
 def _is_none(own_T: float, right_T: float) -> bool:
     """Whether a noise is practically none compared with the right one."""
-    return own_T < right_T / NEARLY_NONE or own_T < min(NO_NOISE_T, right_T / MUCH_MORE)
+    # No two kinds that are taken for one another differ by a factor of 100; sensors of a picotesla may be right.
+    return own_T < right_T / 100.0 or own_T < min(NO_NOISE_T, right_T / 10.0)
 
 
 def _name(own_T: float, right_T: float) -> tuple[str, str] | None:
     """Return the kind of a mistaken noise and the unit, if any, in which it was made; None of one that may be right."""
-    if right_T / APART < own_T < right_T * APART:
+    # Within a factor of four another sensor is more likely than a square.
+    if right_T / 4.0 < own_T < right_T * 4.0:
         return None
     for power, kind in ((2.0, "variance_for_deviation"), (0.5, "root_for_deviation")):
         for unit in _MISTAKEN_UNITS:
             tesla = TESLA_PER_FIELD_UNIT[unit]
-            near = NEAR_SQUARE_IN_TESLA if unit == "T" else NEAR_SQUARE
+            # In tesla the square is a billion times less and nothing else is near; else noises are known to some 6 %.
+            near = 0.5 if unit == "T" else 0.2
             if abs(own_T / ((right_T / tesla) ** power * tesla) - 1) < near:
                 return kind, unit
     return ("no_noise", "") if _is_none(own_T, right_T) else None

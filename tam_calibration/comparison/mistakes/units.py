@@ -21,14 +21,8 @@ NEAR = 10.0
 """Times the other's intensity that a sound simulation may read, or a tenth of it: the Earth's field varies by 3.5 over
 its places, and a bias may double what a sensor reads."""
 
-STEADY = 0.25
-"""Standard deviation over mean of the intensity of a field; that of noise about zero has 0.42."""
-
 SLOWEST_HZ, FASTEST_HZ = 1.0, 30e3
 """Rates of samples between which stamps are plausible: magnetometers and simulators give 5 to 1000 a second."""
-
-STOPPED_HZ = 1e6
-"""From here on the clock has stopped: no magnetometer gives a million samples a second."""
 
 
 @dataclass(frozen=True)
@@ -53,9 +47,6 @@ _UNITS = (
 
 _CLOCKS = {1e-9: "nanoseconds", 1e-6: "microseconds", 1e-3: "milliseconds", 1e3: "thousands of seconds"}
 """Unit of stamps, by what the rate of samples is then multiplied with."""
-
-_DECADES = 0.8
-"""By which the rates may differ from a power of 1000: from 20 to 100 samples a second."""
 
 
 def mistaken_units(simulation: Recording, recording: Recording, array: Array) -> tuple[list[Mistake], Recording]:
@@ -99,7 +90,8 @@ def mistaken_stamps(simulation: Recording, recording: Recording) -> Iterator[Mis
     if SLOWEST_HZ < own_hz < FASTEST_HZ:
         return
     for times, unit in _CLOCKS.items():
-        if abs(np.log10(own_hz / other_hz / times)) < _DECADES:
+        # Rates may differ from a power of 1000 as those of 20 and 100 samples a second do.
+        if abs(np.log10(own_hz / other_hz / times)) < 0.8:
             yield Mistake(
                 "unit_of_time",
                 f"the simulation's stamps are in {unit}, and stamps are in seconds: {own_hz:.3g} samples a second, "
@@ -108,7 +100,7 @@ def mistaken_stamps(simulation: Recording, recording: Recording) -> Iterator[Mis
                 f"multiply the simulation's stamps by {times:g} before they are written",
             )
             return
-    if own_hz > STOPPED_HZ:
+    if own_hz > 1e6:
         yield Mistake(
             "time_stands_still",
             f"the simulation's time stands still: its samples are {1 / own_hz:.1g} s apart, where the recording's are "
@@ -127,7 +119,8 @@ def _is_field(readings_T: FloatArray) -> bool:
     """Whether readings (N, 3) are those of a field in which the sensor was turned, and not noise or a bias."""
     length = np.linalg.norm(readings_T, axis=1)
     turned = np.sqrt(np.sum(np.var(readings_T, axis=0)))
-    return bool(np.std(length) < STEADY * np.mean(length) < turned)
+    # The intensity of a field is steady; that of noise about zero varies by 42 %.
+    return bool(np.std(length) < 0.25 * np.mean(length) < turned)
 
 
 def _unit(own_T: float, other_T: float, array: Array, is_field: bool) -> _Unit | None:

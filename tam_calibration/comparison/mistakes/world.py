@@ -17,45 +17,6 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensors_in_words import sensors_in_words
 from tam_calibration.model.units import FloatArray, to_degrees
 
-NO_FIELD = 0.02
-"""Part of the recording's intensity, below which a simulation reads no field: 1 µT."""
-
-IGNORED = 0.03
-"""Part of the field that readings vary by at most where the attitude turns and they do not: within 2° of a pole alone
-the level field is less."""
-
-SLOW = 0.1
-"""Part of the field by which such readings may vary otherwise, as from a magnet that comes near."""
-
-NEAR_DEG = 12.0
-"""Angle to a mistaken field within which it is that, for one sensor, and less for the mean of more: 3° of misalignment
-about each axis and 5 % of scale factor on both sides."""
-
-NOWHERE_DEG = 30.0
-"""The same for fields that are none of the Earth anywhere, as those that point south: the simulation may be of another
-site."""
-
-APART_DEG = 30.0
-"""Angle to the right field beyond which a simulation's is another, at a site some thousand kilometres off."""
-
-UPRIGHT_DEG = 7.0
-"""Angle from the vertical within which a field is taken to be vertical, for one sensor; only the poles have such."""
-
-SLANTING_DEG = 20.0
-"""Angle from the vertical of a recording's field that is none of a pole."""
-
-NORTH_DEG = 45.0
-"""Declination of the recording's field up to which its world is ENU: attitude without a compass has any heading."""
-
-SAME_SIZE = 0.12
-"""Part by which the intensities of two fields may differ that are one but for a sign, for one sensor."""
-
-MUJOCO_T = 0.5e-4
-"""Size of MuJoCo's default field, taken as gauss."""
-
-SOUTH = np.array([0.0, -1.0, 0.0])
-"""Its direction."""
-
 _EAST_NORTH_UP = "write the field of the world east, north, up"
 
 _WORDS = {
@@ -89,7 +50,8 @@ def without_field(simulation: Recording, recording: Recording) -> list[int]:
     """
     usual = float(np.median(np.linalg.norm(recording.readings_T, axis=2)))
     own = np.median(np.linalg.norm(simulation.readings_T, axis=2), axis=0)
-    return [sensor for sensor, size in enumerate(own, 1) if size < NO_FIELD * usual]
+    # Less than 1 µT is no field.
+    return [sensor for sensor, size in enumerate(own, 1) if size < 0.02 * usual]
 
 
 def unturned(overview: Overview, motion: Motion, placed: list[Placement]) -> list[int]:
@@ -113,8 +75,9 @@ def unturned(overview: Overview, motion: Motion, placed: list[Placement]) -> lis
     return [
         sensor
         for sensor, each in enumerate(placed, 1)
-        if each.explained_T < IGNORED * turning * length[sensor - 1]
-        and spread[sensor - 1] < SLOW * turning * length[sensor - 1]
+        # Within 2° of a pole the level field is less; a magnet that comes near may change the readings otherwise.
+        if each.explained_T < 0.03 * turning * length[sensor - 1]
+        and spread[sensor - 1] < 0.1 * turning * length[sensor - 1]
     ]
 
 
@@ -170,24 +133,30 @@ def mistaken_field(frames: Frames, one: Motion, other: Motion) -> Mistake | None
 
 def _kind(own: FloatArray, right: FloatArray, count: int) -> str | None:
     """Return what is wrong with a field that so many sensors read, compared with the right one."""
-    near_deg = NEAR_DEG / np.sqrt(count)
-    if _from_vertical(own) < UPRIGHT_DEG / np.sqrt(count) and _from_vertical(right) > SLANTING_DEG:
+    # Misalignment of 3° about each axis and 5 % of scale factor on both sides.
+    near_deg = 12.0 / np.sqrt(count)
+    # Only the poles have a vertical field.
+    if _from_vertical(own) < 7.0 / np.sqrt(count) and _from_vertical(right) > 20.0:
         return "vertical_field"
-    if _angle(own, right) < APART_DEG:
+    # Sites that are some thousand kilometres apart differ by more.
+    if _angle(own, right) < 30.0:
         return None
-    if _angle(own, SOUTH) < near_deg and _is_size(own, MUJOCO_T, count):
+    # MuJoCo points south by default, half a gauss.
+    if _angle(own, np.array([0.0, -1.0, 0.0])) < near_deg and _is_size(own, 0.5e-4, count):
         return "default_field"
-    if abs(to_degrees(float(np.arctan2(right[0], right[1])))) > NORTH_DEG:
+    # The world is ENU where the recording points about north: attitude without a compass has any heading.
+    if abs(to_degrees(float(np.arctan2(right[0], right[1])))) > 45.0:
         return None
     angles = {kind: _angle(own, turn @ right) for kind, turn in MIRRORED_FIELDS.items()}
     kind = min(angles, key=lambda each: angles[each])
     if kind == "wrong_hemisphere":
         return kind if angles[kind] < near_deg and _is_size(own, float(np.linalg.norm(right)), count) else None
-    return kind if angles[kind] < NOWHERE_DEG else None
+    # Fields that point south are none of the Earth anywhere: the simulation may be of another site.
+    return kind if angles[kind] < 30.0 else None
 
 
 def _is_size(field_T: FloatArray, intensity_T: float, count: int) -> bool:
-    return bool(abs(np.linalg.norm(field_T) / intensity_T - 1) < SAME_SIZE / np.sqrt(count))
+    return bool(abs(np.linalg.norm(field_T) / intensity_T - 1) < 0.12 / np.sqrt(count))
 
 
 def _angle(one: FloatArray, other: FloatArray) -> float:
