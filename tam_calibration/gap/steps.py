@@ -8,7 +8,7 @@ from math import log
 import numpy as np
 
 from tam_calibration.effects.effect import Effect, Finding, LinearEffect
-from tam_calibration.effects.grades import LONGEST_BURST, MINOR, SLIGHT
+from tam_calibration.effects.grades import LONGEST_BURST, MINOR, NEARLY_ALL, SLIGHT
 from tam_calibration.effects.library import effect_named
 from tam_calibration.effects.outliers import A_DOZEN
 from tam_calibration.gap.hypothesis import Hypothesis, places_of, sensors_of
@@ -18,6 +18,7 @@ from tam_calibration.gap.model import Model
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.result import Considered
 from tam_calibration.gap.size import Evidence
+from tam_calibration.model.fitted_effect import ALL, SCALAR
 
 MOST_CAUSES = 4
 """Causes of one gap, at most: a recording seldom separates more."""
@@ -49,17 +50,50 @@ class Step:
 
 
 def special_case(best: Evidence, others: Sequence[Evidence]) -> Evidence:
-    """Return the special case of a hypothesis that has the most evidence, where that is more than its own; else itself.
+    """Return the special case of a hypothesis that has more evidence or explains nearly as much, else itself.
 
     Parameters
     ----------
     best : Evidence
-        The hypothesis.
+        For the hypothesis.
     others : sequence of Evidence
         Hypotheses in the same residual, some of which may be special cases of it.
     """
-    cases = [one for one in others if isinstance(one.form, Hypothesis) and one.form.effect.is_within(best.effect)]
-    return max([best, *cases], key=lambda one: one.delta_bic)
+    nearly = [
+        one
+        for one in others
+        if isinstance(one.form, Hypothesis)
+        and one.form.effect.is_within(best.effect)
+        and (one.delta_bic > best.delta_bic or (_is_simpler(one, best) and _explains_nearly_as_much(one, best)))
+    ]
+    return max(nearly, key=lambda one: one.delta_bic, default=best)
+
+
+def _is_simpler(one: Evidence, best: Evidence) -> bool:
+    """Whether a form takes no more coefficients, or is one law of all sensors where the other has one for each."""
+    assert isinstance(one.form, Hypothesis)
+    if not isinstance(best.form, Hypothesis):
+        return one.form.selection.rank <= best.form.parameter_count
+    own, other = (sensors_of(places_of(form)) for form in (one.form, best.form))
+    is_of_each = len(other - {SCALAR, ALL}) > 1
+    return one.form.selection.rank <= best.form.selection.rank or (ALL in own and is_of_each)
+
+
+def _explains_nearly_as_much(one: Evidence, best: Evidence) -> bool:
+    """Whether a special case has nearly the same evidence; one that is no exact limit may leave what models leave.
+
+    Effects are modelled to some per cent of their amplitude. Far above the noise as little is much evidence.
+    """
+    if one.gain > NEARLY_ALL * best.gain:
+        return True
+    is_exact = not isinstance(one.form, Hypothesis) or best.effect not in one.form.effect.nearly_within
+    return not is_exact and _leaves_what_models_leave(one, best)
+
+
+def _leaves_what_models_leave(one: Evidence, best: Evidence) -> bool:
+    """Whether a form explains what another does but for a twentieth of the amplitude."""
+    forms = [each.form for each in (one, best) if isinstance(each.form, Hypothesis)]
+    return len(forms) == 2 and forms[0].selection.gain > (1 - SLIGHT**2) * forms[1].selection.gain
 
 
 def is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:

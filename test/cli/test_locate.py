@@ -221,7 +221,7 @@ def test_table_and_page(folder, tmp_path):
         (("pass.csv", "--velocity", "1,0,0", "--place", "54,10,2024-01-01"), "leave out --place"),
         (("pass.csv", "--targets", "list.txt"), "must end in .csv or .geojson"),
         (("pass.csv", "--targets", "list.geojson"), "state --origin"),
-        (("pass.csv", "--targets", "list.csv"), "--targets is of survey lines"),
+        (("pass.csv", "--targets", "list.csv"), "--targets and --grid are of survey lines"),
         (("pass.csv", "--origin", "here"), "--origin must be LAT,LON"),
         (("pass.csv", "--origin", "100,10"), "--origin must be a latitude"),
         (("pass.csv", "--position-drift-m", "1"), "of which there are none"),
