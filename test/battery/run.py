@@ -13,6 +13,7 @@ import traceback
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
 
 from battery.surroundings import NOBODY, PLAIN, Ended, Surroundings
 
@@ -33,7 +34,6 @@ _FRESH = "import os, sys; from tam_calibration.__main__ import run; os.write(int
 _TOLD_BYTES = 1 << 20
 _PR_SET_CHILD_SUBREAPER = 36
 _MODULES = (
-    *(f"cli.{name}" for name in ("calibrate", "diagnose", "plan", "correct", "locate", "simulate", "inspect")),
     *(
         "recordings.bag_source",
         "recordings.ulog_source",
@@ -49,8 +49,13 @@ _MODULES = (
 
 def warm() -> None:
     """Import what the commands load, so that a fork has it; nothing of ROS, whose threads no fork survives."""
+    for command in iter_modules(import_module("tam_calibration.cli").__path__):
+        import_module(f"tam_calibration.cli.{command.name}")
     for name in _MODULES:
         import_module(f"tam_calibration.{name}")
+    # Where the interpreter is in a folder of root, a command that runs as nobody cannot import the standard library.
+    for name in ("tam_validation.blind_command", "tam_validation.reproduce_command"):
+        import_module(name)
     for name in ("scipy.optimize", "scipy.spatial.transform", "scipy.special", "zstandard", "jinja2"):
         import_module(name)
     play, call = import_module("tam_calibration.cli.play"), import_module("tam_calibration.cli.call")

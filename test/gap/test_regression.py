@@ -88,7 +88,7 @@ def test_an_extended_base_is_the_base_of_both(made, dense):
     """What was accepted is eliminated with the calibration."""
     channels = made.channels()
     calibration, drift = channels.calibration, Regressors.of(drift_terms(channels))
-    curves = Regressors.of(Nonlinearity().terms(channels.covariates, {"full_scale_T": 5e-5})[:3])
+    curves = Regressors.of(list(Nonlinearity().terms(channels.covariates, {"full_scale_T": 5e-5}))[:3])
     base = Base(channels, [calibration])
     extended = Base(channels, [calibration, drift])
     assert extended.rank == base.rank + drift.width and extended.calibration_rank == base.rank

@@ -127,7 +127,7 @@ def test_designs_of_terms_add_what_the_terms_add(run, dense, effect):
     made = run(60)
     channels = made.channels()
     shape = {"full_scale_T": 5e-5, "time_s": 30.0}
-    terms = effect.terms(channels.covariates, shape)[:30]
+    terms = list(effect.terms(channels.covariates, shape))[:30]
     whole, halves = Regressors.of(terms), [Regressors.of(terms[:4]), Regressors.of(terms[4:])]
     values = np.random.default_rng(2).normal(size=whole.width)
     starts = np.cumsum([0, *(len(term.coefficients) for term in terms)])
