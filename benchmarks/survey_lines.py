@@ -77,20 +77,29 @@ def calibrated(array: Array, seed: int, has_errors: bool) -> Calibration:
 @click.option("--lines", default=20, help="Lines of each kind.")
 @click.option("--seed", default=100, help="Of the first line.")
 @click.option("--judged", is_flag=True, help="Lines with other physics, for which no rule was made.")
-@click.option("--kind", multiple=True, help="Kinds; all by default.")
+@click.option("--kind", multiple=True, help="Kinds; by default all without a gyroscope.")
+@click.option("--without-gyroscope", is_flag=True, help="Leave the angular velocity out.")
 @click.option("--calibration-errors", is_flag=True, help="Calibrate the array from 400 turns first.")
 @click.option("--verbose", is_flag=True, help="Print each line.")
 def command(
-    lines: int, seed: int, judged: bool, kind: tuple[str, ...], calibration_errors: bool, verbose: bool
+    lines: int,
+    seed: int,
+    judged: bool,
+    kind: tuple[str, ...],
+    without_gyroscope: bool,
+    calibration_errors: bool,
+    verbose: bool,
 ) -> None:
     """Print the figures of survey lines."""
     figures: list[Figure] = []
-    for name in kind or KINDS:
+    for name in kind or [each for each in KINDS if each != "gyroscope"]:
         total: Counter[str] = Counter()
         deviations: list[float] = []
         seconds = 0.0
         for number in range(seed, seed + lines):
             recording, array, truth = line_of(name, number, judged)
+            if without_gyroscope:
+                recording = replace(recording, angular_velocity_rad_s=None)
             calibration = calibrated(array, number, calibration_errors)
             begun = process_time()
             try:

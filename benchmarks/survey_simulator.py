@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.linalg import norm
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, RotationSpline
 
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
@@ -93,8 +93,15 @@ KINDS = {
     },
     "extended": {"sway": (0.0, 0.3), "white": (0.0, 0.1), "attitude": (0.0, 0.1), "bodies": 1},
     "nothing": {"sway": (0.0, 0.3), "attitude": (0.0, 0.3), "lasting": (0.0, 10.0), "targets": 0},
+    "gyroscope": {
+        "sway": (0.0, 0.3),
+        "white": (0.0, 0.1),
+        "attitude": (0.5, 1.5),
+        "lasting": (2.0, 10.0),
+        "rate_noise": (0.004, 0.045),
+    },
 }
-"""Kinds of lines by what is drawn from where; what is not named is zero."""
+"""Kinds of lines by what is drawn from where; what is not named is zero. Rate noise: °/s/√Hz of a gyroscope."""
 
 
 def line_of(kind: str, seed: int, judged: bool = False, length: float = 200.0) -> tuple[Recording, Array, Truth]:
@@ -150,8 +157,27 @@ def line_of(kind: str, seed: int, judged: bool = False, length: float = 200.0) -
     lasting = draw("lasting")
     error = attitude * (waves(rng, time_s, (4, 40)) if judged and lasting > 2 else wandering(rng, time_s, lasting))
     reported = true * Rotation.from_rotvec(error)
-    recording = Recording(time_s, readings, attitude=reported.as_quat(), position_m=position)
+    rates = rates_of(rng, time_s, true, draw("rate_noise"), judged) if "rate_noise" in ranges else None
+    recording = Recording(
+        time_s, readings, attitude=reported.as_quat(), angular_velocity_rad_s=rates, position_m=position
+    )
     return recording, array, Truth(places, moments, extended, signal, white, drift, attitude, path)
+
+
+def rates_of(
+    rng: np.random.Generator, time_s: FloatArray, true: Rotation, noise_deg: float, judged: bool
+) -> FloatArray:
+    """Return angular velocities (N, 3), rad/s: with noise and a bias, and judged ones with all else that errs."""
+    rates = RotationSpline(time_s, true)(time_s, 1)
+    bias = from_degrees(rng.uniform(0.1, 3.0)) * rng.standard_normal(3)
+    if judged:
+        late_s = rng.uniform(0.0, 0.05)
+        rates = np.column_stack([np.interp(time_s - late_s, time_s, each) for each in rates.T])
+        scale = np.eye(3) + 0.01 * rng.standard_normal((3, 3))
+        rates = Rotation.from_rotvec(from_degrees(1.0) * rng.standard_normal(3)).apply(rates @ scale)
+        bias = bias + from_degrees(0.003) * waves(rng, time_s, (100, 400))
+    rate_hz = 1 / (time_s[1] - time_s[0])
+    return np.asarray(rates + bias + from_degrees(noise_deg) * np.sqrt(rate_hz / 2) * rng.standard_normal(rates.shape))
 
 
 def wandering_smooth(rng: np.random.Generator, time_s: FloatArray) -> FloatArray:

@@ -26,7 +26,7 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.recordings.reading import Reading
 from tam_calibration.recordings.recording_file import read_source
 from tam_calibration.report import survey_rows, target_rows
-from tam_calibration.report.blocks import Text
+from tam_calibration.report.blocks import Block, Text
 from tam_calibration.results import read_calibration
 from tam_calibration.results.targets_file import require_table, write_targets
 
@@ -155,7 +155,9 @@ def _give_targets(
 
         write_targets_report(places["report"], lines, targets, names)
     rows = target_rows.target_table(targets)
-    answer.give(targets_to_mapping(targets), target_rows.answer(targets), [rows] * bool(targets), [rows])
+    notes: list[Block] = [Text(f"{name}: {line.note}.") for name, line in zip(names, lines, strict=True) if line.note]
+    few = [rows, *notes] if targets else notes
+    answer.give(targets_to_mapping(targets), target_rows.answer(targets), few, [rows, *notes])
 
 
 _FEW = 5

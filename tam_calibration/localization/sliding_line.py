@@ -19,11 +19,11 @@ class SlidingLine:
 
     def __init__(self, span_s: float) -> None:
         self._span_s = span_s
-        self._samples: deque[tuple[float, FloatArray, FloatArray]] = deque()
+        self._samples: deque[tuple[float, FloatArray, FloatArray, FloatArray]] = deque()
         self._positions: deque[tuple[float, FloatArray]] = deque()
 
-    def push_sample(self, time_s: float, readings_T: FloatArray, attitude: FloatArray) -> None:
-        """Add a sample: readings (K, 3), tesla, and a quaternion x, y, z, w; a time that steps back starts a new line.
+    def push_sample(self, time_s: float, readings_T: FloatArray, attitude: FloatArray, rates: FloatArray) -> None:
+        """Add a sample; a time that steps back starts a new line.
 
         Parameters
         ----------
@@ -32,11 +32,13 @@ class SlidingLine:
         readings_T : (K, 3) array
             Raw readings, tesla.
         attitude : (4,) array
-            From the array frame to the world; NaN where it is not known.
+            Quaternion x, y, z, w from the array frame to the world; NaN where it is not known.
+        rates : (3,) array
+            Angular velocity in the array frame, rad/s; NaN where it is not known.
         """
         if self._samples and time_s <= self._samples[-1][0]:
             self.clear()
-        self._samples.append((time_s, readings_T, attitude))
+        self._samples.append((time_s, readings_T, attitude, rates))
         while self._samples[0][0] < time_s - self._span_s:
             self._samples.popleft()
 
@@ -57,7 +59,8 @@ class SlidingLine:
         """Return what is kept, with positions interpolated; None where there is no line of two positions."""
         if len(self._positions) < 2 or not self._samples:
             return None
-        times, readings, attitudes = (np.array(part) for part in zip(*self._samples, strict=True))
+        times, readings, attitudes, rates = (np.array(part) for part in zip(*self._samples, strict=True))
         known_s, known_m = (np.array(part) for part in zip(*self._positions, strict=True))
         position = np.column_stack([np.interp(times, known_s, each, np.nan, np.nan) for each in known_m.T])
-        return Recording(times, readings, attitude=attitudes, position_m=position)
+        known = rates if np.isfinite(rates).any() else None
+        return Recording(times, readings, attitude=attitudes, angular_velocity_rad_s=known, position_m=position)

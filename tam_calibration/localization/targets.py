@@ -7,6 +7,7 @@ from numpy.linalg import norm
 
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.recorded_attitude import misread_attitude
+from tam_calibration.localization.attitude_path import attitude_path
 from tam_calibration.localization.calibration_errors import errors_of
 from tam_calibration.localization.line_data import line_data
 from tam_calibration.localization.line_path import Path, path_of, reckoned
@@ -46,6 +47,8 @@ class SurveyLine:
         Square root of the contraction of the gradient tensor, an invariant of rotations, T/m.
     left : (M,) array
         Root mean square of what the targets leave of the readings, over the noise.
+    note : str
+        What the angular velocity contributed to the attitude, a sentence; empty where there is none.
     """
 
     targets: list[Target]
@@ -54,6 +57,7 @@ class SurveyLine:
     intensity_T: FloatArray
     contraction_T_per_m: FloatArray
     left: FloatArray
+    note: str = ""
 
 
 def path_in(
@@ -100,7 +104,7 @@ def find_targets(recording: Recording, calibration: Calibration, path: Path, att
     Parameters
     ----------
     recording : Recording
-        With attitude.
+        With attitude, which an angular velocity makes more accurate.
     calibration : Calibration
         Of its array.
     path : Path
@@ -125,14 +129,15 @@ def find_targets(recording: Recording, calibration: Calibration, path: Path, att
     assert recording.attitude is not None
     known = np.flatnonzero(np.isfinite(recording.attitude).all(axis=1))
     recording = recording.take(known)
-    assert recording.attitude is not None
+    steadied = attitude_path(recording, calibration.array.gyroscope, attitude_noise)
     fields = calibration.errors.restore(recording.readings_T)
     errors = errors_of(calibration, fields)
     way = _way_m(path, recording.time_s)
-    data = line_data(recording.time_s, fields, recording.attitude, calibration.array, way, attitude_noise, errors)
+    array = calibration.array
+    data = line_data(recording.time_s, fields, steadied.attitude, array, way, steadied.error, errors)
     found, left = search(data, path)
     field = np.median(data.fields_T.mean(axis=1), axis=0)
-    tensors = tensors_of(fields.reshape(len(fields), -1) @ calibration.array.operator.T)
+    tensors = tensors_of(fields.reshape(len(fields), -1) @ array.operator.T)
     return SurveyLine(
         targets_of(found, field),
         path.at(data.time_s),
@@ -140,6 +145,7 @@ def find_targets(recording: Recording, calibration: Calibration, path: Path, att
         norm(data.fields_T.mean(axis=1), axis=1),
         np.interp(data.time_s, recording.time_s, norm(tensors, axis=(1, 2))),
         left,
+        steadied.note,
     )
 
 

@@ -54,9 +54,9 @@ class LineTargets:
         self._frame_id = odometry.header.frame_id
         self._line.push_position(stamp.sec + _NANOSECONDS * stamp.nanosec, np.array([place.x, place.y, place.z]))
 
-    def take_sample(self, stamp_ns: int, readings_T: FloatArray, attitude: FloatArray) -> None:
-        """Take a sample: readings (K, 3), tesla, and attitude (4,)."""
-        self._line.push_sample(_NANOSECONDS * stamp_ns, readings_T, attitude)
+    def take_sample(self, stamp_ns: int, readings_T: FloatArray, attitude: FloatArray, rates: FloatArray) -> None:
+        """Take a sample: readings (K, 3), tesla, attitude (4,) and angular velocity (3,), rad/s; NaN where unknown."""
+        self._line.push_sample(_NANOSECONDS * stamp_ns, readings_T, attitude, rates)
 
     def _search(self) -> None:
         if self.calibration is None or self._work.busy_with or not self._targets.get_subscription_count():

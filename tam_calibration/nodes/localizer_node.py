@@ -19,7 +19,7 @@ from tam_calibration.localization.euler import DIPOLE_INDEX
 from tam_calibration.localization.solutions import EulerSolutions, Status, pose_rows
 from tam_calibration.localization.turned_samples import Regional, locate_samples, regional_of, turned
 from tam_calibration.messages.point_cloud import FIELD_GRADIENT_COLUMNS, SOURCE_COLUMNS
-from tam_calibration.model.conversion import ATTITUDE_COLUMNS
+from tam_calibration.model.conversion import ATTITUDE_COLUMNS, RATE_COLUMNS
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import LOCAL_VARIANCE_T2, field_at
 from tam_calibration.model.units import FloatArray
@@ -183,16 +183,16 @@ class Localizer(CalibratedNode):
     def _take_samples(self, messages: list[bytes]) -> None:
         joined: list[Joined] = []
         for rows in self._readers["samples"].read(messages):
-            attitudes = np.full((len(rows.values), 4), np.nan)
-            if self._layout_of(rows.columns).attitude:
-                attitudes = rows.values[:, [rows.columns.index(name) for name in ATTITUDE_COLUMNS]]
+            attitudes, rates = (
+                _columns(rows.values, rows.columns, names) for names in (ATTITUDE_COLUMNS, RATE_COLUMNS)
+            )
             stamps = list(map(from_stamp, rows.stamps))
             for stamp_ns, attitude in zip(stamps, attitudes, strict=True):
                 joined += self._join.push_attitude(stamp_ns, attitude)
             if self._targets is not None:
                 readings = rows.values[:, 1 : 1 + 3 * self._array.sensor_count].reshape(len(stamps), -1, 3)
-                for stamp_ns, reading, attitude in zip(stamps, readings, attitudes, strict=True):
-                    self._targets.take_sample(stamp_ns, reading, attitude)
+                for each in zip(stamps, readings, attitudes, rates, strict=True):
+                    self._targets.take_sample(*each)
         self._answer(joined)
 
     def _take_outputs(self, messages: list[bytes]) -> None:
@@ -298,6 +298,13 @@ class Localizer(CalibratedNode):
         if self._estimate.get_subscription_count():
             for stamp, row in zip(stamps, source_rows(solutions), strict=True):
                 self._estimate.publish(self._estimate_writer.message(stamp, row.tobytes()))
+
+
+def _columns(values: FloatArray, columns: tuple[str, ...], names: tuple[str, ...]) -> FloatArray:
+    """Return the columns of those names, NaN where there are none."""
+    if names[0] not in columns:
+        return np.full((len(values), len(names)), np.nan)
+    return values[:, [columns.index(name) for name in names]]
 
 
 def _require_outputs(columns: tuple[str, ...]) -> None:

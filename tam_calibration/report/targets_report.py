@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from tam_calibration.localization.target import Target
 from tam_calibration.localization.targets import SurveyLine
 from tam_calibration.model.units import to_nanotesla
-from tam_calibration.report.blocks import Section
+from tam_calibration.report.blocks import Section, Text
 from tam_calibration.report.page import embed, write_page
 from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR, FLOOR_COLOR, PAGE_WIDTH_INCH, STYLE
 from tam_calibration.report.survey_report import error_ellipse
@@ -87,5 +87,7 @@ def write_targets_report(
     picture = embed(plot_map(lines, targets), "Map of the lines and their targets", _MAP)
     sections = [Section("Targets", [*blocks, picture])]
     for line, name in zip(lines, names, strict=True):
-        sections.append(Section(name, [embed(plot_course(line), f"Course along the line {name}", _COURSE)]))
+        notes = [Text(f"{line.note[0].upper()}{line.note[1:]}.")] if line.note else []
+        course = embed(plot_course(line), f"Course along the line {name}", _COURSE)
+        sections.append(Section(name, [*notes, course]))
     write_page(path, "Survey lines", answer(targets), sections)

@@ -8,13 +8,16 @@ from tam_calibration.localization.sliding_line import SlidingLine
 LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
 
 
-def kept(seconds, span_s=10.0):
+UNKNOWN = np.full(3, np.nan)
+
+
+def kept(seconds, span_s=10.0, rates=UNKNOWN):
     """Return a line of so many seconds, ten samples and one position each second."""
     line = SlidingLine(span_s)
     for tick in range(10 * seconds):
         if tick % 10 == 0:
             line.push_position(tick / 10, np.array([1.5 * tick / 10, 0.0, -3.0]))
-        line.push_sample(tick / 10, np.full((4, 3), 1e-6 * tick), LEVEL)
+        line.push_sample(tick / 10, np.full((4, 3), 1e-6 * tick), LEVEL, rates)
     return line
 
 
@@ -30,8 +33,15 @@ def test_the_last_seconds_are_kept_with_interpolated_positions():
 def test_a_clock_that_steps_back_starts_a_new_line():
     """What was before is forgotten; without positions there is no line."""
     line = kept(20)
-    line.push_sample(1.0, np.zeros((4, 3)), LEVEL)
+    line.push_sample(1.0, np.zeros((4, 3)), LEVEL, UNKNOWN)
     assert line.recording() is None
     for time_s in (2.0, 3.0):
         line.push_position(time_s, np.zeros(3))
     assert len(line.recording().time_s) == 1
+
+
+def test_angular_velocities_are_kept_where_there_are_any():
+    """A line without a gyroscope has none, rather than unknown ones."""
+    assert kept(20).recording().angular_velocity_rad_s is None
+    rates = kept(20, rates=np.array([0.0, 0.1, 0.2])).recording().angular_velocity_rad_s
+    assert_allclose(rates, np.tile([0.0, 0.1, 0.2], (len(rates), 1)))

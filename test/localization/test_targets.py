@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.linalg import norm
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, RotationSpline
 
 from tam_calibration.localization.line_data import line_data
 from tam_calibration.localization.line_window import Window
@@ -22,7 +22,18 @@ PLACES_M = np.array([[15.0, 2.0, -4.0], [35.0, -3.0, -6.0], [48.0, 1.0, -5.0]])
 MOMENTS_AM2 = np.array([[30.0, 80.0, -60.0], [-100.0, 150.0, 90.0], [40.0, 10.0, -90.0]])
 
 
-def passed(array, errors, places=PLACES_M, moments=MOMENTS_AM2, *, sway=0.2, white=0.0, attitude=0.0, lasting=1.0):
+def passed(
+    array,
+    errors,
+    places=PLACES_M,
+    moments=MOMENTS_AM2,
+    *,
+    sway=0.2,
+    white=0.0,
+    attitude=0.0,
+    lasting=1.0,
+    gyroscope=False,
+):
     """Return the recording of a line past dipoles, 0.1 nT of noise."""
     generator = np.random.default_rng(7)
     path = np.column_stack([TIME_S, sway * np.sin(TIME_S), sway * np.cos(0.7 * TIME_S)])
@@ -39,7 +50,15 @@ def passed(array, errors, places=PLACES_M, moments=MOMENTS_AM2, *, sway=0.2, whi
     reported = turns * Rotation.from_rotvec(np.radians(attitude) * error)
     position = path + white * generator.standard_normal(path.shape)
     noisy = fields + 1e-10 * generator.standard_normal(fields.shape)
-    return Recording(TIME_S, errors.distort(noisy), attitude=reported.as_quat(), position_m=position)
+    rates = RotationSpline(TIME_S, turns)(TIME_S, 1) + np.radians([0.5, -0.3, 0.2])
+    measured = rates + np.radians(0.02) * generator.standard_normal(rates.shape)
+    return Recording(
+        TIME_S,
+        errors.distort(noisy),
+        attitude=reported.as_quat(),
+        angular_velocity_rad_s=measured if gyroscope else None,
+        position_m=position,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -62,6 +81,18 @@ def test_all_targets_of_a_line_are_found(cross, true_errors, exact, errors):
         assert (np.abs(nearest) < 5 * each.standard_errors_m).all()
         assert norm(each.standard_errors_m) < 0.5
     assert [each.evidence for each in targets] == sorted((each.evidence for each in targets), reverse=True)
+
+
+def test_a_gyroscope_makes_up_for_a_poor_attitude(cross, true_errors, exact):
+    """An attitude that errs by 1.5° for five seconds: all targets are found where the angular velocity was recorded."""
+    recording = passed(cross, true_errors, attitude=1.5, lasting=5.0, gyroscope=True)
+    line = find_targets(recording, exact, path_in(recording), np.radians(1.5))
+    assert len(line.targets) == 3 and "with the angular velocity" in line.note
+    for each in line.targets:
+        away = PLACES_M - each.position_m
+        nearest = away[np.argmin(norm(away, axis=1))]
+        assert (np.abs(nearest) < 5 * each.standard_errors_m).all()
+        assert norm(each.standard_errors_m) < 0.5
 
 
 def test_a_line_past_nothing_has_no_target(cross, true_errors, exact):

@@ -1,0 +1,91 @@
+"""Attitude with a gyroscope: its error shrinks to what is told, and a gyroscope that disagrees is left out."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation, RotationSpline
+
+from tam_calibration.localization.attitude_path import attitude_path
+from tam_calibration.model.data_sheet import Gyroscope
+from tam_calibration.model.recording import Recording
+
+TIME_S = np.arange(1000) / 10
+STATED = Gyroscope(np.radians(0.004), np.radians(3.0))
+
+
+def turned(seed, error_deg=1.0, late_s=0.0, mounting_deg=0.0, stated=STATED):
+    """Return a swaying array whose attitude errs for five seconds, with its angular velocity, and its true attitude."""
+    generator = np.random.default_rng(seed)
+    phase = generator.uniform(0, 6, 3)
+    true = Rotation.from_euler("zyx", 0.08 * np.sin(np.outer(TIME_S, [0.9, 0.7, 1.1]) + phase))
+    error = generator.standard_normal((len(TIME_S), 3))
+    for number in range(1, len(error)):
+        error[number] = 0.98 * error[number - 1] + np.sqrt(1 - 0.98**2) * error[number]
+    reported = true * Rotation.from_rotvec(np.radians(error_deg) * error)
+    rates = RotationSpline(TIME_S, true)(np.maximum(TIME_S - late_s, 0.0), 1)
+    mounting = Rotation.from_rotvec(np.radians(mounting_deg) * np.array([0.6, 0.0, 0.8]))
+    measured = stated.readings(TIME_S, mounting.apply(rates), generator)
+    readings = np.full((len(TIME_S), 1, 3), 3e-5)
+    recording = Recording(TIME_S, readings, attitude=reported.as_quat(), angular_velocity_rad_s=measured)
+    return recording, true
+
+
+def error_of(path, true):
+    """Return the root mean square error of an attitude about each axis, radians."""
+    return np.sqrt(np.mean((Rotation.from_quat(path.attitude) * true.inv()).as_rotvec() ** 2))
+
+
+@pytest.mark.parametrize("faults", [{}, {"late_s": 0.05}, {"mounting_deg": 2.0}])
+def test_the_error_shrinks_to_what_is_told(faults):
+    """Over twelve lines the errors are those that are told, whatever bias, delay and mounting the gyroscope has."""
+    ratios = []
+    for seed in range(12):
+        recording, true = turned(seed, **faults)
+        path = attitude_path(recording, STATED, np.radians(1.0))
+        assert path.error < np.radians(0.7)
+        assert "with the angular velocity" in path.note
+        ratios.append(error_of(path, true) / path.error)
+    assert 0.7 < np.sqrt(np.mean(np.square(ratios))) < 1.3
+
+
+def test_without_stated_errors_they_are_estimated():
+    """Neither the attitude's error nor the gyroscope's noise is stated."""
+    recording, true = turned(3)
+    path = attitude_path(recording, None, 0.0)
+    assert path.error < np.radians(0.7) and error_of(path, true) < 2.5 * path.error
+
+
+def test_a_gyroscope_in_other_axes_is_left_out():
+    """Turned by a right angle it does not turn as the attitude does, and the attitude stays as it was recorded."""
+    recording, _ = turned(1, mounting_deg=90.0)
+    path = attitude_path(recording, STATED, np.radians(1.0))
+    assert_allclose(path.attitude, recording.attitude)
+    assert path.error == np.radians(1.0) and "does not turn as the attitude does" in path.note
+
+
+def test_a_gyroscope_worse_than_the_attitude_changes_nothing():
+    """Noise of a degree in a second adds nothing to an attitude that is exact to a hundredth of a degree."""
+    recording, _ = turned(2, error_deg=0.01, stated=Gyroscope(np.radians(1.0), np.radians(3.0)))
+    path = attitude_path(recording, None, np.radians(0.01))
+    assert_allclose(path.attitude, recording.attitude)
+    assert path.note == ""
+
+
+def test_gaps_are_told():
+    """A tenth of the angular velocities is missing."""
+    recording, _ = turned(4)
+    rates = recording.angular_velocity_rad_s.copy()
+    rates[300:400] = np.nan
+    path = attitude_path(replace(recording, angular_velocity_rad_s=rates), STATED, 0.01)
+    assert "has gaps" in path.note
+    assert_allclose(path.attitude, recording.attitude)
+
+
+def test_without_a_gyroscope_the_attitude_is_the_recorded_one():
+    """Nothing is said either."""
+    recording, _ = turned(5)
+    path = attitude_path(replace(recording, angular_velocity_rad_s=None), STATED, 0.02)
+    assert_allclose(path.attitude, recording.attitude)
+    assert path.error == 0.02 and path.note == ""
