@@ -435,7 +435,9 @@ def rivals_rows(runs: int, seed: int) -> list[Row]:
             for name, bias in found.items():
                 away_nT.setdefault(name, []).append(to_nanotesla(float(norm(bias - true))))
         for name, sizes in away_nT.items():
-            rows.append(Row(case.name, f"RMSE of the biases by {name}, nT", [float(np.sqrt(np.mean(np.square(sizes))))]))
+            rows.append(
+                Row(case.name, f"RMSE of the biases by {name}, nT", [float(np.sqrt(np.mean(np.square(sizes))))])
+            )
     return rows
 
 

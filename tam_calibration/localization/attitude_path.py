@@ -9,6 +9,7 @@ are fitted by least squares: c is constant but for what bias, delay, mounting an
 turns, and for the random walk that its noise makes, as the first terms of its Karhunen-Loève series.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,6 +38,9 @@ _LEAST_FREE = 0.25
 _FAR = 3.0
 """Standard deviations of mounting, scale and angles beyond which a gyroscope is not one of this array."""
 
+_WANDERS = 1.1
+"""By how much more than by chance the field's direction wanders where an angular velocity is not that of the array."""
+
 _MOST_BLOCKS = 4000
 """Into which a line is averaged, so that the cost of the fit is bounded."""
 
@@ -60,7 +64,9 @@ class AttitudePath:
     note: str = ""
 
 
-def attitude_path(recording: Recording, gyroscope: Gyroscope | None, error: float) -> AttitudePath:
+def attitude_path(
+    recording: Recording, gyroscope: Gyroscope | None, error: float, wander: Callable[[FloatArray], float]
+) -> AttitudePath:
     """Return the attitude of a recording, steadied by its angular velocity where it has one that agrees.
 
     Parameters
@@ -71,6 +77,9 @@ def attitude_path(recording: Recording, gyroscope: Gyroscope | None, error: floa
         As the array file states it.
     error : float
         Stated standard deviation of the recorded attitude about each axis, radians; 0 where none is stated.
+    wander : callable
+        By how much the direction of the field wanders in the world of an attitude (N, 4), radians: with an angular
+        velocity that agrees it wanders less.
     """
     assert recording.attitude is not None
     recorded = AttitudePath(recording.attitude, error)
@@ -82,7 +91,7 @@ def attitude_path(recording: Recording, gyroscope: Gyroscope | None, error: floa
     attitude = Rotation.from_quat(recording.attitude)
     known = _Gyroscope.of(recording.time_s, rates, gyroscope or Gyroscope()).with_bias_of(attitude)
     steadied, scatter = _fitted(attitude, known, error)
-    if steadied is None:
+    if steadied is None or wander(steadied.attitude) > _WANDERS * wander(recorded.attitude):
         return replace(recorded, note="the angular velocity does not turn as the attitude does, and is not used")
     if steadied.error >= scatter:
         return recorded
@@ -172,8 +181,6 @@ def _fitted(recorded: Rotation, known: _Gyroscope, error: float) -> tuple[Attitu
     precision = np.concatenate([known.precision, np.ones(of_walk.shape[2]), np.zeros(3)])
     away = np.zeros(len(precision))
     first = recorded[0]
-    steady = recorded * recorded.mean().inv()
-    variation = float(np.mean(steady.as_rotvec() ** 2))
     scatter = max(error, 1e-6) ** 2
     # The state is linear in the turns but for their products: it settles in three steps.
     for _ in range(5):
@@ -198,11 +205,9 @@ def _fitted(recorded: Rotation, known: _Gyroscope, error: float) -> tuple[Attitu
         known = replace(known, state=known.state.moved(step[:size]))
         first = Rotation.from_rotvec(step[-3:]) * first
     attitude = correction * made
-    away_from = (recorded * attitude.inv()).as_rotvec()
-    seen = float(np.mean(away_from**2))
-    is_far = np.abs(known.away()[-9:]) > _FAR / np.sqrt(known.precision[-9:])
-    if seen > variation or is_far.any():
+    if (np.abs(known.away()[-9:]) > _FAR / np.sqrt(known.precision[-9:])).any():
         return None, 0.0
+    seen = float(np.mean((recorded * attitude.inv()).as_rotvec() ** 2))
     spread = np.einsum("nap,pq,naq->", rows, covariance, rows, optimize=True) / (3 * len(rows)) + rest
     return AttitudePath(attitude.as_quat(), float(np.sqrt(spread))), max(error, float(np.sqrt(seen)))
 

@@ -142,6 +142,21 @@ def line_data(
     )
 
 
+def direction_wander(fields_T: FloatArray, attitude: FloatArray, along_m: FloatArray) -> float:
+    """Return how far the direction of the field wanders about a smooth course in the world of an attitude, radians.
+
+    Parameters
+    ----------
+    fields_T : (N, 3) array
+        Field at the centre, array frame, tesla.
+    attitude : (N, 4) array
+        Quaternions x, y, z, w from the array frame to the world.
+    along_m : (N,) array
+        Way along the line, metres.
+    """
+    return _direction(Rotation.from_quat(attitude).apply(fields_T), along_m)[1]
+
+
 def _noise(world: FloatArray, array: Array) -> FloatArray:
     """Return the noise (K,) of the sensors: as their differences show it from sample to sample, in the stated ratio."""
     stated = np.ones(array.sensor_count) if array.vector_noise_T is None else array.vector_noise_T

@@ -1,6 +1,7 @@
 """From a recording of a survey line to its targets."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.linalg import norm
@@ -9,7 +10,7 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.recorded_attitude import misread_attitude
 from tam_calibration.localization.attitude_path import attitude_path
 from tam_calibration.localization.calibration_errors import errors_of
-from tam_calibration.localization.line_data import line_data
+from tam_calibration.localization.line_data import direction_wander, line_data
 from tam_calibration.localization.line_path import Path, path_of, reckoned
 from tam_calibration.localization.target import Target, targets_of
 from tam_calibration.localization.target_search import search
@@ -129,11 +130,11 @@ def find_targets(recording: Recording, calibration: Calibration, path: Path, att
     assert recording.attitude is not None
     known = np.flatnonzero(np.isfinite(recording.attitude).all(axis=1))
     recording = recording.take(known)
-    steadied = attitude_path(recording, calibration.array.gyroscope, attitude_noise)
-    fields = calibration.errors.restore(recording.readings_T)
+    array, fields = calibration.array, calibration.errors.restore(recording.readings_T)
     errors = errors_of(calibration, fields)
     way = _way_m(path, recording.time_s)
-    array = calibration.array
+    wander = partial(direction_wander, fields.mean(axis=1), along_m=way)
+    steadied = attitude_path(recording, array.gyroscope, attitude_noise, wander)
     data = line_data(recording.time_s, fields, steadied.attitude, array, way, steadied.error, errors)
     found, left = search(data, path)
     field = np.median(data.fields_T.mean(axis=1), axis=0)

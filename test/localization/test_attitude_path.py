@@ -32,6 +32,11 @@ def turned(seed, error_deg=1.0, late_s=0.0, mounting_deg=0.0, stated=STATED):
     return recording, true
 
 
+def no_wander(attitude):
+    """Return that the field is constant in the world of any attitude."""
+    return 0.0
+
+
 def error_of(path, true):
     """Return the root mean square error of an attitude about each axis, radians."""
     return np.sqrt(np.mean((Rotation.from_quat(path.attitude) * true.inv()).as_rotvec() ** 2))
@@ -43,7 +48,7 @@ def test_the_error_shrinks_to_what_is_told(faults):
     ratios = []
     for seed in range(12):
         recording, true = turned(seed, **faults)
-        path = attitude_path(recording, STATED, np.radians(1.0))
+        path = attitude_path(recording, STATED, np.radians(1.0), no_wander)
         assert path.error < np.radians(0.7)
         assert "with the angular velocity" in path.note
         ratios.append(error_of(path, true) / path.error)
@@ -53,22 +58,32 @@ def test_the_error_shrinks_to_what_is_told(faults):
 def test_without_stated_errors_they_are_estimated():
     """Neither the attitude's error nor the gyroscope's noise is stated."""
     recording, true = turned(3)
-    path = attitude_path(recording, None, 0.0)
+    path = attitude_path(recording, None, 0.0, no_wander)
     assert path.error < np.radians(0.7) and error_of(path, true) < 2.5 * path.error
 
 
 def test_a_gyroscope_in_other_axes_is_left_out():
     """Turned by a right angle it does not turn as the attitude does, and the attitude stays as it was recorded."""
     recording, _ = turned(1, mounting_deg=90.0)
-    path = attitude_path(recording, STATED, np.radians(1.0))
+    path = attitude_path(recording, STATED, np.radians(1.0), no_wander)
     assert_allclose(path.attitude, recording.attitude)
     assert path.error == np.radians(1.0) and "does not turn as the attitude does" in path.note
+
+
+def test_a_gyroscope_with_which_the_field_wanders_is_left_out():
+    """The direction of the field, which no gyroscope knows, is steadier in the world of the recorded attitude."""
+    recording, _ = turned(6)
+    path = attitude_path(
+        recording, STATED, 0.02, lambda attitude: 1.0 + (not np.array_equal(attitude, recording.attitude))
+    )
+    assert_allclose(path.attitude, recording.attitude)
+    assert "does not turn as the attitude does" in path.note
 
 
 def test_a_gyroscope_worse_than_the_attitude_changes_nothing():
     """Noise of a degree in a second adds nothing to an attitude that is exact to a hundredth of a degree."""
     recording, _ = turned(2, error_deg=0.01, stated=Gyroscope(np.radians(1.0), np.radians(3.0)))
-    path = attitude_path(recording, None, np.radians(0.01))
+    path = attitude_path(recording, None, np.radians(0.01), no_wander)
     assert_allclose(path.attitude, recording.attitude)
     assert path.note == ""
 
@@ -78,7 +93,7 @@ def test_gaps_are_told():
     recording, _ = turned(4)
     rates = recording.angular_velocity_rad_s.copy()
     rates[300:400] = np.nan
-    path = attitude_path(replace(recording, angular_velocity_rad_s=rates), STATED, 0.01)
+    path = attitude_path(replace(recording, angular_velocity_rad_s=rates), STATED, 0.01, no_wander)
     assert "has gaps" in path.note
     assert_allclose(path.attitude, recording.attitude)
 
@@ -86,6 +101,6 @@ def test_gaps_are_told():
 def test_without_a_gyroscope_the_attitude_is_the_recorded_one():
     """Nothing is said either."""
     recording, _ = turned(5)
-    path = attitude_path(replace(recording, angular_velocity_rad_s=None), STATED, 0.02)
+    path = attitude_path(replace(recording, angular_velocity_rad_s=None), STATED, 0.02, no_wander)
     assert_allclose(path.attitude, recording.attitude)
     assert path.error == 0.02 and path.note == ""
