@@ -11,6 +11,7 @@ import numpy as np
 
 from tam_calibration.correction.acceptance import within_limits
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.effects.effect import Effect, LinearEffect
 from tam_calibration.effects.library import effect_named, installed_effects, shown_by
 from tam_calibration.effects.removal import linear_effect, on_sensors
 from tam_calibration.fit import calibrate
@@ -149,7 +150,7 @@ def _with_named(model: Model, names: Collection[str]) -> tuple[Model, tuple[str,
         raise Refused(f"{effect.name} cannot be told from this recording: {reason.why}; {effect.excitation}")
     while waiting:
         base = model.base()
-        times = times_of(model)
+        times = times_of(model) if any(map(_comes_and_goes, waiting.values())) else ()
         examined = {name: examine(base, effect, EVERYWHERE, times) for name, effect in waiting.items()}
         visible = [one for one in examined.values() if isinstance(one, Evidence)]
         if not visible:
@@ -162,6 +163,11 @@ def _with_named(model: Model, names: Collection[str]) -> tuple[Model, tuple[str,
         model = model.accept(form)
         del waiting[best.effect]
     return model, tuple(warnings)
+
+
+def _comes_and_goes(effect: Effect) -> bool:
+    """Say whether the times of laws, which are dear to find, give an effect shapes."""
+    return isinstance(effect, LinearEffect) and type(effect).shapes_at is not LinearEffect.shapes_at
 
 
 def _kept(model: Model, array: Array, warnings: tuple[str, ...], accept: Collection[str]) -> Calibration:

@@ -96,9 +96,9 @@ def _sparse(values: FloatArray, along: FloatArray) -> tuple[float, float, FloatA
     """Return the evidence of large deviations in some samples, how many, and the probability (N,) of each."""
     best: tuple[float, float, FloatArray] = (-np.inf, 0.0, np.zeros(len(values)))
     for row in _of_sizes(values, along)[::2]:
-        part = 0.02
+        part, odds = 0.02, np.exp(-np.clip(row, -500, 500))
         for _ in range(10):
-            often = 1 / (1 + (1 - part) / part * np.exp(-np.clip(row, -500, 500)))
+            often = 1 / (1 + (1 - part) / part * odds)
             part = float(np.clip(often.mean(), 1e-4, 0.4))
         total = np.logaddexp(np.log1p(-part), np.log(part) + row).sum()
         best = max(best, (float(total - 1.5 * np.log(len(row))), part, often), key=lambda one: one[0])
