@@ -157,19 +157,9 @@ def test_recordings_that_do_not_fit_the_array_fail_each_with_its_sentence(folder
     assert (told["recordings"], told["done"], told["failed"]) == (5, 2, 3)
 
 
-UNDRAWN = """
-from importlib import import_module
-from matplotlib.figure import Figure
-from tam_calibration.cli.main import main
-import_module("tam_calibration.fleet.summary").plot_missions = lambda missions, kind: Figure()
-main()
-"""
-"""The command, with an empty figure for what test_summary.py sees drawn, which takes most of the time."""
-
-
 def start(folder):
     """Start the command on two processes, which share its output with it."""
-    command = [sys.executable, "-c", UNDRAWN, "batch", "missions/**", "--array", "array.yaml", "-o", "out"]
+    command = [sys.executable, "-m", "tam_calibration", "batch", "missions/**", "--array", "array.yaml", "-o", "out"]
     return subprocess.Popen([*command, "--jobs", "2"], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
 
 
