@@ -86,8 +86,8 @@ def attitude_path(
     rates = recording.angular_velocity_rad_s
     if rates is None:
         return recorded
-    if np.isfinite(rates).all(axis=1).mean() < 0.99:
-        return replace(recorded, note="the angular velocity has gaps, and is not used for the attitude")
+    if not _is_whole(recording.time_s, rates):
+        return replace(recorded, note="the angular velocity has gaps or few samples, and is not used for the attitude")
     attitude = Rotation.from_quat(recording.attitude)
     known = _Gyroscope.of(recording.time_s, rates, gyroscope or Gyroscope()).with_bias_of(attitude)
     steadied, scatter = _fitted(attitude, known, error)
@@ -100,6 +100,14 @@ def attitude_path(
         "angular velocity"
     )
     return replace(steadied, note=note)
+
+
+def _is_whole(time_s: FloatArray, rates: FloatArray) -> bool:
+    """Return whether angular velocities (N, 3) tell all turns: there are enough, and gaps of a few samples at most."""
+    if len(time_s) < 100 or np.isfinite(rates).all(axis=1).mean() < 0.99:
+        return False
+    known_s = time_s[np.isfinite(rates).all(axis=1)]
+    return bool(np.diff(known_s).max() < 5 * np.median(np.diff(time_s)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +124,7 @@ class _Gyroscope:
         interval_s = float(np.median(np.diff(time_s)))
         known = np.isfinite(rates).all(axis=1)
         filled = np.column_stack([np.interp(time_s, time_s[known], each[known]) for each in rates.T])
-        # The interval of a path bounds gaps, of which a line has none that matters: its turns are all taken.
+        # With the longest interval for the usual one all turns are known.
         path = GyroscopePath(time_s, filled, float(np.diff(time_s).max()), (float(time_s[0]), float(time_s[-1])))
         state = GyroscopeState.at_rest(np.eye(3), 0.0).of_modes(path.modes)
         fast = float(np.sqrt(np.mean(fast_noise(filled) ** 2)) * np.sqrt(2 * interval_s))
@@ -176,24 +184,20 @@ def _fitted(recorded: Rotation, known: _Gyroscope, error: float) -> tuple[Attitu
     count = len(known.path.time_s)
     starts = np.arange(0, count, -(-count // _MOST_BLOCKS))
     walk, rest = known.walk()
-    of_walk = np.einsum("nj,ab->nabj", walk, np.eye(3)).reshape(count, 3, -1)
+    of_walk = np.kron(_averaged(walk, starts)[:, None], np.eye(3))
+    constant = np.broadcast_to(np.eye(3), (len(starts), 3, 3))
     size = len(known.precision)
     precision = np.concatenate([known.precision, np.ones(of_walk.shape[2]), np.zeros(3)])
     away = np.zeros(len(precision))
     first = recorded[0]
     scatter = max(error, 1e-6) ** 2
-    # The state is linear in the turns but for their products: it settles in three steps.
+    # The attitude is linear in the unknowns but for products of them: it settles in a few steps.
     for _ in range(5):
         away[:size] = known.away()
         since, by_state = known.turned()
-        made = first * since
-        into = first.as_matrix()
-        columns = np.concatenate(
-            [into @ by_state, of_walk, np.broadcast_to(np.eye(3), (count, 3, 3))],
-            axis=2,
-        )
+        made, by_state = first * since, first.as_matrix() @ by_state
         apart = (recorded * made.inv()).as_rotvec()
-        rows, data = _averaged(columns, starts), _averaged(apart, starts)
+        rows, data = np.concatenate([_averaged(by_state, starts), of_walk, constant], axis=2), _averaged(apart, starts)
         flat = rows.reshape(-1, rows.shape[2])
         covariance = inv(flat.T @ flat / scatter + np.diag(precision))
         step = covariance @ (flat.T @ data.ravel() / scatter - precision * away)
@@ -201,10 +205,10 @@ def _fitted(recorded: Rotation, known: _Gyroscope, error: float) -> tuple[Attitu
         lasting = _lasting(left)
         taken = float(np.sum(covariance * (flat.T @ flat))) / scatter * lasting / len(flat)
         scatter = max(float(np.mean(left**2)) * lasting / max(1.0 - taken, _LEAST_FREE), 1e-14)
-        correction = Rotation.from_rotvec(columns @ step)
+        correction = by_state @ step[:size] + walk @ step[size:-3].reshape(-1, 3) + step[-3:]
+        attitude = Rotation.from_rotvec(correction) * made
         known = replace(known, state=known.state.moved(step[:size]))
         first = Rotation.from_rotvec(step[-3:]) * first
-    attitude = correction * made
     if (np.abs(known.away()[-9:]) > _FAR / np.sqrt(known.precision[-9:])).any():
         return None, 0.0
     seen = float(np.mean((recorded * attitude.inv()).as_rotvec() ** 2))

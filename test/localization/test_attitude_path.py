@@ -88,14 +88,25 @@ def test_a_gyroscope_worse_than_the_attitude_changes_nothing():
     assert path.note == ""
 
 
-def test_gaps_are_told():
-    """A tenth of the angular velocities is missing."""
+@pytest.mark.parametrize(("kept", "unknown"), [(1000, slice(300, 400)), (1000, slice(300, 306)), (90, slice(0, 0))])
+def test_gaps_and_few_samples_are_told(kept, unknown):
+    """A tenth of the angular velocities is missing, six that follow each other, or there are ninety only."""
     recording, _ = turned(4)
+    recording = recording.take(slice(0, kept))
     rates = recording.angular_velocity_rad_s.copy()
-    rates[300:400] = np.nan
+    rates[unknown] = np.nan
     path = attitude_path(replace(recording, angular_velocity_rad_s=rates), STATED, 0.01, no_wander)
-    assert "has gaps" in path.note
+    assert "has gaps or few samples" in path.note
     assert_allclose(path.attitude, recording.attitude)
+
+
+def test_single_missing_angular_velocities_are_bridged():
+    """One in two hundred is missing: the error shrinks as without gaps."""
+    recording, true = turned(4)
+    rates = recording.angular_velocity_rad_s.copy()
+    rates[100::200] = np.nan
+    path = attitude_path(replace(recording, angular_velocity_rad_s=rates), STATED, np.radians(1.0), no_wander)
+    assert path.error < np.radians(0.7) and error_of(path, true) < 2.5 * path.error
 
 
 def test_without_a_gyroscope_the_attitude_is_the_recorded_one():
