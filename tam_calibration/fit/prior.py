@@ -61,7 +61,7 @@ def in_first_frame(errors: SensorErrors) -> tuple[SensorErrors, FloatArray]:
     """Return errors turned into the frame of sensor 1, and the (12 K, 12 K) derivative by the errors given."""
     first = errors.rotation[0]
     after, derivative = turned(errors, first.T, errors.orientation @ errors.orientation[0].T)
-    after.misalignment[0] = 0
+    after = replace(after, misalignment=np.vstack([np.zeros((1, 3)), after.misalignment[1:]]))
     # The frame turns with sensor 1: [δ]× is the change of its transposed rotation times that rotation.
     change = np.einsum("ij,jkp->ikp", inv(errors.measurement[0]), errors.jacobian()[0, :, :3, 9:12])
     skew = np.einsum("ijp,ik->jkp", change, first)
