@@ -1,7 +1,6 @@
 """Calibration with a gyroscope: errors over the Cramér-Rao bound, coverage, time and memory, and a real recording.
 
-Run ``python benchmarks/gyroscope.py table|cases|speed|mission|ahrs|rivals [--runs 40] [--seed 1]``,
-or ``… real PATH.mat …``.
+Run ``python benchmarks/gyroscope.py table|cases|speed|mission|ahrs [--runs 40] [--seed 1]``, or ``… real PATH.mat …``.
 
 ``table``: the bound of the biases of one sensor of 1 nT with a scalar of 0.1 nT, 6000 samples at 10 Hz, one full circle
 with swings of pitch and roll of ±5°, by the noise of the gyroscope. ``cases``: over random errors of the sensors, bias
@@ -9,8 +8,8 @@ of the gyroscope and noise, the root mean square error of all biases over their 
 within their 95 % intervals. ``speed``: time and memory of one calibration. ``mission``: the centre field over its floor
 in a mission at ±30°, after errors changed since a calibration ashore and a turn at ±5° (``mission.py``), with a
 gyroscope of 4 mdps/√Hz and without. ``ahrs``: an attitude whose heading is that of the raw readings, next to the
-gyroscope and without it. ``rivals``: the biases that MAGYC finds in the same recordings. ``real``: trials of BROAD
-(Laidig et al., Data 6(7):72, 2021), one sensor: calibrated by its gyroscope alone, and by the optical attitude.
+gyroscope and without it. ``real``: trials of BROAD (Laidig et al., Data 6(7):72, 2021), one sensor: calibrated by its
+gyroscope alone, and by the optical attitude.
 
 The bound is another formula than that of the fit: the field in the array is three unknowns in each sample, which the
 readings, its length and the turn from sample to sample tell; bias, mounting and delay of the gyroscope are unknown, its
@@ -221,7 +220,7 @@ def judged(case: Case, runs: int, seed: int) -> list[Row]:
         recording, errors = case.made(seed + number)
         least = bound(case, errors)
         array = case.array
-        found: Calibration = calibrate(recording, array) if case.rate_deg_s is None else _jointly(recording, array)
+        found: Calibration = calibrate(recording, array) if case.rate_deg_s is None else jointly(recording, array)
         away, told = found.errors.to_vector() - errors.to_vector(), found.standard_errors
         if not case.has_scalar:  # the scale is free: only biases can be compared
             away, told, least = (each[:, 6:9] for each in (away, told, least))
@@ -242,7 +241,7 @@ def judged(case: Case, runs: int, seed: int) -> list[Row]:
     ]
 
 
-def _jointly(recording: Recording, array: Array) -> Calibration:
+def jointly(recording: Recording, array: Array) -> Calibration:
     """Return the answer of ``calibrate`` without its held-out parts."""
     return calibrate_jointly(recording, array, None, None).calibration
 
@@ -350,7 +349,7 @@ def ahrs_rows(runs: int, seed: int) -> list[Row]:
         array = replace(case.array, attitude_noise=LEANING)
         for has_rates, kept in away.items():
             try:
-                found = _jointly(ahrs if has_rates else replace(ahrs, angular_velocity_rad_s=None), array)
+                found = jointly(ahrs if has_rates else replace(ahrs, angular_velocity_rad_s=None), array)
             except (InputError, Refused):
                 said[has_rates] += 1
                 continue
@@ -411,38 +410,8 @@ def broad(path: Path) -> Recording:
     )
 
 
-RIVALS = ("magyc_ls", "magyc_nls", "magyc_ifg")
-"""Methods of MAGYC (Rodríguez-Martínez and others, arXiv 2410.13827): linear, non-linear, and a factor graph."""
-
-
-def rivals_rows(runs: int, seed: int) -> list[Row]:
-    """Return the errors of the biases next to those of MAGYC, which knows no scalar, on the same recordings."""
-    try:
-        import magyc
-    except ImportError:
-        raise click.ClickException("MAGYC is not installed: install the package magyc from PyPI") from None
-    rows = []
-    for case in (Case(tilt_deg=tilt, has_scalar=False) for tilt in (5.0, 30.0)):
-        away_nT: dict[str, list[float]] = {}
-        for number in track(range(runs), case.name):
-            recording, errors = case.made(seed + number)
-            true = errors.to_vector()[0, 6:9]
-            found = {"this package": _jointly(recording, case.array).errors.to_vector()[0, 6:9]}
-            microtesla = 1e6 * recording.readings_T[:, 0]
-            for name in RIVALS:
-                answer = getattr(magyc, name)(microtesla, recording.angular_velocity_rad_s, recording.time_s)
-                found[name] = 1e-6 * np.ravel(answer[0])
-            for name, bias in found.items():
-                away_nT.setdefault(name, []).append(to_nanotesla(float(norm(bias - true))))
-        for name, sizes in away_nT.items():
-            rows.append(
-                Row(case.name, f"RMSE of the biases by {name}, nT", [float(np.sqrt(np.mean(np.square(sizes))))])
-            )
-    return rows
-
-
 @click.command(help=__doc__)
-@click.argument("part", type=click.Choice(["table", "cases", "speed", "mission", "ahrs", "rivals", "real"]))
+@click.argument("part", type=click.Choice(["table", "cases", "speed", "mission", "ahrs", "real"]))
 @click.argument("paths", nargs=-1, type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option("--runs", default=40, show_default=True, help="Recordings of each case.")
 @click.option("--seed", default=1, show_default=True, help="Of the first of them.")
@@ -452,13 +421,7 @@ def main(part: str, paths: tuple[Path, ...], runs: int, seed: int, only: str) ->
     if part == "cases":
         rows = [row for case in CASES if only in case.name for row in judged(case, runs, seed)]
     else:
-        made = {
-            "table": table_rows,
-            "speed": speed_rows,
-            "mission": mission_rows,
-            "ahrs": ahrs_rows,
-            "rivals": rivals_rows,
-        }
+        made = {"table": table_rows, "speed": speed_rows, "mission": mission_rows, "ahrs": ahrs_rows}
         rows = real_rows(paths) if part == "real" else made[part](runs, seed)
     show("Calibration with a gyroscope", f"gyroscope.py {part} --runs {runs}", f"gyroscope_{part}.csv", rows)
 

@@ -136,8 +136,8 @@ def command(
             ("extended told as dipoles", total["extended told as dipole"], total["extended"], (0.0, 0.0)),
         ]
         figures += [Figure(case, "targets", what, float(n) / of, asked=bounds) for what, n, of, bounds in rows if of]
-        ending = "judged" if judged else "made"
-        (RESULTS / f"survey_lines_{ending}.csv").write_text("\n".join(each.line for each in figures) + "\n")
+        parts = "judged" if judged else "made", *kind, *(["without_gyroscope"] if without_gyroscope else [])
+        (RESULTS / f"survey_lines_{'_'.join(parts)}.csv").write_text("\n".join(each.line for each in figures) + "\n")
     show(figures, f"{lines} lines of 200 m of each kind, seeds from {seed}", "by")
 
 

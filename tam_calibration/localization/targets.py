@@ -49,7 +49,7 @@ class SurveyLine:
     left : (M,) array
         Root mean square of what the targets leave of the readings, over the noise.
     note : str
-        What the angular velocity contributed to the attitude, a sentence; empty where there is none.
+        One sentence on what the angular velocity contributed to the attitude; empty without one.
     """
 
     targets: list[Target]

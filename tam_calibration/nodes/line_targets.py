@@ -21,6 +21,8 @@ from tam_calibration.nodes.listening import RELIABLE_STREAM
 from tam_calibration.nodes.markers import target_markers
 
 _NANOSECONDS = 1e-9
+"""Seconds in a nanosecond."""
+
 _RELIABLE = QoSProfile(depth=10)
 
 

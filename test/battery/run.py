@@ -53,7 +53,7 @@ def warm() -> None:
         import_module(f"tam_calibration.cli.{command.name}")
     for name in _MODULES:
         import_module(f"tam_calibration.{name}")
-    # Where the interpreter is in a folder of root, a command that runs as nobody cannot import the standard library.
+    # A command that runs as another user cannot read the standard library of an interpreter in root's folder.
     for name in ("tam_validation.blind_command", "tam_validation.reproduce_command"):
         import_module(name)
     for name in ("scipy.optimize", "scipy.spatial.transform", "scipy.special", "zstandard", "jinja2"):

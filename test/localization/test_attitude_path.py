@@ -1,4 +1,4 @@
-"""Attitude with a gyroscope: its error shrinks to what is told, and a gyroscope that disagrees is left out."""
+"""Attitude with a gyroscope: it errs less, by its stated standard error; a gyroscope that disagrees is left out."""
 
 from dataclasses import replace
 
@@ -43,8 +43,8 @@ def error_of(path, true):
 
 
 @pytest.mark.parametrize("faults", [{}, {"late_s": 0.05}, {"mounting_deg": 2.0}])
-def test_the_error_shrinks_to_what_is_told(faults):
-    """Over twelve lines the errors are those that are told, whatever bias, delay and mounting the gyroscope has."""
+def test_the_error_shrinks_to_its_standard_error(faults):
+    """Over twelve lines the errors agree with their standard error, with any bias, delay and mounting."""
     ratios = []
     for seed in range(12):
         recording, true = turned(seed, **faults)
