@@ -40,8 +40,8 @@ _FAR = 3.0
 """Standard deviations of mounting, scale and angles beyond which the angular velocity is not that of this array."""
 
 _WANDERS = 1.1
-"""Ratio of the field's wander in the world with an angular velocity to that without, above which it is left out. A right
-one made it 0.05 to 0.18 on twelve lines; where targets alone cause the wander it is 1."""
+"""Ratio of the field's wander in the world with an angular velocity to that without, above which it is left out. A
+right one made it 0.05 to 0.18 on twelve lines; where targets alone cause the wander it is 1."""
 
 _MOST_BLOCKS = 4000
 """Into which a line is averaged, so that the cost of the fit is bounded."""
