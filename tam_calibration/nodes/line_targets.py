@@ -10,8 +10,7 @@ from visualization_msgs.msg import MarkerArray
 
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.localization.sliding_line import SlidingLine
-from tam_calibration.localization.target import Target
-from tam_calibration.localization.targets import find_targets, path_in
+from tam_calibration.localization.targets import SurveyLine, find_targets, path_in
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
@@ -45,7 +44,7 @@ class LineTargets:
         self._line, self._work = SlidingLine(span_s), Work()
         self._attitude_noise, self._frame_id = attitude_noise, ""
         self.calibration: Calibration | None = None
-        self.found, self.problem = 0, ""
+        self.found, self.problem, self.note = 0, "", ""
         self._targets = node.offer(MarkerArray, "targets", _RELIABLE)
         node.create_timer(period_s, self._search)
         node.listen(Odometry, "odometry", self._take_odometry, RELIABLE_STREAM)
@@ -67,14 +66,14 @@ class LineTargets:
         if recording is not None:
             self._work.begin("targets", partial(self._found, recording, self.calibration), self._publish)
 
-    def _found(self, recording: Recording, calibration: Calibration) -> list[Target] | str:
+    def _found(self, recording: Recording, calibration: Calibration) -> SurveyLine | str:
         try:
-            return find_targets(recording, calibration, path_in(recording), self._attitude_noise).targets
+            return find_targets(recording, calibration, path_in(recording), self._attitude_noise)
         except (InputError, Refused) as problem:
             return str(problem)
 
-    def _publish(self, targets: list[Target] | str) -> None:
-        self.problem = targets if isinstance(targets, str) else ""
-        if isinstance(targets, list):
-            self.found = len(targets)
-            self._targets.publish(target_markers(self._frame_id, targets))
+    def _publish(self, line: SurveyLine | str) -> None:
+        self.problem = line if isinstance(line, str) else ""
+        if isinstance(line, SurveyLine):
+            self.found, self.note = len(line.targets), line.note
+            self._targets.publish(target_markers(self._frame_id, line.targets))

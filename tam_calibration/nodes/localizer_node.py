@@ -146,7 +146,8 @@ class Localizer(CalibratedNode):
         refused = {f"refused.{status.name.lower()}": self._statuses[status] for status in Status if status}
         values: dict[str, object] = {"received": self._received, "located": self._statuses[Status.LOCATED], **refused}
         if self._targets is not None:
-            values |= {"targets": self._targets.found, "targets_problem": self._targets.problem}
+            found = self._targets
+            values |= {"targets": found.found, "targets_problem": found.problem, "targets_attitude": found.note}
         return Health(level, message, values)
 
     def _judge(self) -> tuple[bytes, str]:
