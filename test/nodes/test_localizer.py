@@ -303,7 +303,10 @@ def test_outputs_do_not_wait_for_ever():
 
 
 def test_the_targets_of_the_last_stretch_are_published(bench, passing, calibration_file):
-    """Positions from the odometry: one ellipsoid at the wreck, and one arrow, in the frame of the odometry."""
+    """Positions from the odometry: one ellipsoid at the wreck, and one arrow, in the frame of the odometry.
+
+    A gyroscope with gaps is left out, and `/diagnostics` says so.
+    """
     from nav_msgs.msg import Odometry
 
     from tam_calibration.nodes.cloud import make_cloud
@@ -317,13 +320,16 @@ def test_the_targets_of_the_last_stretch_are_published(bench, passing, calibrati
     odometry = bench.node.create_publisher(Odometry, "odometry", RELIABLE_STREAM)
     wanted = {"publishers./samples": "1", "publishers./odometry": "1", "subscribers./targets": "1"}
     bench.health("localizer", lambda _, figures: wanted.items() <= figures.items(), "all are connected")
-    for index, (stamp, row) in enumerate(zip(stamps(passing), LAYOUT.rows(passing), strict=True)):
+    layout, rates = SampleLayout(4, attitude=True, gyroscope=True), np.zeros((passing.sample_count, 3))
+    rates[::2] = np.nan
+    passing = replace(passing, angular_velocity_rad_s=rates)
+    for index, (stamp, row) in enumerate(zip(stamps(passing), layout.rows(passing), strict=True)):
         if index % 10 == 0:
             message = Odometry(header=header(stamp))
             message.header.frame_id = "odom"
             message.pose.pose.position.x = 1.5 * index / 20
             odometry.publish(message)
-        samples.publish(make_cloud(header(stamp), LAYOUT.columns, row.tolist()))
+        samples.publish(make_cloud(header(stamp), layout.columns, row.tolist()))
 
     def balls():
         return [each for each in (shown[-1].markers if shown else []) if each.ns == "position"]
@@ -332,3 +338,4 @@ def test_the_targets_of_the_last_stretch_are_published(bench, passing, calibrati
     [ball], place = balls(), balls()[0].pose.position
     assert ball.header.frame_id == "odom"
     assert_allclose([place.x, place.y, place.z], [30.0, 2.5, -2.3], atol=0.3)
+    bench.health("localizer", lambda _, figures: "has gaps" in figures["targets_attitude"], "the gyroscope is left out")
