@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from comparisons import comparison, mistaken  # noqa: F401  fixtures are found by their names here
 from ros_bench import bench, fork_server, ros_domain  # noqa: F401
+from ros_domains import remove_leftovers
 
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
@@ -22,8 +23,11 @@ os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 def pytest_configure(config):
     """Let pass what ROS's message packages warn of, an old parser of theirs; collect tests without looking for garbage.
 
-    Else a third of the time of collecting them goes into looking through what has been collected.
+    Else a third of the time of collecting them goes into looking through what has been collected. The shared memory of
+    an earlier run that was killed goes: a node that waits for one of its locks would never end.
     """
+    if not hasattr(config, "workerinput"):
+        remove_leftovers()
     config.addinivalue_line("filterwarnings", "ignore:module 'sre_:DeprecationWarning")
     gc.disable()
 

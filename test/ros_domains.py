@@ -4,6 +4,7 @@ import fcntl
 import os
 import re
 import tempfile
+from contextlib import suppress
 from itertools import cycle, islice
 from pathlib import Path
 
@@ -36,6 +37,25 @@ def lock_domain() -> tuple[int, int]:
             _remove_ports(range(_FIRST_PORT + domain * _PORTS, _FIRST_PORT + (domain + 1) * _PORTS))
             return domain, lock
     raise RuntimeError(f"all ROS domains from 1 to {_LAST_DOMAIN} are taken")
+
+
+def remove_leftovers(memory: Path = Path("/dev/shm"), processes: Path = Path("/proc")) -> None:
+    """Remove the shared memory of Fast DDS unless a process uses some: what was killed may have left a lock for ever.
+
+    Parameters
+    ----------
+    memory : Path
+        Folder of the shared memory.
+    processes : Path
+        Folder with the memory maps of all processes.
+    """
+    for maps in processes.glob("[0-9]*/maps"):
+        with suppress(OSError):
+            if "fastrtps_" in maps.read_text():
+                return
+    for path in memory.glob("*fastrtps_*"):
+        with suppress(OSError):
+            path.unlink()
 
 
 def _remove_ports(ports: range) -> None:
