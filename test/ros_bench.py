@@ -19,6 +19,9 @@ NO_ROS = "rclpy is not installed: pip install 'tam_calibration[ros]'"
 _PATIENCE_S = 60.0
 """For whatever will come, also beside others on few cores."""
 
+_AHEAD_S = 0.2
+"""Less than the 0.25 s of stamps that a collector waits for a sensor whose messages come later than those of others."""
+
 DRIVER = str(Path(__file__).parent / "nodes" / "sensor_driver.py")
 
 
@@ -230,11 +233,15 @@ class Bench:
         self.node.create_timer(0.01, publish_next)
 
     def play(self, recording, publish, samples, first=0, last=None):
-        """Publish samples one after another, no faster than they come back as messages on `samples`."""
+        """Publish samples one after another, no faster than they come back as messages on `samples`.
+
+        Those that are on their way span less than the patience of the collector: topics may arrive one after another.
+        """
         before = len(samples)
+        ahead = max(1, min(20, int(_AHEAD_S / np.median(np.diff(recording.time_s)))))
         for done, index in enumerate(range(first, recording.sample_count if last is None else last)):
             publish(recording, index)
-            self.spin_until(lambda done=done: len(samples) >= before + done - 20, f"sample {index} comes back")
+            self.spin_until(lambda done=done: len(samples) >= before + done - ahead, f"sample {index} comes back")
         self.spin_until(lambda: len(samples) == before + done + 1, "all samples come back")
 
 
