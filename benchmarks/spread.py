@@ -34,6 +34,8 @@ class Row:
     @property
     def asked(self) -> str:
         """What is asked, in words."""
+        if self.least and self.most < inf:
+            return f"{self.least:g} to {self.most:g}"
         return f"≥ {self.least:g}" if self.least else f"≤ {self.most:g}" if self.most < inf else ""
 
     @property
