@@ -4,13 +4,13 @@ Run ``python benchmarks/gyroscope.py table|cases|speed|mission|ahrs [--runs 40] 
 
 ``table``: the bound of the biases of one sensor of 1 nT with a scalar of 0.1 nT, 6000 samples at 10 Hz, one full circle
 with swings of pitch and roll of ±5°, by the noise of the gyroscope. ``cases``: over random errors of the sensors, bias
-of the gyroscope and noise, the root mean square error of the biases over their bound, that of all errors whitened by the
-bound's covariance (many independent numbers, so that fewer runs tell it), and how many of all errors are within their
-95 % intervals; of 100 000 samples a fifth of the runs. ``speed``: time and memory of one calibration. ``mission``: the centre field over its floor
-in a mission at ±30°, after errors changed since a calibration ashore and a turn at ±5° (``mission.py``), with a
-gyroscope of 4 mdps/√Hz and without. ``ahrs``: an attitude whose heading is that of the raw readings, next to the
-gyroscope and without it. ``real``: trials of BROAD (Laidig et al., Data 6(7):72, 2021), one sensor: calibrated by its
-gyroscope alone, and by the optical attitude.
+of the gyroscope and noise, the root mean square error of the biases over their bound, that of all errors whitened by
+the bound's covariance (many independent numbers, so that fewer runs tell it), and how many of all errors are within
+their 95 % intervals; of 100 000 samples a fifth of the runs. ``speed``: time and memory of one calibration.
+``mission``: the centre field over its floor in a mission at ±30°, after errors changed since a calibration ashore and a
+turn at ±5° (``mission.py``), with a gyroscope of 4 mdps/√Hz and without. ``ahrs``: an attitude whose heading is that of
+the raw readings, next to the gyroscope and without it. ``real``: trials of BROAD (Laidig et al., Data 6(7):72, 2021),
+one sensor: calibrated by its gyroscope alone, and by the optical attitude.
 
 The bound is another formula than that of the fit: the field in the array is three unknowns in each sample, which the
 readings, its length and the turn from sample to sample tell; bias, mounting and delay of the gyroscope are unknown, its
