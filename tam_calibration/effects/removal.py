@@ -144,15 +144,20 @@ def require_channels(recording: Recording, effects: Iterable[FittedEffect]) -> N
 
 
 def filled(recording: Recording) -> Recording:
-    """Return the recording with holes in temperature, currents, actuators and attitude filled from their neighbours."""
+    """Return the recording with holes in its channels filled from their neighbours.
+
+    Readings, scalar and angular velocity stay as they are: what the array did in a hole is not known.
+    """
     whole = recording.values()
-    for name in whole.keys() - {"time_s", "readings_T", "scalar_T"}:
+    for name in whole.keys() - {"time_s", "readings_T", "scalar_T", "angular_velocity_rad_s"}:
         values, known = whole[name], _knows(recording, (name,))
         if name == "attitude":
             nearest = np.round(np.interp(np.arange(len(known)), np.flatnonzero(known), np.arange(known.sum())))
             whole[name] = values[known][nearest.astype(int)]
         else:
-            whole[name] = np.interp(recording.time_s, recording.time_s[known], values[known])
+            columns = values.reshape(len(known), -1).T
+            straight = [np.interp(recording.time_s, recording.time_s[known], column[known]) for column in columns]
+            whole[name] = np.array(straight).T.reshape(values.shape)
     return Recording.of_values(whole)
 
 

@@ -10,7 +10,9 @@ A fit with angular velocity as data: its noise by the residuals, and what these 
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from numpy.linalg import norm
@@ -129,22 +131,44 @@ class GyroscopeFit(MotionFit):
         words = "look at its stamps and axes, and at whether the field is uniform"
         return f"the angular velocity contradicts the readings, {sizes}: {words}" if sizes else ""
 
-    def remarks(self) -> tuple[str, ...]:
-        """Return how the gyroscope is late and turned, and what its scale may do, in a sentence each."""
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """(Q, Q) covariance of the unknowns."""
+        return inverted(self.everything.information, self.basis)
+
+    @property
+    def turned(self) -> str:
+        """How the gyroscope is turned against sensor 1, in a sentence; empty where it is not.
+
+        Left-handed sensors read the reversed field of sensors that are turned by 180°, and a gyroscope does not tell
+        which way the field points.
+        """
         from scipy.spatial.transform import Rotation
 
-        information = self.everything.information
-        covariance = inverted(information, self.basis)
-        errors = np.sqrt(np.diag(covariance))[-self.state.size :]
+        turn = Rotation.from_matrix(self.state.mount).as_rotvec()
+        angle, errors = float(norm(turn)), np.sqrt(np.diag(self.covariance))[-self.state.size :][self.state.turn]
+        # from_degrees(2.0): turn from which it is worth a note.
+        if angle <= max(FAR * float(norm(errors)), from_degrees(2.0)):
+            return ""
+        axis = int(np.argmax(np.abs(turn)))
+        # from_degrees(15.0): how far a sensor is mounted askew at most.
+        is_half = float(norm(np.abs(turn) - np.pi * np.eye(3)[axis])) < from_degrees(15.0)
+        reversed_axis = f", or axis {'xyz'[axis]} of all sensors is reversed, which are left-handed then" * is_half
+        return (
+            f"the gyroscope is turned by {to_degrees(angle):.2g}° against sensor 1, which is estimated{reversed_axis}"
+        )
+
+    def remarks(self) -> tuple[str, ...]:
+        """Return how the gyroscope is late and turned, and what its scale may do, in a sentence each."""
+        information, covariance = self.everything.information, self.covariance
         count, notes = self.state.bias.size, []
-        # 0.5 and from_degrees(2.0): delay in intervals of samples, and turn in radians, from which they are worth a
-        # note.
-        if abs(self.state.delay_s) > max(FAR * errors[count], 0.5 * self.use.interval_s):
+        delay_error_s = float(np.sqrt(covariance.diagonal()[-self.state.size :][count]))
+        # 0.5: delay in intervals of samples from which it is worth a note.
+        if abs(self.state.delay_s) > max(FAR * delay_error_s, 0.5 * self.use.interval_s):
             late = "late" if self.state.delay_s > 0 else "early"
             notes.append(f"the angular velocity is {abs(self.state.delay_s):.3g} s {late}, which is taken off")
-        turn = float(norm(Rotation.from_matrix(self.state.mount).as_rotvec()))
-        if turn > max(FAR * float(norm(errors[count + 1 : count + 4])), from_degrees(2.0)):
-            notes.append(f"the gyroscope is turned by {to_degrees(turn):.2g}° against sensor 1, which is estimated")
+        if self.turned:
+            notes.append(self.turned)
         # A scale error of all axes moves the errors of the sensors by so much.
         shift = -covariance @ information[:, -6:-3].sum(axis=1)
         biases = np.arange(12 * self.place.errors.sensor_count).reshape(-1, 12)[:, 6:9].ravel()
@@ -211,53 +235,88 @@ def judge_gyroscope(recording: Recording, array: Array, known: Known, since_s: f
         Stamp from which on it is known: samples before are not judged.
     """
     assert recording.angular_velocity_rad_s is not None
-    cleaned, notes = _within_range(recording.angular_velocity_rad_s)
+    cleaned, notes = within_range(recording.angular_velocity_rad_s)
     recording = replace(recording, angular_velocity_rad_s=cleaned)
-    is_judged = recording.time_s >= since_s
-    some, rates = recording.take(is_judged), cleaned[is_judged]
-    interval_s = float(np.median(np.diff(some.time_s))) if some.sample_count > 1 else 0.0
-    path = GyroscopePath(some.time_s, rates, interval_s, some.time_span_s)
+    settled = settled_gyroscope(recording.take(recording.time_s >= since_s), array, known)
+    recording = replace(recording, angular_velocity_rad_s=UNITS[settled.unit] * cleaned)
+    if settled.fit is None:
+        return GyroscopeJudgement(recording, None, settled.reason)
+    notes = (*notes, *settled.notes)
+    if reason := settled.fit.contradiction():
+        return GyroscopeJudgement(recording, None, reason, notes)
+    fit = settled.fit
+    return GyroscopeJudgement(recording, fit.begun, "", (*notes, *fit.remarks()), settled.doubt, fit.place)
+
+
+class SettledGyroscope(NamedTuple):
+    """A fit with angular velocity, or the reason why there is none; its unit, and what was found of it.
+
+    The doubt is what is wrong with the stated noise; empty where it is right, or none is stated.
+    """
+
+    fit: GyroscopeFit | None
+    reason: str = ""
+    unit: str = "rad/s"
+    notes: tuple[str, ...] = ()
+    doubt: str = ""
+
+
+def settled_gyroscope(recording: Recording, array: Array, known: Known) -> SettledGyroscope:
+    """Return the fit of a recording with its angular velocity.
+
+    Parameters
+    ----------
+    recording : Recording
+        Raw readings of K sensors in a uniform field, with angular velocity within its range.
+    array : Array
+        The noise of its gyroscope is estimated where it is not stated.
+    known : Known
+        What else is known.
+    """
+    rates = recording.angular_velocity_rad_s
+    assert rates is not None
+    interval_s = float(np.median(np.diff(recording.time_s))) if recording.sample_count > 1 else 0.0
+    path = GyroscopePath(recording.time_s, rates, interval_s, recording.time_span_s)
     # Intervals whose turn is known: with fewer the noise is uncertain by more than a tenth.
     if len(path.links) < 100:
-        return GyroscopeJudgement(recording, None, "the angular velocity spans too few samples without gaps")
+        return SettledGyroscope(None, "the angular velocity spans too few samples without gaps")
+    notes: tuple[str, ...] = ()
     try:
-        noisy, _ = complete_noise(array, some)
-        field = Problem.of(some, noisy, known).start.errors.restore(some.readings_T).mean(axis=1)
+        noisy, _ = complete_noise(array, recording)
+        field = Problem.of(recording, noisy, known).start.errors.restore(recording.readings_T).mean(axis=1)
         match = matched(field / norm(field, axis=1, keepdims=True), path)
         if match.reason:
-            return GyroscopeJudgement(recording, None, match.reason)
-        recording = replace(recording, angular_velocity_rad_s=UNITS[match.unit] * cleaned)
-        some = recording.take(is_judged)
+            return SettledGyroscope(None, match.reason)
+        rates = UNITS[match.unit] * rates
+        recording = replace(recording, angular_velocity_rad_s=rates)
         if match.unit != "rad/s":
             notes += (f"the angular velocity is in {match.unit}, and taken as that: state it in rad/s",)
         stated = array.gyroscope or Gyroscope()
-        fast = np.sqrt(np.mean(fast_noise(UNITS[match.unit] * rates[np.isfinite(rates).all(axis=1)]) ** 2))
+        fast = np.sqrt(np.mean(fast_noise(rates[np.isfinite(rates).all(axis=1)]) ** 2))
         limited = np.clip(fast * np.sqrt(2 * interval_s), RATE_NOISE.least, RATE_NOISE.most)
         noise = stated.noise_density or float(limited)
         start = GyroscopeState.at_rest(match.mount, match.delay_s)
-        stride = -(-some.sample_count // MOST_LINKS)
+        stride = -(-recording.sample_count // MOST_LINKS)
         use = GyroscopeUse(noise, stated.bias, interval_s, start, stated.scale_error, stride=stride)
-        fit = GyroscopeFit.settled(some, array, known, use)
+        fit = GyroscopeFit.settled(recording, array, known, use)
         if not use.shape_error and fit.is_bent:
             # Standard deviation of the scale and the angles of axes that are not true: data sheets bound them by
             # 1 to 3 %.
-            fit = GyroscopeFit.settled(some, array, known, replace(fit.use, start=fit.state, shape_error=0.03))
+            fit = GyroscopeFit.settled(recording, array, known, replace(fit.use, start=fit.state, shape_error=0.03))
             notes += (fit.bent,)
         if (bias := float(norm(fit.state.bias[0]))) > FAR * stated.bias:
-            fit = GyroscopeFit.settled(some, array, known, replace(fit.use, start=fit.state, bias_error=bias))
+            fit = GyroscopeFit.settled(recording, array, known, replace(fit.use, start=fit.state, bias_error=bias))
             beyond = f"beyond the {to_degrees(stated.bias):.3g} °/s of bias_deg_per_s"
             notes += (f"the gyroscope's bias is {to_degrees(bias):.3g} °/s, {beyond}, and is estimated",)
         density, doubt = _used_density(array.gyroscope, fit)
         fit = fit.with_density(density).weighed()
     except (InputError, Refused):
-        return GyroscopeJudgement(recording, None, "the angular velocity and the readings make no calibration together")
-    if reason := fit.contradiction():
-        return GyroscopeJudgement(recording, None, reason, notes)
-    return GyroscopeJudgement(recording, fit.begun, "", (*notes, *fit.remarks()), doubt, fit.place)
+        return SettledGyroscope(None, "the angular velocity and the readings make no calibration together")
+    return SettledGyroscope(fit, "", match.unit, notes, doubt)
 
 
-def _within_range(rates: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
-    """Return angular velocities without those at the end of the range of an axis, and a note of them."""
+def within_range(rates: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
+    """Return angular velocities (N, 3) with NaN where an axis is at the end of its range, and a note of that."""
     known, at_end = np.isfinite(rates).all(axis=1), np.zeros(len(rates), dtype=bool)
     for axis, side in product(range(3), (1.0, -1.0)):
         values, counts = np.unique(side * rates[known, axis], return_counts=True)

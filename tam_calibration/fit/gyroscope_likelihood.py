@@ -54,6 +54,47 @@ class _Chain(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
+class WhiteTurns:
+    """Turns of the field against those of the gyroscope at a point, of unit variance where all is as it should be.
+
+    Parameters
+    ----------
+    columns : (P + 1, 2 L) array
+        Derivatives by the unknowns of the fit, and the residuals last.
+    factor : (4, 2 L) array
+        Banded Cholesky factor of the covariance of the two numbers of each interval.
+    by_offset : (3, N, 2) array
+        Derivatives of the direction across itself by a field along each axis of the array, of every sample.
+    through : (L, 2, 2) array
+        What an interval makes of a direction before it.
+    links : (L,) array
+        Number of the sample before each interval.
+    """
+
+    columns: FloatArray
+    factor: FloatArray
+    by_offset: FloatArray
+    through: FloatArray
+    links: np.ndarray
+
+    def by_courses(self, courses: FloatArray) -> FloatArray:
+        """Return what fields along x, y and z do that go with time as courses (M, N) say: (M, 3, 2 L)."""
+        moved = courses[:, None, :, None] * self.by_offset
+        change = moved[:, :, self.links + 1] - np.einsum("nab,mpnb->mpna", self.through, moved[:, :, self.links])
+        return _whitened(self.factor, change.reshape(-1, len(self.links), 2)).reshape(len(courses), 3, -1)
+
+    def scores(self, residual: FloatArray) -> FloatArray:
+        """Return the inner products (N, 3) of residuals (2 L,) with what a field in one sample along each axis does."""
+        from scipy.linalg.lapack import dtbtrs
+
+        pull = dtbtrs(self.factor, residual[:, None], uplo="L", trans="T")[0].reshape(-1, 2)
+        scores = np.zeros(self.by_offset.shape[1::-1])
+        scores[self.links] -= np.einsum("pnb,nab,na->np", self.by_offset[:, self.links], self.through, pull)
+        scores[self.links + 1] += np.einsum("pna,na->np", self.by_offset[:, self.links + 1], pull)
+        return scores
+
+
+@dataclass(frozen=True, eq=False)
 class GyroscopeLikelihood:
     """Samples whose angular velocity is known.
 
@@ -135,11 +176,20 @@ class GyroscopeLikelihood:
         if not len(self.path.links):
             size = 13 + state.size
             return Normal.by_field(channels.response, np.zeros((size, size)), 0)
-        chain = self._chain(channels, state)
-        factor = self._factor(chain, self.use.density)
-        white = _whitened(factor, self._columns(chain, factor, state))
+        white = self._white_turns(channels, state).columns
         found = Normal.by_field(channels.response, gram(white) / self.use.lasting, white.shape[1])
         return replace(found, energy=self.use.lasting * found.energy)
+
+    def white_turns(self, matrix: FloatArray, bias: FloatArray, state: GyroscopeState) -> WhiteTurns:
+        """Return the turns of the field at a point; parameters as of ``linearize``."""
+        return self._white_turns(ChannelMaps.at(matrix, bias, UNIFORM, self.vector_noise, None), state)
+
+    def _white_turns(self, channels: ChannelMaps, state: GyroscopeState) -> WhiteTurns:
+        chain = self._chain(channels, state)
+        factor = self._factor(chain, self.use.density)
+        columns = _whitened(factor, self._columns(chain, factor, state))
+        by_offset = np.moveaxis(chain.across, 2, 0) / chain.length[:, None]
+        return WhiteTurns(columns, factor, by_offset, chain.through, self.path.links)
 
     def scatter(
         self, matrix: FloatArray, bias: FloatArray, state: GyroscopeState, taken: float = 0.0, sigmas: float = 0.0

@@ -19,6 +19,7 @@ from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.recorded_attitude import misread_attitude
 from tam_calibration.gap.conclude import conclude
+from tam_calibration.gap.field_direction import field_direction
 from tam_calibration.gap.floor import floor_of
 from tam_calibration.gap.noise import recorded_noise, remarks_on
 from tam_calibration.gap.nominal import (
@@ -176,6 +177,7 @@ def _judged(
     noise = recorded_noise(model, array)
     is_determined = floor_of(found.nominal.channels(), array).is_determined and bool(noise)
     remarks = remarks_on(noise, array, is_determined, int(model.is_counted.sum()))
+    remarks += field_direction(model, recording, array)
     return replace(gap, noise=noise, remarks=remarks), found
 
 

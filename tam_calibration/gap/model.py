@@ -297,9 +297,14 @@ class Model:
 
     @property
     def _relative_residual(self) -> FloatArray:
-        """(N,) root mean square of the shifts of the rows that explain a sample, in units of the field."""
+        """(N,) root mean square of the shifts of the rows that explain a sample, in units of the field.
+
+        Rows weigh by their information: one that lies across the field explains noise by a large shift.
+        """
         channels = self.channels()
-        square = np.mean(channels.residuals.row_shift_T**2 * (channels.residuals.row_information > 0), axis=1)
+        information = channels.residuals.row_information
+        weight = information / np.maximum(information.max(axis=1, keepdims=True), np.finfo(float).tiny)
+        square = np.mean(channels.residuals.row_shift_T**2 * weight, axis=1)
         return np.asarray(np.sqrt(square) / np.median(channels.covariates.intensity_T))
 
     @property

@@ -210,3 +210,15 @@ def test_holes_of_channels_are_filled_from_their_neighbours():
     assert result.temperature_C[14] == pytest.approx(expected)
     assert (result.temperature_C[0], result.temperature_C[-1]) == (10.0, 30.0)
     assert_array_equal(result.attitude[[0, 50, 150, 239]], [[0, 0, 0, 1]] * 2 + [[1, 0, 0, 0]] * 2)
+
+
+def test_channels_of_several_components_are_filled_and_turns_are_not():
+    """Each component of a position lies on its own line; an angular velocity that is missing stays so."""
+    position = np.full((COUNT, 3), np.nan)
+    position[[10, 20]] = [0.0, 1.0, 2.0], [10.0, 1.0, 0.0]
+    rates = np.zeros((COUNT, 3))
+    rates[5] = np.nan
+    result = filled(replace(RECORDING, position_m=position, angular_velocity_rad_s=rates))
+    part = (RECORDING.time_s[14] - RECORDING.time_s[10]) / (RECORDING.time_s[20] - RECORDING.time_s[10])
+    np.testing.assert_allclose(result.position_m[14], [10 * part, 1.0, 2 - 2 * part])
+    assert np.isnan(result.angular_velocity_rad_s[5]).all()

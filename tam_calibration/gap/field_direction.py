@@ -1,0 +1,167 @@
+"""When the direction of the field departs from the turns that a gyroscope measured.
+
+What all sensors feel alike shows neither between them nor, where the scalar feels it as well, in the intensity: a
+magnet that moves on the vehicle, a wreck that is passed. A gyroscope measures how the direction of a uniform field
+turns in the array. The field on which the sensors agree is therefore fitted with the angular velocity, as if one sensor
+had read it. What is left is searched for fields that are fixed to the array and begin at some time, at once or little
+by little, after errors of the sensors and of the gyroscope have explained as much of it as they can.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.linalg import norm
+
+from tam_calibration.core.least_squares import whitening
+from tam_calibration.fit.agreement import SEEN
+from tam_calibration.fit.contradiction import SIGNIFICANT
+from tam_calibration.fit.gyroscope_check import GyroscopeFit, settled_gyroscope, within_range
+from tam_calibration.fit.gyroscope_likelihood import WhiteTurns
+from tam_calibration.fit.problem import Known
+from tam_calibration.gap.model import Model
+from tam_calibration.model.array import Array
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.units import FloatArray, to_nanotesla
+
+_LENGTHS = (1, 8, 64, 512)
+"""Intervals within which a field begins: at once, as an array swings, as a source is passed, slowly."""
+
+_KNOTS = 32
+"""Times at which the information on a field is calculated; between them it is interpolated."""
+
+_MARGIN = 8
+"""Intervals at begin and end in which no field begins: too few to tell it from noise."""
+
+_MOST_CHANGES = 8
+"""That are looked for: four sources that come and go."""
+
+
+@dataclass(frozen=True)
+class FieldChange:
+    """A field at all sensors that begins within a span of time.
+
+    Parameters
+    ----------
+    time_s : (float, float)
+        The span.
+    size_T : float
+        Of the field across that of the world, tesla.
+    """
+
+    time_s: tuple[float, float]
+    size_T: float
+
+    def __str__(self) -> str:
+        """Return size and time in words."""
+        first, last = self.time_s
+        interval = f"at {last:.1f} s" if last - first < 1.0 else f"from {first:.1f} to {last:.1f} s"
+        return f"by {to_nanotesla(self.size_T):.2g} nT {interval}"
+
+
+def field_direction(model: Model, recording: Recording, array: Array) -> tuple[str, ...]:
+    """Return what the gyroscope of a recording says of the direction of the field, in sentences; nothing without one.
+
+    Parameters
+    ----------
+    model : Model
+        With the causes that were found.
+    recording : Recording
+        That it was fitted to.
+    array : Array
+        As it was given; the noise of its gyroscope is estimated where it is not stated.
+    """
+    if recording.angular_velocity_rad_s is None:
+        return ()
+    field_T = model.base().channels.covariates.field_T
+    rates, _ = within_range(recording.angular_velocity_rad_s)
+    rates = np.where(model.is_counted[:, None], rates, np.nan)
+    seen = Recording(recording.time_s, field_T[:, None], norm(field_T, axis=1), angular_velocity_rad_s=rates)
+    noise_T = float(np.sum(model.array.vector_noise_T**-2.0) ** -0.5)
+    alone = Array(np.zeros((1, 3)), np.array([noise_T]), model.array.scalar_noise_T, gyroscope=array.gyroscope)
+    settled = settled_gyroscope(seen, alone, Known())
+    if settled.fit is None:
+        return (f"The gyroscope: {settled.reason}.",)
+    turned = (f"{settled.fit.turned[:1].upper()}{settled.fit.turned[1:]}.",) if settled.fit.turned else ()
+    changes = sorted(_changes(settled.fit), key=lambda change: change.time_s)
+    if not changes:
+        return turned
+    words = ", and ".join(str(change) for change in changes)
+    return (
+        *turned,
+        f"The direction of the field at all sensors changes while the gyroscope measures no such turn: {words}. "
+        "A magnet on the vehicle moved, or a source was passed; neither intensity nor differences of the sensors show "
+        "it.",
+    )
+
+
+def _changes(fit: GyroscopeFit) -> list[FieldChange]:
+    """Return the fields that begin at some time and that chance does not make, the clearest first."""
+    path = fit.likelihood.path
+    turns = fit.likelihood.white_turns(*fit.problem.rows_at(fit.place), fit.state)
+    count = turns.by_offset.shape[1]
+    lengths = [length for length in _LENGTHS if 8 * length < len(turns.links)]
+    courses, explained = [], turns.columns[:-1]
+    for _ in range(_MOST_CHANGES):
+        basis = explained.T @ whitening(explained @ explained.T, SEEN)
+        residual = turns.columns[-1] - basis @ (turns.columns[-1] @ basis)
+        candidates = (_likeliest(turns, basis, residual, length) for length in lengths)
+        likeliest = max(candidates, key=lambda candidate: candidate.chi_square, default=None)
+        if likeliest is None or likeliest.probability * count * len(lengths) >= SIGNIFICANT:
+            break
+        courses.append(likeliest)
+        explained = np.vstack([explained, turns.by_courses(likeliest.course(count)[None])[0]])
+    sizes = np.linalg.lstsq(explained.T, turns.columns[-1], rcond=None)[0][len(turns.columns) - 1 :].reshape(-1, 3)
+    time_s = path.time_s[:: path.stride]
+    changes = []
+    for one, size in zip(courses, sizes, strict=True):
+        last = one.first + one.length - 1
+        angle = float(norm(size @ turns.by_offset[:, last]))
+        changes.append(FieldChange((float(time_s[one.first - 1]), float(time_s[last])), angle * fit.place.intensity_T))
+    return changes
+
+
+class _Candidate(NamedTuple):
+    """A field that grows over so many samples from a first one on; χ² of two components, 1 being that of noise."""
+
+    chi_square: float
+    first: int
+    length: int
+
+    @property
+    def probability(self) -> float:
+        """Of as much by chance: that of χ² with two degrees of freedom."""
+        return float(np.exp(-self.chi_square / 2))
+
+    def course(self, count: int) -> FloatArray:
+        """Return its size (count,) over time."""
+        return np.clip((np.arange(count) - self.first + 1) / self.length, 0.0, 1.0)
+
+
+def _likeliest(turns: WhiteTurns, basis: FloatArray, residual: FloatArray, length: int) -> _Candidate:
+    """Return the field across that of the world which explains most of a residual (2 L,) and grows in a length.
+
+    Residuals that last are no noise: χ² is counted in units of its median over all times, if that is more than chance.
+    """
+    steps = np.cumsum(turns.scores(residual)[::-1], axis=0)[::-1]
+    summed = np.cumsum(steps, axis=0)
+    first = np.arange(turns.links[0] + _MARGIN, turns.links[-1] - _MARGIN - length)
+    ramps = (summed[first + length - 1] - summed[first - 1]) / length
+    across = turns.by_offset / norm(turns.by_offset, axis=0)
+    score = np.sum(np.einsum("nx,xna->na", ramps, across[:, first]) ** 2, axis=1)
+
+    def information_at(some: np.ndarray) -> FloatArray:
+        courses = np.array([_Candidate(0.0, one, length).course(len(steps)) for one in some])
+        columns = np.einsum("mxr,xma->mar", turns.by_courses(courses), across[:, some])
+        left = columns - (columns @ basis) @ basis.T
+        return np.asarray(np.mean(np.sum(left**2, axis=2), axis=1))
+
+    knots = first[np.linspace(0, len(first) - 1, _KNOTS).astype(int)]
+    information = information_at(knots)
+    seen = information > SEEN * information.max()
+    chi_square = score / np.interp(first, knots[seen], information[seen])
+    best = int(np.argmax(chi_square))
+    # 2 log 2: the median of χ² with two degrees of freedom.
+    unit = max(float(np.median(chi_square)) / (2 * np.log(2)), 1.0)
+    exact = float(score[best]) / max(float(information_at(first[[best]])[0]), SEEN * float(information.max()))
+    return _Candidate(exact / unit, int(first[best]), length)

@@ -1,0 +1,63 @@
+"""The direction of the field against the turns of a gyroscope shows what all sensors and the scalar feel alike."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from swinging_circle import COUNT, RATE_HZ, WORLD_T, attitude_at, made
+
+from tam_calibration.gap import diagnose
+
+TIME_S = np.arange(COUNT) / RATE_HZ
+STEP_T = np.outer(TIME_S >= 100.0, [20e-9, 0.0, 30e-9])
+PASSED_T = np.outer(np.exp(-(((TIME_S - 150.0) / 8.0) ** 2)), [50e-9, 80e-9, 0.0])
+
+
+@pytest.mark.parametrize("sensors", [1, 4])
+def test_a_magnet_that_moves_on_the_vehicle_is_seen(sensors):
+    """All channels agree, so that there is no gap; the remark says when the field changed, and by how much."""
+    recording, array, _ = made(sensors, seed=3, added_T=STEP_T)
+    gap = diagnose(recording, array)
+    assert gap.verdict == "no_gap"
+    (remark,) = gap.remarks
+    found = re.search(r"no such turn: by (\S+) nT at (\S+) s\.", remark)
+    assert found, remark
+    along = attitude_at(100.0, TIME_S[-1]).inv().apply(WORLD_T / np.linalg.norm(WORLD_T))
+    across_nT = 1e9 * np.linalg.norm(np.cross(STEP_T[-1], along))
+    # Four standard errors of two samples, and rounding.
+    assert float(found[1]) == pytest.approx(across_nT, abs=5.0)
+    assert float(found[2]) == pytest.approx(100.0, abs=0.2)
+
+
+def test_a_source_that_is_passed_comes_and_goes():
+    """Its field rises and falls around the moment at which it is nearest."""
+    recording, array, _ = made(4, seed=3, added_T=PASSED_T)
+    gap = diagnose(recording, array)
+    (remark,) = gap.remarks
+    assert gap.verdict == "no_gap" and remark.count(" nT from ") == 2, remark
+    assert " from 13" in remark and " from 15" in remark, remark
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_nothing_is_said_of_a_uniform_field(seed):
+    """Noise, and bias and delay of the gyroscope, are no change of the field."""
+    recording, array, _ = made(4, seed=seed)
+    rates = recording.angular_velocity_rad_s
+    late = np.vstack([rates[:1], rates[:-1]])
+    gap = diagnose(replace(recording, angular_velocity_rad_s=late + np.array([1e-3, 0.0, -1e-3])), array)
+    assert (gap.verdict, gap.remarks) == ("no_gap", ())
+
+
+@pytest.mark.parametrize("seed", [3, 7])
+def test_one_sensor_that_was_hardly_turned_has_no_gap(seed):
+    """An axis that lies across the field explains noise by a large shift, which is no gross disturbance."""
+    recording, array, _ = made(1, seed=seed)
+    assert diagnose(recording, array).verdict == "no_gap"
+
+
+def test_a_left_handed_gyroscope_or_set_of_sensors_is_said():
+    """A set that is left-handed throughout agrees with itself: only the turns tell."""
+    recording, array, _ = made(4, seed=3)
+    gap = diagnose(replace(recording, readings_T=recording.readings_T * [1.0, 1.0, -1.0]), array)
+    assert any("left-handed" in remark for remark in gap.remarks), gap.remarks
