@@ -1,16 +1,18 @@
 """Calibration with a gyroscope: errors over the Cramér-Rao bound, coverage, time and memory, and a real recording.
 
-Run ``python benchmarks/gyroscope.py table|cases|speed|mission|ahrs [--runs 40] [--seed 1]``, or ``… real PATH.mat …``.
+Run ``python benchmarks/gyroscope.py table|cases|gravity|speed|mission|ahrs [--runs 40] [--seed 1]``, or ``… real
+PATH.mat …``.
 
 ``table``: the bound of the biases of one sensor of 1 nT with a scalar of 0.1 nT, 6000 samples at 10 Hz, one full circle
 with swings of pitch and roll of ±5°, by the noise of the gyroscope. ``cases``: over random errors of the sensors, bias
 of the gyroscope and noise, the root mean square error of the biases over their bound, that of all errors whitened by
 the bound's covariance (many independent numbers, so that fewer runs tell it), and how many of all errors are within
-their 95 % intervals; of 100 000 samples a fifth of the runs. ``speed``: time and memory of one calibration.
-``mission``: the centre field over its floor in a mission at ±30°, after errors changed since a calibration ashore and a
-turn at ±5° (``mission.py``), with a gyroscope of 4 mdps/√Hz and without. ``ahrs``: an attitude whose heading is that of
-the raw readings, next to the gyroscope and without it. ``real``: trials of BROAD (Laidig et al., Data 6(7):72, 2021),
-one sensor: calibrated by its gyroscope alone, and by the optical attitude.
+their 95 % intervals; of 100 000 samples a fifth of the runs. ``gravity``: what directions of gravity would add to the
+bound. ``speed``: time and memory of one calibration. ``mission``: the centre field over its floor in a mission at ±30°,
+after errors changed since a calibration ashore and a turn at ±5° (``mission.py``), with a gyroscope of 4 mdps/√Hz and
+without. ``ahrs``: an attitude whose heading is that of the raw readings, next to the gyroscope and without it.
+``real``: trials of BROAD (Laidig et al., Data 6(7):72, 2021), one sensor: calibrated by its gyroscope alone, and by the
+optical attitude.
 
 The bound is another formula than that of the fit: the field in the array is three unknowns in each sample, which the
 readings, its length and the turn from sample to sample tell; bias, mounting and delay of the gyroscope are unknown, its
@@ -22,6 +24,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import process_time
+from typing import NamedTuple
 
 import click
 import mission
@@ -65,7 +68,10 @@ WITHIN = 1.959964
 
 @dataclass(frozen=True)
 class Case:
-    """One kind of recording: noise of the gyroscope a sample, °/s, None without; sensors, samples, tilt, scalar."""
+    """One kind of recording: noise of the gyroscope a sample, °/s, None without; sensors, samples, tilt, scalar.
+
+    The array turns through whole circles, or through part of one.
+    """
 
     rate_deg_s: float | None = 0.01
     sensors: int = 1
@@ -73,13 +79,15 @@ class Case:
     tilt_deg: float = 5.0
     has_scalar: bool = True
     rate_hz: float = 10.0
+    turn_deg: float = 360.0
 
     @property
     def name(self) -> str:
         """For people."""
         gyroscope = "no gyroscope" if self.rate_deg_s is None else f"{self.rate_deg_s:g} °/s"
         scalar = "" if self.has_scalar else ", no scalar"
-        return f"{gyroscope}, {self.sensors} × {self.samples}, ±{self.tilt_deg:g}°{scalar}"
+        turn = "" if self.turn_deg == 360 else f", turn of {self.turn_deg:g}°"
+        return f"{gyroscope}, {self.sensors} × {self.samples}, ±{self.tilt_deg:g}°{turn}{scalar}"
 
     @property
     def array(self) -> Array:
@@ -102,7 +110,7 @@ class Case:
             for period_s, phase in zip(SWINGS_S, (0.0, 0.4), strict=True)
         )
         turns = max(1.0, round(float(self.time_s[-1]) / 600))
-        yaw = 2 * np.pi * turns * at_s / self.time_s[-1]
+        yaw = from_degrees(self.turn_deg) * turns * at_s / self.time_s[-1]
         return Rotation.from_euler("ZYX", np.column_stack([yaw, pitch, roll]))
 
     @property
@@ -130,17 +138,25 @@ class Case:
         return Recording(self.time_s, readings, scalar, angular_velocity_rad_s=rates), errors
 
 
-def bound(case: Case, errors: SensorErrors) -> FloatArray:
+class Gravity(NamedTuple):
+    """Directions of gravity by an accelerometer: noise of a sample, and bias, radians."""
+
+    noise: float
+    bias: float
+
+
+def bound(case: Case, errors: SensorErrors, gravity: Gravity | None = None) -> FloatArray:
     """Return the Cramér-Rao bound (12 K, 12 K) of the covariance of the errors, 0 where they are fixed.
 
-    Of a case without scalar the biases alone count.
+    Of a case without scalar the biases alone count. Gravity adds the angle between it and the field, which is constant
+    and unknown; the accelerometer is mounted with the gyroscope.
     """
     field, time_s, count = case.field_T / FIELD_T, case.time_s, case.samples
     jacobian = errors.jacobian() * np.array([1.0, 1.0, 1.0, 1 / FIELD_T])[:, None]
     known = np.concatenate([field, np.ones((count, 1))], axis=1)
     parts: list[tuple[sparse.spmatrix, FloatArray]] = []
     free = np.delete(np.arange(12 * case.sensors), np.s_[9:12])
-    more = 7
+    more = 7 + 4 * (gravity is not None)
     identity = sparse.identity(count, format="csr")
     for sensor in range(case.sensors):
         by_errors = np.zeros((count, 3, 12 * case.sensors))
@@ -154,6 +170,8 @@ def bound(case: Case, errors: SensorErrors) -> FloatArray:
     parts.append((length, np.zeros((count, len(free) + more))))
     if case.rate_deg_s is not None:
         parts.append(_turns(case, along, len(free), more, float(np.diff(time_s)[0])))
+    if gravity is not None:
+        parts.append(_dips(case, along, len(free), gravity))
     by_field = sparse.vstack([each for each, _ in parts]).tocsc()
     by_rest = np.vstack([each for _, each in parts])
     inner = splu((by_field.T @ by_field).tocsc(), permc_spec="NATURAL", options={"SymmetricMode": True})
@@ -162,7 +180,10 @@ def bound(case: Case, errors: SensorErrors) -> FloatArray:
     if case.rate_deg_s is None:
         information = information[:-more, :-more]
     else:
-        information[-more:-4, -more:-4] += np.eye(3) / BIAS**2
+        rates = slice(len(free), len(free) + 3)
+        information[rates, rates] += np.eye(3) / BIAS**2
+    if gravity is not None:
+        information[-3:, -3:] += np.eye(3) / gravity.bias**2
     size = np.sqrt(np.diag(information))
     covariance = inv(information / np.outer(size, size)) / np.outer(size, size)
     of_errors = np.zeros((12 * case.sensors, 12 * case.sensors))
@@ -193,8 +214,21 @@ def _turns(
         np.einsum("nai,nij->naj", by_turn, -np.cross(turn[:, None], np.eye(3)[None]).swapaxes(1, 2)),
         np.einsum("nai,ni->na", by_turn, change)[:, :, None],
     ]
-    dense = np.concatenate([np.zeros((count - 1, 2, errors)), *columns], axis=2)
+    none = np.zeros((count - 1, 2, more - 7))
+    dense = np.concatenate([np.zeros((count - 1, 2, errors)), *columns, none], axis=2)
     return weight * by_field, weight * dense.reshape(2 * (count - 1), -1)
+
+
+def _dips(case: Case, along: FloatArray, errors: int, gravity: Gravity) -> tuple[sparse.spmatrix, FloatArray]:
+    """Return the sine of the angle of field and horizon, by the fields, and by mounting, itself and biases."""
+    up = case.attitude(case.time_s).inv().apply([0.0, 0.0, 1.0])
+    sine = np.sum(along * up, axis=1)[:, None]
+    by_field = sparse.block_diag(list((up - sine * along)[:, None]), format="csr")
+    dense = np.zeros((len(along), errors + 11))
+    dense[:, errors + 3 : errors + 6] = np.cross(up, along)
+    dense[:, errors + 7] = -1.0
+    dense[:, errors + 8 :] = along - sine * up
+    return by_field / gravity.noise, dense / gravity.noise
 
 
 def biases_nT(values: FloatArray) -> float:
@@ -266,6 +300,19 @@ def table_rows(runs: int, seed: int) -> list[Row]:
         case = Case(rate)
         bounds = [bias_bound_nT(bound(case, case.made(seed + number)[1])) for number in range(min(runs, 5))]
         rows.append(Row(case.name, "bound of the biases, nT", bounds))
+    return rows
+
+
+def gravity_rows(runs: int, seed: int) -> list[Row]:
+    """Return the bound without an accelerometer, and with one that is hardly accelerated (0.5° and 0.3°)."""
+    rows, gravity = [], Gravity(*from_degrees(np.array([0.5, 0.3])))
+    for turn_deg, samples in ((360.0, 6000), (90.0, 600)):
+        for rate in TABLE[1:]:
+            case = Case(rate, samples=samples, turn_deg=turn_deg)
+            made = [case.made(seed + number)[1] for number in range(min(runs, 5))]
+            for name, what in (("without", None), ("with", gravity)):
+                bounds = [bias_bound_nT(bound(case, errors, what)) for errors in made]
+                rows.append(Row(case.name, f"bound of the biases {name} gravity, nT", bounds))
     return rows
 
 
@@ -424,7 +471,7 @@ def broad(path: Path) -> Recording:
 
 
 @click.command(help=__doc__)
-@click.argument("part", type=click.Choice(["table", "cases", "speed", "mission", "ahrs", "real"]))
+@click.argument("part", type=click.Choice(["table", "cases", "gravity", "speed", "mission", "ahrs", "real"]))
 @click.argument("paths", nargs=-1, type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option("--runs", default=40, show_default=True, help="Recordings of each case.")
 @click.option("--seed", default=1, show_default=True, help="Of the first of them.")
@@ -439,7 +486,13 @@ def main(part: str, paths: tuple[Path, ...], runs: int, seed: int, only: str) ->
             for row in judged(case, runs if case.samples < 100_000 else -(-runs // 5), seed)
         ]
     else:
-        made = {"table": table_rows, "speed": speed_rows, "mission": mission_rows, "ahrs": ahrs_rows}
+        made = {
+            "table": table_rows,
+            "gravity": gravity_rows,
+            "speed": speed_rows,
+            "mission": mission_rows,
+            "ahrs": ahrs_rows,
+        }
         rows = real_rows(paths) if part == "real" else made[part](runs, seed)
     show("Calibration with a gyroscope", f"gyroscope.py {part} --runs {runs}", f"gyroscope_{part}.csv", rows)
 
