@@ -155,9 +155,10 @@ def _give_targets(
 
         write_targets_report(places["report"], lines, targets, names)
     rows = target_rows.target_table(targets)
-    notes: list[Block] = [Text(f"{name}: {line.note}.") for name, line in zip(names, lines, strict=True) if line.note]
-    few = [rows, *notes] if targets else notes
-    answer.give(targets_to_mapping(targets), target_rows.answer(targets), few, [rows, *notes])
+    notes = [f"{name}: {line.note}." for name, line in zip(names, lines, strict=True) if line.note]
+    below: list[Block] = [Text(note) for note in notes]
+    few = [rows, *below] if targets else below
+    answer.give(targets_to_mapping(targets, notes), target_rows.answer(targets), few, [rows, *below])
 
 
 _FEW = 5

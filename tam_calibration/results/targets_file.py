@@ -111,12 +111,16 @@ def _geojson(rows: Sequence[dict[str, Any]]) -> str:
     return to_json({"type": "FeatureCollection", "features": features})
 
 
-def targets_to_mapping(targets: Sequence[Target]) -> dict[str, Any]:
-    """Return what `tam locate --json` prints of a survey line, the target with the strongest evidence first."""
+def targets_to_mapping(targets: Sequence[Target], notes: Sequence[str]) -> dict[str, Any]:
+    """Return what `tam locate --json` prints of survey lines, the target with the strongest evidence first.
+
+    Notes say how the attitudes of the lines were improved.
+    """
     return {
         "schema": "tam_calibration/targets/1",
         "frame": WORLD_FRAME.partition(",")[0],
         "targets": [_target(each) for each in targets],
+        "notes": list(notes),
     }
 
 

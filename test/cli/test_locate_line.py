@@ -68,6 +68,20 @@ def test_targets_are_listed_with_their_errors(folder):
     assert words.startswith("2 targets along the line.")
 
 
+def test_the_answer_says_what_the_gyroscope_did(folder, tmp_path):
+    """On the terminal and in the JSON: one with a long gap is not used, and a line without one has no note."""
+    lines = (folder / "line.csv").read_text().splitlines()
+    rates = [",,," if 100 < number < 200 else ",0,0,0" for number in range(len(lines))]
+    rates[0] = ",wx_rad_s,wy_rad_s,wz_rad_s"
+    holed = tmp_path / "holed.csv"
+    holed.write_text("\n".join(map("".join, zip(lines, rates, strict=True))))
+    result = run(folder, holed, "--json")
+    [note] = json.loads(result.stdout)["notes"]
+    assert "the angular velocity has gaps" in note
+    assert "the angular velocity has gaps" in " ".join(run(folder, holed).stdout.split())
+    assert json.loads(run(folder, "line.csv", "--json").stdout)["notes"] == []
+
+
 @pytest.mark.parametrize("origin", [None, "54.0,10.0"])
 def test_lines_beside_each_other_give_a_map(folder, tmp_path, origin):
     """As netCDF, with degrees where the origin is known; its largest contraction is near a dipole."""
