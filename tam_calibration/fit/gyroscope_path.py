@@ -211,6 +211,11 @@ class GyroscopePath:
         """(1 + M, L) courses of the bias: constant, and slow cosines."""
         return self._courses(self.time_s[:: self.stride][self.links] + self.duration_s / 2)
 
+    @cached_property
+    def _courses_between(self) -> FloatArray:
+        """(1 + M, N - 1) the same between all samples."""
+        return self._courses(self.time_s[:-1] + np.diff(self.time_s) / 2)
+
     def _courses(self, time_s: FloatArray) -> FloatArray:
         first_s, last_s = self.span_s
         phase = np.pi * (time_s - first_s) / max(last_s - first_s, self.interval_s)
@@ -264,7 +269,7 @@ class GyroscopePath:
         """
         velocity, integral, _ = self._measured
         duration_s = np.diff(self.time_s)[:, None]
-        bias = self._courses(self.time_s[:-1] + duration_s[:, 0] / 2).T @ state.bias
+        bias = self._courses_between.T @ state.bias
         angle = integral - bias * duration_s
         angle += np.cross(velocity[:-1] - bias, velocity[1:] - bias) * duration_s**2 / 12
         return np.asarray(self._combined(angle)[self.links] + (state.delay_s - self.delay_s) * self.by_delay)

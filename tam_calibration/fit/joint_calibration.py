@@ -159,8 +159,10 @@ def _as_far_as_they_agree(recording: SampleSource, array: Array, known: Known) -
         replace(known, intensity=Intensity(scalar.mean_T, scalar.size_T)),
     )
     (taken, used), (other, other_known) = (without, given) if scalar.is_most else (given, without)
-    joint = _with_motion(taken, array, used)
-    joint = joint.noting(scalar.sentence)
+    try:
+        joint = _with_motion(taken, array, used).noting(scalar.sentence)
+    except (InputError, Refused) as problem:
+        raise type(problem)(f"{problem}; {scalar.sentence}") from problem
     calibration = joint.calibration
     with suppress(InputError, Refused):
         compared = _with_known(other, array, other_known).calibration

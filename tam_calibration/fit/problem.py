@@ -275,7 +275,9 @@ class Problem:
         Errors of the heading that an attitude may have follow them.
         """
         assert self.motion is not None and place.motion is not None
-        found = self.motion.part(samples).linearize(*self.rows_at(place), place.motion)
+        # A part of all would lose what the motion has calculated of them before.
+        motion = self.motion if samples == slice(None) else self.motion.part(samples)
+        found = motion.linearize(*self.rows_at(place), place.motion)
         rows = self._rows_by_unknowns(place)
         more = len(found.score) - len(rows)
         extended = np.zeros((len(found.score), rows.shape[1] + more))

@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from compasses import CROSS, circles, recorded, worst
+from swinging_circle import COUNT, RATE_HZ, made
 
 from tam_calibration.fit import calibrate
+from tam_calibration.model.exceptions import InputError, Refused
 
 
 def read_beside(turns, seed, added_T):
@@ -68,3 +70,12 @@ def test_a_scalar_that_turns_in_part_is_kept_with_wider_standard_errors():
         any("and the standard errors include that" in note for note in (*found.warnings, *found.notes))
         and worst(found) < 4
     )
+
+
+def test_a_refusal_says_why_the_scalar_was_not_used():
+    """A source that stays for a part of a narrow turn looks like a magnet near the scalar, which then is left out."""
+    time_s = np.arange(COUNT) / RATE_HZ
+    near_T = np.outer((time_s > 100) & (time_s < 180), [80e-9, 0.0, 60e-9])
+    recording, array, _ = made(4, seed=5, added_T=near_T)
+    with pytest.raises((InputError, Refused), match="the scalar follows the direction of the field"):
+        calibrate(replace(recording, angular_velocity_rad_s=None), array)
