@@ -273,13 +273,15 @@ def settled_gyroscope(recording: Recording, array: Array, known: Known) -> Settl
     known : Known
         What else is known.
     """
+    too_few = SettledGyroscope(None, "the angular velocity spans too few samples without gaps")
     rates = recording.angular_velocity_rad_s
-    assert rates is not None
+    if rates is None:
+        return too_few
     interval_s = float(np.median(np.diff(recording.time_s))) if recording.sample_count > 1 else 0.0
     path = GyroscopePath(recording.time_s, rates, interval_s, recording.time_span_s)
     # Intervals whose turn is known: with fewer the noise is uncertain by more than a tenth.
     if len(path.links) < 100:
-        return SettledGyroscope(None, "the angular velocity spans too few samples without gaps")
+        return too_few
     notes: tuple[str, ...] = ()
     try:
         noisy, _ = complete_noise(array, recording)

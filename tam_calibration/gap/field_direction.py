@@ -82,13 +82,14 @@ def field_direction(model: Model, recording: Recording, array: Array) -> tuple[s
     settled = settled_gyroscope(seen, alone, Known())
     if settled.fit is None:
         return (f"The gyroscope: {settled.reason}.",)
-    turned = (f"{settled.fit.turned[:1].upper()}{settled.fit.turned[1:]}.",) if settled.fit.turned else ()
+    found = [*settled.notes, settled.fit.turned]
+    remarks = tuple(f"{one[:1].upper()}{one[1:]}." for one in found if one)
     changes = sorted(_changes(settled.fit), key=lambda change: change.time_s)
     if not changes:
-        return turned
+        return remarks
     words = ", and ".join(str(change) for change in changes)
     return (
-        *turned,
+        *remarks,
         f"The direction of the field at all sensors changes while the gyroscope measures no such turn: {words}. "
         "A magnet on the vehicle moved, or a source was passed; neither intensity nor differences of the sensors show "
         "it.",

@@ -133,6 +133,7 @@ def test_gaps_cost_what_they_hide():
         (lambda rates: np.random.default_rng(1).normal(size=rates.shape), "does not go with the turns of the field"),
         (lambda rates: rates * [1, -1, 1], "left-handed"),
         (lambda rates: np.where(np.arange(len(rates))[:, None] % 50 < 2, rates, np.nan), "too few samples"),
+        (np.zeros_like, "too few samples"),
     ],
 )
 def test_what_is_no_angular_velocity_of_the_array_is_left_out(change, words):

@@ -61,3 +61,21 @@ def test_a_left_handed_gyroscope_or_set_of_sensors_is_said():
     recording, array, _ = made(4, seed=3)
     gap = diagnose(replace(recording, readings_T=recording.readings_T * [1.0, 1.0, -1.0]), array)
     assert any("left-handed" in remark for remark in gap.remarks), gap.remarks
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (np.degrees, "in °/s"),
+        (np.zeros_like, "too few samples"),
+        (np.negative, "left-handed"),
+        (lambda rates: np.random.default_rng(1).normal(size=rates.shape), "does not go with the turns"),
+    ],
+)
+def test_a_gyroscope_that_cannot_be_used_as_it_is_costs_no_verdict(change, words):
+    """One remark says what is wrong with it."""
+    recording, array, _ = made(4, seed=2, count=1200)
+    gap = diagnose(replace(recording, angular_velocity_rad_s=change(recording.angular_velocity_rad_s)), array)
+    assert gap.verdict == "no_gap"
+    (remark,) = gap.remarks
+    assert words in remark
