@@ -1,24 +1,25 @@
 """Calibration with a gyroscope: errors over the Cramér-Rao bound, coverage, time and memory, and a real recording.
 
-Run ``python benchmarks/gyroscope.py table|cases|gravity|speed|mission|ahrs [--runs 40] [--seed 1]``, or ``… real
-PATH.mat …``.
+Run ``python benchmarks/gyroscope.py table|cases|changes|gravity|speed|mission|ahrs [--runs 40] [--seed 1]``, or ``…
+real PATH.mat …``.
 
 ``table``: the bound of the biases of one sensor of 1 nT with a scalar of 0.1 nT, 6000 samples at 10 Hz, one full circle
 with swings of pitch and roll of ±5°, by the noise of the gyroscope. ``cases``: over random errors of the sensors, bias
 of the gyroscope and noise, the root mean square error of the biases over their bound, that of all errors whitened by
 the bound's covariance (many independent numbers, so that fewer runs tell it), and how many of all errors are within
-their 95 % intervals; of 100 000 samples a fifth of the runs. ``gravity``: what directions of gravity would add to the
-bound. ``speed``: time and memory of one calibration. ``mission``: the centre field over its floor in a mission at ±30°,
-after errors changed since a calibration ashore and a turn at ±5° (``mission.py``), with a gyroscope of 4 mdps/√Hz and
-without. ``ahrs``: an attitude whose heading is that of the raw readings, next to the gyroscope and without it.
-``real``: trials of BROAD (Laidig et al., Data 6(7):72, 2021), one sensor: calibrated by its gyroscope alone, and by the
-optical attitude.
+their 95 % intervals; of 100 000 samples a fifth of the runs. ``changes``: in what part of recordings a diagnosis says
+that the field at all sensors changed. ``gravity``: what directions of gravity would add to the bound. ``speed``: time
+and memory of one calibration. ``mission``: the centre field over its floor in a mission at ±30°, after errors changed
+since a calibration ashore and a turn at ±5° (``mission.py``), with a gyroscope of 4 mdps/√Hz and without. ``ahrs``: an
+attitude whose heading is that of the raw readings, next to the gyroscope and without it. ``real``: trials of BROAD
+(Laidig et al., Data 6(7):72, 2021), one sensor: calibrated by its gyroscope alone, and by the optical attitude.
 
 The bound is another formula than that of the fit: the field in the array is three unknowns in each sample, which the
 readings, its length and the turn from sample to sample tell; bias, mounting and delay of the gyroscope are unknown, its
 scale is not.
 """
 
+import re
 import resource
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -40,6 +41,8 @@ from spread import Row, show
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.joint_calibration import calibrate_jointly
+from tam_calibration.gap.field_direction import field_direction
+from tam_calibration.gap.model import Model
 from tam_calibration.model.array import Array
 from tam_calibration.model.data_sheet import Gyroscope
 from tam_calibration.model.exceptions import InputError, Refused
@@ -125,9 +128,9 @@ class Case:
         before, after = self.attitude(self.time_s - 1e-4), self.attitude(self.time_s + 1e-4)
         return np.asarray((before.inv() * after).as_rotvec() / 2e-4)
 
-    def made(self, seed: int) -> tuple[Recording, SensorErrors]:
-        """Return a recording and the true errors."""
-        rng, array, field = np.random.default_rng(seed), self.array, self.field_T
+    def made(self, seed: int, added_T: FloatArray | float = 0.0) -> tuple[Recording, SensorErrors]:
+        """Return a recording and the true errors; a field may be added for all sensors and the scalar, (N, 3)."""
+        rng, array, field = np.random.default_rng(seed), self.array, self.field_T + added_T
         deviates = SPREAD * rng.normal(size=(self.sensors, 12))
         deviates[0, 9:] = 0
         errors = SensorErrors.from_vector(np.repeat([1.0, 0.0], [3, 9]) + deviates)
@@ -316,6 +319,38 @@ def gravity_rows(runs: int, seed: int) -> list[Row]:
     return rows
 
 
+CHANGES = {
+    "clean": (0.0, "step"),
+    "step of 10 nT": (10e-9, "step"),
+    "step of 100 nT": (100e-9, "step"),
+    "source passed in 20 s, 100 nT": (100e-9, "passing"),
+}
+"""Fields at all sensors and the scalar, tesla."""
+
+
+def change_rows(runs: int, seed: int) -> list[Row]:
+    """Return in what part of recordings a diagnosis says that the field changed, and says so near the right time."""
+    rows = []
+    for case in (Case(), Case(0.1, sensors=4), Case(0.002, sensors=4), Case(has_scalar=False, tilt_deg=30.0)):
+        for name, (size_T, kind) in CHANGES.items():
+            said, right = [], []
+            for number in track(range(runs), f"{case.name}, {name}"):
+                rng = np.random.default_rng([seed + number, 5])
+                direction, at_s = rng.normal(size=3), rng.uniform(0.2, 0.8) * case.time_s[-1]
+                since_s = case.time_s - at_s
+                course = since_s > 0 if kind == "step" else np.exp(-((since_s / 10) ** 2))
+                recording, _ = case.made(seed + number, np.outer(course, size_T * direction / norm(direction)))
+                model = Model.nominal(recording, case.array)
+                words = [one for one in field_direction(model, recording, case.array) if "no such turn" in one]
+                said.append(bool(words))
+                times_s = [float(one) for one in re.findall(r"(?:at|from|to) (\d+\.\d) s?", " ".join(words))]
+                right.append(any(abs(time_s - at_s) < (1.0 if kind == "step" else 20.0) for time_s in times_s))
+            rows.append(Row(f"{case.name}, {name}", "part in which a change is said", [float(np.mean(said))]))
+            if size_T:
+                rows.append(Row(f"{case.name}, {name}", "part with the right time", [float(np.mean(right))]))
+    return rows
+
+
 def speed_rows(runs: int, seed: int) -> list[Row]:
     """Return time and memory of whole calibrations."""
     rows = []
@@ -471,7 +506,7 @@ def broad(path: Path) -> Recording:
 
 
 @click.command(help=__doc__)
-@click.argument("part", type=click.Choice(["table", "cases", "gravity", "speed", "mission", "ahrs", "real"]))
+@click.argument("part", type=click.Choice(["table", "cases", "changes", "gravity", "speed", "mission", "ahrs", "real"]))
 @click.argument("paths", nargs=-1, type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option("--runs", default=40, show_default=True, help="Recordings of each case.")
 @click.option("--seed", default=1, show_default=True, help="Of the first of them.")
@@ -488,6 +523,7 @@ def main(part: str, paths: tuple[Path, ...], runs: int, seed: int, only: str) ->
     else:
         made = {
             "table": table_rows,
+            "changes": change_rows,
             "gravity": gravity_rows,
             "speed": speed_rows,
             "mission": mission_rows,
