@@ -30,8 +30,7 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit import calibrate
 from tam_calibration.nodes.children import START, Children
-from tam_calibration.nodes.process import precede
-from tam_calibration.nodes.session import ros_session
+from tam_calibration.nodes.session import precede, ros_session
 from tam_calibration.recordings import write_array
 from tam_calibration.results import write_calibration
 from tam_calibration.results.scenario import read_scenario

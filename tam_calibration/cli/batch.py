@@ -8,26 +8,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tam_calibration.cli.terminal import (
-    JOBS,
-    PATH,
-    Detail,
-    answer_options,
-    array_option,
-    print_answer,
-    reading_options,
-    showing_progress,
-)
+from tam_calibration.cli import terminal
+from tam_calibration.fleet import rows as fleet_rows
 from tam_calibration.fleet.missions import ParameterDrift, all_drifts, all_missions
-from tam_calibration.fleet.rows import (
-    COUNTS_HEADER,
-    DRIFT_HEADER,
-    count_rows,
-    drift_row,
-    largest,
-    law_points,
-    open_points,
-)
 from tam_calibration.fleet.task import Result
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.extras import require
@@ -41,11 +24,11 @@ if TYPE_CHECKING:
 
 def _blocks(results: Sequence[Result], drifts: Sequence[ParameterDrift], missions: Sequence[str]) -> list[Block]:
     """Return counts by platform, the drifts that stand out most, and which platforms have none."""
-    blocks: list[Block] = [Table(COUNTS_HEADER, count_rows(results), "What was found")]
-    blocks += [Text(f"Law of the gap: {words}.") for words in law_points(results)[:_FEW]]
+    blocks: list[Block] = [Table(fleet_rows.COUNTS_HEADER, fleet_rows.count_rows(results), "What was found")]
+    blocks += [Text(f"Law of the gap: {words}.") for words in fleet_rows.law_points(results)[:_FEW]]
     if drifts:
-        rows = [drift_row(found)[:-1] for found in drifts]
-        blocks.append(Table(DRIFT_HEADER[:-1], rows, "Largest drift of each kind, ± standard errors"))
+        rows = [fleet_rows.drift_row(found)[:-1] for found in drifts]
+        blocks.append(Table(fleet_rows.DRIFT_HEADER[:-1], rows, "Largest drift of each kind, ± standard errors"))
     return blocks + [Text(words) for words in missions]
 
 
@@ -61,18 +44,18 @@ def _answer(results: Sequence[Result], points: Sequence[str]) -> str:
 
 @click.command()
 @click.argument("recordings", nargs=-1, required=True)
-@array_option
+@terminal.array_option
 @click.option(
     "--calibration",
     "calibration_path",
-    type=PATH,
+    type=terminal.PATH,
     help="Calibration YAML to correct with; its effects are removed first. By default each recording's own.",
 )
-@click.option("-o", "--output", type=PATH, required=True, help="Folder of the results.")
-@click.option("--jobs", type=JOBS, help="Number of processes on this machine; by default one for each core.")
+@click.option("-o", "--output", type=terminal.PATH, required=True, help="Folder of the results.")
+@click.option("--jobs", type=terminal.JOBS, help="Number of processes on this machine; by default one for each core.")
 @click.option("--scheduler", help="Address of a Dask scheduler, such as tcp://host:8786, whose workers do the work.")
-@reading_options
-@answer_options
+@terminal.reading_options
+@terminal.answer_options
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -83,7 +66,7 @@ def command(
     jobs: int | None,
     scheduler: str | None,
     how: Reading,
-    detail: Detail,
+    detail: terminal.Detail,
 ) -> None:
     """Calibrate, diagnose and correct many RECORDINGS: files, folders, or patterns such as 'missions/**/*.mcap'.
 
@@ -100,7 +83,7 @@ def command(
     inputs = [*paths, *(path for path in (array_path, calibration_path) if path is not None)]
     require_separate_folder(output, inputs)
     run = _runner(paths, jobs, scheduler)
-    with showing_progress() as progress:
+    with terminal.showing_progress() as progress:
         task = progress.add_task("recordings", total=len(paths))
         results = run_batch(
             paths, output, options, run, lambda done, total: progress.update(task, completed=done, total=total)
@@ -122,13 +105,13 @@ def _runner(paths: Sequence[Path], jobs: int | None, scheduler: str | None) -> "
     return partial(run_here, jobs=jobs or len(os.sched_getaffinity(0)))
 
 
-def _print(results: Sequence[Result], output: Path, detail: Detail) -> None:
+def _print(results: Sequence[Result], output: Path, detail: terminal.Detail) -> None:
     from tam_calibration.fleet.summary import SUMMARIES
 
-    drifts, points = largest(all_drifts(results)), open_points(results)
+    drifts, points = fleet_rows.largest(all_drifts(results)), fleet_rows.open_points(results)
     without = [f"{each.platform}: {each.no_drift}" for each in all_missions(results) if each.no_drift]
     blocks = _blocks(results, drifts, without)
-    print_answer(
+    terminal.print_answer(
         _answer(results, points),
         [*map(Text, points[1:_FEW]), *blocks],
         [*blocks, *map(Text, points)],

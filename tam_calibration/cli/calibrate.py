@@ -29,15 +29,9 @@ from tam_calibration.recordings.bag_transforms import transforms_in
 from tam_calibration.recordings.fit_with_usage import fit_with_usage
 from tam_calibration.recordings.reading import AS_IT_IS, Reading
 from tam_calibration.recordings.recording_file import read_source
+from tam_calibration.report import calibration_rows
 from tam_calibration.report.blocks import Block, Text
-from tam_calibration.report.calibration_rows import (
-    known_source_blocks,
-    parameter_blocks,
-    quality_blocks,
-    summary_blocks,
-)
-from tam_calibration.report.formatting import sentence, with_error
-from tam_calibration.report.update_rows import update_blocks, update_sentences
+from tam_calibration.report.formatting import sentence, with_errors
 from tam_calibration.results import FORMULA, calibration_to_mapping, calibration_to_yaml, read_calibration
 
 if TYPE_CHECKING:
@@ -75,9 +69,9 @@ class Found(NamedTuple):
 def _summary(calibration: Calibration, remarks: Sequence[str]) -> list[Block]:
     """Return further reasons to doubt, what was done to the recording, the residuals and the size of the errors."""
     reasons = [Text(f"Also: {reason}.", "doubt") for reason in calibration.quality.reasons[1:]]
-    update = [] if calibration.update is None else update_sentences(calibration.update)
+    update = [] if calibration.update is None else calibration_rows.update_sentences(calibration.update)
     words = [Text(sentence(each)) for each in (*update, *calibration.notes, *remarks)]
-    return [*reasons, *words, *summary_blocks(calibration)]
+    return [*reasons, *words, *calibration_rows.summary_blocks(calibration)]
 
 
 def _tables(calibration: Calibration, remarks: Sequence[str]) -> list[Block]:
@@ -87,10 +81,10 @@ def _tables(calibration: Calibration, remarks: Sequence[str]) -> list[Block]:
         words.append(_gradient(calibration.ambient_gradient))
     return [
         *(Text(f"Warning: {sentence(warning)}", "doubt") for warning in calibration.warnings),
-        *parameter_blocks(calibration),
-        *quality_blocks(calibration),
-        *([] if calibration.update is None else update_blocks(calibration.update)),
-        *known_source_blocks(calibration),
+        *calibration_rows.parameter_blocks(calibration),
+        *calibration_rows.quality_blocks(calibration),
+        *([] if calibration.update is None else calibration_rows.update_blocks(calibration.update)),
+        *calibration_rows.known_source_blocks(calibration),
         *(Text(each) for each in (*words, *calibration.statements, f"By hand: {FORMULA}")),
     ]
 
@@ -105,11 +99,9 @@ def _remarks(found: Found) -> list[str]:
 
 
 def _gradient(gradient: AmbientGradientEstimate) -> str:
-    values, errors = to_nanotesla(gradient.tensor_T_per_m), to_nanotesla(gradient.standard_errors_T_per_m)
-    parts = (
-        f"{name} {with_error(float(values[place]), float(errors[place]), 2)}"
-        for name, place in zip(OUTPUT_NAMES[3:], zip(*np.triu_indices(3), strict=True), strict=True)
-    )
+    upper = np.triu_indices(3)
+    values, errors = to_nanotesla(gradient.tensor_T_per_m[upper]), to_nanotesla(gradient.standard_errors_T_per_m[upper])
+    parts = map(" ".join, zip(OUTPUT_NAMES[3:], with_errors(values, errors, 2), strict=True))
     return f"Gradient of the field in the world of the attitude (nT/m): {', '.join(parts)}."
 
 
@@ -227,11 +219,8 @@ def _delays(path: Path, array: Array, place: str | None, how: Reading, progress:
 
 
 def _delays_in_words(delays: "Delays") -> str:
-    milliseconds = zip(1e3 * delays.delay_s[1:], 1e3 * delays.standard_error_s[1:], strict=True)
-    words = ", ".join(
-        f"sensor {sensor} {with_error(float(value), float(error), 4)} ms"
-        for sensor, (value, error) in enumerate(milliseconds, start=2)
-    )
+    milliseconds = with_errors(1e3 * delays.delay_s[1:], 1e3 * delays.standard_error_s[1:], 4)
+    words = ", ".join(f"sensor {sensor} {delay} ms" for sensor, delay in enumerate(milliseconds, start=2))
     stated = ", ".join(f"{round(value, 6) + 0.0:.6f}" for value in delays.delay_s.tolist())
     return f"Stamped after sensor 1: {words}. For the array file, live too: delay_s: [{stated}]."
 

@@ -25,6 +25,6 @@ def command(service: str) -> None:
     if not _NAME.fullmatch(service):
         raise InputError(f"{service!r} is no name of a service: give one such as calibrator/calibrate")
     with ros_session():
-        from tam_calibration.nodes.client import call
+        from tam_calibration.nodes.monitor import call
 
         say(call(service, _FIND_S))

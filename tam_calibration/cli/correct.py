@@ -53,22 +53,22 @@ def command(
     inputs = [path for path in (recording, calibration_path, array_path, *how.files) if path is not None]
     require_separate([output], inputs)
     with answer.files([*inputs, output]):
-        summary = _correct(recording, calibration_path, array_path, output, how, accept)
+        calibration = read_calibration(calibration_path)
+        if array_path is not None and not calibration.is_of(read_array(array_path, transforms_in(recording))):
+            raise InputError(
+                f"the calibration is of another array than {array_path}: use the calibration of this array"
+            )
+        intensity, agreement = _correct(recording, calibration, output, how, accept)
+        if agreement.is_doubtful(calibration):
+            say(f"warning: {agreement.sentence(calibration)}", err=True)
+        summary = _summarise(intensity, agreement, calibration, output)
         answer.give(summary, _sentence(summary))
 
 
 def _correct(
-    recording: Path,
-    calibration_path: Path,
-    array_path: Path | None,
-    output: Path,
-    how: Reading,
-    accept: tuple[str, ...],
-) -> dict[str, Any]:
-    """Write the corrected samples, and return what was corrected."""
-    calibration = read_calibration(calibration_path)
-    if array_path is not None:
-        _check_array(calibration, array_path, recording)
+    recording: Path, calibration: Calibration, output: Path, how: Reading, accept: tuple[str, ...]
+) -> tuple["_Intensity", ScalarAgreement]:
+    """Write the corrected samples, and return their intensities, and how far these are from the scalar."""
     intensity, agreement = _Intensity(), ScalarAgreement()
     with showing_progress() as progress:
         corrected = correct_file(recording, calibration, how, reading(progress))
@@ -76,9 +76,7 @@ def _correct(
         counted = _counted(corrected, intensity, agreement)
         agreeing = counted if RESIDUAL in accept else _agreeing(counted, agreement, calibration)
         write_corrected_pieces(output, agreeing, recording, written, how, calibration.array)
-    if agreement.is_doubtful(calibration):
-        say(f"warning: {agreement.sentence(calibration)}", err=True)
-    return _summarise(intensity, agreement, calibration, output)
+    return intensity, agreement
 
 
 @dataclass
@@ -140,11 +138,6 @@ def _agreeing(pieces: Pieces, agreement: ScalarAgreement, calibration: Calibrati
     yield from pieces
     if agreement.is_wrong:
         raise Refused(f"nothing is written, {agreement.sentence(calibration)}; where that is so, accept {RESIDUAL}")
-
-
-def _check_array(calibration: Calibration, array_path: Path, recording: Path) -> None:
-    if not calibration.is_of(read_array(array_path, transforms_in(recording))):
-        raise InputError(f"the calibration is of another array than {array_path}: use the calibration of this array")
 
 
 def _summarise(

@@ -163,7 +163,7 @@ def _simulate(output: Path) -> tuple["Simulation", "Simulation"]:
 
 def _run_nodes(console: "Console", output: Path, turned: "Simulation", check: "Simulation") -> "FloatArray":
     """Return the rows of ``field_gradient`` of the second run, corrected with the calibration by the first."""
-    from tam_calibration.nodes.client import call, rows_of
+    from tam_calibration.nodes.monitor import call, rows_of
 
     calibration_file = output / "calibration.yaml"
     calibration_file.unlink(missing_ok=True)  # of a demonstration before: the calibrator would load it

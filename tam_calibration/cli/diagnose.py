@@ -21,7 +21,14 @@ from tam_calibration.recordings.reading import Reading
 from tam_calibration.recordings.recording_file import read_every, read_source
 from tam_calibration.report.blocks import Block, Points, Text
 from tam_calibration.report.formatting import sentence
-from tam_calibration.report.gap_rows import cause_blocks, hypotheses, size_blocks, summary_blocks, where_words
+from tam_calibration.report.gap_rows import (
+    cause_blocks,
+    hypotheses,
+    next_blocks,
+    size_blocks,
+    summary_blocks,
+    where_words,
+)
 from tam_calibration.report.signature_rows import first_sentence, signature_blocks, summary_of_laws
 from tam_calibration.results import read_calibration
 from tam_calibration.results.results_json import gap_to_mapping
@@ -40,10 +47,7 @@ def _blocks(gap: Gap) -> list[Block]:
     if gap.checks is not None and gap.checks.sentences:
         blocks.append(Text(_LEFT if gap.causes else "What the simulated twin does not have:"))
         blocks.append(Points(gap.checks.sentences))
-    blocks += [Text("Hypotheses:"), hypotheses(gap.considered)]
-    if gap.next_recording:
-        blocks.append(Text(f"Next recording: {sentence(gap.next_recording)}"))
-    return blocks
+    return [*blocks, Text("Hypotheses:"), hypotheses(gap.considered), *next_blocks(gap)]
 
 
 _ANSWERS = ("no_gap", "explained")

@@ -1,7 +1,5 @@
 """`tam locate`: where the sources in recordings are."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +9,7 @@ import click
 from tam_calibration.cli import terminal
 from tam_calibration.cli.answer import Answer, answering
 from tam_calibration.cli.locate_options import Wanted
-from tam_calibration.cli.streams import GradedBad, say
+from tam_calibration.cli.streams import say
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.localization import line_path
 from tam_calibration.localization.alternating import locate_alternating
@@ -20,15 +18,13 @@ from tam_calibration.localization.survey import Survey
 from tam_calibration.localization.target_list import merged
 from tam_calibration.localization.targets import find_targets, path_in
 from tam_calibration.model.array import Array
-from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.geomagnetic_field import LOCAL_VARIANCE_T2
 from tam_calibration.model.recording import Recording
 from tam_calibration.recordings.reading import Reading
 from tam_calibration.recordings.recording_file import read_source
-from tam_calibration.report import survey_rows, target_rows
+from tam_calibration.report import survey_rows
 from tam_calibration.report.blocks import Block, Text
-from tam_calibration.results import read_calibration
-from tam_calibration.results.targets_file import require_table, write_targets
+from tam_calibration.results import read_calibration, targets_file
 
 
 @click.command()
@@ -81,10 +77,11 @@ def command(
     """
     wanted = Wanted(**asked)
     if table is not None:
-        require_table(table, wanted.begin)
+        targets_file.require_table(table, wanted.begin)
     calibration = read_calibration(calibration_path)
     inputs = [*recordings, calibration_path, *how.files]
-    with _graded(answer.is_json), answer.files(inputs, report=report, table=table, grid=grid) as places:
+    graded = terminal.graded(answer.is_json, lambda reason: {"targets": [], "refused": reason})
+    with graded, answer.files(inputs, report=report, table=table, grid=grid) as places:
         data = [_read(each, calibration.array, replace(how, origin=wanted.begin)) for each in recordings]
         if wanted.are_lines(data):
             suffix = "" if table is None else table.suffix
@@ -132,8 +129,6 @@ def _give_targets(
     names: list[str],
 ) -> None:
     """Find the targets of lines, write the table, map and page that are wanted, and give the answer."""
-    from tam_calibration.results.targets_file import targets_to_mapping
-
     paths = [_path(each, wanted) for each in data]
     if "grid" in places:
         from tam_calibration.localization.field_map import require_area
@@ -144,21 +139,21 @@ def _give_targets(
     ]
     targets = merged([each.targets for each in lines])
     if "table" in places:
-        write_targets(places["table"], targets, wanted.begin, suffix=suffix)
+        targets_file.write_targets(places["table"], targets, wanted.begin, suffix=suffix)
     if "grid" in places:
         from tam_calibration.localization.field_map import field_map
-        from tam_calibration.results.map_file import write_map
 
-        write_map(places["grid"], field_map(lines), wanted.begin)
+        targets_file.write_map(places["grid"], field_map(lines), wanted.begin)
     if "report" in places:
-        from tam_calibration.report.targets_report import write_targets_report
+        from tam_calibration.report.survey_report import write_targets_report
 
         write_targets_report(places["report"], lines, targets, names)
-    rows = target_rows.target_table(targets)
+    rows = survey_rows.target_table(targets)
     notes = [f"{name}: {line.note}." for name, line in zip(names, lines, strict=True) if line.note]
     below: list[Block] = [Text(note) for note in notes]
     few = [rows, *below] if targets else below
-    answer.give(targets_to_mapping(targets, notes), target_rows.answer(targets), few, [rows, *below])
+    mapping = targets_file.targets_to_mapping(targets, notes)
+    answer.give(mapping, survey_rows.targets_answer(targets), few, [rows, *below])
 
 
 _FEW = 5
@@ -167,8 +162,6 @@ _FEW = 5
 
 def _give_survey(survey: Survey, answer: Answer, report: Path | None, name: str) -> None:
     """Write the page that is wanted, and give the answer."""
-    from tam_calibration.results.targets_file import survey_to_mapping
-
     if report is not None:
         from tam_calibration.report.survey_report import write_survey_report
 
@@ -176,13 +169,4 @@ def _give_survey(survey: Survey, answer: Answer, report: Path | None, name: str)
     words = [Text(each) for each in survey_rows.statements(survey)]
     tables = [*survey_rows.source_blocks(survey), *survey_rows.sample_blocks(survey), *words]
     few = [*words, *([] if survey.overall else survey_rows.sample_blocks(survey, _FEW))]
-    answer.give(survey_to_mapping(survey), survey_rows.answer(survey), few, tables)
-
-
-@contextmanager
-def _graded(as_json: bool) -> Iterator[None]:
-    """Answer a refusal by its reason: in words, or as JSON without targets."""
-    try:
-        yield
-    except Refused as problem:
-        raise GradedBad(str(problem), as_json, {"targets": [], "refused": str(problem)}) from problem
+    answer.give(targets_file.survey_to_mapping(survey), survey_rows.survey_answer(survey), few, tables)

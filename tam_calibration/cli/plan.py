@@ -12,18 +12,9 @@ from rich.progress import Progress
 from tam_calibration.cli.answer import Answer, answering
 from tam_calibration.cli.streams import say
 from tam_calibration.cli.terminal import PATH, Number, array_option, reading, reading_options, showing_progress
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.fit import plan as planning
 from tam_calibration.fit.coverage import ENOUGH_STANDARD_ERROR, describe
-from tam_calibration.fit.plan import (
-    Plan,
-    PlanStart,
-    Reach,
-    make_plan,
-    reach_of_turntable,
-    reach_of_vehicle,
-    start_from_calibration,
-    start_from_nothing,
-    start_from_recording,
-)
 from tam_calibration.fit.plan_turns import Turn, Vehicle, best_turns, excess_of
 from tam_calibration.fit.prior import prior_of
 from tam_calibration.model.array import Array
@@ -35,8 +26,8 @@ from tam_calibration.recordings import read_array
 from tam_calibration.recordings.reading import Reading
 from tam_calibration.recordings.recording_file import read_source
 from tam_calibration.report.blocks import Block, Table, Text
+from tam_calibration.report.calibration_rows import age_in_words
 from tam_calibration.report.formatting import KINDS, number, sentence
-from tam_calibration.report.update_rows import age_in_words
 from tam_calibration.results import read_calibration
 
 _MOST_SHOWN = 8
@@ -51,10 +42,7 @@ def plan_turns(path: Path, array: Array, vehicle: Vehicle, inclination: float, a
     InputError
         When the calibration is of another array, or is no prior.
     """
-    calibration = read_calibration(path)
-    if not calibration.is_of(array):
-        raise InputError(f"{path} is of another array: use the calibration of this array")
-    prior = prior_of(calibration, time(), None, array.change_rates)
+    prior = prior_of(_read_calibration(path, array), time(), None, array.change_rates)
     turns = best_turns(prior, vehicle, inclination, array.gyroscope)
     before = excess_of(prior, prior.covariance)
     first = (
@@ -63,6 +51,13 @@ def plan_turns(path: Path, array: Array, vehicle: Vehicle, inclination: float, a
     )
     content = {"excess_before": before, "turns": [_to_mapping(turn) for turn in turns]}
     answer.give(content, first, [_table_of(turns[:_MOST_SHOWN])], advice=f"tam calibrate RECORDING --prior {path}")
+
+
+def _read_calibration(path: Path, array: Array) -> Calibration:
+    calibration = read_calibration(path)
+    if not calibration.is_of(array):
+        raise InputError(f"{path} is of another array: use the calibration of this array")
+    return calibration
 
 
 def _table_of(turns: list[Turn]) -> Table:
@@ -117,9 +112,9 @@ class Proposal:
         Samples at each attitude.
     """
 
-    plan: Plan
-    start: PlanStart
-    reach: Reach
+    plan: planning.Plan
+    start: planning.PlanStart
+    reach: planning.Reach
     inclination: float
     inclination_source: str
     samples_per_pose: int
@@ -182,11 +177,6 @@ def _worst(standard_errors: FloatArray | None, group: int, factor: float) -> str
     return f"{number(factor * float(part[sensor, axis]))} ({name} of sensor {sensor + 1})"
 
 
-def _degrees(radians: FloatArray) -> list[float]:
-    degrees: list[float] = np.round(to_degrees(radians), 6).tolist()
-    return degrees
-
-
 def _angle(radians: float) -> str:
     return f"{round(to_degrees(float(radians)), 1) + 0.0:g}".replace("-", "−")
 
@@ -200,7 +190,9 @@ def _proposal_to_mapping(proposal: Proposal) -> dict[str, Any]:
     plan, start, reach = proposal.plan, proposal.start, proposal.reach
     before, after = (None if errors is None else _sensors(errors) for errors in _before_and_after(proposal))
     poses = [
-        dict(zip(("yaw_deg", "pitch_deg", "roll_deg"), _degrees(reach.angles[pose]), strict=True))
+        dict(
+            zip(("yaw_deg", "pitch_deg", "roll_deg"), np.round(to_degrees(reach.angles[pose]), 6).tolist(), strict=True)
+        )
         | {"field_direction": reach.directions[pose].tolist(), "worst_standard_error_in_noise": float(worst)}
         for pose, worst in zip(plan.poses, plan.worst, strict=True)
     ]
@@ -303,7 +295,7 @@ def command(
             reach = _reach(turntable, pitch_limit_deg, roll_limit_deg, inclination)
             field_T = start.model.intensity_T * reach.directions
             task = progress.add_task(f"choosing among {len(field_T)} attitudes", total=poses)
-            plan = make_plan(
+            plan = planning.make_plan(
                 start, field_T, poses, samples_per_pose, lambda done: progress.update(task, completed=done)
             )
         _give(Proposal(plan, start, reach, inclination, source, samples_per_pose), answer)
@@ -325,20 +317,17 @@ def _start(
     intensity_nT: float | None,
     how: Reading,
     progress: Progress,
-) -> PlanStart:
+) -> planning.PlanStart:
     if recording_path is not None and calibration_path is not None:
         raise InputError("give either a recording or --calibration, which states what its recording determines")
     if calibration_path is not None:
-        calibration = read_calibration(calibration_path)
-        if not calibration.is_of(array):
-            raise InputError(f"{calibration_path} is of another array: use the calibration of this array")
-        return start_from_calibration(calibration)
+        return planning.start_from_calibration(_read_calibration(calibration_path, array))
     if recording_path is None:
         if intensity_nT is None:
-            start = start_from_nothing(array, from_nanotesla(_ASSUMED_INTENSITY_NT))
+            start = planning.start_from_nothing(array, from_nanotesla(_ASSUMED_INTENSITY_NT))
             return replace(start, note="the intensity of the field is assumed: give --place or --intensity-nT")
         known = array if array.scalar_noise_T is not None else replace(array, scalar_noise_T=0.0)
-        return start_from_nothing(known, from_nanotesla(intensity_nT))
+        return planning.start_from_nothing(known, from_nanotesla(intensity_nT))
     source, usage = read_source(recording_path, array, how, reading(progress))
     recording = source.whole()
     for remark in () if usage is None else usage.missing:
@@ -346,10 +335,10 @@ def _start(
     if intensity_nT is not None and recording.scalar_T is None:
         recording = replace(recording, scalar_T=np.full(recording.sample_count, from_nanotesla(intensity_nT)))
     progress.add_task(f"fitting {recording.sample_count} samples", total=None)
-    return start_from_recording(recording, array)
+    return planning.start_from_recording(recording, array)
 
 
-def _inclination(stated_deg: float | None, start: PlanStart) -> tuple[float, str]:
+def _inclination(stated_deg: float | None, start: planning.PlanStart) -> tuple[float, str]:
     """Return the inclination in radians, and where it comes from."""
     if stated_deg is not None:
         return from_degrees(stated_deg), "given"
@@ -358,12 +347,14 @@ def _inclination(stated_deg: float | None, start: PlanStart) -> tuple[float, str
     return from_degrees(_ASSUMED_INCLINATION_DEG), "assumed: give --place or --inclination-deg"
 
 
-def _reach(turntable: str | None, pitch_deg: float | None, roll_deg: float | None, inclination: float) -> Reach:
+def _reach(
+    turntable: str | None, pitch_deg: float | None, roll_deg: float | None, inclination: float
+) -> planning.Reach:
     is_vehicle = pitch_deg is not None or roll_deg is not None
     if is_vehicle == (turntable is not None):
         raise InputError("say what can be reached: either --turntable, or --pitch-limit-deg and --roll-limit-deg")
     if turntable is None:
-        return reach_of_vehicle(from_degrees(pitch_deg or 0.0), from_degrees(roll_deg or 0.0), inclination)
+        return planning.reach_of_vehicle(from_degrees(pitch_deg or 0.0), from_degrees(roll_deg or 0.0), inclination)
     try:
         steps = np.array([float(step) for step in turntable.split(",")])
     except ValueError:
@@ -372,4 +363,4 @@ def _reach(turntable: str | None, pitch_deg: float | None, roll_deg: float | Non
         raise InputError(
             f"--turntable must be one step in degrees or YAW,PITCH,ROLL such as 30,60,60, not {turntable!r}"
         )
-    return reach_of_turntable(from_degrees(np.broadcast_to(steps, 3)), inclination)
+    return planning.reach_of_turntable(from_degrees(np.broadcast_to(steps, 3)), inclination)

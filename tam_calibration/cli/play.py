@@ -44,11 +44,9 @@ def command(recording: Path, map_path: Path | None, rate: float, loop: bool, clo
     sensors and channels are played onto the topics that the collector reads.
     """
     require("bags", "playing recordings")
-    from tam_calibration.nodes.playback import playback_of
-
     reading = Reading(None if map_path is None else read_map(map_path))
     with ros_session(exit_code=0), open_source(recording, reading.channel_map) as source, in_file(recording):
-        from tam_calibration.nodes.player import Player
+        from tam_calibration.nodes.player import Player, playback_of
 
         player = Player(playback_of(source, reading), rate, clock)
         _wait(player)

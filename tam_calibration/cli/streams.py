@@ -31,9 +31,9 @@ class GradedBad(Refused):
         Content of the JSON in addition to the grade.
     """
 
-    def __init__(self, reason: str, as_json: bool, further: dict[str, object] | None = None) -> None:
+    def __init__(self, reason: str, as_json: bool, further: dict[str, object]) -> None:
         super().__init__(reason)
-        self._as_json, self._further = as_json, further or {}
+        self._as_json, self._further = as_json, further
 
     def say(self, reason: str) -> None:
         """Write the grade and a reason to standard output, as the answer."""

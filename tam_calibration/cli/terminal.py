@@ -236,12 +236,12 @@ def print_answer(
 
 
 @contextmanager
-def graded(as_json: bool = False) -> Iterator[None]:
-    """Answer a refusal by the grade "bad" with its reason: in words, or as JSON."""
+def graded(as_json: bool, further: Callable[[str], dict[str, object]] = lambda reason: {}) -> Iterator[None]:
+    """Answer a refusal by the grade "bad" with its reason: in words, or as JSON, which may hold further keys."""
     try:
         yield
     except Refused as problem:
-        raise GradedBad(str(problem), as_json) from problem
+        raise GradedBad(str(problem), as_json, further(str(problem))) from problem
 
 
 class _Console(Console):

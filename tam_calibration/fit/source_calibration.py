@@ -25,8 +25,7 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 from tam_calibration.sources.dipole import Source
-from tam_calibration.sources.pose_amplitudes import amplitudes_of
-from tam_calibration.sources.poses import Poses
+from tam_calibration.sources.poses import Poses, amplitudes_of
 
 
 @dataclass(frozen=True, eq=False)

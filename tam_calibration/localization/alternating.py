@@ -22,7 +22,7 @@ from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
 from tam_calibration.sources.demodulation import Demodulated, Spectrum, background_of, find_frequency, turning_of
-from tam_calibration.sources.pose_amplitudes import FEWEST_PERIODS, poses_of
+from tam_calibration.sources.poses import FEWEST_PERIODS, poses_of
 
 _HIGHEST_HZ = 1e6
 """Highest frequency of a source, hertz: no array samples twice as fast."""

@@ -12,10 +12,10 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.nodes import node_parameters
 from tam_calibration.nodes.answering import AnsweringNode
-from tam_calibration.nodes.message_types import type_name
-from tam_calibration.nodes.node_parameters import Rule, array_name, declare, require_quality, unknown_parameters
-from tam_calibration.nodes.process import take_name
+from tam_calibration.nodes.listening import type_name
+from tam_calibration.nodes.session import take_name
 
 OK, WARN, ERROR, STALE = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 
@@ -40,31 +40,33 @@ class TamNode(AnsweringNode):
     name : str
         Name of the node.
     rules : sequence of Rule
-        All its parameters; of another that is given it warns, as a file for all nodes of a robot may have them.
+        All its parameters, with those of `SHARED`; of another that is given it warns, as a file for all nodes of a
+        robot may have them.
 
     Raises
     ------
     InputError
-        When a node of the same name runs, or a quality of service is none.
+        When a node of the same name runs, a quality of service is none, or the array file cannot be used.
     ParameterException
         When a value has the wrong type or is out of bounds.
     """
 
-    def __init__(self, name: str, rules: Sequence[Rule]) -> None:
+    def __init__(self, name: str, rules: Sequence[node_parameters.Rule]) -> None:
         super().__init__(name)
         self._takes: dict[str, Callable[[Any], object]]
         self._takes = {rule.name: rule.require_choice for rule in rules if rule.choices}
         self.add_on_set_parameters_callback(self._take_parameters)
-        self._unknown_parameters = unknown_parameters(self, rules)
+        self._unknown_parameters = node_parameters.unknown_parameters(self, rules)
         for remark in self._unknown_parameters.values():
             self.get_logger().warning(remark)
-        require_quality(self)
-        declare(self, rules)
+        node_parameters.require_quality(self)
+        node_parameters.declare(self, rules)
         take_name(self.get_fully_qualified_name(), self.context.get_domain_id())
         self._unusable, self._unusable_reported = Counter[str](), Counter[str]()
         self._last_problem: dict[str, str] = {}
         self._diagnostics = self.create_publisher(DiagnosticArray, _DIAGNOSTICS, 10)
         self.create_steady_timer(1.0, self._publish_health)
+        self._array = node_parameters.array_of(self)
 
     def value(self, name: str) -> Any:
         """Return the present value of a parameter."""
@@ -78,7 +80,7 @@ class TamNode(AnsweringNode):
         *remarks : str
             On the calibration, and on what the node waits for.
         """
-        self.get_logger().info("; ".join((f"array {array_name(self)}", *remarks)))
+        self.get_logger().info("; ".join((f"array {node_parameters.array_name(self)}", *remarks)))
 
     @property
     def now_s(self) -> float:
@@ -141,7 +143,9 @@ class TamNode(AnsweringNode):
             return
         health = self._with_twin(self._with_types(self._with_unusable(self.health())))
         name = self.get_fully_qualified_name().lstrip("/")
-        status = DiagnosticStatus(level=health.level, name=name, message=health.message, hardware_id=array_name(self))
+        status = DiagnosticStatus(
+            level=health.level, name=name, message=health.message, hardware_id=node_parameters.array_name(self)
+        )
         values = {**health.values, **self._peers()}
         if self._unknown_parameters:
             values["unknown_parameters"] = " ".join(self._unknown_parameters)

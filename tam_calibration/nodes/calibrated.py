@@ -11,12 +11,11 @@ from tam_calibration.messages.timeline import Run
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.nodes.base import TamNode
 from tam_calibration.nodes.listening import LATCHED
-from tam_calibration.nodes.node_parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
+from tam_calibration.nodes.node_parameters import SHARED, Rule
 from tam_calibration.results import calibration_from_yaml, read_calibration
 
 CALIBRATED = (
-    ARRAY_FILE,
-    FRAME_ID,
+    *SHARED,
     Rule(
         "calibration_file", "", "Calibration YAML; a newer one comes over `calibration`, or by this.", read_only=False
     ),
@@ -39,7 +38,6 @@ class CalibratedNode(TamNode):
 
     def __init__(self, name: str, rules: Sequence[Rule]) -> None:
         super().__init__(name, rules)
-        self._array = array_of(self)
         self._calibration: Calibration | None = None
         self._problem_of_calibration = ""
         self._run, self._heard_s = Run(), float("-inf")

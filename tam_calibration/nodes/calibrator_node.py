@@ -29,17 +29,16 @@ from tam_calibration.nodes.comparing import COMPARED, WRITTEN_OF_COMPARISON, com
 from tam_calibration.nodes.kept_samples import KEPT, SAVE_S, KeptSamples
 from tam_calibration.nodes.listening import LATCHED, RELIABLE_STREAM
 from tam_calibration.nodes.live_update import UPDATED, LiveUpdate
-from tam_calibration.nodes.node_parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
+from tam_calibration.nodes.node_parameters import SHARED, Rule
 from tam_calibration.recordings.compared_recordings import remarks_on
 from tam_calibration.recordings.fit_with_usage import fit_with_usage
-from tam_calibration.report.update_rows import update_sentences
+from tam_calibration.report.calibration_rows import update_sentences
 from tam_calibration.results import calibration_to_yaml, read_calibration, write_calibration
 from tam_calibration.results.overwriting import require_separate
 from tam_calibration.results.results_json import write_gap
 
 RULES = (
-    ARRAY_FILE,
-    FRAME_ID,
+    *SHARED,
     Rule("method", DEFAULT_METHOD, "Method of the fit.", choices=tuple(METHODS), read_only=False),
     Rule(
         "calibration_file",
@@ -85,7 +84,6 @@ class Calibrator(TamNode):
 
     def __init__(self) -> None:
         super().__init__("calibrator", RULES)
-        self._array = array_of(self)
         self._kept = KeptSamples(self, self._array)
         self._store = self._kept.store
         self._partial = 0
@@ -130,7 +128,9 @@ class Calibrator(TamNode):
             level, message = (OK, f"{stored}; no calibration yet") if len(self._store) else (STALE, "no samples yet")
         gap = self._gap
         remarks = [(WARN, self._kept.problem), (self._live.level, self._live.sentence())]
-        for least, told in [*remarks, (_level_of(gap), gap.statement)] if gap else remarks:
+        if gap is not None:
+            remarks.append((OK if gap.verdict in ("no_gap", "not_identifiable") else WARN, gap.statement))
+        for least, told in remarks:
             if told:
                 level, message = max(level, least), f"{message}; {told}"
         values = {
@@ -296,12 +296,6 @@ def _check_accept(names: str) -> None:
 
 def _in_words(usage: Usage) -> str:
     return str(usage) if usage.received else "no collector says how many samples of sensor 1 were used"
-
-
-def _level_of(gap: Gap) -> bytes:
-    """Warn of a gap that is there, whether or not its cause is known."""
-    level: bytes = OK if gap.verdict in ("no_gap", "not_identifiable") else WARN
-    return level
 
 
 def _figures_of(gap: Gap | None) -> dict[str, object]:

@@ -33,11 +33,10 @@ from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health, TamNode
 from tam_calibration.nodes.cloud import cloud_writer, make_cloud, to_stamp
 from tam_calibration.nodes.frames import FrameCheck
 from tam_calibration.nodes.inputs import Input, map_of_topics, own_map
-from tam_calibration.nodes.listening import RELIABLE_STREAM, STREAM
+from tam_calibration.nodes.listening import RELIABLE_STREAM, STREAM, message_class
 from tam_calibration.nodes.markers import Shown, coverage_markers
-from tam_calibration.nodes.message_types import message_class
-from tam_calibration.nodes.node_parameters import ARRAY_FILE, FRAME_ID, REAL_TIME, Rule, array_of
-from tam_calibration.nodes.process import precede
+from tam_calibration.nodes.node_parameters import REAL_TIME, SHARED, Rule
+from tam_calibration.nodes.session import precede
 from tam_calibration.recordings.channel_map import Pick
 from tam_calibration.recordings.reading import TOLERANCE_S
 
@@ -57,8 +56,7 @@ _COVERAGE_PERIOD_S = 1.0
 """Time between markers of the coverage, as between the sentences on it in /diagnostics."""
 
 RULES = (
-    ARRAY_FILE,
-    FRAME_ID,
+    *SHARED,
     Rule("scalar_type", "sensor_msgs/MagneticField", f"Message type of {_SCALAR_TOPIC}.", choices=_SCALAR_TYPES),
     Rule("map_file", "", "Map YAML: topics of sensors and channels; empty for tam_1/magnetic_field and so on."),
     Rule(
@@ -90,7 +88,6 @@ class Collector(TamNode):
 
     def __init__(self) -> None:
         super().__init__("collector", RULES)
-        self._array = array_of(self)
         sensor_count = self._array.sensor_count
         self._turns = turns_of(self._array.mounting)
         self._frames = FrameCheck(self._array.mounting, self.get_logger().warning)

@@ -31,7 +31,7 @@ from tam_calibration.nodes.cloud import CloudReader, MessageWriter, Rows, cloud_
 from tam_calibration.nodes.listening import RELIABLE_STREAM
 from tam_calibration.nodes.markers import Shown, field_marker
 from tam_calibration.nodes.node_parameters import REAL_TIME
-from tam_calibration.nodes.process import precede
+from tam_calibration.nodes.session import precede
 
 RULES = (*CALIBRATED, REAL_TIME)
 

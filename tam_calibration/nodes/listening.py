@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from copy import copy
 from functools import partial
+from importlib import import_module
 from itertools import chain
 from operator import itemgetter
 from typing import Any
@@ -195,6 +196,20 @@ class ListeningNode(Node):
             Called without arguments.
         """
         self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+
+def type_name(kind: Any) -> str:
+    """Return the name of a message's class, such as ``sensor_msgs/msg/Imu``."""
+    return f"{kind.__module__.partition('.')[0]}/msg/{kind.__name__}"
+
+
+def message_class(name: str) -> Any:
+    """Return the class of messages of a type, such as ``sensor_msgs/msg/Imu``; None where it is not installed."""
+    package, *_, message = name.split("/")
+    try:
+        return getattr(import_module(f"{package}.msg"), message)
+    except (ImportError, AttributeError, ValueError):
+        return None
 
 
 def leave(message: bytes, arrived_ns: int = 0) -> None:

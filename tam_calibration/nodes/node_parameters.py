@@ -55,6 +55,9 @@ class Rule:
 
 ARRAY_FILE = Rule("array_file", "", "Path of the array YAML; empty for the cross with a baseline of 0.5 m.")
 FRAME_ID = Rule("frame_id", DEFAULT_FRAME_ID, "Frame of all that is published: the array frame.")
+SHARED = (ARRAY_FILE, FRAME_ID)
+"""Parameters of every node."""
+
 REAL_TIME = Rule("real_time", True, "Whether the process comes before all that is not real-time, where its user may.")
 
 

@@ -1,18 +1,31 @@
-"""ROS 2 in a process: whether it can begin there, and how it ends. Light: rclpy is loaded where it is used."""
+"""ROS 2 in a process: its start and end, its name, its priority. Light: rclpy is loaded where it is used."""
 
 import os
 import resource
-from collections.abc import Iterator, Sequence
+import socket
+import struct
+import sys
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from hashlib import sha256
 from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tam_calibration.files.configuration import configuration_folder
 from tam_calibration.model import signals
 from tam_calibration.model.exceptions import InputError, Refused, quoted
 from tam_calibration.model.signals import Ending
 
+if TYPE_CHECKING:
+    from rclpy.executors import Executor
+    from rclpy.node import Node
+
 _LAST_DOMAIN = 232
 """Domain beyond which the ports of DDS, 250 for each from 7400 on, exceed 65535: Fast DDS ends the process there."""
+
+_TURN_S = 0.1
+"""Longest time without a look for the word to end, seconds: an executor that waits in C++ hears no signal."""
 
 _FEWEST_FILES = 64
 """Files that a process with our nodes may have open, at least: it has 25, and its libraries do not end well without."""
@@ -70,6 +83,62 @@ def ros_session(exit_code: int | None = None) -> Iterator[None]:
         ending.release()
 
 
+def spin_nodes(ending: Ending, make_nodes: Sequence[Callable[[], "Node"]]) -> None:
+    """Spin nodes in one executor until SIGINT, SIGTERM or SIGHUP.
+
+    Parameters
+    ----------
+    ending : Ending
+        Of the process.
+    make_nodes : sequence of callable
+        Each makes a node; called once ROS is initialised.
+
+    Raises
+    ------
+    InputError
+        When an argument or parameter is not usable.
+    """
+    from rclpy.exceptions import ParameterException
+    from rclpy.utilities import try_shutdown
+
+    ending.loaded()
+    try:
+        initialise_ros(sys.argv)
+        _spin(ending, make_nodes)
+    except ParameterException as problem:
+        raise InputError(str(problem)) from problem
+    finally:
+        signals.ignore()
+        try_shutdown()
+
+
+def _spin(ending: Ending, make_nodes: Sequence[Callable[[], "Node"]]) -> None:
+    executor, nodes = _cheapest_executor(), list["Node"]()
+    try:
+        for make_node in make_nodes:
+            nodes.append(make_node())
+            executor.add_node(nodes[-1])
+        ending.made()
+        while ending.told is None:
+            executor.spin_once(timeout_sec=_TURN_S)
+    finally:
+        signals.ignore()
+        executor.shutdown()
+        for node in nodes:
+            node.destroy_node()
+
+
+def _cheapest_executor() -> "Executor":
+    """Return the executor that costs a stream least: that of events where rclpy has it, else the default one."""
+    try:
+        from rclpy.experimental.events_executor import EventsExecutor
+    except ImportError:
+        from rclpy.executors import SingleThreadedExecutor
+
+        return SingleThreadedExecutor()
+    return EventsExecutor()
+
+
 def initialise_ros(arguments: Sequence[str]) -> None:
     """Begin to use ROS 2 in this process, which handles signals itself.
 
@@ -115,3 +184,72 @@ def _require_surroundings() -> None:
 def _reason(problem: RuntimeError) -> str:
     """Return what rclpy says, without its place in the source."""
     return " ".join(str(problem).partition(", at /")[0].split())
+
+
+_CREDENTIALS = struct.Struct("3i")
+"""Number, user and group of the process at the other end of a socket."""
+
+
+def take_name(name: str, domain: int) -> None:
+    """Take the name of a node for this process; on other systems than Linux every name is free.
+
+    The kernel keeps it, as the address of a socket in no folder: nothing is left behind by a process that is killed.
+
+    Parameters
+    ----------
+    name : str
+        With its namespace.
+    domain : int
+        Number of the ROS domain in which nodes meet.
+
+    Raises
+    ------
+    InputError
+        When another process has it, with its number.
+    """
+    if sys.platform != "linux":
+        return
+    address = "\0" + sha256(f"tam_calibration {domain} {name}".encode()).hexdigest()
+    own = socket.socket(socket.AF_UNIX)
+    try:
+        own.bind(address)
+        own.listen()
+    except OSError:
+        own.close()
+        raise InputError(
+            f"{name} runs already in ROS domain {domain}, as process {_holder(address)}: end that one first, or start "
+            "this one in another namespace (--ros-args -r __ns:=/NAME)"
+        ) from None
+    own.detach()  # open for as long as the process lives
+
+
+def _holder(address: str) -> str:
+    """Return the number of the process that has an address; unknown where it does not answer."""
+    with socket.socket(socket.AF_UNIX) as asking:
+        asking.setblocking(False)
+        try:
+            asking.connect(address)
+        except OSError:
+            return "unknown"
+        credentials = asking.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+    return str(_CREDENTIALS.unpack(credentials)[0])
+
+
+LOWEST_PRIORITY = 1
+"""Of the real-time priorities (1 to 99): above all that is not real-time, below all else that is."""
+
+
+def precede() -> str:
+    """Have the threads of this process, and those that they start, run before all that are not real-time.
+
+    Returns
+    -------
+    str
+        How the process is scheduled, for /diagnostics: as before where its user has no right to more.
+    """
+    try:
+        for thread in Path("/proc/self/task").iterdir():
+            os.sched_setscheduler(int(thread.name), os.SCHED_RR, os.sched_param(LOWEST_PRIORITY))
+    except PermissionError:
+        return "normal: this user may not use real-time priorities"
+    return f"real-time, priority {LOWEST_PRIORITY}"

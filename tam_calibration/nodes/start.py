@@ -50,9 +50,10 @@ def _run(*names: str) -> int:
     ending = Ending(exit_code=0)
     use_one_thread()
     try:
-        import_module("tam_calibration.nodes.session").configure_fast_dds()
+        session = import_module("tam_calibration.nodes.session")
+        session.configure_fast_dds()
         nodes = [getattr(import_module(f"tam_calibration.nodes.{name.lower()}_node"), name) for name in names]
-        import_module("tam_calibration.nodes.spinning").spin_nodes(ending, nodes)
+        session.spin_nodes(ending, nodes)
     except (InputError, OSError) as problem:
         print(f"tam: {printable(problem)}", file=sys.stderr)
         return 2

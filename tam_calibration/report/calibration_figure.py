@@ -13,14 +13,7 @@ from tam_calibration.fit.coverage import Coverage, measure_coverage
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.residuals import ResidualSeries, residual_series
 from tam_calibration.model.sensor_errors import SensorErrors
-from tam_calibration.report.recording_plots import (
-    Panel,
-    draw_coverage,
-    draw_over_time,
-    height_inch,
-    intensity_panels,
-    tensor_panels,
-)
+from tam_calibration.report import recording_plots
 from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR, PAGE_WIDTH_INCH, STYLE
 
 NO_GRADIENT = "The geometry of this array does not determine a gradient tensor, so there is no tensor residual."
@@ -85,15 +78,15 @@ class ResidualPlot:
     """Residuals of one kind, before or after calibration: title, panels, and their unit."""
 
     title: str
-    panels: list[Panel]
+    panels: list[recording_plots.Panel]
     unit: str
 
 
 def residual_plots(view: CalibrationView) -> list[list[ResidualPlot]]:
     """Return the residuals of the intensity, and of the tensor where there is one, each before and after."""
-    kinds = [(intensity_panels, "nT", f"|B| − {view.reference_name}")]
+    kinds = [(recording_plots.intensity_panels, "nT", f"|B| − {view.reference_name}")]
     if view.calibration.array.has_gradient:
-        kinds.append((tensor_panels, "nT/m", "Tensor components"))
+        kinds.append((recording_plots.tensor_panels, "nT/m", "Tensor components"))
     states = (("before", BEFORE_COLOR, view.before), ("after", AFTER_COLOR, view.after))
     return [
         [
@@ -122,12 +115,12 @@ def plot_calibration(calibration: Calibration, recording: Recording) -> Figure:
     """
     view = view_of(calibration, recording)
     kinds = residual_plots(view)
-    heights = [*(height_inch(before.panels) for before, _ in kinds), 3.8]
+    heights = [*(recording_plots.height_inch(before.panels) for before, _ in kinds), 3.8]
     figure = Figure(figsize=(1.5 * PAGE_WIDTH_INCH, sum(heights)), layout="constrained")
     *rows, last = figure.subfigures(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0]
     for row, plots in zip(rows, kinds, strict=True):
         for part, plot in zip(row.subfigures(1, 2, squeeze=False)[0], plots, strict=True):
             part.suptitle(plot.title)
-            draw_over_time(part, recording.time_s, plot.panels, plot.unit)
-    draw_coverage(last, view.coverage)
+            recording_plots.draw_over_time(part, recording.time_s, plot.panels, plot.unit)
+    recording_plots.draw_coverage(last, view.coverage)
     return figure

@@ -1,6 +1,5 @@
 """The report on a calibration: one HTML page for the people who will rely on it, section by section."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import cycle
 from pathlib import Path
@@ -13,39 +12,23 @@ from tam_calibration.fit.coverage import Coverage
 from tam_calibration.fit.identifiability import find_weakness
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import to_nanotesla
+from tam_calibration.report import calibration_figure, recording_plots
 from tam_calibration.report.blocks import Block, Gallery, Image, Points, Section, Table, Text
-from tam_calibration.report.calibration_figure import (
-    NO_GRADIENT,
-    CalibrationView,
-    ResidualPlot,
-    residual_plots,
-    view_of,
-)
-from tam_calibration.report.calibration_rows import known_source_blocks, parameter_blocks, quality_blocks
+from tam_calibration.report.calibration_rows import known_source_blocks, parameter_blocks, quality_blocks, update_blocks
 from tam_calibration.report.formatting import count, fixed, number, sentence
-from tam_calibration.report.page import embed, sections_of, write_page
-from tam_calibration.report.recording_plots import (
-    intensity_panels,
-    plot_coverage,
-    plot_distributions,
-    plot_over_time,
-    tensor_panels,
-    thinning_note,
-)
+from tam_calibration.report.page import embed, write_page
 from tam_calibration.report.style import COLORS
-from tam_calibration.report.update_rows import update_blocks
 
 
-def verdict_section(evidence: CalibrationView) -> Section:
+def _verdict(calibration: Calibration) -> list[Block]:
     """Return whether the calibration can be relied on, and why it should be doubted."""
-    calibration = evidence.calibration
     quality = calibration.quality
     blocks: list[Block] = [Text(f"{quality}.", "good" if quality.grade == "good" else "doubt")]
     if further := [sentence(reason) for reason in (*quality.reasons[1:], *calibration.notes)]:
         blocks.append(Points(further))
     if limits := _limits(calibration):
         blocks += [Text("What limits this verdict:"), Points(limits)]
-    return Section("Verdict", blocks)
+    return blocks
 
 
 def _limits(calibration: Calibration) -> list[str]:
@@ -65,27 +48,29 @@ def _limits(calibration: Calibration) -> list[str]:
     return limits
 
 
-def residuals_section(evidence: CalibrationView) -> Section:
+def _residuals(evidence: calibration_figure.CalibrationView) -> list[Block]:
     """Return the residuals over time, before and after."""
     blocks: list[Block] = [Text(_introduce(evidence))]
-    blocks += [Gallery([_over_time(evidence, plot) for plot in plots]) for plots in residual_plots(evidence)]
+    blocks += [
+        Gallery([_over_time(evidence, plot) for plot in plots]) for plots in calibration_figure.residual_plots(evidence)
+    ]
     if not evidence.calibration.array.has_gradient:
-        blocks.append(Text(NO_GRADIENT))
-    return Section("Residuals over time", blocks)
+        blocks.append(Text(calibration_figure.NO_GRADIENT))
+    return blocks
 
 
-def _over_time(evidence: CalibrationView, plot: ResidualPlot) -> Image:
-    figure = plot_over_time(evidence.recording.time_s, plot.panels, plot.unit)
+def _over_time(evidence: calibration_figure.CalibrationView, plot: calibration_figure.ResidualPlot) -> Image:
+    figure = recording_plots.plot_over_time(evidence.recording.time_s, plot.panels, plot.unit)
     return embed(figure, f"{plot.title}, over time", plot.title)
 
 
-def _introduce(evidence: CalibrationView) -> str:
+def _introduce(evidence: calibration_figure.CalibrationView) -> str:
     tensor = ", and the gradient tensor is zero" if evidence.calibration.array.has_gradient else ""
     return (
         f"In a uniform field the length |B| of every corrected vector equals {evidence.reference_name}{tensor}; "
         "the rest is the residual. The dashed lines are ± one standard deviation of the noise floor, which no "
         "calibration can remove. Before and after are drawn to their own scales. "
-        f"{thinning_note(evidence.recording.sample_count)}"
+        f"{recording_plots.thinning_note(evidence.recording.sample_count)}"
     ).strip()
 
 
@@ -95,30 +80,34 @@ _INTRO = (
 )
 
 
-def histograms_section(evidence: CalibrationView) -> Section:
+def _histograms(evidence: calibration_figure.CalibrationView) -> list[Block]:
     """Return how often the residuals have which size."""
     floor = evidence.calibration.floor
-    kinds = {f"|B| − {evidence.reference_name}": intensity_panels(evidence.after, floor)}
+    kinds = {f"|B| − {evidence.reference_name}": recording_plots.intensity_panels(evidence.after, floor)}
     if evidence.calibration.array.has_gradient:
-        kinds["Tensor components"] = tensor_panels(evidence.after, floor)
+        kinds["Tensor components"] = recording_plots.tensor_panels(evidence.after, floor)
     blocks: list[Block] = [Text(_INTRO)]
     for what, panels in kinds.items():
         drawn = [replace(panel, color=color) for panel, color in zip(panels, cycle(COLORS), strict=False)]
         label = f"{what}, after calibration"
-        blocks.append(embed(plot_distributions(drawn, f"{label}, in noise floors"), f"Distributions: {label}", label))
-    return Section("Distribution of the residuals", blocks)
+        blocks.append(
+            embed(
+                recording_plots.plot_distributions(drawn, f"{label}, in noise floors"), f"Distributions: {label}", label
+            )
+        )
+    return blocks
 
 
-def coverage_section(evidence: CalibrationView) -> Section:
+def _coverage(evidence: calibration_figure.CalibrationView) -> list[Block]:
     """Return which directions of the field were visited."""
     picture = embed(
-        plot_coverage(evidence.coverage),
+        recording_plots.plot_coverage(evidence.coverage),
         "Map of the directions of the field",
         "Direction of the field in the array frame, equal-area (Hammer) map: forward is +x, left +y, up +z.",
     )
     weakness = find_weakness(evidence.recording, evidence.calibration)
     doubts = [Text(str(weakness))] if weakness.parameters and evidence.calibration.update is None else []
-    return Section("Coverage of the sphere", [Text(_summary(evidence.coverage)), *doubts, picture])
+    return [Text(_summary(evidence.coverage)), *doubts, picture]
 
 
 def _summary(coverage: Coverage) -> str:
@@ -133,36 +122,17 @@ def _summary(coverage: Coverage) -> str:
     return f"{seen} {strength} {'' if coverage.enough else sentence(coverage.advice)}".strip()
 
 
-def parameters_section(evidence: CalibrationView) -> Section:
+def _parameters(calibration: Calibration) -> list[Block]:
     """Return the parameters with their standard errors."""
-    calibration = evidence.calibration
     blocks = parameter_blocks(calibration)
     blocks += [Text(statement) for statement in calibration.statements]
     if not calibration.array.has_gradient:
-        blocks.append(Text(f"The field at the centre is the mean of all sensors. {NO_GRADIENT}"))
-    return Section("Parameters", blocks)
+        blocks.append(Text(f"The field at the centre is the mean of all sensors. {calibration_figure.NO_GRADIENT}"))
+    return blocks
 
 
-def prior_section(evidence: CalibrationView) -> Section | None:
-    """Return what came from an older calibration, and what moved since; None where there was no prior."""
-    update = evidence.calibration.update
-    return None if update is None else Section("Prior and data", update_blocks(update))
-
-
-def known_source_section(evidence: CalibrationView) -> Section | None:
-    """Return what a known source showed of the array; None where none was recorded."""
-    blocks = known_source_blocks(evidence.calibration)
-    return Section("Known source", blocks) if blocks else None
-
-
-def quality_section(evidence: CalibrationView) -> Section:
-    """Return the residuals in and out of sample against the noise floor."""
-    return Section("Quality", quality_blocks(evidence.calibration))
-
-
-def provenance_section(evidence: CalibrationView) -> Section:
+def _provenance(calibration: Calibration) -> list[Block]:
     """Return where the calibration comes from."""
-    calibration = evidence.calibration
     first, last = calibration.time_span_s
     rows = [
         *_source(calibration),
@@ -173,7 +143,7 @@ def provenance_section(evidence: CalibrationView) -> Section:
         ["method", calibration.method],
         ["software", f"tam_calibration {__version__}"],
     ]
-    return Section("Provenance", [Table([], rows, numeric=False), _positions(calibration)])
+    return [Table([], rows, numeric=False), _positions(calibration)]
 
 
 def _source(calibration: Calibration) -> list[list[str]]:
@@ -193,20 +163,6 @@ def _positions(calibration: Calibration) -> Table:
     )
 
 
-SECTIONS: tuple[Callable[[CalibrationView], Section | None], ...] = (
-    verdict_section,
-    residuals_section,
-    coverage_section,
-    histograms_section,
-    parameters_section,
-    prior_section,
-    known_source_section,
-    quality_section,
-    provenance_section,
-)
-"""In the order in which they are read."""
-
-
 def write_calibration_report(path: Path, calibration: Calibration, recording: Recording) -> None:
     """Write a self-contained HTML page about a calibration and the recording that it came from.
 
@@ -224,8 +180,19 @@ def write_calibration_report(path: Path, calibration: Calibration, recording: Re
     InputError
         When the recording is not of the calibration's array, or the file cannot be written.
     """
-    evidence = view_of(calibration, recording)
-    write_page(path, "Calibration report", _subtitle(calibration), sections_of(SECTIONS, evidence))
+    evidence = calibration_figure.view_of(calibration, recording)
+    sections = [
+        Section("Verdict", _verdict(calibration)),
+        Section("Residuals over time", _residuals(evidence)),
+        Section("Coverage of the sphere", _coverage(evidence)),
+        Section("Distribution of the residuals", _histograms(evidence)),
+        Section("Parameters", _parameters(calibration)),
+        Section("Prior and data", update_blocks(calibration.update) if calibration.update else []),
+        Section("Known source", known_source_blocks(calibration)),
+        Section("Quality", quality_blocks(calibration)),
+        Section("Provenance", _provenance(calibration)),
+    ]
+    write_page(path, "Calibration report", _subtitle(calibration), sections)
 
 
 def _subtitle(calibration: Calibration) -> str:

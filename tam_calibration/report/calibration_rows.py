@@ -1,15 +1,19 @@
-"""A calibration as tables and sentences, for the page and for the terminal."""
+"""A calibration, and what it took from the one before it, as tables and sentences for the page and the terminal."""
+
+from itertools import groupby
 
 import numpy as np
 
 from tam_calibration.correction.calibration import Calibration, KnownSource
+from tam_calibration.correction.parts import Moved, Update, in_words
 from tam_calibration.effects.library import units_of
 from tam_calibration.model.array import OUTPUT_NAMES, TENSOR_OUTPUTS
+from tam_calibration.model.data_sheet import DAY_S
 from tam_calibration.model.residuals import Residuals
 from tam_calibration.model.sensor_errors import PARAMETER_NAMES, orientation_to_axes
 from tam_calibration.model.units import to_degrees, to_nanotesla
 from tam_calibration.report.blocks import Block, Table, Text
-from tam_calibration.report.formatting import KINDS, count, join, number, ratio, with_error
+from tam_calibration.report.formatting import KINDS, count, join, number, ratio, with_error, with_errors
 
 _MODEL = (
     "Value ± standard error. The model is yᵢ = Dᵢ Λᵢ bᵢ + oᵢ: D contains scale factors and non-orthogonality, "
@@ -47,8 +51,7 @@ def parameter_rows(calibration: Calibration) -> list[list[str]]:
     rows = []
     for index, name in enumerate(PARAMETER_NAMES):
         kind = KINDS[index // 3]
-        pairs = zip(values[:, index] * kind.factor, standard_errors[:, index] * kind.factor, strict=True)
-        cells = (with_error(float(value), float(error), kind.decimals) for value, error in pairs)
+        cells = with_errors(values[:, index] * kind.factor, standard_errors[:, index] * kind.factor, kind.decimals)
         rows.append([f"{name} ({kind.sign})".removesuffix(" ()"), *cells])
     mounted = [" ".join(orientation_to_axes(orientation)) for orientation in calibration.errors.orientation]
     if set(mounted) != {"x y z"}:
@@ -172,10 +175,10 @@ def known_source_blocks(calibration: Calibration) -> list[Block]:
 
 
 def _common(found: KnownSource) -> Table:
-    turns = zip("xyz", to_degrees(found.rotation), to_degrees(found.rotation_standard_errors), strict=True)
+    turns = with_errors(to_degrees(found.rotation), to_degrees(found.rotation_standard_errors), 4)
     rows = [
         ["true baselines over stated", with_error(found.baseline_scale, found.baseline_scale_standard_error, 4)],
-        *([f"turn of the frame about {axis} (°)", with_error(float(v), float(e), 4)] for axis, v, e in turns),
+        *([f"turn of the frame about {axis} (°)", turn] for axis, turn in zip("xyz", turns, strict=True)),
         ["reduced χ²", number(found.reduced_chi_square)],
     ]
     return Table(["quantity", "value"], rows, _COMMON)
@@ -198,12 +201,83 @@ def _places(calibration: Calibration, found: KnownSource) -> Table:
     assert offsets is not None
     errors = found.axis_offsets_standard_errors_m
     rows = [
-        [f"{sensor + 1} {'xyz'[axis]}", *_millimetres(offsets[sensor, axis], errors[sensor, axis])]
+        [f"{sensor + 1} {'xyz'[axis]}", *with_errors(1e3 * offsets[sensor, axis], 1e3 * errors[sensor, axis], 2)]
         for sensor, axis in np.ndindex(*offsets.shape[:2])
     ]
     return Table(["sensor, axis", "x", "y", "z"], rows, _PLACES)
 
 
-def _millimetres(values: np.ndarray, errors: np.ndarray) -> list[str]:
-    pairs = zip(1e3 * values, 1e3 * errors, strict=True)
-    return [with_error(float(value), float(error), 2) for value, error in pairs]
+_KINDS = {kind.name: kind for kind in KINDS} | {"scale factor": KINDS[0]._replace(factor=1e6, sign="ppm")}
+"""Kinds of errors by name; changes of scale factors are told in ppm."""
+
+
+def update_sentences(update: Update) -> list[str]:
+    """Return where the prior came from, whether the data contradict it, and what moved, one sentence each."""
+    chance = f"χ² {number(update.chi_square)} for {update.freedom} degrees of freedom"
+    if update.rates is None:
+        return ["Prior: the tolerances that the array file states.", f"Data against tolerances: {chance}."]
+    verdict = "Data and prior agree" if not update.moved else "The data contradict the prior"
+    return [
+        f"Prior: {update.prior}, {age_in_words(update.elapsed_s)}; {_warming(update)}.",
+        f"{verdict}: {chance}.",
+        *(_told(list(parts)) for _, parts in groupby(update.moved, key=_change_of)),
+    ]
+
+
+_SHARES = (
+    "Share of the recording in the knowledge of each parameter: one minus the ratio of the variances after and before. "
+    "The rest comes from the prior."
+)
+
+
+def update_blocks(update: Update) -> list[Block]:
+    """Return where the prior came from, what moved since, and what the data tell of each parameter."""
+    first, *others = update_sentences(update)
+    rows = [
+        [name, *("–" if np.isnan(share) else f"{100 * share:.0f} %" for share in update.data_share[:, index].tolist())]
+        for index, name in enumerate(PARAMETER_NAMES)
+    ]
+    sensors = [f"sensor {sensor + 1}" for sensor in range(len(update.data_share))]
+    told = [Text(words, "doubt" if update.moved else "good") for words in others]
+    return [Text(first), *told, Table(["parameter", *sensors], rows, _SHARES)]
+
+
+def age_in_words(elapsed_s: float | None) -> str:
+    """Return how old a prior is; of unknown age it counts as a day old."""
+    if elapsed_s is None:
+        return "of unknown age (one day assumed)"
+    days = elapsed_s / DAY_S
+    return f"{number(days)} days old" if days >= 1 else f"{number(24 * days)} h old"
+
+
+def _warming(update: Update) -> str:
+    if update.warming_K is None:
+        return "temperatures unknown, assumed equal"
+    return f"warmer by {number(update.warming_K)} K since"
+
+
+def _change_of(moved: Moved) -> tuple[str, int, float | None]:
+    """Return what a part of a change is of: kind, sensor, and since when."""
+    return *(moved.together or (moved.kind, moved.sensor)), moved.since_s
+
+
+def _told(parts: list[Moved]) -> str:
+    """Return the sentence of what moved in one piece."""
+    moved, kind, sensor = parts[0], *(parts[0].together or (parts[0].kind, parts[0].sensor))
+    words = f"The {in_words(kind, sensor)} moved"
+    if moved.together is None:
+        words += f" by {_change(moved)}"
+    elif len(parts) <= 8:  # of more the table of errors says more
+        words += " together: " + "; ".join(f"{in_words(part.kind, part.sensor)} by {_change(part)}" for part in parts)
+    if moved.since_s is not None:
+        words += f", at {moved.since_s:.1f} s of the recording; the calibration is that of the sensors since then"
+    if moved.rivals:
+        others = join([f"the {in_words(*rival)}" for rival in moved.rivals])
+        words += f"; with probability {number(1 - moved.probability, 2)} it was {others}"
+    return f"{words}. It was estimated again."
+
+
+def _change(moved: Moved) -> str:
+    kind = _KINDS[moved.kind]
+    values = with_errors(kind.factor * moved.change, kind.factor * moved.standard_errors, 2)
+    return f"{', '.join(values)} {kind.sign} ({' '.join(kind.axes)})"

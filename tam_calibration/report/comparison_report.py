@@ -1,6 +1,6 @@
 """The report on a comparison: what the simulation has otherwise than the recording, drawn, and the mend to copy."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib
@@ -20,7 +20,7 @@ from tam_calibration.report.blocks import Block, Code, Points, Section, Table, T
 from tam_calibration.report.comparison_rows import axis_name
 from tam_calibration.report.formatting import count, number
 from tam_calibration.report.gap_cause_plots import SHADES, GapView, cell_means, draw_means
-from tam_calibration.report.page import embed, sections_of, write_page
+from tam_calibration.report.page import embed, write_page
 from tam_calibration.report.recording_plots import Panel, plot_distributions
 from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR, MISSING_COLOR, PAGE_WIDTH_INCH, QUIET_COLOR, STYLE
 from tam_calibration.results.comparison_json import Sources, mend_in_texts
@@ -147,14 +147,14 @@ def plot_histograms(simulation: Side, recording: Side, row: int, name: str) -> F
     return plot_distributions(drawn, f"residual of {name}, in noise floors of the recording")
 
 
-def verdict_section(comparison: Comparison) -> Section:
+def _verdict(comparison: Comparison) -> list[Block]:
     """Return the verdict, the simulator's gross mistakes, and what to do."""
     next_words = Text(comparison_rows.next_words(comparison))
     blocks = [*comparison_rows.verdict_blocks(comparison), next_words]
     if comparison.simulation is not None and comparison.recording is not None:
         header = ("", "simulation", "recording")
         blocks.append(Table(header, _side_rows(comparison.simulation, comparison.recording)))
-    return Section("Verdict", blocks)
+    return blocks
 
 
 def _side_rows(simulation: Side, recording: Side) -> list[list[str]]:
@@ -168,18 +168,18 @@ def _side_rows(simulation: Side, recording: Side) -> list[list[str]]:
     ]
 
 
-def differences_section(comparison: Comparison) -> Section | None:
-    """Return the effects that one side lacks or has otherwise, with parameters; None where nothing was compared."""
+def _differences(comparison: Comparison) -> list[Block]:
+    """Return the effects that one side lacks or has otherwise, with parameters; nothing where nothing was compared."""
     if comparison.recording is None:
-        return None
-    nothing = [Text("No effect is in one of the two and not, or otherwise, in the other.")]
-    return Section("What differs", comparison_rows.difference_blocks(comparison) or nothing)
+        return []
+    nothing: list[Block] = [Text("No effect is in one of the two and not, or otherwise, in the other.")]
+    return comparison_rows.difference_blocks(comparison) or nothing
 
 
-def noise_section(comparison: Comparison) -> Section | None:
-    """Return the noise of both; None where nothing was compared."""
+def _noise(comparison: Comparison) -> list[Block]:
+    """Return the noise of both; nothing where nothing was compared."""
     if not comparison.noise:
-        return None
+        return []
     words, table = comparison_rows.noise_blocks(comparison)
     caption = "Noise of all axes by frequency, with 95 % intervals; what differs is shaded"
     seen = [
@@ -188,18 +188,18 @@ def noise_section(comparison: Comparison) -> Section | None:
         "When they are the same: the bands overlap at all frequencies.",
     ]
     picture = embed(plot_noise(comparison.noise), "Noise of all axes", caption)
-    return Section("Noise", [words, picture, Points(seen), table])
+    return [words, picture, Points(seen), table]
 
 
-def residuals_section(comparison: Comparison) -> Section | None:
-    """Return the residuals of both over direction and by size; None where nothing was compared."""
+def _residuals(comparison: Comparison) -> list[Block]:
+    """Return the residuals of both over direction and by size; nothing where nothing was compared."""
     simulation, recording = comparison.simulation, comparison.recording
     if simulation is None or recording is None:
-        return None
+        return []
     row = row_to_draw(simulation, recording)
     name = GapView(recording.gap).row_name(row)
     sides = simulation, recording, row, name
-    blocks: list[Block] = [
+    return [
         Text(
             f"What a calibration of each leaves of its own readings, for {name}, the row in which the two differ most. "
             "Paths may differ: each residual is that of its own run."
@@ -214,55 +214,35 @@ def residuals_section(comparison: Comparison) -> Section | None:
             ]
         ),
     ]
-    return Section("Residuals", blocks)
 
 
-def closing_section(comparison: Comparison) -> Section | None:
-    """Return how far the mend closes the gap, and what stays open; None where there is no gap."""
-    blocks = comparison_rows.closing_blocks(comparison)
-    return Section("How far the mend closes the gap", blocks) if blocks else None
-
-
-def figures_section(comparison: Comparison) -> Section | None:
-    """Return every figure of the simulation beside that of the recording; None where there are none."""
+def _figures(comparison: Comparison) -> list[Block]:
+    """Return every figure of the simulation beside that of the recording."""
     if not comparison.figures:
-        return None
+        return []
     about = Text(
         "Scale factors, non-orthogonality, biases and misalignment are what a calibration removes: that they differ is "
         "stated, and is no difference of the simulation."
     )
-    return Section("Side by side", [about, *comparison_rows.figure_tables(comparison)])
+    return [about, *comparison_rows.figure_tables(comparison)]
 
 
 _COMMAND = "tam simulate --from-comparison mend.yaml --recording SIMULATION -o mended.csv"
 
 
-def mend_section(comparison: Comparison) -> Section | None:
-    """Return what to write into the simulator, to copy; None where nothing was compared or all is the same."""
+def _mend(comparison: Comparison) -> list[Block]:
+    """Return what to write into the simulator, to copy; nothing where nothing was compared or all is the same."""
     mend = comparison.mend
     if mend is None or comparison.verdict == "same":
-        return None
+        return []
     texts = mend_in_texts(mend)
-    blocks: list[Block] = [
+    return [
         Text("One click selects a block. Gazebo holds noise, biases and steps; the rest is in the last two."),
         Code(texts["sdf"], "Gazebo: the <sensor> elements of the SDF"),
         Code(texts["plugin"], "Python: what a plugin does sample by sample"),
         Code(dump_mapping(texts["parameters"]), "mend.yaml: the parameters, as tam compare --mend writes them"),
         Code(_COMMAND, "The run of the simulation with all of the mend"),
     ]
-    return Section("The mend, to copy", blocks)
-
-
-SECTIONS: tuple[Callable[[Comparison], Section | None], ...] = (
-    verdict_section,
-    differences_section,
-    noise_section,
-    residuals_section,
-    closing_section,
-    figures_section,
-    mend_section,
-)
-"""Sections in reading order."""
 
 
 def write_comparison_report(path: Path, comparison: Comparison, sources: Sources) -> None:
@@ -283,7 +263,16 @@ def write_comparison_report(path: Path, comparison: Comparison, sources: Sources
         When the file cannot be written.
     """
     subtitle = f"simulation: {_named(sources.simulation)} | recording: {_named(sources.recording)}"
-    write_page(path, "The simulation and the recording", subtitle, sections_of(SECTIONS, comparison))
+    sections = [
+        Section("Verdict", _verdict(comparison)),
+        Section("What differs", _differences(comparison)),
+        Section("Noise", _noise(comparison)),
+        Section("Residuals", _residuals(comparison)),
+        Section("How far the mend closes the gap", comparison_rows.closing_blocks(comparison)),
+        Section("Side by side", _figures(comparison)),
+        Section("The mend, to copy", _mend(comparison)),
+    ]
+    write_page(path, "The simulation and the recording", subtitle, sections)
 
 
 def _named(source: Provenance | None) -> str:

@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from tam_calibration.model.units import to_degrees, to_nanotesla
+from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _UNKNOWN = "–"
@@ -106,6 +106,12 @@ def with_error(value: float, standard_error: float, decimals: int) -> str:
     exponent = int(f"{standard_error:.1e}".split("e")[1])
     decimals = max(0, 1 - exponent)
     return f"{fixed(value, decimals)} ± {fixed(standard_error, decimals)}"
+
+
+def with_errors(values: FloatArray, standard_errors: FloatArray, decimals: int) -> list[str]:
+    """Format each of some values (n,) as `with_error` does."""
+    pairs = zip(values.tolist(), standard_errors.tolist(), strict=True)
+    return [with_error(value, error, decimals) for value, error in pairs]
 
 
 def ratio(value: float) -> str:

@@ -1,6 +1,5 @@
 """The report on a gap, in the order of its questions: whether there is one, where, why, how far it shrinks."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 from tam_calibration.correction.calibration import Provenance
@@ -11,21 +10,21 @@ from tam_calibration.report.blocks import Block, Points, Section, Text
 from tam_calibration.report.formatting import count, sentence
 from tam_calibration.report.gap_cause_plots import GapView, plot_dependence, plot_evidence, plot_sphere
 from tam_calibration.report.gap_residual_plots import plot_course, plot_histogram, plot_map, plot_spectrum, plot_time
-from tam_calibration.report.page import figure_blocks, sections_of, write_page
+from tam_calibration.report.page import figure_blocks, write_page
 from tam_calibration.report.signature_rows import law_sentence, signature_blocks
 
 
-def checks_section(view: GapView) -> Section | None:
-    """Return the statistics of the residual with the causes and their ranges in noise; None without a verdict."""
+def checks_blocks(view: GapView) -> list[Block]:
+    """Return the statistics of the residual with the causes and their ranges in noise; none without a verdict."""
     checks = view.gap.checks
     if checks is None:
-        return None
+        return []
     compared = "With its causes the recording would look like its simulated twin, which has noise alone"
     if not checks.sentences:
         words = f"{compared}, and so it does: every statistic of every axis is in the range of noise."
-        return Section("Against the simulated twin", [Text(words, "good")])
+        return [Text(words, "good")]
     words = f"{compared}, if nothing else were in it. It does not:"
-    return Section("Against the simulated twin", [Text(words), Points(checks.sentences)])
+    return [Text(words), Points(checks.sentences)]
 
 
 _TERMS = (
@@ -41,21 +40,14 @@ _TERMS = (
 )
 
 
-def verdict_section(view: GapView) -> Section:
-    """Return whether there is a gap, and how large it is."""
-    return Section("Verdict", [*gap_rows.verdict_blocks(view.gap), Text("Words of this page:"), Points(_TERMS)])
-
-
-def where_section(view: GapView) -> Section | None:
-    """Return the sensors, axes, times and directions of the gap; None without a verdict."""
-    if view.gap.verdict == "not_identifiable":
-        return None
+def _where(view: GapView) -> list[Block]:
+    """Return the sensors, axes, times and directions of the gap."""
     row = view.rows[0]
     name = view.row_name(row)
     words = gap_rows.where_words(view.gap.where, view.sensor_count)
     found = f"The gap lies in: {words}." if view.gap.where.sensors else "No place stands out."
     band = "" if view.gap.where.frequency_hz is None else "; the band of the gap is shaded"
-    blocks: list[Block] = [
+    return [
         Text(f"{found} This was found without assuming a cause. Figures of one axis show {name}, the largest there."),
         *figure_blocks(
             plot_map(view),
@@ -82,14 +74,11 @@ def where_section(view: GapView) -> Section | None:
             "flat lines near the dashed one. A slope says that the residual goes with that quantity, not yet why.",
         ),
     ]
-    return Section("Where it lies", blocks)
 
 
-def causes_section(view: GapView) -> Section | None:
-    """Return the causes, ranked, with their parameters; None without a verdict."""
+def _causes(view: GapView) -> list[Block]:
+    """Return the causes, ranked, with their parameters."""
     gap = view.gap
-    if gap.verdict == "not_identifiable":
-        return None
     blocks = figure_blocks(
         plot_evidence(gap),
         "What can be the cause",
@@ -98,17 +87,14 @@ def causes_section(view: GapView) -> Section | None:
         "“no gap” would have the longest bar.",
     )
     if not gap.causes:
-        return Section("Causes", [Text("No effect of the library is supported by these data."), *blocks])
-    return Section("Causes, ranked", [*blocks, *gap_rows.cause_blocks(gap, view.sensor_count)])
+        return [Text("No effect of the library is supported by these data."), *blocks]
+    return [*blocks, *gap_rows.cause_blocks(gap, view.sensor_count)]
 
 
-def shrinkage_section(view: GapView) -> Section | None:
-    """Return how far the gap shrinks with the causes added; None without a verdict."""
-    gap = view.gap
-    if gap.verdict == "not_identifiable":
-        return None
+def _shrinkage(view: GapView) -> list[Block]:
+    """Return how far the gap shrinks with the causes added."""
     blocks: list[Block] = []
-    shaded = "" if gap.where.time_s is None else "; the span of the gap is shaded"
+    shaded = "" if view.gap.where.time_s is None else "; the span of the gap is shaded"
     for row in view.rows:
         blocks += figure_blocks(
             plot_time(view, row),
@@ -122,26 +108,18 @@ def shrinkage_section(view: GapView) -> Section | None:
         "how often the residual has which size; what lies further out is counted in the outermost bins.",
         "all lines would follow the dashed one. Broad shoulders are a slow or large effect, far tails are outliers.",
     )
-    return Section("How far it shrinks" if gap.causes else "The residuals", blocks)
+    return blocks
 
 
-def considered_section(view: GapView) -> Section | None:
-    """Return the effects that were tried and have no evidence; None where there are none."""
-    others = [each for each in view.gap.considered if each.status != "supported"]
-    if not others:
-        return None
+def _considered(gap: Gap) -> list[Block]:
+    """Return the effects that were tried and have no evidence."""
+    others = [each for each in gap.considered if each.status != "supported"]
     words = Text("These were tried, or could not be, and are no cause as far as these data tell.")
-    return Section("What explained nothing", [words, gap_rows.hypotheses(others)])
+    return [words, gap_rows.hypotheses(others)] if others else []
 
 
-def next_recording_section(view: GapView) -> Section | None:
-    """Return what to record next; None where there is nothing to ask for."""
-    words = view.gap.next_recording
-    return Section("What to record next", [Text(sentence(words))]) if words else None
-
-
-def signature_section(view: GapView) -> Section | None:
-    """Return what the gap does, where and when, and what could do that; None without a law."""
+def _signature(view: GapView) -> list[Block]:
+    """Return what the gap does, where and when, and what could do that; nothing without a law."""
     blocks = list(signature_blocks(view.gap, view.sensor_count))
     for law in view.gap.signature:
         if law.curve is not None:
@@ -155,20 +133,7 @@ def signature_section(view: GapView) -> Section | None:
         size = f" In nature: {cause.size}." if cause.size else ""
         title = f"{cause.title[:1].upper()}{cause.title[1:]}. {cause.physics}"
         blocks.append(Text(f"{title}{size} To prove it: {cause.proof}. Then: {cause.remedy}."))
-    return Section("What the gap does", blocks) if blocks else None
-
-
-SECTIONS: tuple[Callable[[GapView], Section | None], ...] = (
-    signature_section,
-    verdict_section,
-    where_section,
-    causes_section,
-    shrinkage_section,
-    checks_section,
-    considered_section,
-    next_recording_section,
-)
-"""Sections in reading order."""
+    return blocks
 
 
 def write_gap_report(path: Path, gap: Gap, source: Provenance | None = None) -> None:
@@ -189,7 +154,28 @@ def write_gap_report(path: Path, gap: Gap, source: Provenance | None = None) -> 
         When the file cannot be written.
     """
     view = GapView(gap)
-    write_page(path, "The gap between recording and simulation", _subtitle(view, source), sections_of(SECTIONS, view))
+    verdict = [*gap_rows.verdict_blocks(gap), Text("Words of this page:"), Points(_TERMS)]
+    sections = [
+        Section("What the gap does", _signature(view)),
+        Section("Verdict", verdict),
+        *(_found_sections(view) if gap.verdict != "not_identifiable" else ()),
+        Section("Against the simulated twin", checks_blocks(view)),
+        Section("What explained nothing", _considered(gap)),
+        Section("What to record next", [Text(sentence(gap.next_recording))] if gap.next_recording else []),
+    ]
+    write_page(path, "The gap between recording and simulation", _subtitle(view, source), sections)
+
+
+def _found_sections(view: GapView) -> list[Section]:
+    """Return where the gap lies, what causes it, and how far it shrinks."""
+    causes, shrinkage = "Causes", "The residuals"
+    if view.gap.causes:
+        causes, shrinkage = "Causes, ranked", "How far it shrinks"
+    return [
+        Section("Where it lies", _where(view)),
+        Section(causes, _causes(view)),
+        Section(shrinkage, _shrinkage(view)),
+    ]
 
 
 def _subtitle(view: GapView, source: Provenance | None) -> str:

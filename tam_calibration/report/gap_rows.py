@@ -33,9 +33,16 @@ def summary_blocks(gap: Gap) -> list[Block]:
             )
         )
     blocks += [Text(f"{cause.fitted.effect}: {_in_short(cause, sensor_count)}.") for cause in gap.causes]
-    if gap.remainder:
-        blocks.append(Text(f"What no cause explains: {gap.remainder}", "doubt"))
-    return [*blocks, Text(f"Next recording: {sentence(gap.next_recording)}")] if gap.next_recording else blocks
+    return [*blocks, *_remainder(gap), *next_blocks(gap)]
+
+
+def next_blocks(gap: Gap) -> list[Block]:
+    """Return what to record next, where there is something."""
+    return [Text(f"Next recording: {sentence(gap.next_recording)}")] if gap.next_recording else []
+
+
+def _remainder(gap: Gap) -> list[Block]:
+    return [Text(f"What no cause explains: {gap.remainder}", "doubt")] if gap.remainder else []
 
 
 def _in_short(cause: Cause, sensor_count: int) -> str:
@@ -56,9 +63,7 @@ def size_blocks(gap: Gap) -> list[Block]:
         blocks.append(_noise_table(gap.noise))
     if gap.causes:
         blocks.append(Text(sentence(closed_words(gap.size))))
-    if gap.remainder:
-        blocks.append(Text(f"What no cause explains: {gap.remainder}", "doubt"))
-    return blocks + [Text(words) for words in (*set_words(gap), *unseen_words(gap))]
+    return [*blocks, *_remainder(gap), *map(Text, (*set_words(gap), *unseen_words(gap)))]
 
 
 def cause_blocks(gap: Gap, sensor_count: int) -> list[Block]:

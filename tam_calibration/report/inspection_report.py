@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from tam_calibration.recordings.inspection_result import InspectedChannel, InspectedTable, Inspection
 from tam_calibration.report.blocks import Block, Code, Image, Points, Section, Table, Text
 from tam_calibration.report.inspection_rows import HEADER, headline, rows_of
-from tam_calibration.report.page import embed, sections_of, write_page
+from tam_calibration.report.page import embed, write_page
 from tam_calibration.report.recording_plots import time_axis
 from tam_calibration.report.style import COLORS, PAGE_WIDTH_INCH, STYLE
 
@@ -17,27 +17,17 @@ _MOST_CHANNELS = 200
 """Channels that are drawn: a page of more takes a minute to draw, and a browser as long to show."""
 
 
-def choice_section(found: Inspection) -> Section:
+def _choice(found: Inspection) -> list[Block]:
     """Return what would be taken for what, and what is ambiguous."""
     certain = "A choice can be made." if found.is_certain else "The choice has to be settled in a map:"
     blocks: list[Block] = [Text(certain, "good" if found.is_certain else "doubt")]
     blocks += [Points(points) for points in (found.doubts, found.remarks) if points]
     if found.reasons:
         blocks += [Text("What is taken for what, and why:"), Points(found.reasons)]
-    return Section("Choice", [*blocks, Code(found.map_yaml(), "The map, to be edited and given with --map.")])
+    return [*blocks, Code(found.map_yaml(), "The map, to be edited and given with --map.")]
 
 
-def oddities_section(found: Inspection) -> Section:
-    """Return what is odd."""
-    return Section("What is odd", [Points(found.oddities) if found.oddities else Text("Nothing.", "good")])
-
-
-def content_section(found: Inspection) -> Section:
-    """Return what the recording contains."""
-    return Section("Content", [Table(HEADER, list(rows_of(found, most=_MOST_CHANNELS)), numeric=False)])
-
-
-def time_section(found: Inspection) -> Section | None:
+def _over_time(found: Inspection) -> list[Block]:
     """Return every channel over time."""
     blocks: list[Block] = [
         Text(
@@ -54,7 +44,7 @@ def time_section(found: Inspection) -> Section | None:
     drawn = _MOST_CHANNELS - left
     if drawn < (whole := sum(len(table.channels) for table in found.tables)):
         blocks.append(Text(f"{drawn} of {whole} channels are drawn."))
-    return Section("Over time", blocks) if drawn else None
+    return blocks if drawn else []
 
 
 @matplotlib.rc_context(STYLE)
@@ -76,10 +66,6 @@ def _picture(table: InspectedTable, channels: list[InspectedChannel]) -> Image:
     return embed(figure, title, title)
 
 
-SECTIONS = (choice_section, oddities_section, content_section, time_section)
-"""In the order in which they are read."""
-
-
 def write_inspection_report(path: Path, found: Inspection) -> None:
     """Write a self-contained HTML page about what a recording contains.
 
@@ -95,4 +81,10 @@ def write_inspection_report(path: Path, found: Inspection) -> None:
     InputError
         When the file cannot be written.
     """
-    write_page(path, "Inspection report", headline(found), sections_of(SECTIONS, found))
+    sections = [
+        Section("Choice", _choice(found)),
+        Section("What is odd", [Points(found.oddities) if found.oddities else Text("Nothing.", "good")]),
+        Section("Content", [Table(HEADER, list(rows_of(found, most=_MOST_CHANNELS)), numeric=False)]),
+        Section("Over time", _over_time(found)),
+    ]
+    write_page(path, "Inspection report", headline(found), sections)

@@ -1,17 +1,15 @@
 """One self-contained HTML page made of sections, each a title and blocks.
 
-A report lists its sections in a tuple ``SECTIONS``, in the order in which they are read: functions that take what the
-report is about and return a ``Section``, or None where there is nothing to tell.
+A report lists its sections in the order in which they are read; one without blocks is left out.
 
 Jinja2 writes it because it escapes every text by itself, so that no file name can break or inject into a page.
 """
 
 import base64
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
-from typing import TypeVar
 
 import matplotlib
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -19,21 +17,6 @@ from matplotlib.figure import Figure
 
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.report.blocks import Block, Image, Points, Section
-
-About = TypeVar("About")
-
-
-def sections_of(makers: Sequence[Callable[[About], Section | None]], about: About) -> list[Section]:
-    """Return the sections that the ``SECTIONS`` of a report make of what it is about.
-
-    Parameters
-    ----------
-    makers : sequence of callable
-        Each takes what the report is about, and returns a section or None.
-    about : object
-        What the report is about, such as a ``GapView``.
-    """
-    return [section for make in makers if (section := make(about)) is not None]
 
 
 def write_page(path: Path, title: str, subtitle: str, sections: Sequence[Section]) -> None:
@@ -46,14 +29,14 @@ def write_page(path: Path, title: str, subtitle: str, sections: Sequence[Section
     title, subtitle : str
         Plain text.
     sections : sequence of Section
-        In the order in which they are read.
+        In the order in which they are read; those without blocks are left out.
 
     Raises
     ------
     InputError
         When the file cannot be written.
     """
-    page = render(title, subtitle, sections)
+    page = render(title, subtitle, [section for section in sections if section.blocks])
     with write_whole(path) as part:
         part.write_text(page, encoding="utf-8")
 

@@ -1,6 +1,10 @@
-"""The page on where a source is: maps in plan and profile with error ellipses, and the spectrum of an alternation."""
+"""The pages of ``tam locate``: where a source is, and what survey lines show.
 
-from collections.abc import Callable
+That of a source has maps in plan and profile with error ellipses, and the spectrum of an alternation; that of lines a
+map with the targets, and what each line shows along its way.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,12 +15,14 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
 from tam_calibration.localization.survey import ARRAY_FRAME, Survey
-from tam_calibration.model.units import FloatArray, to_degrees
-from tam_calibration.report.blocks import Points, Section
+from tam_calibration.localization.target import Target
+from tam_calibration.localization.targets import SurveyLine
+from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
+from tam_calibration.report.blocks import Block, Points, Section, Text
 from tam_calibration.report.formatting import count, fixed
-from tam_calibration.report.page import embed, sections_of, write_page
+from tam_calibration.report.page import embed, write_page
 from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR, FLOOR_COLOR, PAGE_WIDTH_INCH, QUIET_COLOR, STYLE
-from tam_calibration.report.survey_rows import sample_blocks, source_blocks, statements
+from tam_calibration.report.survey_rows import sample_blocks, source_blocks, statements, target_table, targets_answer
 from tam_calibration.sources.demodulation import Spectrum
 
 _VIEWS = (((0, 1), "plan"), ((0, 2), "profile"), ((1, 2), "profile"))
@@ -27,25 +33,17 @@ _NINETY_FIVE = np.sqrt(5.991)
 
 @dataclass(frozen=True, eq=False)
 class _Window:
-    """What is shown: a square about a point, in metres from the frame's origin or in millimetres from the point."""
+    """What is shown: a square about a point, in a unit of which a metre has ``scale``, from an origin."""
 
     middle_m: FloatArray
     half_m: float
-    is_magnified: bool = False
-
-    @property
-    def unit(self) -> str:
-        """Of the axes."""
-        return "mm from the source" if self.is_magnified else "m"
+    origin_m: FloatArray | float = 0.0
+    scale: float = 1.0
+    unit: str = "m"
 
     def shown(self, points_m: FloatArray) -> FloatArray:
         """Return points (…, 3) as they are drawn."""
-        return 1e3 * (points_m - self.middle_m) if self.is_magnified else points_m
-
-    @property
-    def scale(self) -> float:
-        """Of the axes, in their unit for each metre."""
-        return 1e3 if self.is_magnified else 1.0
+        return self.scale * (points_m - self.origin_m)
 
 
 @matplotlib.rc_context(STYLE)
@@ -125,7 +123,7 @@ def _windows(survey: Survey) -> list[_Window]:
     axis = _NINETY_FIVE * float(np.sqrt(np.linalg.eigvalsh(overall.position_covariance_m2)[-1]))
     return [
         _Window((nearest + overall.position_m) / 2, 0.8 * float(distances.min())),
-        _Window(overall.position_m, 8.0 * axis, is_magnified=True),
+        _Window(overall.position_m, 8.0 * axis, overall.position_m, 1e3, "mm from the source"),
     ]
 
 
@@ -143,30 +141,20 @@ _MAGNIFIED = "Below, magnified, the source of all samples together among those o
 _SPECTRUM = "Power of all readings over that of their noise, background taken off; dashed what chance reaches."
 
 
-def where_section(survey: Survey) -> Section:
+def _where(survey: Survey) -> list[Block]:
     """Return the map of the source, and where it is in numbers and words."""
     caption = _MAP if survey.overall is None else _MAP + _MAGNIFIED
     picture = embed(plot_survey_map(survey), "Map of the source in plan and profile", caption)
-    return Section("Where the source is", [*source_blocks(survey), picture, Points(statements(survey))])
+    return [*source_blocks(survey), picture, Points(statements(survey))]
 
 
-def spectrum_section(survey: Survey) -> Section | None:
+def _spectrum(survey: Survey) -> list[Block]:
     """Return the spectrum in which the frequency of an alternating source was found."""
     if survey.line is None or survey.line.spectrum is None:
-        return None
+        return []
     figure = plot_source_spectrum(survey.line.spectrum, survey.line.frequency_hz)
     words = f"Spectrum of the readings with a line at {fixed(survey.line.frequency_hz, 4)} Hz"
-    return Section("Spectrum", [embed(figure, words, _SPECTRUM)])
-
-
-def samples_section(survey: Survey) -> Section | None:
-    """Return where single samples see the source."""
-    blocks = sample_blocks(survey)
-    return Section("Samples", blocks) if blocks else None
-
-
-SECTIONS: tuple[Callable[[Survey], Section | None], ...] = (where_section, spectrum_section, samples_section)
-"""In the order in which they are read."""
+    return [embed(figure, words, _SPECTRUM)]
 
 
 def write_survey_report(path: Path, survey: Survey, recording_name: str) -> None:
@@ -187,4 +175,85 @@ def write_survey_report(path: Path, survey: Survey, recording_name: str) -> None
         When the file cannot be written.
     """
     subtitle = f"{recording_name}, {count(len(survey.time_s))} {'poses' if survey.line else 'samples'}"
-    write_page(path, "Source report", subtitle, sections_of(SECTIONS, survey))
+    sections = [
+        Section("Where the source is", _where(survey)),
+        Section("Spectrum", _spectrum(survey)),
+        Section("Samples", sample_blocks(survey)),
+    ]
+    write_page(path, "Source report", subtitle, sections)
+
+
+_LINES = "Lines and targets in plan, with ellipses that hold 95 %; an extended target is drawn as a square."
+_COURSE = (
+    "Along the line: intensity less its median, the square root of the gradient tensor's contraction, and "
+    "the root mean square of the residuals over the noise, which is near 1 where the targets explain the readings. "
+    "Dotted: targets."
+)
+
+
+@matplotlib.rc_context(STYLE)
+def _plot_lines(lines: Sequence[SurveyLine], targets: Sequence[Target]) -> Figure:
+    """Draw lines and targets in plan, east and north."""
+    figure = Figure(figsize=(PAGE_WIDTH_INCH, 3.6), layout="constrained")
+    axes = figure.subplots()
+    for line in lines:
+        axes.plot(*line.center_m[:, :2].T, color=FLOOR_COLOR, linewidth=1.0)
+    for number, target in enumerate(targets, 1):
+        place = float(target.position_m[0]), float(target.position_m[1])
+        axes.plot(*place, "s" if target.is_extended else "x", color=BEFORE_COLOR, fillstyle="none")
+        axes.annotate(str(number), place, xytext=(4, 4), textcoords="offset points", fontsize=8)
+        axes.add_patch(error_ellipse(target.position_m[:2], target.position_covariance_m2[:2, :2], BEFORE_COLOR, 1.2))
+    axes.set(xlabel="x, east (m)", ylabel="y, north (m)", aspect="equal")
+    axes.set_adjustable("datalim")
+    return figure
+
+
+@matplotlib.rc_context(STYLE)
+def _plot_course(line: SurveyLine) -> Figure:
+    """Draw the anomaly, the invariant of the gradient and what is left along a line."""
+    figure = Figure(figsize=(PAGE_WIDTH_INCH, 4.6), layout="constrained")
+    panels: Sequence[Axes] = figure.subplots(3, 1, sharex=True)
+    courses = (
+        (to_nanotesla(line.intensity_T - np.median(line.intensity_T)), "intensity (nT)", "linear"),
+        (to_nanotesla(line.contraction_T_per_m), "gradient (nT/m)", "log"),
+        (line.left, "residual / noise", "linear"),
+    )
+    passed = [line.along_m[np.argmin(np.linalg.norm(line.center_m - each.position_m, axis=1))] for each in line.targets]
+    for axes, (values, label, scale) in zip(panels, courses, strict=True):
+        axes.plot(line.along_m, values, color=AFTER_COLOR, linewidth=0.8)
+        axes.set(ylabel=label, yscale=scale)
+        for way in passed:
+            axes.axvline(way, color=BEFORE_COLOR, linestyle=":", linewidth=0.8)
+    panels[-1].set_xlabel("way along the line (m)")
+    return figure
+
+
+def write_targets_report(
+    path: Path, lines: Sequence[SurveyLine], targets: Sequence[Target], names: Sequence[str]
+) -> None:
+    """Write a self-contained HTML page on survey lines.
+
+    Parameters
+    ----------
+    path : Path
+        File to write; nothing is left there when writing fails.
+    lines : sequence of SurveyLine
+        The lines.
+    targets : sequence of Target
+        Of all lines together.
+    names : sequence of str
+        Of the recordings, in the order of the lines.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written.
+    """
+    blocks = [target_table(targets)] if targets else []
+    picture = embed(_plot_lines(lines, targets), "Map of the lines and their targets", _LINES)
+    sections = [Section("Targets", [*blocks, picture])]
+    for line, name in zip(lines, names, strict=True):
+        notes = [Text(f"{line.note[0].upper()}{line.note[1:]}.")] if line.note else []
+        course = embed(_plot_course(line), f"Course along the line {name}", _COURSE)
+        sections.append(Section(name, [*notes, course]))
+    write_page(path, "Survey lines", targets_answer(targets), sections)

@@ -1,17 +1,20 @@
-"""A survey as rows of text, for the page and for the terminal."""
+"""A survey, and the targets of survey lines, as rows of text, for the page and for the terminal."""
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from tam_calibration.localization.survey import Overall, Survey, standard_errors
+from tam_calibration.localization.target import Target
 from tam_calibration.model.units import FloatArray, to_nanotesla
 from tam_calibration.report.blocks import Block, Table
-from tam_calibration.report.formatting import count, number, with_error
+from tam_calibration.report.formatting import count, number, with_error, with_errors
 
 MOST_ROWS = 20
 """Samples that are shown; of more, some from the first to the last."""
 
 
-def answer(survey: Survey) -> str:
+def survey_answer(survey: Survey) -> str:
     """Return where the source is and how strong, in one line."""
     located, total = int(survey.solutions.is_located.sum()), len(survey.time_s)
     some = f"located in {count(located)} of {count(total)} samples by themselves"
@@ -39,7 +42,7 @@ def sample_blocks(survey: Survey, most: int = MOST_ROWS) -> list[Block]:
     rows = [
         [
             number(float(survey.time_s[index] - survey.time_s[0]), 4),
-            *_values(survey.solutions.position_m[index], survey.position_standard_errors_m[index]),
+            *with_errors(survey.solutions.position_m[index], survey.position_standard_errors_m[index], 3),
             number(float(distance[index])),
             _size(moments[index], spreads[index]),
         ]
@@ -52,8 +55,8 @@ def sample_blocks(survey: Survey, most: int = MOST_ROWS) -> list[Block]:
 
 def _overall_rows(overall: Overall) -> list[list[str]]:
     """Return rows of position, moment and fit of the source of all samples."""
-    position = _values(overall.position_m, standard_errors(overall.position_covariance_m2))
-    moment = _values(overall.moment_Am2, standard_errors(overall.moment_covariance_A2m4))
+    position = with_errors(overall.position_m, standard_errors(overall.position_covariance_m2), 3)
+    moment = with_errors(overall.moment_Am2, standard_errors(overall.moment_covariance_A2m4), 3)
     size = _size(overall.moment_Am2, overall.moment_covariance_A2m4)
     return [
         ["position (m)", *position, number(float(np.linalg.norm(overall.position_m)))],
@@ -83,10 +86,33 @@ def statements(survey: Survey) -> list[str]:
     return words
 
 
-def _values(values: FloatArray, errors: FloatArray) -> list[str]:
-    return [with_error(float(value), float(error), 3) for value, error in zip(values, errors, strict=True)]
-
-
 def _size(vector: FloatArray, covariance: FloatArray) -> str:
     size = float(np.linalg.norm(vector))
     return with_error(size, float(np.sqrt(vector @ covariance @ vector)) / size, 3)
+
+
+def targets_answer(targets: Sequence[Target]) -> str:
+    """Return what a line shows, in one line."""
+    if not targets:
+        return "No target is seen along the line."
+    extended = sum(each.is_extended for each in targets)
+    of_them = f", {count(extended)} of them extended or too near for a dipole" if extended else ""
+    ending = "" if len(targets) == 1 else "s"
+    return f"{count(len(targets))} target{ending} along the line{of_them}."
+
+
+def target_table(targets: Sequence[Target]) -> Table:
+    """Return a table with a row for each target: place and moment ± standard errors, distance, and what it is."""
+    header = ("x (m)", "y (m)", "z (m)", "moment (A m²)", "distance (m)", "lines", "")
+    return Table(
+        header, [_target_row(each) for each in targets], "Places in the world of the attitude ± standard errors."
+    )
+
+
+def _target_row(target: Target) -> list[str]:
+    places = with_errors(target.position_m, standard_errors(target.position_covariance_m2), 3)
+    size = _size(target.moment_Am2, target.moment_covariance_A2m4)
+    what = "dipole"
+    if target.is_extended:
+        what = f"extended over {number(target.extent_m, 2)} m" if target.extent_m else "extended or too near"
+    return [*places, size, number(target.distance_m), count(target.lines), what]

@@ -7,14 +7,8 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from tam_calibration.correction.acceptance import beyond_limits
-from tam_calibration.correction.calibration import (
-    AmbientGradientEstimate,
-    Calibration,
-    EffectSize,
-    KnownSource,
-    Provenance,
-)
-from tam_calibration.correction.parts import Grade
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.correction.parts import AmbientGradientEstimate, EffectSize, Grade, KnownSource, Provenance
 from tam_calibration.effects.library import check_numbers
 from tam_calibration.files import quantities
 from tam_calibration.files.quantities import in_si
@@ -97,13 +91,7 @@ class ResidualsFile(Document):
 
     sensor_intensity_nT: list[_Size]
     center_intensity_nT: _Size
-    tensor_nT_per_m: tuple[
-        _Size,
-        _Size,
-        _Size,
-        _Size,
-        _Size,
-    ]
+    tensor_nT_per_m: tuple[_Size, _Size, _Size, _Size, _Size]
     tensor_rmse_nT_per_m: _Size
 
 
@@ -131,14 +119,7 @@ class _Recording(Document):
 
 class _OfOutputs(Document):
     field_nT: tuple[_Size, _Size, _Size]
-    gradient_nT_per_m: tuple[
-        _Size,
-        _Size,
-        _Size,
-        _Size,
-        _Size,
-        _Size,
-    ]
+    gradient_nT_per_m: tuple[_Size, _Size, _Size, _Size, _Size, _Size]
 
     def to_tesla(self) -> FloatArray:
         """Return the (9,) numbers in SI."""

@@ -1,10 +1,10 @@
-"""Sources and targets as the JSON of `tam locate`, and targets as CSV or GeoJSON (RFC 7946)."""
+"""The files of `tam locate`: JSON, targets as CSV or GeoJSON (RFC 7946), and a map of the field as netCDF."""
 
 import csv
 from collections.abc import Sequence
 from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.linalg import norm
@@ -14,9 +14,12 @@ from tam_calibration.localization.solutions import Status
 from tam_calibration.localization.survey import WORLD_FRAME, Overall, Survey, standard_errors
 from tam_calibration.localization.target import Target
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.units import FloatArray
+from tam_calibration.model.units import FloatArray, to_nanotesla
 from tam_calibration.recordings.navigation import geographic
 from tam_calibration.results.results_json import attributes
+
+if TYPE_CHECKING:
+    from tam_calibration.localization.field_map import FieldMap
 
 _CSV, _GEOJSON = ".csv", ".geojson"
 
@@ -109,6 +112,43 @@ def _geojson(rows: Sequence[dict[str, Any]]) -> str:
         for row in rows
     ]
     return to_json({"type": "FeatureCollection", "features": features})
+
+
+def write_map(path: Path, field: "FieldMap", origin: Origin | None = None) -> None:
+    """Write a map; with an origin its axes are latitude and longitude.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    field : FieldMap
+        The map.
+    origin : tuple of float, optional
+        Latitude and longitude, degrees, and height, metres, of the position 0, 0.
+    """
+    from scipy.io import netcdf_file
+
+    x, y = ("x", "x_m", "m", field.x_m), ("y", "y_m", "m", field.y_m)
+    if origin is not None:
+        places = np.zeros((len(field.x_m) + len(field.y_m), 3))
+        places[: len(field.x_m), 0], places[len(field.x_m) :, 1] = field.x_m, field.y_m
+        degrees = geographic(places, np.array(origin))
+        x = ("lon", "longitude", "degrees_east", degrees[: len(field.x_m), 1])
+        y = ("lat", "latitude", "degrees_north", degrees[len(field.x_m) :, 0])
+    with netcdf_file(path, "w") as file:
+        file.Conventions = "CF-1.8"
+        for name, meaning, unit, values in (y, x):
+            file.createDimension(name, len(values))
+            axis = file.createVariable(name, "f8", (name,))
+            axis[:] = values
+            axis.units, axis.long_name = unit, meaning
+        for name, unit, values in (
+            ("anomaly_nT", "nT", to_nanotesla(field.anomaly_T)),
+            ("contraction_nT_per_m", "nT m-1", to_nanotesla(field.contraction_T_per_m)),
+        ):
+            grid = file.createVariable(name, "f4", (y[0], x[0]))
+            grid[:] = values
+            grid.units = unit
 
 
 def targets_to_mapping(targets: Sequence[Target], notes: Sequence[str]) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from tam_calibration.correction.parts import Moved, Update
 from tam_calibration.files import quantities
-from tam_calibration.files.quantities import part_to_mapping, value_in_si, value_to_write
+from tam_calibration.files.quantities import in_si, part_to_mapping, value_in_si, value_to_write
 from tam_calibration.files.schema import Bounds, Document
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray
@@ -55,7 +55,10 @@ class _MovedFile(Document):
 
 
 class UpdateFile(Document):
-    """The keys of ``update``: tables have a row of twelve numbers for each sensor, SI, as ``covariance_SI`` has."""
+    """The keys of ``update``, in the order of `Update`.
+
+    Tables have a row of twelve numbers for each sensor, SI, as ``covariance_SI`` has.
+    """
 
     prior: str
     change_rates: quantities.RatesFile | None
@@ -79,34 +82,18 @@ class UpdateFile(Document):
         for name in ("prior_standard_errors_SI", "data_share"):
             if [len(row) for row in getattr(self, name)] != [12] * sensor_count:
                 raise InputError(f"the file is damaged: {name} must have {sensor_count} rows of 12 numbers")
-        return Update(
-            self.prior,
-            None if self.change_rates is None else self.change_rates.to_rates(),
-            self.elapsed_s,
-            self.warming_K,
-            np.array(self.prior_standard_errors_SI),
-            np.array(self.data_share),
-            self.chi_square,
-            self.freedom,
-            self.probability,
-            tuple(each.to_moved() for each in self.moved),
-        )
+        prior, _, *numbers, _ = in_si(self)
+        rates = None if self.change_rates is None else self.change_rates.to_rates()
+        values = [prior, rates, *numbers, tuple(each.to_moved() for each in self.moved)]
+        return Update(*values)
 
 
 def update_to_mapping(update: Update) -> dict[str, Any]:
     """Return the keys and values of an update in a file."""
-    return {
-        "prior": update.prior,
-        "change_rates": part_to_mapping(update.rates),
-        "elapsed_s": update.elapsed_s,
-        "warming_K": update.warming_K,
-        "prior_standard_errors_SI": update.prior_standard_errors.tolist(),
-        "data_share": update.data_share.tolist(),
-        "chi_square": update.chi_square,
-        "freedom": update.freedom,
-        "probability": update.probability,
-        "moved": [_moved_to_mapping(each) for each in update.moved],
-    }
+    stated = zip(dataclasses.fields(UpdateFile), dataclasses.fields(Update), strict=True)
+    mapping = {key.name: value_to_write(key.name, getattr(update, own.name)) for key, own in stated}
+    moved = [_moved_to_mapping(each) for each in update.moved]
+    return mapping | {"change_rates": part_to_mapping(update.rates), "moved": moved}
 
 
 def _moved_to_mapping(moved: Moved) -> dict[str, Any]:

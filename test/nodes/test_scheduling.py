@@ -10,7 +10,7 @@ pytest.importorskip("rclpy", reason="rclpy is not installed: pip install 'tam_ca
 
 PRECEDE = """
 import os, threading
-from tam_calibration.nodes.process import precede
+from tam_calibration.nodes.session import precede
 hold = threading.Event()
 earlier = threading.Thread(target=hold.wait)
 earlier.start()
@@ -43,7 +43,7 @@ def test_every_thread_precedes_at_the_lowest_of_real_time_priorities():
 
 def test_without_the_right_to_precede_all_stays_as_it_is(monkeypatch):
     """A user without rights is told so."""
-    from tam_calibration.nodes.process import precede
+    from tam_calibration.nodes.session import precede
 
     def refuse(thread, policy, parameters):
         raise PermissionError(1, "Operation not permitted")

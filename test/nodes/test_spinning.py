@@ -9,7 +9,7 @@ import rclpy
 from rclpy.event_handler import EventHandler
 from std_msgs.msg import String
 from tam_calibration.model.signals import Ending
-from tam_calibration.nodes.spinning import spin_nodes
+from tam_calibration.nodes.session import spin_nodes
 
 take_on = EventHandler.add_to_wait_set
 

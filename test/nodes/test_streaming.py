@@ -134,11 +134,11 @@ def test_without_the_executor_of_events_the_default_one_is_taken(monkeypatch, ro
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
 
-    from tam_calibration.nodes import spinning
+    from tam_calibration.nodes import session
 
     monkeypatch.setitem(sys.modules, "rclpy.experimental.events_executor", None)
     rclpy.init()
     try:
-        assert isinstance(spinning._cheapest_executor(), SingleThreadedExecutor)
+        assert isinstance(session._cheapest_executor(), SingleThreadedExecutor)
     finally:
         rclpy.shutdown()

@@ -153,10 +153,10 @@ def test_failure_leaves_the_old_page(make, tmp_path, monkeypatch):
     path = tmp_path / "report.html"
     path.write_text("old")
 
-    def fail(evidence):
+    def fail(calibration):
         raise InputError("no")
 
-    monkeypatch.setattr(calibration_report, "SECTIONS", (fail,))
+    monkeypatch.setattr(calibration_report, "quality_blocks", fail)
     with pytest.raises(InputError):
         write_calibration_report(path, *make())
     assert path.read_text() == "old"

@@ -20,7 +20,7 @@ from tam_calibration.report.gap_cause_plots import (
     plot_evidence,
     plot_sphere,
 )
-from tam_calibration.report.gap_report import checks_section, write_gap_report
+from tam_calibration.report.gap_report import checks_blocks, write_gap_report
 from tam_calibration.report.gap_residual_plots import plot_histogram, plot_map, plot_time, spectrum
 
 
@@ -33,19 +33,19 @@ def view_of(gap, rows_T):
 
 def test_without_checks_there_is_no_section(gap):
     """As without a verdict."""
-    assert checks_section(GapView(gap)) is None
+    assert checks_blocks(GapView(gap)) == []
 
 
 def test_what_looks_like_the_twin_is_said_to(gap):
     """In a sentence."""
     noise = np.random.default_rng(1).normal(size=gap.residue.before.shape) * gap.residue.floor_T
-    section = checks_section(view_of(gap, noise))
-    assert "and so it does" in section.blocks[0].text and len(section.blocks) == 1
+    (words,) = checks_blocks(view_of(gap, noise))
+    assert "and so it does" in words.text
 
 
 def test_what_departs_is_told(gap):
     """In the sentences that the terminal and the JSON have too."""
-    words, points = checks_section(view_of(gap, gap.residue.before)).blocks
+    words, points = checks_blocks(view_of(gap, gap.residue.before))
     assert "It does not" in words.text
     assert any("correlated from sample to sample" in point for point in points.points)
 
