@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from tam_calibration.files import quantities
-from tam_calibration.files.quantities import part_to_mapping, value_in_si, value_to_write
+from tam_calibration.files.quantities import part_of, part_to_mapping, value_in_si, value_to_write
 from tam_calibration.files.schema import Document, check
 from tam_calibration.files.text_files import write_text
 from tam_calibration.files.yaml_document import dump_mapping, mapping_in
@@ -172,12 +172,12 @@ class ArrayFile(Document):
             own("delay_s"),
             self.scalar_delay_s,
             self._mounting(),
-            self.change_rates.to_rates() if self.change_rates else None,
+            part_of(self.change_rates),
             inf if self.attitude_noise_deg == "estimate" else own("attitude_noise_deg"),
             own("mounting_error_deg"),
             tuple(self.further_channels),
-            self.tolerances.to_tolerances() if self.tolerances else None,
-            self.gyroscope.to_gyroscope() if self.gyroscope else None,
+            part_of(self.tolerances),
+            part_of(self.gyroscope),
         )
 
     def _mounting(self) -> Mounting:

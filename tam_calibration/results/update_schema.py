@@ -7,7 +7,7 @@ import numpy as np
 
 from tam_calibration.correction.parts import Moved, Update
 from tam_calibration.files import quantities
-from tam_calibration.files.quantities import part_to_mapping, value_in_si, value_to_write
+from tam_calibration.files.quantities import part_of, part_to_mapping, value_in_si, value_to_write
 from tam_calibration.files.schema import Bounds, Document
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray
@@ -81,7 +81,7 @@ class UpdateFile(Document):
                 raise InputError(f"the file is damaged: {name} must have {sensor_count} rows of 12 numbers")
         return Update(
             self.prior,
-            None if self.change_rates is None else self.change_rates.to_rates(),
+            part_of(self.change_rates),
             self.elapsed_s,
             self.warming_K,
             np.array(self.prior_standard_errors_SI),
