@@ -18,10 +18,12 @@ from tam_calibration.cli.terminal import (
     reading_options,
     showing_progress,
 )
-from tam_calibration.fleet.missions import ParameterDrift, all_drifts, all_missions
-from tam_calibration.fleet.rows import (
+from tam_calibration.fleet.missions import (
     COUNTS_HEADER,
     DRIFT_HEADER,
+    ParameterDrift,
+    all_drifts,
+    all_missions,
     count_rows,
     drift_row,
     largest,

@@ -15,10 +15,9 @@ from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, bounds_at
-from tam_calibration.recordings import provenance, read_array
-from tam_calibration.recordings.bag_transforms import transforms_in
+from tam_calibration.recordings import provenance, read_array, transforms_in
+from tam_calibration.recordings.fit_input import read_every, read_source
 from tam_calibration.recordings.reading import Reading
-from tam_calibration.recordings.recording_file import read_every, read_source
 from tam_calibration.report.blocks import Block, Points, Text
 from tam_calibration.report.formatting import sentence
 from tam_calibration.report.gap_rows import cause_blocks, hypotheses, size_blocks, summary_blocks, where_words

@@ -23,8 +23,8 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.geomagnetic_field import LOCAL_VARIANCE_T2
 from tam_calibration.model.recording import Recording
+from tam_calibration.recordings.fit_input import read_source
 from tam_calibration.recordings.reading import Reading
-from tam_calibration.recordings.recording_file import read_source
 from tam_calibration.report import survey_rows, target_rows
 from tam_calibration.report.blocks import Block, Text
 from tam_calibration.results import read_calibration

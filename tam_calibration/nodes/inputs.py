@@ -14,17 +14,18 @@ from rclpy.serialization import deserialize_message
 from tam_calibration.messages.cdr import read_float64, read_stamp_and_doubles, stamp_of
 from tam_calibration.messages.message_fields import LONGEST_LISTED, stamp_fields
 from tam_calibration.messages.missing import in_words
-from tam_calibration.messages.point_cloud import SampleLayout, is_channel
-from tam_calibration.messages.stream import sensor_stream
-from tam_calibration.messages.topics import (
+from tam_calibration.messages.point_cloud import (
     CHANNEL_TOPICS,
     FIELD_UNITS,
     FLOAT64,
     IMU,
     MAGNETIC_FIELD,
     TEMPERATURE,
+    SampleLayout,
+    is_channel,
     topic_and_type,
 )
+from tam_calibration.messages.stream import sensor_stream
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import TESLA_PER_FIELD_UNIT
 from tam_calibration.nodes.message_types import type_name

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tam_calibration.messages.topics import topic_and_type
+from tam_calibration.messages.point_cloud import topic_and_type
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.recordings.bag_reader import BagReader, raw_messages
 from tam_calibration.recordings.bag_source import BagSource

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
 
-from tam_calibration.files.configuration import configuration_folder
+from tam_calibration.files.text_files import configuration_folder
 from tam_calibration.model import signals
 from tam_calibration.model.exceptions import InputError, Refused, quoted
 from tam_calibration.model.signals import Ending

@@ -10,9 +10,8 @@ from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_
 
 from tam_calibration.messages.cdr import RawMessages, in_large_blocks
 from tam_calibration.messages.message_fields import Definitions, MessageFields, stamp_fields
-from tam_calibration.messages.samples import Progress
-from tam_calibration.messages.stream_messages import StreamMessages
-from tam_calibration.messages.topics import FIELD_UNITS, IMU
+from tam_calibration.messages.point_cloud import FIELD_UNITS, IMU
+from tam_calibration.messages.samples import Progress, StreamMessages
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.recordings.bag_reader import BagReader, raw_blocks

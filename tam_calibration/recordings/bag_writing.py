@@ -16,10 +16,9 @@ from rosbags.typesys import Stores, get_typestore
 from tam_calibration.files.text_files import require_regular, write_whole
 from tam_calibration.files.whole_files import temporary_place, unfinished
 from tam_calibration.messages.cdr import ByteArray, RawMessages, fill, interleave
-from tam_calibration.messages.point_cloud import FRAME_ID
+from tam_calibration.messages.point_cloud import FLOAT64, FRAME_ID, IMU, MAGNETIC_FIELD, TEMPERATURE, topic_and_type
 from tam_calibration.messages.samples import pieces, stamps_of
 from tam_calibration.messages.stream import sensor_stream
-from tam_calibration.messages.topics import FLOAT64, IMU, MAGNETIC_FIELD, TEMPERATURE, topic_and_type
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, IntArray

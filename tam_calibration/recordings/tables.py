@@ -8,8 +8,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from tam_calibration.messages.samples import Progress
-from tam_calibration.messages.stream_messages import StreamMessages
+from tam_calibration.messages.samples import Progress, StreamMessages
 from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.recordings.channel_map import ChannelMap, Clock
 

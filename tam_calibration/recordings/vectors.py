@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
-from tam_calibration.messages.topics import CHANNEL_TOPICS, IMU, MAGNETIC_FIELD, sensor_topic
+from tam_calibration.messages.point_cloud import CHANNEL_TOPICS, IMU, MAGNETIC_FIELD, sensor_topic
 from tam_calibration.model.conversion import ATTITUDE_COLUMNS, POSITION_COLUMNS, RATE_COLUMNS
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.further_channels import is_further, named_by, require_further

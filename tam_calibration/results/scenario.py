@@ -9,10 +9,9 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 
 from tam_calibration.files import quantities
-from tam_calibration.files.configuration import configuration_folder
 from tam_calibration.files.quantities import GyroscopeFile, in_si, part_of
 from tam_calibration.files.schema import Bounds, Document, check
-from tam_calibration.files.text_files import write_text
+from tam_calibration.files.text_files import configuration_folder, write_text
 from tam_calibration.files.yaml_document import dump_mapping, mapping_in
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import site_field_T
