@@ -23,9 +23,8 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.recordings import bag_storages
-from tam_calibration.recordings.bag_bounds import damage_named
-from tam_calibration.recordings.bag_reader import BagReader, raw_blocks
-from tam_calibration.recordings.bag_recovery import Recovered, RecoveredFile, room_named, unpacked
+from tam_calibration.recordings.bag_bounds import damage_named, room_named, unpacked
+from tam_calibration.recordings.bag_reader import BagReader, Recovered, RecoveredFile, raw_blocks
 from tam_calibration.recordings.bag_storages import DEFAULT, data_files, serialisation_of
 
 TYPESTORE = get_typestore(Stores.ROS2_JAZZY)
