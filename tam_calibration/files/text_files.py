@@ -15,7 +15,7 @@ from tam_calibration.model.exceptions import InputError
 
 @contextmanager
 def in_file(path: Path | str) -> Iterator[None]:
-    """Put the name of a file before the message of an `InputError` that does not begin with it."""
+    """Put the name of a file, or of a topic, before the message of an `InputError` that does not begin with it."""
     try:
         yield
     except InputError as problem:
