@@ -13,7 +13,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
-from tam_calibration.core.averaged_rates import AveragedRates
+from tam_calibration.core.interpolation import AveragedRates
 from tam_calibration.fit.coverage import Coverage
 from tam_calibration.fit.live_coverage import LiveCoverage
 from tam_calibration.messages.missing import LiveMissing, are

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from tam_calibration.core.averaged_rates import AveragedRates
+from tam_calibration.core.interpolation import AveragedRates
 from tam_calibration.correction.partial import missing_codes
 from tam_calibration.messages.batch_synchroniser import BatchSynchroniser
 from tam_calibration.messages.cdr import NO_TIME

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tam_calibration import read_array, read_recording
-from tam_calibration.core.averaged_rates import AveragedRates
+from tam_calibration.core.interpolation import AveragedRates
 from tam_calibration.messages.point_cloud import IMU, MAGNETIC_FIELD
 from tam_calibration.model.array import Array
 from tam_calibration.model.data_sheet import Gyroscope
