@@ -69,40 +69,16 @@ def read_source(
     array: Array | None = None,
     reading: Reading = AS_IT_IS,
     progress: Progress = lambda done, total: None,
+    each_once: bool = True,
 ) -> tuple[SampleSource, Usage | None]:
-    """Read a recording for a fit: each reading of its slowest sensor counts once. Return with it its usage.
+    """Read a recording for a fit into memory, or where it is large as `read_stream` does. Return with it its usage.
 
     Parameters
     ----------
     path, array, reading, progress
         As of `read_samples`.
-
-    Returns
-    -------
-    source, usage
-        As of `read_every`.
-
-    Raises
-    ------
-    InputError
-        When it cannot be read or kept, or contains no recording.
-    """
-    source, usage = read_every(path, array, reading, progress)
-    return (source if usage is None else usage.with_each_reading_once(source)), usage
-
-
-def read_every(
-    path: Path,
-    array: Array | None = None,
-    reading: Reading = AS_IT_IS,
-    progress: Progress = lambda done, total: None,
-) -> tuple[SampleSource, Usage | None]:
-    """Read all samples of a recording into memory, or of one that is large as `read_stream` does; return its usage too.
-
-    Parameters
-    ----------
-    path, array, reading, progress
-        As of `read_samples`.
+    each_once : bool
+        Whether each reading of the slowest sensor counts once; otherwise all samples are returned.
 
     Returns
     -------
@@ -116,11 +92,14 @@ def read_every(
     InputError
         When it cannot be read or kept, or contains no recording.
     """
+    source: SampleSource
     if is_large(path):
-        stream = read_stream(path, array, reading, progress)
-        return stream, stream.usage
-    samples = read_samples(path, array, reading, progress)
-    return samples.recording, samples.usage
+        source = stream = read_stream(path, array, reading, progress)
+        usage = stream.usage
+    else:
+        samples = read_samples(path, array, reading, progress)
+        source, usage = samples.recording, samples.usage
+    return (usage.with_each_reading_once(source) if usage is not None and each_once else source), usage
 
 
 def fit_with_usage(
