@@ -24,8 +24,7 @@ from sensor_msgs.msg import PointCloud2
 from spread import machine
 from std_msgs.msg import Header
 
-from tam_calibration.files.configuration import configuration_folder
-from tam_calibration.files.text_files import write_whole
+from tam_calibration.files.text_files import configuration_folder, write_whole
 from tam_calibration.localization.turned_samples import Regional, locate_samples
 from tam_calibration.messages.point_cloud import FIELD_GRADIENT_COLUMNS, SampleLayout
 from tam_calibration.model.array import Array

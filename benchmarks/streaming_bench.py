@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Imu, MagneticField
 
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.messages.topics import CHANNEL_TOPICS, sensor_topic
+from tam_calibration.messages.point_cloud import CHANNEL_TOPICS, sensor_topic
 from tam_calibration.model.geomagnetic_field import field_at
 from tam_calibration.model.units import FloatArray
 from tam_calibration.nodes.children import Children

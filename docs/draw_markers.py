@@ -18,7 +18,7 @@ from sensor_msgs.msg import MagneticField
 from std_msgs.msg import Float64MultiArray, Header
 
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.files.configuration import configuration_folder
+from tam_calibration.files.text_files import configuration_folder
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.live_coverage import LiveCoverage
 from tam_calibration.localization.solutions import EulerSolutions

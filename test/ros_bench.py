@@ -11,7 +11,7 @@ import pytest
 from forked_children import ForkedChildren, end_forked, start_server
 from ros_domains import lock_domain
 
-from tam_calibration.files.configuration import configuration_folder
+from tam_calibration.files.text_files import configuration_folder
 from tam_calibration.nodes.children import START, Children
 
 NO_ROS = "rclpy is not installed: pip install 'tam_calibration[ros]'"

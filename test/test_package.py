@@ -170,6 +170,6 @@ def test_command_runs_where_pip_put_it(tmp_path, option):
     run(*pip, "--no-deps", "--no-build-isolation", "--no-compile", *option, sources, env=alone)
     run(environment / "bin" / "tam", "simulate", "wu_table_1", "-o", "run.csv", cwd=tmp_path, env=alone)
     assert (tmp_path / "run.csv").stat().st_size > 10_000
-    where = f"import {PACKAGE.name}.files.configuration as c; print(c.configuration_folder())"
+    where = f"import {PACKAGE.name}.files.text_files as c; print(c.configuration_folder())"
     found = run(environment / "bin" / "python", "-c", where, cwd=tmp_path, env=alone)
     assert Path(found.strip()) == (sources / "config" if option else environment / "share" / PACKAGE.name / "config")

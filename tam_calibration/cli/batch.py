@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tam_calibration.cli import terminal
-from tam_calibration.fleet import rows as fleet_rows
+from tam_calibration.fleet import missions as fleet_rows
 from tam_calibration.fleet.missions import ParameterDrift, all_drifts, all_missions
 from tam_calibration.fleet.task import Result
 from tam_calibration.model.exceptions import InputError

@@ -24,11 +24,9 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import field_at
 from tam_calibration.model.recording import SKETCH, Recording, SampleSource
 from tam_calibration.model.units import from_degrees, to_nanotesla
-from tam_calibration.recordings import provenance, read_array
-from tam_calibration.recordings.bag_transforms import transforms_in
-from tam_calibration.recordings.fit_with_usage import fit_with_usage
+from tam_calibration.recordings import provenance, read_array, transforms_in
+from tam_calibration.recordings.fit_input import fit_with_usage, read_source
 from tam_calibration.recordings.reading import AS_IT_IS, Reading
-from tam_calibration.recordings.recording_file import read_source
 from tam_calibration.report import calibration_rows
 from tam_calibration.report.blocks import Block, Text
 from tam_calibration.report.formatting import sentence, with_errors

@@ -12,7 +12,7 @@ from tam_calibration.comparison import compare
 from tam_calibration.comparison.result import Comparison
 from tam_calibration.recordings import provenance
 from tam_calibration.recordings.channel_map import read_map
-from tam_calibration.recordings.compared_recordings import read_array_of, read_compared
+from tam_calibration.recordings.fit_input import read_array_of, read_compared
 from tam_calibration.recordings.reading import AS_IT_IS, Reading
 from tam_calibration.report import comparison_rows
 from tam_calibration.report.blocks import Block

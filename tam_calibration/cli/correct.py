@@ -19,8 +19,7 @@ from tam_calibration.correction.partial import sensors_of
 from tam_calibration.model.array import OUTPUT_NAMES
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.units import IntArray, to_nanotesla
-from tam_calibration.recordings import read_array
-from tam_calibration.recordings.bag_transforms import transforms_in
+from tam_calibration.recordings import read_array, transforms_in
 from tam_calibration.recordings.reading import Reading
 from tam_calibration.results import read_calibration, write_corrected_pieces
 from tam_calibration.results.data_files import correct_file

@@ -15,10 +15,9 @@ from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, bounds_at
-from tam_calibration.recordings import provenance, read_array
-from tam_calibration.recordings.bag_transforms import transforms_in
+from tam_calibration.recordings import provenance, read_array, transforms_in
+from tam_calibration.recordings.fit_input import read_source
 from tam_calibration.recordings.reading import Reading
-from tam_calibration.recordings.recording_file import read_every, read_source
 from tam_calibration.report.blocks import Block, Points, Text
 from tam_calibration.report.formatting import sentence
 from tam_calibration.report.gap_rows import (
@@ -131,8 +130,7 @@ def _diagnose(
         effect_named(name)
     calibration = None if calibration_path is None else read_calibration(calibration_path)
     with terminal.showing_progress() as progress:
-        read = read_source if calibration is None else read_every
-        source, usage = read(path, array, how, terminal.reading(progress))
+        source, usage = read_source(path, array, how, terminal.reading(progress), each_once=calibration is None)
         remarks = () if usage is None else usage.remarks()
         if calibration is not None:
             if not calibration.is_of(array):

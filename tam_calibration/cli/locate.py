@@ -20,8 +20,8 @@ from tam_calibration.localization.targets import find_targets, path_in
 from tam_calibration.model.array import Array
 from tam_calibration.model.geomagnetic_field import LOCAL_VARIANCE_T2
 from tam_calibration.model.recording import Recording
+from tam_calibration.recordings.fit_input import read_source
 from tam_calibration.recordings.reading import Reading
-from tam_calibration.recordings.recording_file import read_source
 from tam_calibration.report import survey_rows
 from tam_calibration.report.blocks import Block, Text
 from tam_calibration.results import read_calibration, targets_file

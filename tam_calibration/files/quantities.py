@@ -148,16 +148,6 @@ class TolerancesFile(Document):
     bias_nT: float
     misalignment_deg: float
 
-    def to_tolerances(self) -> Tolerances:
-        """Return the tolerances in SI.
-
-        Raises
-        ------
-        InputError
-            When one is not positive, or beyond what a working sensor has.
-        """
-        return Tolerances(*in_si(self))
-
 
 class GyroscopeFile(Document):
     """The keys of ``gyroscope``; noise that is left out is estimated, and a bias that is left out is that of a chip.
@@ -176,17 +166,6 @@ class GyroscopeFile(Document):
     bias_deg_per_s: float | None = None
     scale_error_percent: float = 0.0
 
-    def to_gyroscope(self) -> Gyroscope:
-        """Return the gyroscope in SI.
-
-        Raises
-        ------
-        InputError
-            When a value is not positive, or no gyroscope has it.
-        """
-        stated = zip(fields(Gyroscope), in_si(self), strict=True)
-        return Gyroscope(**{each.name: value for each, value in stated if value is not None})
-
 
 class RatesFile(Document):
     """The keys of ``change_rates``, in the order of `ChangeRates`; a rate that is not stated is the default there."""
@@ -200,21 +179,29 @@ class RatesFile(Document):
     misalignment_deg_per_day: _Rate | None = None
     misalignment_deg_per_K: _Rate | None = None
 
-    def to_rates(self) -> ChangeRates:
-        """Return the rates in SI.
 
-        Raises
-        ------
-        InputError
-            When one is beyond what a working sensor does.
-        """
-        stated = zip(fields(ChangeRates), in_si(self), strict=True)
-        return ChangeRates(**{each.name: value for each, value in stated if value is not None})
-
+Part = Tolerances | Gyroscope | ChangeRates
+"""What data sheets tell, as a block of an array file."""
 
 _SCHEMAS: dict[type, type[Document]] = {Tolerances: TolerancesFile, Gyroscope: GyroscopeFile, ChangeRates: RatesFile}
+_PARTS = {schema: part for part, schema in _SCHEMAS.items()}
 
 
-def part_to_mapping(part: Tolerances | Gyroscope | ChangeRates | None) -> dict[str, Any] | None:
+def part_of(block: Document | None) -> Any:
+    """Return the part of an array that a block states, in SI, defaults where it states nothing; None of no block.
+
+    Raises
+    ------
+    InputError
+        When a value is beyond what a working sensor has.
+    """
+    if block is None:
+        return None
+    part = _PARTS[type(block)]
+    stated = zip(fields(part), in_si(block), strict=True)
+    return part(**{each.name: value for each, value in stated if value is not None})
+
+
+def part_to_mapping(part: Part | None) -> dict[str, Any] | None:
     """Return keys and values of a part of an array file; None of no part."""
     return None if part is None else block_to_write(_SCHEMAS[type(part)], astuple(part))

@@ -1,4 +1,4 @@
-"""Text files: written completely or not at all, and errors with the file's name."""
+"""Text files: written completely or not at all, errors with the file's name, and the folder ``config/``."""
 
 import json
 import math
@@ -15,7 +15,7 @@ from tam_calibration.model.exceptions import InputError
 
 @contextmanager
 def in_file(path: Path | str) -> Iterator[None]:
-    """Put the name of a file before the message of an `InputError` that does not begin with it."""
+    """Put the name of a file, or of a topic, before the message of an `InputError` that does not begin with it."""
     try:
         yield
     except InputError as problem:
@@ -143,3 +143,26 @@ def _without_nan(content: Any) -> Any:
     if isinstance(content, list | tuple):
         return [_without_nan(value) for value in content]
     return None if isinstance(content, float) and not math.isfinite(content) else content
+
+
+def configuration_folder() -> Path:
+    """Return the folder ``config/`` that belongs to this package, however it was installed.
+
+    In a source tree, to which an editable install and ``colcon build --symlink-install`` lead too, it is next to the
+    package. Any other install has it in ``share/tam_calibration/config`` of a folder above the package, as
+    ``/usr/share/tam_calibration/config`` for ``/usr/lib/python3/dist-packages/tam_calibration``.
+
+    Raises
+    ------
+    InputError
+        When it is in none of these places.
+    """
+    package = Path(__file__).resolve().parents[1]
+    places = [package.parent / "config", *(folder / "share" / package.name / "config" for folder in package.parents)]
+    for place in places:
+        if (place / "tam.yaml").is_file():  # another package's folder may have the name config too
+            return place
+    raise InputError(
+        f"the folder config is missing: it is neither next to {package}, nor share/{package.name}/config above it; "
+        f"install {package.name} again"
+    )

@@ -16,15 +16,13 @@ from matplotlib.figure import Figure
 from tam_calibration.files.text_files import to_json
 from tam_calibration.files.whole_files import write_set
 from tam_calibration.fleet.missions import (
+    COUNTS_HEADER,
+    DRIFT_HEADER,
     Missions,
     ParameterDrift,
     all_drifts,
     all_missions,
     by_platform,
-)
-from tam_calibration.fleet.rows import (
-    COUNTS_HEADER,
-    DRIFT_HEADER,
     causes_of,
     count_rows,
     counts_of,

@@ -25,9 +25,9 @@ from tam_calibration.model.recording import SampleSource
 from tam_calibration.model.sensors_in_words import numbered
 from tam_calibration.recordings import array_to_mapping, read_array, read_samples
 from tam_calibration.recordings.bag_storages import is_bag
-from tam_calibration.recordings.fit_with_usage import fit_with_usage
+from tam_calibration.recordings.fit_input import fit_with_usage, read_source
 from tam_calibration.recordings.reading import Reading
-from tam_calibration.recordings.recording_file import provenance, read_source
+from tam_calibration.recordings.recording_file import provenance
 from tam_calibration.results import (
     calibration_to_mapping,
     calibration_to_yaml,

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tam_calibration.core.averaged_rates import AveragedRates
+from tam_calibration.core.interpolation import AveragedRates
 from tam_calibration.core.normal_equations import Normal
 from tam_calibration.core.slow_cosines import VarianceFactors
 from tam_calibration.fit.gyroscope_check import judge_gyroscope

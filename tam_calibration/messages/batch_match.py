@@ -6,8 +6,8 @@ import numpy as np
 
 from tam_calibration.core.interpolation import interpolated
 from tam_calibration.messages.batch_queue import EARLIER, Queue
+from tam_calibration.messages.samples import BoolArray
 from tam_calibration.messages.stream import HeldStream, InterpolatedStream, OnceStream
-from tam_calibration.messages.stream_messages import BoolArray
 from tam_calibration.model.units import FloatArray, IntArray
 
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from tam_calibration.core.interpolation import BEFORE
 from tam_calibration.messages.point_cloud import columns_of, is_channel
+from tam_calibration.messages.samples import BoolArray, StreamMessages
 from tam_calibration.messages.stream import HeldStream, IntensityStream, InterpolatedStream, Stream
-from tam_calibration.messages.stream_messages import BoolArray, StreamMessages
 from tam_calibration.messages.timeline import NEVER, STEP_NS
 from tam_calibration.model.units import FloatArray, IntArray
 

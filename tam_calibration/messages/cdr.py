@@ -19,7 +19,7 @@ NO_TIME = -1
 
 @dataclass(frozen=True, eq=False)
 class RawMessages:
-    """Serialised messages in the order of their recording.
+    """Serialised messages, mostly in the order of their recording.
 
     Parameters
     ----------
@@ -83,6 +83,11 @@ class RawMessages:
         """Return the messages that a mask, slice or index selects, in the same block."""
         chosen = {name: getattr(self, name)[index] for name in ("connection", "recorded_ns", "start", "size")}
         return replace(self, **chosen)
+
+    def in_order(self) -> "RawMessages":
+        """Return the messages in the order of their recording; those of one time stay as they are."""
+        is_rising = bool((np.diff(self.recorded_ns) >= 0).all())
+        return self if is_rising else self.take(np.argsort(self.recorded_ns, kind="stable"))
 
     def messages(self) -> list[bytes]:
         """Return the messages one by one."""

@@ -1,4 +1,4 @@
-"""The rows of the point clouds and matrices on the topics: names, order and size, without any ROS import.
+"""The topics: their names and types, and the rows of the point clouds and matrices on them, without any ROS import.
 
 A cloud contains one row (height and width 1) of little-endian float64 fields that follow each other without gaps.
 The header's stamp is the exact time of a row.
@@ -11,10 +11,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.messages.stream import sensor_stream
 from tam_calibration.model.array import OUTPUT_NAMES
 from tam_calibration.model.conversion import ATTITUDE_COLUMNS, POSITION_COLUMNS, RATE_COLUMNS, reading_columns
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.further_channels import is_further, require_further
+from tam_calibration.model.further_channels import is_further, require_further, topic_of
 from tam_calibration.model.limits import LARGEST, SHORTEST_ATTITUDE, largest_of
 from tam_calibration.model.recording import CHANNELS, Recording
 from tam_calibration.model.units import FloatArray
@@ -197,3 +198,32 @@ class SampleLayout:
             if not np.isnan(rows[:, first:last]).all():
                 values[_NAMES.get(channel, channel)] = rows[:, first] if last == first + 1 else rows[:, first:last]
         return Recording.of_values(values)
+
+
+MAGNETIC_FIELD, FLOAT64 = "sensor_msgs/msg/MagneticField", "std_msgs/msg/Float64"
+IMU, TEMPERATURE = "sensor_msgs/msg/Imu", "sensor_msgs/msg/Temperature"
+
+_CHANNELS = {
+    "scalar": ("scalar/intensity", MAGNETIC_FIELD),
+    "temperature": ("temperature", TEMPERATURE),
+    "current": ("current", FLOAT64),
+    "attitude": ("imu/data", IMU),
+    "gyroscope": ("imu/data", IMU),
+}
+CHANNEL_TOPICS = {channel: topic for channel, (topic, _) in _CHANNELS.items()}
+
+
+FIELD_UNITS = {MAGNETIC_FIELD: {f"magnetic_field.{axis}": "T" for axis in "xyz"}}
+"""Units that definitions of messages state, by type and field."""
+
+
+def sensor_topic(sensor: int) -> str:
+    """Return the relative topic of a sensor, 1 to K."""
+    return f"{sensor_stream(sensor)}/magnetic_field"
+
+
+def topic_and_type(stream: str) -> tuple[str, str]:
+    """Return the relative topic of a stream, a sensor's or a channel's, and the type that is recorded there."""
+    if not is_channel(stream):
+        return f"{stream}/magnetic_field", MAGNETIC_FIELD
+    return _CHANNELS[stream] if stream in _CHANNELS else (topic_of(stream), FLOAT64)

@@ -30,8 +30,7 @@ from tam_calibration.nodes.kept_samples import KEPT, SAVE_S, KeptSamples
 from tam_calibration.nodes.listening import LATCHED, RELIABLE_STREAM
 from tam_calibration.nodes.live_update import UPDATED, LiveUpdate
 from tam_calibration.nodes.node_parameters import SHARED, Rule
-from tam_calibration.recordings.compared_recordings import remarks_on
-from tam_calibration.recordings.fit_with_usage import fit_with_usage
+from tam_calibration.recordings.fit_input import fit_with_usage, remarks_on
 from tam_calibration.report.calibration_rows import update_sentences
 from tam_calibration.results import calibration_to_yaml, read_calibration, write_calibration
 from tam_calibration.results.overwriting import require_separate

@@ -13,17 +13,16 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
-from tam_calibration.core.averaged_rates import AveragedRates
+from tam_calibration.core.interpolation import AveragedRates
 from tam_calibration.fit.coverage import Coverage
 from tam_calibration.fit.live_coverage import LiveCoverage
 from tam_calibration.messages.missing import LiveMissing, are
-from tam_calibration.messages.point_cloud import SampleLayout
+from tam_calibration.messages.point_cloud import CHANNEL_TOPICS, SampleLayout
+from tam_calibration.messages.samples import turns_of
 from tam_calibration.messages.silence import SILENCE_NS
 from tam_calibration.messages.stream import sensor_stream
-from tam_calibration.messages.stream_messages import turns_of
 from tam_calibration.messages.synchroniser import Sample, Synchroniser
 from tam_calibration.messages.timeline import Run, StampFigures
-from tam_calibration.messages.topics import CHANNEL_TOPICS
 from tam_calibration.messages.usage import Usage, why_doubled
 from tam_calibration.model.conversion import RATE_COLUMNS
 from tam_calibration.model.exceptions import InputError

@@ -13,7 +13,7 @@ from tam_calibration.model.recording import SampleSource
 from tam_calibration.nodes.base import TamNode
 from tam_calibration.nodes.node_parameters import Rule
 from tam_calibration.recordings import provenance
-from tam_calibration.recordings.compared_recordings import read_array_of, read_compared
+from tam_calibration.recordings.fit_input import read_array_of, read_compared
 from tam_calibration.report.comparison_rows import answer
 from tam_calibration.results.comparison_json import Sources, write_comparison, write_mend
 

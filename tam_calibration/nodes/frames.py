@@ -8,7 +8,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.subscription import Subscription
 
 from tam_calibration.messages.cdr import FRAME_ID, read_frame_id
-from tam_calibration.messages.stream_messages import expected_frames, other_frame
+from tam_calibration.messages.samples import expected_frames, other_frame
 from tam_calibration.messages.transforms import STATIC_TRANSFORMS, TransformTree
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.mounting import Mounting

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from rclpy.serialization import deserialize_message
 
-from tam_calibration.messages import topics
+from tam_calibration.messages import point_cloud
 from tam_calibration.messages.cdr import read_float64, read_stamp_and_doubles, stamp_of
 from tam_calibration.messages.message_fields import LONGEST_LISTED, stamp_fields
 from tam_calibration.messages.missing import in_words
@@ -45,13 +45,13 @@ def _angular_velocity(message: bytes) -> tuple[int, Sequence[float]]:
 
 
 _FAST: dict[tuple[str, tuple[str, ...]], _Read] = {
-    (topics.MAGNETIC_FIELD, tuple(f"magnetic_field.{axis}" for axis in "xyz")): partial(
+    (point_cloud.MAGNETIC_FIELD, tuple(f"magnetic_field.{axis}" for axis in "xyz")): partial(
         read_stamp_and_doubles, count=3
     ),
-    (topics.IMU, tuple(f"orientation.{axis}" for axis in "xyzw")): _attitude,
-    (topics.IMU, tuple(f"angular_velocity.{axis}" for axis in "xyz")): _angular_velocity,
-    (topics.TEMPERATURE, ("temperature",)): partial(read_stamp_and_doubles, count=1),
-    (topics.FLOAT64, ("data",)): lambda message: (None, (read_float64(message),)),
+    (point_cloud.IMU, tuple(f"orientation.{axis}" for axis in "xyzw")): _attitude,
+    (point_cloud.IMU, tuple(f"angular_velocity.{axis}" for axis in "xyz")): _angular_velocity,
+    (point_cloud.TEMPERATURE, ("temperature",)): partial(read_stamp_and_doubles, count=1),
+    (point_cloud.FLOAT64, ("data",)): lambda message: (None, (read_float64(message),)),
 }
 """Types whose numbers lie at fixed places, which is quicker than to make objects of the messages."""
 
@@ -101,7 +101,7 @@ class Input:
     def _make_decoder(self, stream: str, message: bytes) -> tuple[_Read, _ToSi | None]:
         msgtype, pick = type_name(self.kind), self.picks[stream]
         table = Table(
-            self.topic, tuple(_paths(self._object(message))), msgtype, units=topics.FIELD_UNITS.get(msgtype, {})
+            self.topic, tuple(_paths(self._object(message))), msgtype, units=point_cloud.FIELD_UNITS.get(msgtype, {})
         )
         fields = wanted_of({table.key: table}, stream, pick).fields
         read = _FAST.get((msgtype, fields)) or partial(self._read, [_getter(path) for path in fields])
@@ -134,11 +134,11 @@ def own_map(layout: SampleLayout, scalar_type: str) -> ChannelMap:
     """
 
     def pick(stream: str) -> Pick:
-        topic, kind = topics.topic_and_type(stream)
+        topic, kind = point_cloud.topic_and_type(stream)
         return Pick(topic=topic, type=kind)
 
     sensors = [pick(sensor_stream(number + 1)) for number in range(layout.sensor_count)]
-    channels = {name: pick(name) for name in topics.CHANNEL_TOPICS}
+    channels = {name: pick(name) for name in point_cloud.CHANNEL_TOPICS}
     channels["scalar"] = replace(channels["scalar"], type=scalar_type, unit="T")
     return ChannelMap.of(sensors, channels, {name: pick(name) for name in layout.further})
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 
-from tam_calibration.files.configuration import configuration_folder
+from tam_calibration.files.text_files import configuration_folder
 from tam_calibration.messages.point_cloud import FRAME_ID as DEFAULT_FRAME_ID
 from tam_calibration.messages.transforms import STATIC_TRANSFORMS
 from tam_calibration.model.array import Array

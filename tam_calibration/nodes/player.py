@@ -17,7 +17,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 
-from tam_calibration.messages.topics import MAGNETIC_FIELD, topic_and_type
+from tam_calibration.messages.point_cloud import MAGNETIC_FIELD, topic_and_type
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.nodes.listening import message_class
 from tam_calibration.recordings.bag_reader import BagReader, raw_messages

@@ -12,7 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tam_calibration.files.configuration import configuration_folder
+from tam_calibration.files.text_files import configuration_folder
 from tam_calibration.model import signals
 from tam_calibration.model.exceptions import InputError, Refused, quoted
 from tam_calibration.model.signals import Ending

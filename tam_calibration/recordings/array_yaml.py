@@ -1,7 +1,8 @@
-"""The array file: positions, rotations and noise of the sensors, with units in the keys."""
+"""The array file: positions, rotations and noise of the sensors, with units in the keys, or frames to look up."""
 
 from collections.abc import Callable
 from dataclasses import field, replace
+from functools import cache
 from math import inf
 from pathlib import Path
 from typing import Any, Literal
@@ -9,15 +10,18 @@ from typing import Any, Literal
 import numpy as np
 
 from tam_calibration.files import quantities
-from tam_calibration.files.quantities import part_to_mapping, value_in_si, value_to_write
+from tam_calibration.files.quantities import part_of, part_to_mapping, value_in_si, value_to_write
 from tam_calibration.files.schema import Document, check
 from tam_calibration.files.text_files import write_text
 from tam_calibration.files.yaml_document import dump_mapping, mapping_in
+from tam_calibration.messages.point_cloud import FRAME_ID
+from tam_calibration.messages.transforms import STATIC_TRANSFORMS, TransformTree
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
 from tam_calibration.model.mounting import Mounting, quaternion_of
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
+from tam_calibration.recordings.bag_storages import is_bag
 
 _Vector = tuple[float, float, float]
 _Quaternion = tuple[float, float, float, float]
@@ -172,12 +176,12 @@ class ArrayFile(Document):
             own("delay_s"),
             self.scalar_delay_s,
             self._mounting(),
-            self.change_rates.to_rates() if self.change_rates else None,
+            part_of(self.change_rates),
             inf if self.attitude_noise_deg == "estimate" else own("attitude_noise_deg"),
             own("mounting_error_deg"),
             tuple(self.further_channels),
-            self.tolerances.to_tolerances() if self.tolerances else None,
-            self.gyroscope.to_gyroscope() if self.gyroscope else None,
+            part_of(self.tolerances),
+            part_of(self.gyroscope),
         )
 
     def _mounting(self) -> Mounting:
@@ -251,6 +255,40 @@ def read_array(path: str | Path, look_up: LookUp | None = None) -> Array:
         if {"array", "motion"} <= content.keys():
             raise InputError("it is a scenario: give the array file that tam simulate wrote with the recording")
         return check(content, ArrayFile).located(look_up).to_array()
+
+
+def transforms_in(path: Path) -> LookUp:
+    """Return what looks frames up in a recording, which is read when the first is asked for.
+
+    Parameters
+    ----------
+    path : Path
+        A bag with `/tf_static`; of a CSV file no frame is known.
+    """
+    tree_of = cache(_tree_of)
+
+    def look_up(frame: str) -> tuple[FloatArray, FloatArray]:
+        pose = tree_of(path).pose(frame, FRAME_ID)
+        if pose is None:
+            raise InputError(
+                f"{path} has no {STATIC_TRANSFORMS} that leads from {FRAME_ID} to {frame}: state positions_m and "
+                "rotations_deg in the array file"
+            )
+        return pose
+
+    return look_up
+
+
+def _tree_of(path: Path) -> TransformTree:
+    tree = TransformTree()
+    if is_bag(path):
+        from tam_calibration.recordings.bag_reader import open_bag, raw_messages
+
+        with open_bag(path) as reader:
+            connections = [each for each in reader.connections if each.topic == STATIC_TRANSFORMS]
+            for _, _, message in raw_messages(reader, connections) if connections else ():
+                tree.add(message)
+    return tree
 
 
 def array_to_mapping(array: Array) -> dict[str, Any]:

@@ -11,8 +11,10 @@ from rosbags.interfaces import Qos
 from rosbags.rosbag2.metadata import parse_qos
 from zstandard import ZstdDecompressor
 
+from tam_calibration.files.whole_files import temporary_place
 from tam_calibration.files.yaml_document import parse_mapping
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.recordings.bag_storages import PACKED
 
 LARGEST_PIECE = 1 << 28
 """Most bytes of a chunk, a message or a block of messages, 256 MiB: recorders write chunks of 1 to 8 MiB."""
@@ -197,6 +199,33 @@ def unpack_file(source: Path, target: Path) -> None:
             file.write(block)
 
 
+def unpacked(files: list[Path], folder: Path, faults: list[str] | None = None) -> list[Path]:
+    """Return the files of a bag, packed ones unpacked into a folder.
+
+    Parameters
+    ----------
+    files : list of Path
+        As they are in the bag.
+    folder : Path
+        Where they are unpacked.
+    faults : list of str, optional
+        Takes a clause for each file that is damaged and unpacked in part; without it that is an error.
+    """
+    targets = []
+    for file in files:
+        target = folder / file.name.removesuffix(PACKED) if file.suffix == PACKED and file.exists() else file
+        targets.append(target)
+        if target == file:
+            continue
+        try:
+            unpack_file(file, target)
+        except Exception as problem:
+            if faults is None or (isinstance(problem, OSError) and problem.errno in NO_ROOM):
+                raise
+            faults.append(f"{file.name} cannot be unpacked to its end")
+    return targets
+
+
 NO_ROOM = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT)
 """Error numbers of a disk without room: the input is not at fault."""
 
@@ -245,3 +274,18 @@ def reason_of(problem: Exception) -> str:
         return problem.strerror
     is_telling = type(problem).__module__.partition(".")[0] in _TELLING
     return (" ".join(str(problem).split()) if is_telling else "") or "its parts do not fit together"
+
+
+@contextmanager
+def room_named(path: Path) -> Iterator[None]:
+    """Explain that a disk has no room for the temporary files of a bag."""
+    try:
+        yield
+    except (OSError, InputError) as problem:
+        cause = problem if isinstance(problem, OSError) else problem.__cause__
+        if not isinstance(cause, OSError) or cause.errno not in NO_ROOM:
+            raise
+        place = temporary_place().parent
+        raise InputError(
+            f"{path} cannot be unpacked or recovered in {place}: {cause.strerror}; let TMPDIR name a folder with room"
+        ) from cause

@@ -15,7 +15,7 @@ from tam_calibration.messages.cdr import RawMessages, join, windows
 from tam_calibration.model.units import IntArray
 from tam_calibration.recordings import mcap_records
 from tam_calibration.recordings.bag_bounds import NAMED, Damaged, check_piece, unpack
-from tam_calibration.recordings.bag_storages import Condition
+from tam_calibration.recordings.bag_storages import Condition, StoredFile
 from tam_calibration.recordings.mcap_records import complete_messages
 
 _RECORD = np.dtype(
@@ -40,7 +40,7 @@ class _Chunk(NamedTuple):
     size: int
 
 
-class McapFile:
+class McapFile(StoredFile):
     """A finished file with an index of its chunks.
 
     Parameters
@@ -50,7 +50,6 @@ class McapFile:
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
         self._chunks, topics, stated = list[_Chunk](), mcap_records.Topics(), None
         with path.open("rb") as file:
             end = mcap_records.read_end(file)
@@ -64,20 +63,17 @@ class McapFile:
         for chunk in self._chunks:
             counts.update({channel: length // 16 for channel, (_, length) in chunk.indices.items()})
         known = topics.connections
-        self.connections = [one._replace(msgcount=counts[one.id]) for one in known.values()]
-        self.message_count = counts.total()
-        self.start_ns = min((chunk.start_ns for chunk in self._chunks if chunk.indices), default=0)
-        self.end_ns = max((chunk.end_ns for chunk in self._chunks if chunk.indices), default=0)
+        filled = [chunk for chunk in self._chunks if chunk.indices]
+        super().__init__(
+            path,
+            [one._replace(msgcount=counts[one.id]) for one in known.values()],
+            min((chunk.start_ns for chunk in filled), default=0),
+            max((chunk.end_ns for chunk in filled), default=0),
+        )
         self.is_indexed = counts.total() == stated and counts.keys() <= known.keys()
 
     def blocks(self, position: Mapping[int, int]) -> Iterator[tuple[RawMessages, int]]:
-        """Yield the messages of each chunk that come before those of the next, as ``StoredFile`` asks.
-
-        Parameters
-        ----------
-        position : mapping of int to int
-            For the id of each wanted connection its number in the messages.
-        """
+        """Yield the messages of each chunk that come before those of the next, as of `StoredFile`."""
         chunks = [chunk for chunk in self._chunks if chunk.indices.keys() & position]
         chunks.sort(key=lambda chunk: (chunk.start_ns, chunk.place))
         waiting: list[tuple[_Chunk, RawMessages]] = []
@@ -114,9 +110,7 @@ class McapFile:
             raise Damaged("the index of a chunk does not fit the chunk")
         number = np.zeros(max(position) + 1, dtype=np.int64)
         number[list(position)] = list(position.values())
-        messages = RawMessages(number[channel], heads["log_ns"].astype(np.int64), start, size, block)
-        is_in_order = bool((np.diff(messages.recorded_ns) >= 0).all())
-        return messages if is_in_order else messages.take(np.argsort(messages.recorded_ns, kind="stable"))
+        return RawMessages(number[channel], heads["log_ns"].astype(np.int64), start, size, block).in_order()
 
 
 def _parse_chunk(content: bytes) -> _Chunk:
@@ -154,10 +148,8 @@ def _count_before(chunk: _Chunk, messages: RawMessages, following: _Chunk) -> in
 
 
 def _merge(parts: list[tuple[int, RawMessages]]) -> RawMessages:
-    if len(parts) == 1:
-        return parts[0][1]
-    merged = join([messages for _, messages in sorted(parts, key=lambda part: part[0])])
-    return merged.take(np.argsort(merged.recorded_ns, kind="stable"))
+    """Return the messages of several chunks, at equal times those of the first chunk in the file first."""
+    return join([messages for _, messages in sorted(parts, key=lambda part: part[0])]).in_order()
 
 
 def condition_of(path: Path) -> Condition:

@@ -1,8 +1,11 @@
-"""Bags of every storage, folders and single files, and their serialised messages."""
+"""Bags of every storage, folders and single files: their serialised messages, the complete ones of unfinished bags."""
 
 import logging
-from collections.abc import Iterator, Sequence
+import sys
+from collections import Counter
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from functools import lru_cache
 from glob import escape
 from itertools import groupby
@@ -20,14 +23,82 @@ from tam_calibration.messages.cdr import RawMessages
 from tam_calibration.messages.samples import Progress
 from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.recordings import bag_storages
-from tam_calibration.recordings.bag_bounds import NAMED, Damaged, check_piece, damage_named, unpack_bounded
-from tam_calibration.recordings.bag_recovery import Recovered, RecoveredFile, room_named, unpacked
+from tam_calibration.recordings.bag_bounds import (
+    NAMED,
+    Damaged,
+    check_piece,
+    damage_named,
+    room_named,
+    unpack_bounded,
+    unpacked,
+)
 from tam_calibration.recordings.bag_storages import Condition, StoredFile, serialisation_of, storage_for
 
 log = logging.getLogger(__name__)
 
 _ZSTD = b"\x28\xb5\x2f\xfd"
 """First bytes of a message that was compressed by itself; no serialised message of ROS 2 begins so."""
+
+
+@dataclass(frozen=True)
+class Recovered:
+    """The complete messages of a bag.
+
+    Parameters
+    ----------
+    messages : int
+        How many messages.
+    first_ns, last_ns : int
+        When the first and the last of them were recorded, nanoseconds.
+    faults : tuple of str
+        Parts that were left out, as clauses.
+    """
+
+    messages: int
+    first_ns: int
+    last_ns: int
+    faults: tuple[str, ...]
+
+    def __str__(self) -> str:
+        """Return a clause for people."""
+        duration_s = (self.last_ns - self.first_ns) / 1e9
+        ends = f"the recording ends at {self.last_ns / 1e9:.3f} s, {duration_s:.3f} s after it began"
+        more = len(self.faults) - NAMED
+        lost = [*self.faults[:NAMED], *([f"{more} faults more"] if more > 0 else [])]
+        return f"{self.messages} complete messages are recovered, {ends}{''.join(f'; {each}' for each in lost)}"
+
+
+class RecoveredFile(StoredFile):
+    """The complete messages of a file without an end or an index; each pass finds them anew.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    faults : list of str
+        Takes a clause for each part that is left out.
+    """
+
+    def __init__(self, path: Path, faults: list[str]) -> None:
+        self._storage = storage_for(path)
+        found: dict[int, Connection] = {}
+        counts, empty = Counter[int](), Counter[str]()
+        start_ns, end_ns = sys.maxsize, 0
+        for one, recorded_ns, content in self._storage.complete_messages(path, faults):
+            if not content:
+                empty[one.topic] += 1
+                continue
+            found[one.id] = one
+            counts[one.id] += 1
+            start_ns, end_ns = min(start_ns, recorded_ns), max(end_ns, recorded_ns)
+        faults += [f"empty messages of {topic}: {count} left out" for topic, count in empty.items()]
+        super().__init__(path, [one._replace(msgcount=counts[one.id]) for one in found.values()], start_ns, end_ns)
+
+    def messages(self, ids: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
+        """Yield messages in the order of writing, as of `StoredFile`, without the empty ones."""
+        for one, recorded_ns, content in self._storage.complete_messages(self.path, []):
+            if one.id in ids and content:
+                yield one.id, recorded_ns, content
 
 
 class BagReader:

@@ -1,7 +1,7 @@
 """The storage of ROS 1, ``.bag``, which is only read."""
 
 from bz2 import decompress as decompress_bz2
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator
 from functools import partial
 from pathlib import Path
 
@@ -9,16 +9,15 @@ from lz4.frame import decompress as decompress_lz4
 from rosbags.interfaces import Connection, ConnectionExtRosbag2
 from rosbags.rosbag1 import Reader
 
-from tam_calibration.messages.cdr import RawMessages, gather
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.recordings.bag_bounds import reason_of, unpack_bounded
-from tam_calibration.recordings.bag_storages import Condition
+from tam_calibration.recordings.bag_storages import Condition, StoredFile
 
 _COMPRESSIONS = {decompress_bz2: "bz2", decompress_lz4: "lz4"}
 """By the functions that rosbags would unpack chunks with, whatever comes of them."""
 
 
-class Ros1File:
+class Ros1File(StoredFile):
     """A ROS 1 bag with an index; its messages are serialised as ``ros1``.
 
     Parameters
@@ -28,33 +27,23 @@ class Ros1File:
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
         try:
             with Reader(path) as reader:
-                self.connections = [one._replace(ext=ConnectionExtRosbag2("ros1", [])) for one in reader.connections]
-                self.start_ns, self.end_ns = reader.start_time, reader.end_time - 1
+                connections = [one._replace(ext=ConnectionExtRosbag2("ros1", [])) for one in reader.connections]
+                super().__init__(path, connections, reader.start_time, reader.end_time - 1)
         except Exception as problem:  # rosbags asserts some parts of an index
             reason = reason_of(problem).rstrip(".")
             raise InputError(f"{reason}; `rosbag reindex {path.name}` repairs a missing index") from problem
-        self.message_count = sum(one.msgcount for one in self.connections)
 
-    def blocks(self, position: Mapping[int, int]) -> Iterator[tuple[RawMessages, int]]:
-        """Yield messages in the order of recording as ``StoredFile`` asks.
-
-        Parameters
-        ----------
-        position : mapping of int to int
-            For the id of each wanted connection its number in the messages.
-        """
+    def messages(self, ids: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
+        """Yield messages in the order of recording, as of `StoredFile`, of chunks that are unpacked within bounds."""
         with Reader(self.path) as reader:
             for place, chunk in reader.chunks.items():
                 if compression := _COMPRESSIONS.get(chunk.decompressor):
                     unpack = partial(unpack_bounded, compression=compression, what="a chunk")
                     reader.chunks[place] = chunk._replace(decompressor=unpack)
-            wanted = [one for one in self.connections if one.id in position]
-            stored = reader.messages(wanted)
-            messages = ((position[one.id], recorded_ns, bytes(raw)) for one, recorded_ns, raw in stored)
-            yield from gather(messages, self.path.stat().st_size / self.message_count)
+            for one, recorded_ns, raw in reader.messages([one for one in self.connections if one.id in ids]):
+                yield one.id, recorded_ns, bytes(raw)
 
 
 def condition_of(path: Path) -> Condition:

@@ -1,23 +1,23 @@
 """A bag as tables: its topics, and the numbers in their messages."""
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from functools import cache, cached_property
 
 import numpy as np
 from rosbags.interfaces import Connection, MessageDefinitionFormat
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 
+from tam_calibration.files.text_files import in_file
 from tam_calibration.messages.cdr import RawMessages, in_large_blocks
 from tam_calibration.messages.message_fields import Definitions, MessageFields, stamp_fields
-from tam_calibration.messages.samples import Progress
-from tam_calibration.messages.stream_messages import StreamMessages
-from tam_calibration.messages.topics import FIELD_UNITS, IMU
+from tam_calibration.messages.point_cloud import FIELD_UNITS, IMU
+from tam_calibration.messages.samples import Progress, StreamMessages
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.recordings.bag_reader import BagReader, raw_blocks
 from tam_calibration.recordings.channel_map import Clock
-from tam_calibration.recordings.tables import BATCH, Table, Wanted
+from tam_calibration.recordings.tables import BATCH, Table, Wanted, by_stream, fields_of
 
 _Decoder = Callable[[RawMessages], tuple[IntArray | None, FloatArray]]
 """Returns the (n,) stamps, where there are any, and the (n, values) of messages."""
@@ -123,31 +123,24 @@ class BagSource:
         self, wanted: Mapping[str, Wanted], clock: Clock, progress: Progress
     ) -> Iterator[dict[str, StreamMessages]]:
         """Yield the messages of some streams, decoded, as `Source.batches`."""
-        streams: dict[str, list[str]] = {}
+        topics: dict[str, dict[str, Wanted]] = {}
         for stream, each in wanted.items():
-            streams.setdefault(each.table.name, []).append(stream)
-        connections = [self._connections[topic] for topic in streams]
-        paths = {
-            topic: tuple(path for stream in own for path in wanted[stream].fields) for topic, own in streams.items()
-        }
-        decoders = {topic: self._decoder(topic, paths[topic]) for topic in streams}
+            topics.setdefault(each.table.name, {})[stream] = each
+        connections = [self._connections[topic] for topic in topics]
+        decoders = {topic: self._decoder(topic, fields_of(own)) for topic, own in topics.items()}
         parts: dict[str, list[StreamMessages]] = {stream: [] for stream in wanted}
         count, is_received = 0, clock == "received"
         for block in in_large_blocks(raw_blocks(self.bag, connections, progress)):
-            for number, (topic, own) in enumerate(streams.items()):
+            for number, (topic, own) in enumerate(topics.items()):
                 order = np.flatnonzero(block.connection == number)
                 if not len(order):
                     continue
                 messages = block.take(order)
-                with in_topic(topic):
+                with in_file(f"topic {topic}"):
                     stamps_ns, values = decoders[topic](messages)
                 stamps_ns = messages.recorded_ns if is_received else stamps_ns
-                first = 0
-                for stream in own:
-                    last = first + len(wanted[stream].fields)
-                    numbers = values[:, first:last]
+                for stream, numbers in by_stream(own, values).items():
                     parts[stream].append(StreamMessages(order + count, stamps_ns, numbers, messages.recorded_ns))
-                    first = last
             count += len(block)
             if count >= BATCH:
                 yield _concatenated(parts)
@@ -205,12 +198,3 @@ def _fields_of(msgtype: str, form: str, text: str, is_ros1: bool) -> MessageFiel
 
 def _concatenated(parts: dict[str, list[StreamMessages]]) -> dict[str, StreamMessages]:
     return {name: StreamMessages.concatenate(several) for name, several in parts.items() if several}
-
-
-@contextmanager
-def in_topic(topic: str) -> Iterator[None]:
-    """Put the name of a topic before the message of an `InputError`."""
-    try:
-        yield
-    except InputError as problem:
-        raise InputError(f"topic {topic}: {problem}") from None

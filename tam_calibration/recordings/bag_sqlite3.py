@@ -2,7 +2,7 @@
 
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import closing, suppress
 from glob import escape
 from pathlib import Path
@@ -17,11 +17,11 @@ from rosbags.rosbag2 import CompressionMode
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 
 from tam_calibration.files.whole_files import temporary_place, unfinished
-from tam_calibration.messages.cdr import RawMessages, gather
+from tam_calibration.messages.cdr import RawMessages
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import IntArray
 from tam_calibration.recordings.bag_bounds import LARGEST_PIECE, Damaged, check_topics, quality_of
-from tam_calibration.recordings.bag_storages import Condition
+from tam_calibration.recordings.bag_storages import Condition, StoredFile
 
 ROWS, _BYTES = 8_192, 2_000_000
 """Most rows, and bytes of messages of mean size, that a query gathers: larger blocks leave the processor's caches."""
@@ -134,7 +134,7 @@ def _read_connections(database: apsw.Connection) -> list[Connection]:
     return connections
 
 
-class Sqlite3File:
+class Sqlite3File(StoredFile):
     """A finished database.
 
     Parameters
@@ -144,30 +144,27 @@ class Sqlite3File:
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
         with closing(_open(path)) as database:
             _require_plain(database)
             counts = dict[int, int](database.execute("SELECT topic_id, count(*) FROM messages GROUP BY topic_id"))
-            self.connections = [one._replace(msgcount=counts.get(one.id, 0)) for one in _read_connections(database)]
-            first, last, self.message_count = _first(database, _SPAN)
-        self.start_ns, self.end_ns = first or 0, last or 0
+            connections = [one._replace(msgcount=counts.get(one.id, 0)) for one in _read_connections(database)]
+            first, last, count = _first(database, _SPAN)
+        super().__init__(path, connections, first or 0, last or 0)
+        self.message_count = count  # also those of topics that are missing
+
+    def messages(self, ids: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
+        """Yield messages row by row, as of `StoredFile`."""
+        with closing(_open(self.path)) as database:
+            rows = database.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp")
+            yield from (row for row in rows if row[0] in ids)
 
     def blocks(self, position: Mapping[int, int]) -> Iterator[tuple[RawMessages, int]]:
-        """Yield messages in the order of recording as ``StoredFile`` asks.
-
-        Parameters
-        ----------
-        position : mapping of int to int
-            For the id of each wanted connection its number in the messages.
-        """
-        size = self.path.stat().st_size
+        """Yield messages as of `StoredFile`, many rows by one query where the index is there."""
         with closing(_open(self.path)) as database:
             if _first(database, _HAS_INDEX):
-                yield from self._gathered(database, size, position)
-            else:  # somebody dropped it
-                rows = database.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp")
-                wanted = ((position[topic], *row) for topic, *row in rows if topic in position)
-                yield from gather(wanted, size / self.message_count)
+                yield from self._gathered(database, self.path.stat().st_size, position)
+                return
+        yield from super().blocks(position)  # somebody dropped it
 
     def _gathered(
         self, database: apsw.Connection, size: int, position: Mapping[int, int]

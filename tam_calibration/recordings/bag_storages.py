@@ -5,7 +5,7 @@ A storage is one module that reads, and mostly writes, its files, and one line i
 
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
 from importlib import import_module
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from tam_calibration.files.text_files import read_text, require_regular
 from tam_calibration.files.yaml_document import parse_mapping
-from tam_calibration.messages.cdr import RawMessages
+from tam_calibration.messages.cdr import RawMessages, gather
 from tam_calibration.model.exceptions import InputError
 
 if TYPE_CHECKING:
@@ -39,27 +39,33 @@ class Condition(Enum):
     """It is finished, but lacks the index that reading needs."""
 
 
-class StoredFile(Protocol):
-    """A complete file of a bag; made of its path.
+class StoredFile:
+    """A file of a bag whose messages can be read; the class of a storage is made of its path.
 
-    Attributes
+    Parameters
     ----------
     path : Path
         The file.
     connections : sequence of Connection
-        Its topics as rosbags describes them. ``ext.serialization_format`` is ``cdr``, ``ros1``, or one that is not
-        read; ``msgdef`` is the definition of the type, where the file contains one.
-    message_count : int
-        Messages of all topics.
+        Its topics as rosbags describes them, with their numbers of messages. ``ext.serialization_format`` is ``cdr``,
+        ``ros1``, or one that is not read; ``msgdef`` is the definition of the type, where the file contains one.
     start_ns, end_ns : int
-        When the first and the last were recorded, nanoseconds.
+        When the first and the last message were recorded, nanoseconds.
     """
 
-    path: Path
-    connections: Sequence["Connection"]
-    message_count: int
-    start_ns: int
-    end_ns: int
+    def __init__(self, path: Path, connections: Sequence["Connection"], start_ns: int, end_ns: int) -> None:
+        self.path, self.connections, self.start_ns, self.end_ns = path, connections, start_ns, end_ns
+        self.message_count = sum(one.msgcount for one in connections)
+
+    def messages(self, ids: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
+        """Yield the id of the connection, the time of recording and the serialised message of some connections.
+
+        Parameters
+        ----------
+        ids : collection of int
+            Those of the connections.
+        """
+        raise NotImplementedError
 
     def blocks(self, position: Mapping[int, int]) -> Iterator[tuple[RawMessages, int]]:
         """Yield the messages of some connections in the order of recording, many at once, and the bytes read for them.
@@ -69,6 +75,9 @@ class StoredFile(Protocol):
         position : mapping of int to int
             For the id of each connection that is read its number in the messages.
         """
+        wanted = ((position[number], recorded_ns, content) for number, recorded_ns, content in self.messages(position))
+        for block, size in gather(wanted, self.path.stat().st_size / self.message_count):
+            yield block.in_order(), size
 
 
 class Storage(Protocol):

@@ -16,17 +16,15 @@ from rosbags.typesys import Stores, get_typestore
 from tam_calibration.files.text_files import require_regular, write_whole
 from tam_calibration.files.whole_files import temporary_place, unfinished
 from tam_calibration.messages.cdr import ByteArray, RawMessages, fill, interleave
-from tam_calibration.messages.point_cloud import FRAME_ID
+from tam_calibration.messages.point_cloud import FLOAT64, FRAME_ID, IMU, MAGNETIC_FIELD, TEMPERATURE, topic_and_type
 from tam_calibration.messages.samples import pieces, stamps_of
 from tam_calibration.messages.stream import sensor_stream
-from tam_calibration.messages.topics import FLOAT64, IMU, MAGNETIC_FIELD, TEMPERATURE, topic_and_type
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.recordings import bag_storages
-from tam_calibration.recordings.bag_bounds import damage_named
-from tam_calibration.recordings.bag_reader import BagReader, raw_blocks
-from tam_calibration.recordings.bag_recovery import Recovered, RecoveredFile, room_named, unpacked
+from tam_calibration.recordings.bag_bounds import damage_named, room_named, unpacked
+from tam_calibration.recordings.bag_reader import BagReader, Recovered, RecoveredFile, raw_blocks
 from tam_calibration.recordings.bag_storages import DEFAULT, data_files, serialisation_of
 
 TYPESTORE = get_typestore(Stores.ROS2_JAZZY)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from tam_calibration.messages.missing import in_words
-from tam_calibration.messages.topics import IMU, MAGNETIC_FIELD, TEMPERATURE
+from tam_calibration.messages.point_cloud import IMU, MAGNETIC_FIELD, TEMPERATURE
 from tam_calibration.recordings.channel_map import ChannelMap, Pick
 from tam_calibration.recordings.resolving import NAMES
 from tam_calibration.recordings.tables import Source, Table, Wanted

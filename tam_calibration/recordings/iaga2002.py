@@ -46,6 +46,7 @@ def read_iaga2002(path: Path) -> ObservatoryRecord:
         return ObservatoryRecord(start, time_s, _meridian_components(columns))
 
 
+@lru_cache(maxsize=2)
 def read_intensity(path: Path) -> tuple[FloatArray, FloatArray]:
     """Return the times (M,), seconds since 1970, and intensities (M,), tesla, of an IAGA-2002 file.
 
@@ -155,11 +156,6 @@ def with_base_station(samples: Samples, path: Path | None) -> Samples:
     return replace(samples, recording=replace(recording, scalar_T=station_T))
 
 
-@lru_cache(maxsize=2)
-def _record(path: Path) -> tuple[FloatArray, FloatArray]:
-    return read_intensity(path)
-
-
 def _at(path: Path, time_s: FloatArray) -> FloatArray:
     """Return the station's intensity (N,) at some times, NaN within its gaps.
 
@@ -168,7 +164,7 @@ def _at(path: Path, time_s: FloatArray) -> FloatArray:
     InputError
         When it has none.
     """
-    own_s, own_T = _record(path)
+    own_s, own_T = read_intensity(path)
     after = np.clip(np.searchsorted(own_s, time_s), 1, len(own_s) - 1)
     # Longer gaps are not interpolated: pulsations and storms of the field take minutes.
     is_near = (own_s[after] - own_s[after - 1] <= 180.0) & (time_s >= own_s[0]) & (time_s <= own_s[-1])

@@ -7,15 +7,22 @@ from functools import cached_property
 
 import numpy as np
 
-from tam_calibration.core.averaged_rates import AveragedRates
+from tam_calibration.core.interpolation import AveragedRates
 from tam_calibration.correction.partial import missing_codes
 from tam_calibration.messages.batch_synchroniser import BatchSynchroniser
 from tam_calibration.messages.cdr import NO_TIME
 from tam_calibration.messages.missing import Missing
 from tam_calibration.messages.point_cloud import SampleLayout, is_channel
-from tam_calibration.messages.samples import Progress, Samples, seconds_of
+from tam_calibration.messages.samples import (
+    Progress,
+    Samples,
+    StreamMessages,
+    expected_frames,
+    other_frame,
+    seconds_of,
+    turns_of,
+)
 from tam_calibration.messages.stream import sensor_stream
-from tam_calibration.messages.stream_messages import StreamMessages, expected_frames, other_frame, turns_of
 from tam_calibration.messages.timeline import Run
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array

@@ -1,4 +1,4 @@
-"""Recordings of any format read into samples, complete, in pieces or on disk, and where a result came from."""
+"""Recordings of any format read into samples, complete or in pieces, and where a result came from."""
 
 import logging
 from collections.abc import Iterator, Mapping
@@ -12,10 +12,9 @@ from tam_calibration.correction.calibration import Provenance
 from tam_calibration.files.text_files import in_file
 from tam_calibration.messages.missing import in_words
 from tam_calibration.messages.samples import Progress, Samples
-from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, printable
-from tam_calibration.model.recording import Recording, SampleSource
+from tam_calibration.model.recording import Recording
 from tam_calibration.recordings.bag_storages import data_files, is_bag
 from tam_calibration.recordings.channel_map import ChannelMap, TimeColumn, map_of, read_map
 from tam_calibration.recordings.choice import choose
@@ -24,7 +23,6 @@ from tam_calibration.recordings.iaga2002 import with_base_station
 from tam_calibration.recordings.intake import Intake
 from tam_calibration.recordings.joining import Joining, Streams
 from tam_calibration.recordings.reading import AS_IT_IS, Moment, Reading, Window
-from tam_calibration.recordings.recording_stream import RecordingStream
 from tam_calibration.recordings.resolving import resolve
 from tam_calibration.recordings.row_source import RowJoining, RowSource
 from tam_calibration.recordings.tables import Source
@@ -32,9 +30,6 @@ from tam_calibration.recordings.text_source import FrameSource
 
 if TYPE_CHECKING:
     import pandas
-
-_LARGE_BYTES = 1 << 26
-"""From here on, 64 MiB, a recording is read in pieces."""
 
 log = logging.getLogger(__name__)
 
@@ -266,100 +261,3 @@ def tell_taken(source: Source, streams: Streams, intakes: Mapping[str, Intake]) 
         log.info("%s: %s", source.path, streams.taken)
     if units := [f"{in_words(name)} {intake.unit}" for name, intake in intakes.items() if intake.is_detected]:
         log.info("units by the size of the field: %s", ", ".join(units))
-
-
-def is_large(path: Path) -> bool:
-    """Return whether a file, or the files of a folder, had better be read in pieces: from 64 MiB on."""
-    parts = path.iterdir() if path.is_dir() else [path]
-    return sum(part.stat().st_size for part in parts if part.is_file()) >= _LARGE_BYTES
-
-
-def read_stream(
-    path: Path,
-    array: Array | None = None,
-    reading: Reading = AS_IT_IS,
-    progress: Progress = lambda done, total: None,
-    sensor_count: int | None = None,
-) -> RecordingStream:
-    """Read a recording that may be larger than memory: it is kept in temporary files as numbers.
-
-    Parameters
-    ----------
-    path, array, reading, progress, sensor_count
-        As of `read_samples`.
-
-    Raises
-    ------
-    InputError
-        When it cannot be read or kept, or contains no recording.
-    """
-    usage: Usage | None = None
-
-    def recordings() -> Iterator[Recording]:
-        nonlocal usage
-        for samples in read_pieces(path, array, reading, progress, sensor_count=sensor_count):
-            usage = samples.usage
-            yield samples.recording
-
-    stream = RecordingStream(recordings())
-    stream.usage = usage
-    return stream
-
-
-def read_source(
-    path: Path,
-    array: Array | None = None,
-    reading: Reading = AS_IT_IS,
-    progress: Progress = lambda done, total: None,
-) -> tuple[SampleSource, Usage | None]:
-    """Read a recording for a fit: each reading of its slowest sensor counts once. Return with it its usage.
-
-    Parameters
-    ----------
-    path, array, reading, progress
-        As of `read_samples`.
-
-    Returns
-    -------
-    source, usage
-        As of `read_every`.
-
-    Raises
-    ------
-    InputError
-        When it cannot be read or kept, or contains no recording.
-    """
-    source, usage = read_every(path, array, reading, progress)
-    return (source if usage is None else usage.with_each_reading_once(source)), usage
-
-
-def read_every(
-    path: Path,
-    array: Array | None = None,
-    reading: Reading = AS_IT_IS,
-    progress: Progress = lambda done, total: None,
-) -> tuple[SampleSource, Usage | None]:
-    """Read all samples of a recording into memory, or of one that is large as `read_stream` does; return its usage too.
-
-    Parameters
-    ----------
-    path, array, reading, progress
-        As of `read_samples`.
-
-    Returns
-    -------
-    source : SampleSource
-        The samples.
-    usage : Usage or None
-        How many samples were used, and what is missing; None where nothing was joined and nothing is missing.
-
-    Raises
-    ------
-    InputError
-        When it cannot be read or kept, or contains no recording.
-    """
-    if is_large(path):
-        stream = read_stream(path, array, reading, progress)
-        return stream, stream.usage
-    samples = read_samples(path, array, reading, progress)
-    return samples.recording, samples.usage

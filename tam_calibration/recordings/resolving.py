@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from tam_calibration.messages.missing import in_words
+from tam_calibration.messages.point_cloud import IMU
 from tam_calibration.messages.stream import sensor_stream
-from tam_calibration.messages.topics import IMU
 from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.recordings.channel_map import CHANNEL_WIDTHS, ChannelMap, Clock, Pick
 from tam_calibration.recordings.joining import Streams

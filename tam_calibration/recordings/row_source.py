@@ -9,9 +9,8 @@ import numpy as np
 
 from tam_calibration.core.interpolation import without_delays
 from tam_calibration.messages.missing import Missing
-from tam_calibration.messages.point_cloud import CHANNEL_COLUMNS, is_channel
-from tam_calibration.messages.samples import Progress, Samples
-from tam_calibration.messages.stream_messages import StreamMessages
+from tam_calibration.messages.point_cloud import is_channel
+from tam_calibration.messages.samples import Progress, Samples, StreamMessages
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, quoted
@@ -19,7 +18,7 @@ from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.recordings.channel_map import Clock, TimeColumn
 from tam_calibration.recordings.joining import Streams, samples_of
 from tam_calibration.recordings.reading import Reading
-from tam_calibration.recordings.tables import Columns, MemorySource, Table, Wanted
+from tam_calibration.recordings.tables import Columns, MemorySource, Table, Wanted, by_stream, fields_of
 from tam_calibration.recordings.times import (
     PER_SECOND,
     Times,
@@ -180,7 +179,7 @@ class RowJoining:
     ) -> None:
         self.source, self.streams, self._reading = source, streams, reading
         self._array, self._with_partial = array, with_partial
-        self._fields = [field for wanted in streams.wanted.values() for field in wanted.fields]
+        self._fields = fields_of(streams.wanted)
         self.intakes = streams.intakes(reading, array)
         self._missing, self._count, self._whole = Missing(), 0, 0
         self._first_ns: int | None = None
@@ -253,13 +252,11 @@ class RowJoining:
         if not len(values):
             return None
         rows = np.column_stack([self._time_s(cells, inside, stamps_ns), self._columns(values, stamps_ns)])
-        sensors = self.streams.layout.sensor_count
-        is_complete = ~np.isnan(rows[:, 1 : 1 + 3 * sensors]).any(axis=1)
+        is_missing = np.isnan(rows[:, 1 : 1 + 3 * self.streams.layout.sensor_count])
+        is_complete = ~is_missing.any(axis=1)
         self._count += len(rows)
         self._whole += int(is_complete.sum())
-        rows = rows if self._with_partial else rows[is_complete]
-        has_any = ~np.isnan(rows[:, 1 : 1 + 3 * sensors].reshape(len(rows), sensors, 3)).any(axis=2).all(axis=1)
-        rows = rows if has_any.all() else rows[~np.isnan(rows[:, 1 : 1 + 3 * sensors]).all(axis=1)]
+        rows = rows[~is_missing.all(axis=1) if self._with_partial else is_complete]
         if not len(rows):
             return None
         samples = samples_of(self.streams.layout, None, rows, None)
@@ -287,13 +284,10 @@ class RowJoining:
 
     def _columns(self, values: FloatArray, stamps_ns: IntArray) -> FloatArray:
         """Return the values of all streams in SI, in the order of a sample's columns; NaN where one is missing."""
-        by_stream, first = {}, 0
-        for stream, wanted in self.streams.wanted.items():
-            last = first + len(wanted.fields)
-            taken, codes = self.intakes[stream].take(values[:, first:last])
+        taken = {}
+        for stream, raw in by_stream(self.streams.wanted, values).items():
+            in_si, codes = self.intakes[stream].take(raw)
             self._missing.add(stream, codes, (stamps_ns - (self._first_ns or 0)) / 1e9)
-            by_stream[stream] = np.where(codes[:, None] > 0, np.nan, taken)
-            first = last
-        sensors = [name for name in by_stream if not is_channel(name)]
-        order = [*sensors, *(name for name in CHANNEL_COLUMNS if name in by_stream), *self.streams.layout.further]
-        return np.column_stack([by_stream[name] for name in order])
+            taken[stream] = np.where(codes[:, None] > 0, np.nan, in_si)
+        sensors = (name for name in taken if not is_channel(name))
+        return np.column_stack([taken[name] for name in (*sensors, *self.streams.layout.channels)])

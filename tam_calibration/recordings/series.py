@@ -7,8 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from tam_calibration.messages.message_fields import stamp_fields, stamps_of
-from tam_calibration.messages.samples import Progress
-from tam_calibration.messages.stream_messages import StreamMessages
+from tam_calibration.messages.samples import Progress, StreamMessages
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.recordings.row_source import RowSource, joined_cells

@@ -8,8 +8,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from tam_calibration.messages.samples import Progress
-from tam_calibration.messages.stream_messages import StreamMessages
+from tam_calibration.messages.samples import Progress, StreamMessages
 from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.recordings.channel_map import ChannelMap, Clock
 
@@ -85,6 +84,17 @@ class Wanted(NamedTuple):
 
     table: Table
     fields: tuple[str, ...]
+
+
+def fields_of(wanted: Mapping[str, Wanted]) -> tuple[str, ...]:
+    """Return the fields of all streams, one after another."""
+    return tuple(field for each in wanted.values() for field in each.fields)
+
+
+def by_stream(wanted: Mapping[str, Wanted], values: FloatArray) -> dict[str, FloatArray]:
+    """Return the values (n, fields) of each stream, of those of all in the order of `fields_of`."""
+    ends = np.cumsum([len(each.fields) for each in wanted.values()])
+    return dict(zip(wanted, np.split(values, ends[:-1], axis=1), strict=True))
 
 
 class Source(Protocol):

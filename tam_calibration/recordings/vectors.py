@@ -4,9 +4,10 @@ import re
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any, cast
 
-from tam_calibration.messages.topics import CHANNEL_TOPICS, IMU, MAGNETIC_FIELD, sensor_topic
+from tam_calibration.messages.point_cloud import CHANNEL_TOPICS, IMU, MAGNETIC_FIELD, sensor_topic
 from tam_calibration.model.conversion import ATTITUDE_COLUMNS, POSITION_COLUMNS, RATE_COLUMNS
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.further_channels import is_further, named_by, require_further
@@ -168,12 +169,18 @@ def shortened(names: Sequence[str], between: str = ", ", most: int = 12) -> str:
 
 _OWN_FIELD = re.compile(rf"(b([1-9]\d{{,8}})[xyz]|scalar)_({'|'.join(TESLA_PER_FIELD_UNIT)})")
 _OWN_CHANNELS = {"temperature": "temperature_C", "current": "current_A"}
+_OWN_VECTORS = {
+    ATTITUDE_COLUMNS: "attitude",
+    RATE_COLUMNS: "gyroscope",
+    POSITION_COLUMNS: "position",
+    GEOGRAPHIC_COLUMNS: "position",
+}
+"""Channels of several columns, by these."""
 
 
 def is_own_column(name: str) -> bool:
     """Return whether a column has one of the names of ours."""
-    vectors = (*ATTITUDE_COLUMNS, *RATE_COLUMNS, *POSITION_COLUMNS, *GEOGRAPHIC_COLUMNS)
-    known = ("time_s", *vectors, *_OWN_CHANNELS.values())
+    known = ("time_s", *chain(*_OWN_VECTORS), *_OWN_CHANNELS.values())
     return name in known or is_further(name) or _OWN_FIELD.fullmatch(name) is not None
 
 
@@ -213,12 +220,7 @@ def own_columns(tables: Sequence[Table]) -> ChannelMap | None:
         channels["scalar"] = Pick(column=scalar[0], unit=cast(FieldUnit, scalar[3]))
     if set(POSITION_COLUMNS) & set(fields) and set(GEOGRAPHIC_COLUMNS) & set(fields):
         raise InputError("the position is there twice: keep x_m, y_m, z_m or lat_deg, lon_deg, depth_m")
-    for channel, columns in (
-        ("attitude", ATTITUDE_COLUMNS),
-        ("gyroscope", RATE_COLUMNS),
-        ("position", POSITION_COLUMNS),
-        ("position", GEOGRAPHIC_COLUMNS),
-    ):
+    for columns, channel in _OWN_VECTORS.items():
         if set(columns) & set(fields):
             if missing := [name for name in columns if name not in fields]:
                 raise InputError(f"column {missing[0]} is missing (of {', '.join(columns)})")

@@ -10,10 +10,9 @@ import numpy as np
 from tam_calibration.correction.calibration import Corrected
 from tam_calibration.messages import point_cloud
 from tam_calibration.messages.cdr import NO_TIME, RawMessages, fill, interleave
-from tam_calibration.messages.samples import Progress
+from tam_calibration.messages.point_cloud import sensor_topic
+from tam_calibration.messages.samples import BoolArray, Progress
 from tam_calibration.messages.samples import pieces as pieces_of
-from tam_calibration.messages.stream_messages import BoolArray
-from tam_calibration.messages.topics import sensor_topic
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, IntArray

@@ -9,10 +9,9 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 
 from tam_calibration.files import quantities
-from tam_calibration.files.configuration import configuration_folder
-from tam_calibration.files.quantities import GyroscopeFile, in_si
+from tam_calibration.files.quantities import GyroscopeFile, in_si, part_of
 from tam_calibration.files.schema import Bounds, Document, check
-from tam_calibration.files.text_files import write_text
+from tam_calibration.files.text_files import configuration_folder, write_text
 from tam_calibration.files.yaml_document import dump_mapping, mapping_in
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import site_field_T
@@ -202,7 +201,7 @@ class ScenarioFile(Document):
     def build(self, folder: Path) -> Scenario:
         """Return the scenario, paths in it relative to a folder."""
         array, gradient = self.array.to_array(), self.site_gradient_nT_per_m
-        gyroscope = array.gyroscope if self.gyroscope is None else self.gyroscope.to_gyroscope()
+        gyroscope = part_of(self.gyroscope) or array.gyroscope
         array = replace(array, gyroscope=gyroscope)
         return Scenario(
             array=array,

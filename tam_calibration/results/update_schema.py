@@ -7,7 +7,7 @@ import numpy as np
 
 from tam_calibration.correction.parts import Moved, Update
 from tam_calibration.files import quantities
-from tam_calibration.files.quantities import in_si, part_to_mapping, value_in_si, value_to_write
+from tam_calibration.files.quantities import in_si, part_of, part_to_mapping, value_in_si, value_to_write
 from tam_calibration.files.schema import Bounds, Document
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray
@@ -83,8 +83,7 @@ class UpdateFile(Document):
             if [len(row) for row in getattr(self, name)] != [12] * sensor_count:
                 raise InputError(f"the file is damaged: {name} must have {sensor_count} rows of 12 numbers")
         prior, _, *numbers, _ = in_si(self)
-        rates = None if self.change_rates is None else self.change_rates.to_rates()
-        values = [prior, rates, *numbers, tuple(each.to_moved() for each in self.moved)]
+        values = [prior, part_of(self.change_rates), *numbers, tuple(each.to_moved() for each in self.moved)]
         return Update(*values)
 
 

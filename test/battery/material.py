@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from battery.recipes import FOREIGN
 from tam_calibration.cli.main import main
-from tam_calibration.files.configuration import configuration_folder
+from tam_calibration.files.text_files import configuration_folder
 from tam_calibration.model.recording import Recording
 from tam_calibration.recordings import read_array, read_recording
 from tam_calibration.results import read_calibration, write_recording

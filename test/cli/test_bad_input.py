@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 from tam_calibration.cli.main import SUBCOMMANDS, main
 from tam_calibration.fit import calibrate
-from tam_calibration.messages.topics import MAGNETIC_FIELD, sensor_topic
+from tam_calibration.messages.point_cloud import MAGNETIC_FIELD, sensor_topic
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
 from tam_calibration.recordings import write_array

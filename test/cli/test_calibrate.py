@@ -168,7 +168,7 @@ def test_the_noise_of_attitude_may_be_estimated(folder):
 
 def write_apart(path, delays_s=(0.0, 0.0, 0.0, 0.0), periods_ms=(10, 10, 10, 10)):
     """Write a bag whose sensors are read some milliseconds after each other and stamped late, and its array file."""
-    from tam_calibration.messages.topics import MAGNETIC_FIELD, sensor_topic
+    from tam_calibration.messages.point_cloud import MAGNETIC_FIELD, sensor_topic
     from tam_calibration.recordings.bag_writing import TYPESTORE, serialise, write_bag
 
     made = simulate(replace(read_scenario("tumble_100_hz"), sample_count=20_000, rate_hz=1000.0))
@@ -223,7 +223,7 @@ def test_delays_are_estimated_told_and_kept(folder):
 def test_a_large_file_is_streamed_to_the_same_result(folder, monkeypatch, method, undrawn):
     """What does not fit into memory is calibrated from disk, with the same file as the result, and the report shows."""
     run("run.csv", "--array", "array.yaml", "-o", "a.yaml", "--method", method)
-    monkeypatch.setattr("tam_calibration.recordings.recording_file._LARGE_BYTES", 1)
+    monkeypatch.setattr("tam_calibration.recordings.fit_input._LARGE_BYTES", 1)
     run("run.csv", "--array", "array.yaml", "-o", "b.yaml", "--method", method, "--report", "page.html")
     assert (folder / "b.yaml").read_text() == (folder / "a.yaml").read_text()
     assert (folder / "page.html").exists()

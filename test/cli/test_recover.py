@@ -12,7 +12,7 @@ from tam_calibration.cli.main import main
 from tam_calibration.fit import calibrate
 from tam_calibration.fleet import task
 from tam_calibration.fleet.task import read_result
-from tam_calibration.recordings import read_recording, recording_file, write_array
+from tam_calibration.recordings import fit_input, read_recording, write_array
 from tam_calibration.recordings.reading import Reading
 from tam_calibration.results import read_calibration, write_calibration, write_recording
 
@@ -85,7 +85,7 @@ def test_what_is_no_bag_is_told(folder):
 def test_commands_go_on_with_what_is_whole(folder, caplog, gap, monkeypatch, name, is_large):
     """With a warning, in the log and in what they write; the corrected bag holds as many samples."""
     monkeypatch.setattr(diagnose_command, "diagnose", lambda *args, **options: gap)
-    monkeypatch.setattr(recording_file, "_LARGE_BYTES", 0 if is_large else 1 << 30)
+    monkeypatch.setattr(fit_input, "_LARGE_BYTES", 0 if is_large else 1 << 30)
     run("calibrate", name, "--array", "array.yaml", "-o", "new.yaml")
     assert "the recording was left unfinished" in caplog.text
     assert read_calibration("new.yaml").warnings[0].startswith("the recording was left unfinished: 2")

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.cli.main import main
-from tam_calibration.files.configuration import configuration_folder
+from tam_calibration.files.text_files import configuration_folder
 from tam_calibration.recordings import read_array, read_recording
 from tam_calibration.results import read_calibration
 from tam_calibration.results.scenario import read_scenario

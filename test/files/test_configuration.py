@@ -2,8 +2,8 @@ from pathlib import Path
 
 import pytest
 
-from tam_calibration.files import configuration
-from tam_calibration.files.configuration import configuration_folder
+from tam_calibration.files import text_files
+from tam_calibration.files.text_files import configuration_folder
 from tam_calibration.model.exceptions import InputError
 
 
@@ -11,7 +11,7 @@ from tam_calibration.model.exceptions import InputError
 def package(monkeypatch, tmp_path):
     """Return a folder in which the package seems to be installed."""
     package = tmp_path / "lib" / "python3.12" / "site-packages" / "tam_calibration"
-    monkeypatch.setattr(configuration, "__file__", str(package / "files" / "configuration.py"))
+    monkeypatch.setattr(text_files, "__file__", str(package / "files" / "text_files.py"))
     return package
 
 

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from tam_calibration.files import quantities
-from tam_calibration.files.configuration import configuration_folder
 from tam_calibration.files.quantities import nanotesla_to_write, value_to_write
+from tam_calibration.files.text_files import configuration_folder
 from tam_calibration.files.yaml_document import dump_mapping
 from tam_calibration.fit import calibrate
 from tam_calibration.model.exceptions import InputError

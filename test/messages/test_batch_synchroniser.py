@@ -11,7 +11,7 @@ from numpy.testing import assert_array_equal
 
 from tam_calibration.messages.batch_synchroniser import BatchSynchroniser
 from tam_calibration.messages.point_cloud import SampleLayout
-from tam_calibration.messages.stream_messages import StreamMessages
+from tam_calibration.messages.samples import StreamMessages
 from tam_calibration.messages.synchroniser import Synchroniser
 
 MS = 1_000_000

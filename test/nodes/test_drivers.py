@@ -12,8 +12,7 @@ from click.testing import CliRunner
 from ros_bench import field_of_array, write_driver
 
 from tam_calibration.cli.main import main
-from tam_calibration.messages.point_cloud import SampleLayout
-from tam_calibration.messages.topics import MAGNETIC_FIELD
+from tam_calibration.messages.point_cloud import MAGNETIC_FIELD, SampleLayout
 from tam_calibration.recordings import read_array, read_samples, write_array
 from tam_calibration.recordings.bag_writing import TYPESTORE, write_bag
 from tam_calibration.results import read_calibration

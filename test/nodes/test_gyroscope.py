@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from live_mission import dive, rates_of_dive
 
-from tam_calibration.core.averaged_rates import AveragedRates
+from tam_calibration.core.interpolation import AveragedRates
 from tam_calibration.model.conversion import RATE_COLUMNS
 from tam_calibration.model.data_sheet import Gyroscope
 from tam_calibration.model.recording import Recording

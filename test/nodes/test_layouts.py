@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 
-from tam_calibration.files.configuration import configuration_folder
+from tam_calibration.files.text_files import configuration_folder
 
 pytest.importorskip("visualization_msgs.msg", reason="the ROS message packages are not installed")
 

@@ -16,7 +16,7 @@ import pytest
 import yaml
 from ros_bench import own_lines
 
-from tam_calibration.files.configuration import configuration_folder
+from tam_calibration.files.text_files import configuration_folder
 from tam_calibration.fit import calibrate
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.nodes.children import START, Children

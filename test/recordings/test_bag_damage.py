@@ -18,7 +18,7 @@ from small_chunks import cut_chunks
 
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
-from tam_calibration.recordings import bag_mcap, bag_reader, bag_recovery, bag_writing, read_recording
+from tam_calibration.recordings import bag_mcap, bag_reader, bag_writing, read_recording
 from tam_calibration.recordings.bag_writing import TYPESTORE, BlockWriter
 from tam_calibration.results import write_recording
 
@@ -203,7 +203,7 @@ def test_a_topic_that_the_metadata_do_not_name_is_read(tmp_path):
 
 def test_a_sentence_names_three_faults_and_counts_the_others():
     """So that it stays a sentence."""
-    told = str(bag_recovery.Recovered(5, 10**9, 3 * 10**9, tuple("abcde"))).partition("after it began")[2]
+    told = str(bag_reader.Recovered(5, 10**9, 3 * 10**9, tuple("abcde"))).partition("after it began")[2]
     assert told == "; a; b; c; 2 faults more"
 
 

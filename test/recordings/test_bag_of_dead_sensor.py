@@ -12,7 +12,7 @@ from tam_calibration.correction.partial import PartialCorrection
 from tam_calibration.files.text_files import read_text
 from tam_calibration.fit import calibrate
 from tam_calibration.model.exceptions import Refused
-from tam_calibration.recordings.recording_file import read_source
+from tam_calibration.recordings.fit_input import read_source
 from tam_calibration.results import read_calibration, write_calibration, write_recording
 
 STORE = get_typestore(Stores.ROS2_JAZZY)

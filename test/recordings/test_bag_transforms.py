@@ -16,7 +16,7 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.mounting import Mounting
 from tam_calibration.recordings import read_array
-from tam_calibration.recordings.bag_transforms import transforms_in
+from tam_calibration.recordings.array_yaml import transforms_in
 from tam_calibration.results import read_calibration
 
 STORE = get_typestore(Stores.ROS2_JAZZY)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tam_calibration import read_array, read_recording
-from tam_calibration.core.averaged_rates import AveragedRates
-from tam_calibration.messages.topics import IMU, MAGNETIC_FIELD
+from tam_calibration.core.interpolation import AveragedRates
+from tam_calibration.messages.point_cloud import IMU, MAGNETIC_FIELD
 from tam_calibration.model.array import Array
 from tam_calibration.model.data_sheet import Gyroscope
 from tam_calibration.model.exceptions import InputError
@@ -15,8 +15,8 @@ from tam_calibration.model.mounting import Mounting, quaternion_of
 from tam_calibration.model.recording import Recording
 from tam_calibration.recordings.array_yaml import write_array
 from tam_calibration.recordings.bag_writing import serialise, write_bag
+from tam_calibration.recordings.fit_input import read_stream
 from tam_calibration.recordings.inspection import inspect
-from tam_calibration.recordings.recording_file import read_stream
 from tam_calibration.results.data_files import write_recording
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tam_calibration.messages.topics import MAGNETIC_FIELD, sensor_topic
+from tam_calibration.messages.point_cloud import MAGNETIC_FIELD, sensor_topic
 from tam_calibration.model.mounting import Mounting
 from tam_calibration.recordings.bag_writing import TYPESTORE, write_bag
 from tam_calibration.recordings.recording_file import read_samples

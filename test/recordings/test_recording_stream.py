@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from tam_calibration.fit import METHODS, calibrate
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import BLOCK, InterpolatedNoise, Recording
-from tam_calibration.recordings.recording_file import is_large, read_stream
+from tam_calibration.recordings.fit_input import is_large, read_stream
 from tam_calibration.recordings.recording_stream import RecordingStream
 from tam_calibration.results import write_recording
 from tam_calibration.results.scenario import read_scenario

@@ -16,7 +16,7 @@ from tam_calibration.fleet.task import process
 from tam_calibration.integrity.check import faults_of
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.recordings import read_array, read_recording
-from tam_calibration.recordings.recording_file import read_source
+from tam_calibration.recordings.fit_input import read_source
 from tam_calibration.results import read_calibration
 
 REPORTS = Path(__file__).parents[3] / "shared" / "data" / "reports"
