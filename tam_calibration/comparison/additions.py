@@ -14,12 +14,11 @@ from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import check_numbers, effect_named
 from tam_calibration.effects.removal import agreed_field, filled
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.further_channels import channel_in_words
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 from tam_calibration.simulation.observe import add_effects
-
-_STATED_AS = {"temperature_C": "temperature", "current_A": "current", "attitude": "attitude"}
 
 
 class Additions:
@@ -189,7 +188,8 @@ def _check(mend: Mend, recording: Recording) -> None:
             )
         for channel in effect.channels:
             if getattr(recording, channel) is None:
-                raise InputError(f"{fitted.effect} follows the {_STATED_AS[channel]}: give {channel} of the simulation")
+                words = channel_in_words(channel)
+                raise InputError(f"{fitted.effect} follows the {words}: give {channel} of the simulation")
 
 
 def _noise_stream(mend: Mend, generator: np.random.Generator) -> NoiseStream:

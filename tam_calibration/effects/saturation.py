@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from tam_calibration.core.noise import noise_deviation
 from tam_calibration.effects.effect import Contribution, Covariates, Finding, FittedEffect, FoundEffect
 from tam_calibration.effects.grades import CERTAIN, FEWEST, NOTABLE
-from tam_calibration.effects.term import WhitenedResiduals, rows_of
+from tam_calibration.effects.term import WhitenedResiduals
 from tam_calibration.model.units import FloatArray
 
 _KNOWN: "WeakKeyDictionary[WhitenedResiduals, list[_Limit]]" = WeakKeyDictionary()
@@ -60,33 +60,13 @@ class Saturation(FoundEffect):
         fitted = FittedEffect(self.name, {}, tuple(_contributions(limits)))
         return Finding.of_samples(fitted, residuals, flagged, saved, 2 * len(limits), is_certain=True)
 
-    def add(
-        self, rows_T: FloatArray, covariates: Covariates, fitted: FittedEffect, generator: np.random.Generator
-    ) -> FloatArray:
-        """Return simulated rows (N, 3K + 1) with the effect in them, tesla.
-
-        Parameters
-        ----------
-        rows_T : (N, 3K + 1) array
-            Readings of K sensors, and the scalar reading, without the effect, tesla.
-        covariates : Covariates
-            Time, field in the array frame and recorded channels of the N samples.
-        fitted : FittedEffect
-            Where the effect acts, and its numbers.
-        generator : numpy.random.Generator
-            Not used: the effect is not random.
-        """
-        rows = rows_T.copy()
-        for part in fitted.contributions:
-            low, high = part.values.get("lower limit", -np.inf), part.values.get("upper limit", np.inf)
-            if part.term == "core limit":
-                touched = list(range(3 * part.sensor, 3 * part.sensor + 3))
-                core = (rows[:, touched] - covariates.errors.bias_T[part.sensor]) @ _vector(part, "of")
-                rows[:, touched] += np.outer(np.clip(core, low, high) - core, _vector(part, "into"))
-            else:
-                touched = rows_of(part, covariates)
-                rows[:, touched] = np.clip(rows[:, touched], low, high)
-        return rows
+    def put(self, rows_T: FloatArray, part: Contribution, run: Covariates, source: np.random.Generator) -> FloatArray:
+        """Return the readings (N, n) of the n rows that a contribution acts on with the effect; see `FoundEffect`."""
+        low, high = part.values.get("lower limit", -np.inf), part.values.get("upper limit", np.inf)
+        if part.term == "core limit":
+            core = (rows_T - run.errors.bias_T[part.sensor]) @ _vector(part, "of")
+            return rows_T + np.outer(np.clip(core, low, high) - core, _vector(part, "into"))
+        return np.clip(rows_T, low, high)
 
 
 def find_limits(residuals: WhitenedResiduals) -> list[_Limit]:

@@ -1,6 +1,7 @@
 """A model of a recording: calibration and accepted effects, fitted together."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
 
@@ -173,43 +174,27 @@ class Model:
         return plain
 
     @classmethod
-    def _begun(cls, recording: Recording, array: KnownNoiseArray, stride: int) -> "Iterator[Model]":
-        """Yield the model at each start that is within the bounds of sensors and of the Earth's field."""
+    def _first(
+        cls, recording: Recording, array: KnownNoiseArray, stride: int, fit: "Callable[[Model], Model | None]"
+    ) -> "Model | None":
+        """Return the first fit from all starts that are within the bounds of sensors and of the Earth's field."""
         for start in starts(recording, array):
             model = cls(recording, array, *start, stride=stride)
             if model.objection is None:
-                yield model
+                with suppress(InputError, Refused, LinAlgError):
+                    if (fitted := fit(model)) is not None:
+                        return fitted
+        return None
 
     @classmethod
     def _within_bounds(cls, recording: Recording, array: KnownNoiseArray, stride: int) -> "Model | None":
         """Return the first fit, of all starts, that converges within the bounds of sensors and of the Earth's field."""
-        for model in cls._begun(recording, array, stride):
-            try:
-                for _ in range(_MOST_ROUNDS):
-                    model = model.settled()
-                    if model.is_settled:
-                        return model
-            except (InputError, Refused, LinAlgError):
-                continue
-        return None
+        return cls._first(recording, array, stride, _converged)
 
     @classmethod
     def _of_most(cls, recording: Recording, array: KnownNoiseArray, stride: int) -> "Model | None":
-        """Return a fit to the half of the samples that it fits best, by least trimmed squares.
-
-        Each step fits the half with the least energy under the fit before (Rousseeuw and Van Driessen 1999).
-        """
-        for model in cls._begun(recording, array, stride):
-            try:
-                for _ in range(_MOST_ROUNDS):
-                    energy = model.channels().energy_per_sample
-                    half = replace(model, recording=recording.take(energy <= np.median(energy))).settled()
-                    model = replace(half, recording=recording)
-                if half.is_settled and not half._is_gross():
-                    return model
-            except (InputError, Refused, LinAlgError):
-                continue
-        return None
+        """Return a fit to the half of the samples that it fits best."""
+        return cls._first(recording, array, stride, _of_better_half)
 
     @classmethod
     def _of_steady(cls, recording: Recording, array: KnownNoiseArray, stride: int) -> "Model | None":
@@ -222,7 +207,7 @@ class Model:
                 continue
             if model is not None and not model._is_gross():
                 fits.append(replace(model, recording=recording))
-        best = max(fits, key=lambda one: one.agrees.sum(), default=None)
+        best = _most_agreeing(*fits)
         if best is None:
             return None
         return replace(replace(best, recording=recording.take(best.agrees)).settled(), recording=recording)
@@ -235,8 +220,10 @@ class Model:
         if self.gross is not None or self.world is not None or not self._is_gross():
             return None
         fits = [find(self.recording, self.array, self.stride) for find in (self._of_most, self._of_steady)]
-        best = max((one for one in (self, *fits) if one is not None), key=lambda one: one.agrees.sum())
-        return None if best is self else replace(self, errors=best.errors, intensity_T=best.intensity_T)
+        best = _most_agreeing(self, *fits)
+        if best is None or best is self:
+            return None
+        return replace(self, errors=best.errors, intensity_T=best.intensity_T)
 
     def _with_floor(self, stated: Array, settled: bool = True) -> "Model":
         """Return the model with the noise of the recording, where none is stated or the stated one is contradicted."""
@@ -448,6 +435,29 @@ class Model:
     def of_all_samples(self) -> "Model":
         """Return the model fitted to every sample."""
         return self if self.stride == 1 else replace(self, stride=1).settled()
+
+
+def _converged(model: Model) -> Model | None:
+    """Return the fit of a model that converges; None where it does not."""
+    for _ in range(_MOST_ROUNDS):
+        model = model.settled()
+        if model.is_settled:
+            return model
+    return None
+
+
+def _of_better_half(model: Model) -> Model | None:
+    """Return the fit of a model to the half of its samples that it fits best; None where it does not fit these.
+
+    By least trimmed squares: each step fits the half with the least energy under the fit before (Rousseeuw and Van
+    Driessen 1999).
+    """
+    recording = model.recording
+    for _ in range(_MOST_ROUNDS):
+        energy = model.channels().energy_per_sample
+        half = replace(model, recording=recording.take(energy <= np.median(energy))).settled()
+        model = replace(half, recording=recording)
+    return model if half.is_settled and not half._is_gross() else None
 
 
 def _most_agreeing(*fits: Model | None) -> Model | None:

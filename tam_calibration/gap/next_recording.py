@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from tam_calibration.effects.library import effect_named
 from tam_calibration.gap.laws.law import causes_of
 from tam_calibration.gap.result import Cause, Verdict
-from tam_calibration.gap.size import CHANNEL_NAMES
+from tam_calibration.gap.size import words_of
 from tam_calibration.gap.steps import Search
 from tam_calibration.model.recording import Recording
 
@@ -65,5 +65,5 @@ def _asked(recording: Recording, names: Iterable[str]) -> str:
     effects = list(map(effect_named, names))
     motions = ", and ".join(dict.fromkeys(effect.excitation for effect in effects))
     needed = dict.fromkeys(channel for effect in effects for channel in effect.channels)
-    missing = [CHANNEL_NAMES[channel] for channel in needed if getattr(recording, channel) is None]
+    missing = [words_of(channel) for channel in needed if getattr(recording, channel) is None]
     return f"{motions}, with the {' and '.join(missing)} recorded" if missing else motions

@@ -8,7 +8,7 @@ c I, in the products of the elements of M and of the field h of the world.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -34,6 +34,9 @@ from tam_calibration.model.geomagnetic_field import FieldBounds
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
+
+_Following = tuple[FloatArray, FloatArray]
+"""Slopes (C, 3) of a sensor's bias over each channel, tesla, and residual energies (2,) without and with them."""
 
 
 def without_channels(recording: Recording) -> Recording | None:
@@ -68,19 +71,10 @@ def without_channels_in_world(recording: Recording, is_oriented: NDArray[np.bool
     products = products_of(oriented.attitude)
 
     def following(courses: FloatArray) -> list[_Following]:
-        readings_T = oriented.readings_T[:, 0]
-        values, energies = _fit(products, courses[is_oriented], readings_T)
-        return [_Following(values[products.shape[1] :], energies)]
+        values, energies = _fit(products, courses[is_oriented], oriented.readings_T[:, 0])
+        return [(values[products.shape[1] :], energies)]
 
     return _without(recording, following)
-
-
-@dataclass(frozen=True, eq=False)
-class _Following:
-    """Slopes (C, 3) of a sensor's bias over each channel, tesla, and residual energies (2,) without and with them."""
-
-    slopes_T: FloatArray
-    energies: FloatArray
 
 
 def _without(recording: Recording, following: Callable[[FloatArray], list[_Following]]) -> Recording | None:
@@ -92,10 +86,10 @@ def _without(recording: Recording, following: Callable[[FloatArray], list[_Follo
         found = following(courses)
     except InputError:
         return None
-    without, within = np.sum([one.energies for one in found], axis=0)
+    without, within = np.sum([energies for _, energies in found], axis=0)
     if without < LEAST_FALL * within:
         return None
-    added_T = np.stack([courses @ one.slopes_T for one in found], axis=1)
+    added_T = np.stack([courses @ slopes_T for slopes_T, _ in found], axis=1)
     return replace(recording, readings_T=recording.readings_T - added_T)
 
 
@@ -124,7 +118,7 @@ def _of_ellipsoid(points_T: FloatArray, courses: FloatArray) -> _Following:
     # Raises where the quadric is no ellipsoid.
     ellipsoid.square_root(shape)
     products = values[9 : 9 + mixed.shape[1]].reshape(-1, 3)
-    return _Following(-unit_T * np.linalg.solve(shape, products.T).T, energies)
+    return -unit_T * np.linalg.solve(shape, products.T).T, energies
 
 
 def _fit(own: FloatArray, added: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -6,13 +6,13 @@ these cosines and, without a scalar reference, the logarithm of the intensity ar
 they do not matter where the recording determines the parameters itself.
 """
 
-from dataclasses import dataclass
 from itertools import combinations
 from math import log, sin, sqrt
 
 import numpy as np
 from numpy.linalg import norm
 
+from tam_calibration.core.normal_equations import Normal
 from tam_calibration.correction.acceptance import LARGEST_NON_ORTHOGONALITY, LARGEST_RATIO
 from tam_calibration.model.geomagnetic_field import FieldBounds
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -20,25 +20,6 @@ from tam_calibration.model.units import FloatArray, to_degrees
 
 _DEVIATIONS = 3.5
 """Bounds in standard deviations of the prior: normal deviates exceed them once in two thousand times."""
-
-
-@dataclass(frozen=True, eq=False)
-class Prior:
-    """The prior linearised at errors, in the columns of ``calibration_regressors``.
-
-    Parameters
-    ----------
-    information : (12K, 12K) array
-        Information matrix.
-    score : (12K,) array
-        Negative gradient of half the energy.
-    energy : float
-        Sum of the squared deviates.
-    """
-
-    information: FloatArray
-    score: FloatArray
-    energy: float
 
 
 def objection_to(errors: SensorErrors, intensity_T: float, field: FieldBounds) -> str | None:
@@ -94,8 +75,8 @@ def _most_like(field: FieldBounds, sensed_T: FloatArray) -> int:
     return int(np.argmin(np.abs(np.log(sensed_T / field.middle_T))))
 
 
-def prior_at(errors: SensorErrors, intensity_T: float | None, field: FieldBounds) -> Prior:
-    """Return the prior at some errors.
+def prior_at(errors: SensorErrors, intensity_T: float | None, field: FieldBounds) -> Normal:
+    """Return the normal equations of the prior at some errors, in the columns of ``calibration_regressors``.
 
     Parameters
     ----------
@@ -120,7 +101,7 @@ def prior_at(errors: SensorErrors, intensity_T: float | None, field: FieldBounds
         blocks.append(slope)
         deviates.append(one)
     jacobian, deviate = np.concatenate(blocks), np.concatenate(deviates)
-    return Prior(jacobian.T @ jacobian, -jacobian.T @ deviate, float(deviate @ deviate))
+    return Normal(jacobian.T @ jacobian, -jacobian.T @ deviate, float(deviate @ deviate), len(deviate))
 
 
 def _of_axes(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:

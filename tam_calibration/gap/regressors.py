@@ -40,29 +40,22 @@ class Regressors:
     @classmethod
     def of(cls, terms: Sequence[Term]) -> "Regressors":
         """Put terms side by side; those that hold the same features share them."""
-        starts = np.cumsum([0, *(len(term.coefficients) for term in terms)])
-        known: dict[int, tuple[int, FloatArray]] = {}
-        total = 0
-        for term in terms:
-            if id(term.features) not in known:
-                known[id(term.features)] = total, term.features
-                total += term.features.shape[1]
-        return cls(
-            np.concatenate([features.T for _, features in known.values()]).T,
-            np.concatenate([known[id(term.features)][0] + np.arange(len(term.rows)) for term in terms]),
-            _side_by_side([term.rows for term in terms]),
-            np.concatenate([term.columns + start for term, start in zip(terms, starts[:-1], strict=True)]),
-            int(starts[-1]),
+        each = (
+            cls(term.features, np.arange(len(term.rows)), term.rows, term.columns, len(term.coefficients))
+            for term in terms
         )
+        return cls.joined(list(each))
 
     @classmethod
     def joined(cls, designs: "Sequence[Regressors]") -> "Regressors":
-        """Put designs side by side."""
+        """Put designs side by side; those that hold the same features share them."""
         columns = np.cumsum([0, *(design.width for design in designs)])
-        features = np.cumsum([0, *(design.features.shape[1] for design in designs)])
+        features = {id(design.features): design.features for design in designs}
+        ends = np.cumsum([one.shape[1] for one in features.values()])
+        starts = {key: end - one.shape[1] for (key, one), end in zip(features.items(), ends, strict=True)}
         return cls(
-            np.concatenate([design.features.T for design in designs]).T,
-            np.concatenate([design.index + start for design, start in zip(designs, features[:-1], strict=True)]),
+            np.concatenate([one.T for one in features.values()]).T,
+            np.concatenate([design.index + starts[id(design.features)] for design in designs]),
             _side_by_side([design.rows for design in designs]),
             np.concatenate([design.columns + start for design, start in zip(designs, columns[:-1], strict=True)]),
             int(columns[-1]),

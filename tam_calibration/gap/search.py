@@ -132,7 +132,7 @@ class _CauseSearch:
         form = chain[-1].form
         if not isinstance(form, Hypothesis):
             return None if self._takes_law(form, law) else left
-        channels, part = model.channels(model.signal()), model.parts[-1]
+        channels, part = model.base().channels, model.parts[-1]
         if part.effect.oversize(channels.covariates, part.fitted(part.terms(channels))) is not None:
             return None
         is_gone = self._is_gone(law, others, model, left) and not _is_open_at_poses(part.effect, self._model, model)
@@ -194,7 +194,7 @@ def _is_open_at_poses(effect: LinearEffect, before: Model, after: Model) -> bool
     What the motion makes is the same at both visits to a pose, and leaves little that is; what goes with its rate may
     leave more. What depends on the time or on the way to a pose is not: else it imitates some function of the pose.
     """
-    first, last = (model.channels(model.signal() if model.parts else None).differential for model in (before, after))
+    first, last = (model.base().channels.differential for model in (before, after))
     again = None if effect.channels else repeats(pose_of(before.base().channels.covariates))
     if again is None:
         return False

@@ -27,16 +27,14 @@ from tam_calibration.gap.regressors import Regressors
 from tam_calibration.gap.result import Considered, Size
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.model.array import TENSOR_OUTPUTS
+from tam_calibration.model.further_channels import channel_in_words
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
 
-CHANNEL_NAMES = {
-    "scalar_T": "scalar magnetometer",
-    "temperature_C": "temperature",
-    "current_A": "current",
-    "attitude": "attitude",
-}
-"""The channels of a recording in words."""
+
+def words_of(channel: str) -> str:
+    """Return a channel of a recording as sentences on what it shows name it."""
+    return "scalar magnetometer" if channel == "scalar_T" else channel_in_words(channel)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,8 +76,8 @@ def unusable(effect: Effect, recording: Recording, covariates: Covariates) -> Co
     """
     for channel in effect.channels:
         if getattr(recording, channel, None) is None:
-            name = CHANNEL_NAMES[channel]
-            return Considered(effect.name, "channel_missing", f"needs the {name} channel, which is not recorded")
+            why = f"needs the {words_of(channel)} channel, which is not recorded"
+            return Considered(effect.name, "channel_missing", why)
     obstacle = effect.obstacle(covariates)
     return None if obstacle is None else Considered(effect.name, "not_identifiable", obstacle)
 
@@ -250,7 +248,7 @@ def noise_variance(model: Model, laws: Sequence[Law]) -> float:
 
 def _white_part(model: Model) -> float:
     """Return the variance of white noise from differences, the median of the rows, over that of the model's array."""
-    floor = floor_of(model.channels(model.signal() if model.parts else None), model.array)
+    floor = floor_of(model.base().channels, model.array)
     if not floor.is_determined:
         return LEAST_NOISE**2
     return float(np.median(floor.level_T[:-1] / floor.stated_T[:-1])) ** 2

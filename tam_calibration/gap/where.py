@@ -38,11 +38,7 @@ def sensors_and_axes(places: Iterable[Place], recording: Recording) -> tuple[tup
     if SCALAR in found:
         sensors.append("scalar")
     axes = {axis for sensor, axis in places if sensor != SCALAR}
-    if not axes:
-        return tuple(sensors), ()
-    if None in axes:
-        return tuple(sensors), ("x", "y", "z")
-    return tuple(sensors), tuple("xyz"[axis] for axis in sorted(axis for axis in axes if axis is not None))
+    return tuple(sensors), tuple(name for index, name in enumerate("xyz") if axes & {index, None})
 
 
 def span_of(channels: WhitenedChannels, excess: FloatArray) -> tuple[float, float] | None:

@@ -7,12 +7,7 @@ import numpy as np
 from tam_calibration.effects.covariates import lagged
 from tam_calibration.effects.grades import MOST
 from tam_calibration.gap.laws import patterns
-from tam_calibration.gap.laws.decisions import (
-    COARSE,
-    LENGTHS,
-    SLOW,
-    TIE,
-)
+from tam_calibration.gap.laws.decisions import COARSE, LENGTHS, SLOW, TIE
 from tam_calibration.gap.laws.evidence import Bins, constant, course
 from tam_calibration.gap.laws.patterns import Candidate, Pattern
 from tam_calibration.gap.laws.states import steps
@@ -23,9 +18,9 @@ from tam_calibration.model.units import FloatArray
 def candidates(residual: Residual, positions_m: FloatArray) -> list[Candidate]:
     """Return all laws tried on a residual, the best first."""
     found: list[Candidate] = []
-    near = nearest(residual)
+    near, bins = nearest(residual), Bins.of_time(residual.time_s)
     for place in near:
-        found += _in_place(residual, place)
+        found += _in_place(residual, place, bins)
     found += [_constant(residual, one, "constant") for one in patterns.everywhere(residual)]
     found += [_constant(residual, one, "motion") for one in patterns.gradients(residual, positions_m)]
     if len(near) > 2:
@@ -48,19 +43,19 @@ def nearest(residual: Residual) -> list[int | str]:
 def _held(residual: Residual, place: int | str) -> float:
     """Return the energy that a free shift of the rows of a place explains in every sample, beyond that of noise."""
     rows = np.array([3 * residual.sensor_count]) if place == "scalar" else patterns.sensor_rows(int(place))
-    response = residual.response[:, :, rows]
-    information = np.swapaxes(response, 1, 2) @ response
+    of_rows, products = residual.by_row
+    information = of_rows[:, rows[:, None], rows]
     trace = np.trace(information, axis1=1, axis2=2).mean()
     if trace <= 0:
         return -np.inf
     information = information + 1e-9 * trace * np.eye(len(rows))
-    score = (np.swapaxes(response, 1, 2) @ residual.z[:, :, None])[:, :, 0]
+    score = products[:, rows, 0]
     energy = (score * np.linalg.solve(information, score[:, :, None])[:, :, 0]).sum()
     free = np.linalg.matrix_rank(information, tol=1e-6 * trace).sum()
     return float(energy - residual.noise * free)
 
 
-def _in_place(residual: Residual, place: int | str) -> Iterator[Candidate]:
+def _in_place(residual: Residual, place: int | str, bins: Bins) -> Iterator[Candidate]:
     """Yield the candidates of one place."""
     if place == "scalar":
         own = list(patterns.in_scalar(residual))
@@ -73,7 +68,6 @@ def _in_place(residual: Residual, place: int | str) -> Iterator[Candidate]:
         yield from _over_reading(residual, int(place))
     for pattern in patterns.attitudes(residual, place):
         yield _constant(residual, pattern, "constant" if pattern.law == "rate" else "motion")
-    bins = Bins.of_time(residual.time_s)
     for pattern in own:
         if pattern.law == "rate":
             yield _constant(residual, pattern, "constant")
@@ -85,7 +79,7 @@ def _in_place(residual: Residual, place: int | str) -> Iterator[Candidate]:
 
 def _constant(residual: Residual, pattern: Pattern, label: str, tried: float = 1.0) -> Candidate:
     """Return the candidate with constant coefficients, the best of so many that were tried."""
-    fit = constant(pattern.columns(residual), residual.z, residual.nuisance)
+    fit = constant(pattern.features, *pattern.of_rows(residual))
     return Candidate(pattern, label, fit.evidence - float(np.log(tried)), pattern.follows)
 
 
@@ -116,8 +110,8 @@ def _following(residual: Residual, pattern: Pattern) -> Iterator[Candidate]:
     duration_s = float(np.ptp(residual.time_s))
     for name, channel in residual.channels.items():
         drives = [lagged(channel, residual.time_s, lag * duration_s) for lag in (0.0, 0.02, 0.1)]
-        for drive in (one / one.std() for one in drives if one.std() > 0):
-            yield _constant(residual, pattern.times(drive[:, None], name), "channel", len(drives))
+        for drive in (one[:, None] / one.std() for one in drives if one.std() > 0):
+            yield _constant(residual, pattern.times(drive, name), "channel", len(drives))
 
 
 def _tones(residual: Residual, pattern: Pattern) -> Iterator[Candidate]:
@@ -141,9 +135,9 @@ def _line(residual: Residual, pattern: Pattern) -> tuple[float | None, int]:
     """Return the frequency of most power in the scores of a pattern, and how many were tried."""
     from scipy.optimize import minimize_scalar
 
-    columns = pattern.columns(residual)
-    score = np.einsum("ncp,nc->np", columns, residual.z)
-    information = np.einsum("ncp,ncq->pq", columns, columns) / residual.count
+    of_sample, products = pattern.of_rows(residual)
+    score = np.einsum("nrp,nr->np", pattern.features, products[:, :, 0])
+    information = np.einsum("nrp,nrq->pq", pattern.features, of_sample @ pattern.features) / residual.count
     values, vectors = np.linalg.eigh(information)
     kept = values > 1e-6 * values[-1]
     score = score @ (vectors[:, kept] / np.sqrt(values[kept]))

@@ -46,5 +46,8 @@ FREEDOM = {
 SCATTER_SIZES = np.geomspace(0.01, 1e8, 41)
 """Variances that are tried, in units of the noise of a channel."""
 
+MOST_TRIED = 6
+"""Laws, the best first, of which each may be accepted where those before it predict nothing."""
+
 MOST_STEPS = 3
 """Steps of a course, at most: with more it is one of episodes."""

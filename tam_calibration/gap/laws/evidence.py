@@ -6,6 +6,7 @@ precision is tridiagonal (Rue and Held 2005, section 2.4), so that the cost is p
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -22,9 +23,8 @@ class Sums:
     Parameters
     ----------
     information : (B, p, p) array
-    score : (B, p) array
-    cross : (B, p, q) array
-        Information between the columns and the nuisance directions.
+    products : (B, p, 1 + q) array
+        Of the columns with the residual, and with the nuisance directions.
     place : (B,) array
         Mean of the index in each bin, increasing within a branch.
     is_first : (B,) array of bool
@@ -32,21 +32,36 @@ class Sums:
     """
 
     information: FloatArray
-    score: FloatArray
-    cross: FloatArray
+    products: FloatArray
     place: FloatArray
     is_first: NDArray[np.bool_]
 
+    @property
+    def score(self) -> FloatArray:
+        """(B, p) products with the residual."""
+        return self.products[:, :, 0]
+
+    @property
+    def cross(self) -> FloatArray:
+        """(B, p, q) information between the columns and the nuisance directions."""
+        return self.products[:, :, 1:]
+
+    @cached_property
+    def band(self) -> FloatArray:
+        """(p + 1, B p) information as LAPACK takes a band: the main diagonal is the last row, those above it follow."""
+        bins, width = self.score.shape
+        band = np.zeros((width + 1, bins, width))
+        for i in range(width):
+            for j in range(i, width):
+                band[width - (j - i), :, j] = self.information[:, i, j]
+        return band.reshape(width + 1, -1)
+
     @classmethod
-    def of(cls, columns: FloatArray, z: FloatArray, nuisance: FloatArray, bins: "Bins") -> "Sums":
-        """Return the sums of columns (N, C, p) with residuals (N, C) and nuisance directions (N, C, q)."""
-        width = columns.shape[2]
-        shape = (len(bins.place), -1)
-        left = bins.arranged(columns).reshape(*shape, width)
-        turned = np.swapaxes(left, 1, 2)
-        score = turned @ bins.arranged(z).reshape(*shape, 1)
-        cross = turned @ bins.arranged(nuisance).reshape(*shape, nuisance.shape[2])
-        return cls(turned @ left, score[:, :, 0], cross, bins.place, bins.is_first)
+    def of(cls, features: FloatArray, information: FloatArray, products: FloatArray, bins: "Bins") -> "Sums":
+        """Return the sums of features (N, r, p) of rows with information (N, r, r) and products (N, r, 1 + q)."""
+        turned = np.swapaxes(bins.arranged(features), 1, 2)
+        weighed: FloatArray = bins.arranged(information @ features)
+        return cls(turned @ weighed, turned @ bins.arranged(products), bins.place, bins.is_first)
 
     def merged(self, bin_count: int) -> "Sums":
         """Return the sums over runs of neighbouring bins, about so many."""
@@ -54,11 +69,9 @@ class Sums:
         if step < 2:
             return self
         starts = np.flatnonzero((np.arange(len(self.place)) % step == 0) | self.is_first)
-        information, score, cross = (
-            np.add.reduceat(one, starts, axis=0) for one in (self.information, self.score, self.cross)
-        )
+        information, products = (np.add.reduceat(one, starts, axis=0) for one in (self.information, self.products))
         size = np.diff(np.append(starts, len(self.place)))
-        return Sums(information, score, cross, np.add.reduceat(self.place, starts) / size, self.is_first[starts])
+        return Sums(information, products, np.add.reduceat(self.place, starts) / size, self.is_first[starts])
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +94,7 @@ class Bins:
             parts = -(-len(own) // size)
             padded = np.append(own, np.full(parts * size - len(own), -1)).reshape(parts, size)
             rows.append(padded)
-            places.append([index[row[row >= 0]].mean() for row in padded])
+            places.append(np.where(padded >= 0, index[padded], 0).sum(axis=1) / (padded >= 0).sum(axis=1))
             firsts.append(np.arange(parts) == 0)
         return cls(np.vstack(rows), np.concatenate(places), np.concatenate(firsts))
 
@@ -91,11 +104,11 @@ class Bins:
         return cls.of(time_s, max(min(512, len(time_s) // 2), 4))
 
     def arranged(self, values: FloatArray) -> FloatArray:
-        """Return values (N, ...) by bins, (B, m, ...), zero where a bin has fewer samples."""
+        """Return values (N, r, p) by bins, (B, m r, p), zero where a bin has fewer samples."""
         taken: FloatArray = values[self.order]
         if (self.order < 0).any():
             taken[self.order < 0] = 0
-        return taken
+        return taken.reshape(len(self.order), -1, values.shape[2])
 
     def spread(self, by_bin: NDArray[Any], count: int) -> NDArray[Any]:
         """Return values by bin (B, ...) at the samples (N, ...)."""
@@ -132,7 +145,8 @@ def course(sums: Sums, length: float, variances: FloatArray, with_errors: bool =
     """
     diagonal, beside, log_determinant = _precision(sums, length)
     fits = [_at(sums, diagonal, beside, log_determinant, variance) for variance in variances]
-    evidence, mean, factor, variance = max(fits, key=lambda one: one[0])
+    evidence, half, factor, variance = max(fits, key=lambda one: one[0])
+    mean = _substituted(factor, half, "N").reshape(sums.score.shape)
     deviation = _deviations(factor, mean.shape) if with_errors else None
     return Fit(evidence, mean, deviation, variance)
 
@@ -152,20 +166,16 @@ def _precision(sums: Sums, length: float) -> tuple[FloatArray, FloatArray, float
 def _at(
     sums: Sums, diagonal: FloatArray, beside: FloatArray, log_determinant: float, variance: float
 ) -> tuple[float, FloatArray, FloatArray, float]:
-    from scipy.linalg import cho_solve_banded, cholesky_banded
+    """Return the evidence, the mean before the last substitution by the factor, the factor, and the variance."""
+    from scipy.linalg import cholesky_banded
 
     bins, width = sums.score.shape
-    band = np.zeros((width + 1, bins * width))
-    by_bin = band.reshape(width + 1, bins, width)
-    for i in range(width):
-        for j in range(i, width):
-            by_bin[width - (j - i), :, j] = sums.information[:, i, j]
-    by_bin[width] += diagonal[:, None] / variance
-    by_bin[0, 1:] = beside[:, None] / variance if width > 0 else 0
+    band = sums.band.copy()
+    band[-1] += np.repeat(diagonal, width) / variance
+    band[0, width:] = np.repeat(beside, width) / variance
     factor = cholesky_banded(band, check_finite=False)
-    right = np.concatenate([sums.score.reshape(-1, 1), sums.cross.reshape(bins * width, -1)], axis=1)
-    solved = cho_solve_banded((factor, False), right, check_finite=False)
-    products = right.T @ solved
+    half = _substituted(factor, sums.products.reshape(bins * width, -1), "T")
+    products = half.T @ half
     left = np.eye(len(products) - 1) - products[1:, 1:]
     left = left + 1e-9 * np.eye(len(left))
     root = np.linalg.cholesky(left)
@@ -173,8 +183,16 @@ def _at(
     prior = width * (log_determinant + bins * np.log(variance))
     determinants = prior + 2 * np.log(factor[-1]).sum() + 2 * np.log(np.diag(root)).sum()
     beta = -np.linalg.solve(root.T, off)
-    mean = (solved[:, 0] - solved[:, 1:] @ beta).reshape(bins, width)
-    return float(0.5 * (products[0, 0] + off @ off - determinants)), mean, factor, float(variance)
+    evidence = float(0.5 * (products[0, 0] + off @ off - determinants))
+    return evidence, half[:, 0] - half[:, 1:] @ beta, factor, float(variance)
+
+
+def _substituted(factor: FloatArray, right: FloatArray, trans: str) -> FloatArray:
+    """Return the solution of equations with an upper triangular band, or with its transpose."""
+    from scipy.linalg.lapack import get_lapack_funcs
+
+    (solve,) = get_lapack_funcs(("tbtrs",), (factor, right))
+    return np.asarray(solve(factor, right, uplo="U", trans=trans)[0])
 
 
 def _deviations(factor: FloatArray, shape: tuple[int, ...]) -> FloatArray:
@@ -186,16 +204,27 @@ def _deviations(factor: FloatArray, shape: tuple[int, ...]) -> FloatArray:
     return np.asarray(np.sqrt(np.maximum(inverse, 0)).reshape(shape))
 
 
-def constant(columns: FloatArray, z: FloatArray, nuisance: FloatArray) -> Fit:
-    """Return the fit of columns (N, C, P) with coefficients that stay, of the best common variance."""
-    flat = columns.reshape(z.size, -1)
-    size = np.sqrt((flat**2).mean(axis=0) * z.shape[1])
-    flat = flat / np.where(size > 0, size, np.inf)
-    own = nuisance.reshape(z.size, -1)
-    crossed = own.T @ flat
-    return of_normal(
-        flat.T @ flat - crossed.T @ crossed, flat.T @ z.ravel(), np.where(size > 0, size, np.inf), z.shape[0]
-    )
+def constant(features: FloatArray, information: FloatArray, products: FloatArray) -> Fit:
+    """Return the fit of features whose coefficients stay, of the best common variance.
+
+    Parameters
+    ----------
+    features : (N, r, P) array
+        Of r rows.
+    information : (N, r, r) array
+        Of each sample on shifts of the rows.
+    products : (N, r, 1 + q) array
+        Of the responses to the rows with the residual, and with the nuisance directions.
+    """
+    flat = features.reshape(-1, features.shape[2])
+    own: FloatArray = flat.T @ (information @ features).reshape(flat.shape)
+    most = np.trace(information, axis1=1, axis2=2) @ (features**2).sum(axis=1)
+    # What the channels do not see of the rows is rounding.
+    seen = np.diag(own) > 1e-12 * most
+    size = np.where(seen, np.sqrt(np.maximum(np.diag(own), 0) / len(features)), np.inf)
+    right = flat.T @ products.reshape(len(flat), -1)
+    score, cross = right[:, 0], right[:, 1:]
+    return of_normal((own - cross @ cross.T) / np.outer(size, size), score / size, size, len(features))
 
 
 def of_normal(information: FloatArray, score: FloatArray, size: FloatArray, whole: float = 0.0) -> Fit:

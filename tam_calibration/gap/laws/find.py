@@ -8,13 +8,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.effects.grades import FEWEST, MOST, NEGLIGIBLE, SLIGHT
 from tam_calibration.gap.laws.candidates import candidates
-from tam_calibration.gap.laws.decisions import (
-    FREEDOM,
-    LEAST_EVIDENCE,
-    LEAST_SHARE,
-    TIE,
-    TOLERANCE,
-)
+from tam_calibration.gap.laws.decisions import FREEDOM, LEAST_EVIDENCE, LEAST_SHARE, MOST_TRIED, TIE, TOLERANCE
 from tam_calibration.gap.laws.law import SCALAR, Course
 from tam_calibration.gap.laws.patterns import Candidate, switched_gains
 from tam_calibration.gap.laws.states import jumping, sharpened
@@ -144,7 +138,7 @@ def predictive_laws(residual: Residual, positions_m: FloatArray, whole: float) -
         scaled = residual.scaled(factor)
         tried = candidates(scaled, positions_m)
         tried = sorted([*tried, *_refined(scaled, tried)], key=lambda one: -one.evidence)
-        tried = [one for one in tried if again is None or not _is_of_pose(scaled, one, again)]
+        tried = _in_question(scaled, tried, again)
         accepted = next(_accepted(scaled, tried), None)
         if accepted is None:
             break
@@ -179,9 +173,23 @@ def _refined(residual: Residual, tried: list[Candidate]) -> Iterator[Candidate]:
                 yield fine
 
 
+def _in_question(residual: Residual, tried: list[Candidate], again: Repeats | None) -> list[Candidate]:
+    """Return the laws that may be accepted, the best first; none that is the same at every pose that is taken up again.
+
+    Those that are simpler than none of the first are left out.
+    """
+    kept: list[Candidate] = []
+    for one in tried:
+        if len(kept) >= MOST_TRIED and one.evidence < _least_beside(kept[MOST_TRIED - 1], is_same_law=True):
+            break
+        if again is None or not _is_of_pose(residual, one, again):
+            kept.append(one)
+    return kept
+
+
 def _accepted(residual: Residual, tried: list[Candidate]) -> Iterator[tuple[Candidate, float]]:
     """Yield laws that predict, the simplest of those with about the most evidence first, with the energy predicted."""
-    for first in tried[:6]:
+    for first in tried[:MOST_TRIED]:
         if first.evidence < LEAST_EVIDENCE:
             return
         simpler = [one for one in tried if one is first or _is_as_good_and_simpler(one, first)]
@@ -205,8 +213,12 @@ def _is_as_good_and_simpler(one: Candidate, first: Candidate) -> bool:
     takes its time, a channel is recorded with errors.
     """
     same = (one.pattern.law, one.pattern.sensors) == (first.pattern.law, first.pattern.sensors)
-    least = (1 - (0.03 if same else 0.005)) * first.evidence - TIE
-    return least <= one.evidence <= first.evidence and _freedom(one) <= _freedom(first) - 1
+    return _least_beside(first, same) <= one.evidence <= first.evidence and _freedom(one) <= _freedom(first) - 1
+
+
+def _least_beside(first: Candidate, is_same_law: bool) -> float:
+    """Return the evidence of a simpler law that is about that of the first one."""
+    return (1 - (0.03 if is_same_law else 0.005)) * first.evidence - TIE
 
 
 def _freedom(one: Candidate) -> float:
@@ -216,9 +228,8 @@ def _freedom(one: Candidate) -> float:
 def predicted_energy(residual: Residual, law: Candidate) -> float:
     """Return the energy of every other sample that a law fitted to the samples between predicts."""
     even = np.arange(residual.count) % 2 == 0
-    fallen = 0.0
-    for chosen in (even, ~even):
-        training, rest = residual.taking(chosen), residual.taking(~chosen)
+    fallen, halves = 0.0, (residual.taking(even), residual.taking(~even))
+    for training, rest in (halves, halves[::-1]):
         signal = law.signal(rest, law.fitted(training))
         flat = rest.nuisance.reshape(signal.size, -1)
         signal = signal - (flat @ (flat.T @ signal.ravel())).reshape(signal.shape)
@@ -234,35 +245,17 @@ def curve_of(law: Candidate, residual: Residual) -> Course:
     coefficients has the relative error 1/√(2 L) of their size, with L its log evidence.
     """
     fit = law.fitted(residual, with_errors=True)
-    _, size = law.pattern.scaled(residual)
+    size = law.pattern.size(residual)
     in_time = law.bins is not None and law.pattern.law != "own_field"
-    if in_time:
-        mean, deviation = _coefficients(law, residual, fit.mean, fit.deviation)
-    else:
-        shift = law.pattern.features @ fit.mean[0]
-        mean, deviation = shift, None
+    mean = law.coefficients(fit.mean, residual.count) if in_time else law.pattern.features @ fit.mean[0]
     is_gain = in_time and law.pattern.law == "gain"
     unit = residual.unit_T / size / (residual.field_T if is_gain else 1.0)
     direction = np.linalg.svd(mean - mean.mean(axis=0), full_matrices=False)[2][0]
     direction = direction * np.sign(direction[np.abs(direction).argmax()])
     along = mean @ direction * unit
     relative = np.abs(along).max() / np.sqrt(2 * law.evidence)
-    error = np.full(len(along), relative) if deviation is None else np.sqrt(deviation**2 @ direction**2) * unit
+    error = np.full(len(along), relative)
+    if in_time and fit.deviation is not None:
+        error = np.sqrt(law.coefficients(fit.deviation, residual.count) ** 2 @ direction**2) * unit
     taken = np.unique(np.linspace(0, len(along) - 1, 200).round().astype(int))
     return Course(residual.time_s[taken], along[taken], error[taken], "1" if is_gain else "T")
-
-
-def _coefficients(
-    law: Candidate, residual: Residual, mean: FloatArray, deviation: FloatArray | None
-) -> tuple[FloatArray, FloatArray | None]:
-    """Return the coefficients (N, p) of the pattern at every sample, and their standard deviations."""
-    assert law.bins is not None
-    if not law.steps:
-        by_sample = law.bins.spread(mean, residual.count)
-        error = None if deviation is None else law.bins.spread(deviation, residual.count)
-        return by_sample, error
-    passed = law.passed(residual.count)
-    if law.begins_on is not None:
-        return ((passed + law.begins_on) % 2)[:, None] * mean[0], None
-    levels = np.vstack([np.zeros((1, mean.shape[1] // len(law.steps))), mean[0].reshape(len(law.steps), -1)])
-    return np.asarray(np.cumsum(levels, axis=0)[passed]), None

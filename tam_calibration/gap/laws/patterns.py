@@ -30,7 +30,7 @@ class Pattern:
     axes : tuple of str
         The axes that are disturbed.
     rows : (r,) array
-        Rows that it shifts.
+        Rows that it shifts; they follow each other.
     features : (N, r, p) array
         Shift of each row by a coefficient of one, in units of the field or of the row.
     """
@@ -44,18 +44,23 @@ class Pattern:
 
     def columns(self, residual: Residual) -> FloatArray:
         """Return the columns (N, C, p) of the whitened residual, of unit mean square in a sample all together."""
-        columns, size = self.scaled(residual)
-        return columns / size
+        return np.asarray(residual.response[:, :, self.rows] @ (self.features / self.size(residual)))
 
-    def scaled(self, residual: Residual) -> tuple[FloatArray, float]:
-        """Return the columns (N, C, p) as they are, and their root mean square size."""
-        columns: FloatArray = residual.response[:, :, self.rows] @ self.features
-        size = float(np.sqrt(np.mean(np.sum(columns**2, axis=(1, 2))) / columns.shape[2]))
-        return columns, size if size > 0 else 1.0
+    def of_rows(self, residual: Residual) -> tuple[FloatArray, FloatArray]:
+        """Return the information (N, r, r) on shifts of its rows, and their products (N, r, 1 + q)."""
+        information, products = residual.by_row
+        own = slice(self.rows[0], self.rows[-1] + 1)
+        return information[:, own, own], products[:, own]
+
+    def size(self, residual: Residual) -> float:
+        """Return the root mean square of the columns of its features."""
+        information, _ = self.of_rows(residual)
+        square = float(np.sum(self.features * (information @ self.features)))
+        return float(np.sqrt(square / self.features[:, 0].size)) if square > 0 else 1.0
 
     def sums(self, residual: Residual, bins: Bins) -> Sums:
         """Return the sums of the columns in bins."""
-        return Sums.of(self.columns(residual), residual.z, residual.nuisance, bins)
+        return Sums.of(self.features / self.size(residual), *self.of_rows(residual), bins)
 
     def times(self, course: FloatArray, follows: str | None = None) -> "Pattern":
         """Return the pattern with features times courses (N, c)."""
@@ -275,15 +280,15 @@ class Candidate:
     steps: tuple[int, ...] = ()
     begins_on: bool | None = None
 
-    def columns(self, residual: Residual) -> FloatArray:
-        """Return the columns (N, C, p) of its coefficients or processes."""
-        columns = self.pattern.columns(residual)
+    def features(self, residual: Residual) -> FloatArray:
+        """Return the features (N, r, p) of its coefficients, that of the pattern where these are constant."""
+        features = self.pattern.features / self.pattern.size(residual)
         if not self.steps:
-            return columns
+            return features
         passed = self.passed(residual.count)
         if self.begins_on is not None:
-            return np.asarray(columns * ((passed + self.begins_on) % 2)[:, None, None])
-        return np.concatenate([columns * (passed > step)[:, None, None] for step in range(len(self.steps))], axis=2)
+            return np.asarray(features * ((passed + self.begins_on) % 2)[:, None, None])
+        return np.concatenate([features * (passed > step)[:, None, None] for step in range(len(self.steps))], axis=2)
 
     def passed(self, count: int) -> NDArray[np.intp]:
         """Return how many of the steps each sample (N,) has passed."""
@@ -292,15 +297,23 @@ class Candidate:
 
     def fitted(self, residual: Residual, with_errors: bool = False) -> Fit:
         """Return the fit to a residual."""
-        columns = self.columns(residual)
         if self.bins is None or self.steps:
-            return constant(columns, residual.z, residual.nuisance)
-        sums = Sums.of(columns, residual.z, residual.nuisance, self.bins)
-        return course(sums, self.length, np.array([self.variance]), with_errors)
+            return constant(self.features(residual), *self.pattern.of_rows(residual))
+        return course(self.pattern.sums(residual, self.bins), self.length, np.array([self.variance]), with_errors)
 
     def signal(self, residual: Residual, fit: Fit) -> FloatArray:
         """Return what a fit of the law adds to the channels (N, C), at the samples of any residual of the recording."""
-        columns = self.columns(residual)
-        if self.bins is None or self.steps:
-            return np.asarray(columns @ fit.mean[0])
-        return np.asarray((columns @ self.bins.spread(fit.mean, residual.count)[:, :, None])[:, :, 0])
+        coefficients = self.coefficients(fit.mean, residual.count)
+        return np.asarray((self.pattern.columns(residual) @ coefficients[:, :, None])[:, :, 0])
+
+    def coefficients(self, fitted: FloatArray, count: int) -> FloatArray:
+        """Return the coefficients (N, p) of the pattern at every sample, from those that were fitted (B, p)."""
+        if self.bins is None:
+            return np.broadcast_to(fitted, (count, fitted.shape[1]))
+        if not self.steps:
+            return self.bins.spread(fitted, count)
+        passed = self.passed(count)
+        if self.begins_on is not None:
+            return np.asarray(((passed + self.begins_on) % 2)[:, None] * fitted)
+        changes = fitted.reshape(len(self.steps), -1)
+        return np.vstack([0 * changes[:1], np.cumsum(changes, axis=0)])[passed]

@@ -8,11 +8,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.effects.grades import MINOR, NEARLY_ALL, NOTABLE
 from tam_calibration.effects.outliers import A_DOZEN
-from tam_calibration.gap.laws.decisions import (
-    LEAST_EVIDENCE,
-    SCATTER_SIZES,
-    TOLERANCE,
-)
+from tam_calibration.gap.laws.decisions import LEAST_EVIDENCE, SCATTER_SIZES, TOLERANCE
 from tam_calibration.gap.laws.law import Place, Signature
 from tam_calibration.gap.laws.patterns import AXES, sensor_rows
 from tam_calibration.gap.laws.whitened import Residual
@@ -33,12 +29,13 @@ def scatter_of(residual: Residual, whole: float) -> list[Signature]:
     # Noise, and the error of any law of the residual's size.
     unit = float(np.sqrt(1 + TOLERANCE**2 * max(left, 0.0) / residual.size))
     residual = residual.scaled(unit)
-    common = _widened(*_resolved(residual.response[:, :, :-1], residual))
+    common = _widened(_of_sizes(*_resolved(residual.response[:, :, :-1], residual)))
     found = []
     for law, sensors, axes, columns in _places(residual):
         values, along = _resolved(columns, residual)
-        evidence = _widened(values, along)
-        sparse, share, often = _sparse(values, along)
+        of_sizes = _of_sizes(values, along)
+        evidence = _widened(of_sizes)
+        sparse, share, often = _sparse(of_sizes)
         explained = unit**2 * (along**2 / np.maximum(values, 1e-12)).sum() - (values > 1e-9).sum()
         course = "random"
         is_rare = share < MINOR  # deviations of single samples, and not spans of noise
@@ -87,22 +84,22 @@ def _of_sizes(values: FloatArray, along: FloatArray) -> FloatArray:
     return np.asarray(0.5 * (sizes[:, None, None] * along**2 / weighed - np.log(weighed)).sum(axis=2))
 
 
-def _widened(values: FloatArray, along: FloatArray) -> float:
-    """Return the evidence of noise that is larger throughout."""
-    return float(_of_sizes(values, along).sum(axis=1).max() - np.log(len(values)))
+def _widened(of_sizes: FloatArray) -> float:
+    """Return the evidence of noise that is larger throughout, from the ratios (S, N) of sizes."""
+    return float(of_sizes.sum(axis=1).max() - np.log(of_sizes.shape[1]))
 
 
-def _sparse(values: FloatArray, along: FloatArray) -> tuple[float, float, FloatArray]:
+def _sparse(of_sizes: FloatArray) -> tuple[float, float, FloatArray]:
     """Return the evidence of large deviations in some samples, how many, and the probability (N,) of each."""
-    best: tuple[float, float, FloatArray] = (-np.inf, 0.0, np.zeros(len(values)))
-    for row in _of_sizes(values, along)[::2]:
-        part, odds = 0.02, np.exp(-np.clip(row, -500, 500))
-        for _ in range(10):
-            often = 1 / (1 + (1 - part) / part * odds)
-            part = float(np.clip(often.mean(), 1e-4, 0.4))
-        total = np.logaddexp(np.log1p(-part), np.log(part) + row).sum()
-        best = max(best, (float(total - 1.5 * np.log(len(row))), part, often), key=lambda one: one[0])
-    return best
+    ratios = of_sizes[::2]
+    odds = np.exp(-np.clip(ratios, -500, 500))
+    part = np.full((len(ratios), 1), 0.02)
+    for _ in range(10):
+        often = 1 / (1 + (1 - part) / part * odds)
+        part = np.clip(often.mean(axis=1, keepdims=True), 1e-4, 0.4)
+    total = np.logaddexp(np.log1p(-part), np.log(part) + ratios).sum(axis=1) - 1.5 * np.log(ratios.shape[1])
+    best = int(total.argmax())
+    return float(total[best]), float(part[best, 0]), often[best]
 
 
 def spikes(residual: Residual) -> NDArray[np.bool_]:

@@ -10,11 +10,7 @@ from tam_calibration.effects.grades import FEWEST, NEGLIGIBLE, NOTABLE
 from tam_calibration.effects.noise_excess import LARGEST_NOISE
 from tam_calibration.effects.quantization import find_lattices
 from tam_calibration.effects.states import Times
-from tam_calibration.gap.laws.decisions import (
-    LEAST_EVIDENCE,
-    LEAST_SHARE,
-    TIE,
-)
+from tam_calibration.gap.laws.decisions import LEAST_EVIDENCE, LEAST_SHARE, TIE
 from tam_calibration.gap.laws.find import Found, curve_of, predictive_laws
 from tam_calibration.gap.laws.law import FREE, SCALAR, Place, Signature
 from tam_calibration.gap.laws.patterns import AXES

@@ -1,6 +1,7 @@
 """Courses that jump: between two states, or in a few steps."""
 
 from collections.abc import Iterator
+from math import log
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,7 +97,7 @@ def sharpened(residual: Residual, one: Candidate) -> Candidate | None:
 
 def _two_states(pattern: Pattern, sums: Sums, bins: Bins, state: NDArray[np.bool_]) -> Candidate | None:
     """Return the course between two states, from a first guess of when the second of them holds."""
-    switch = np.log(len(state))
+    switch = log(len(state))
     for _ in range(6):
         if state.all() or not state.any():
             return None
@@ -134,16 +135,14 @@ def _parted(values: FloatArray) -> NDArray[np.bool_]:
 
 def _best_path(gain: FloatArray, switch: float) -> NDArray[np.bool_]:
     """Return the most likely states (B,) for log odds of the second state, each change at a cost (Viterbi)."""
-    came = np.zeros((len(gain), 2), dtype=bool)
-    low, high = 0.0, float(gain[0])
-    for at, value in enumerate(gain.tolist()[1:], 1):
-        came[at] = high - switch > low, low - switch > high
+    changed, low, high = list[tuple[bool, bool]](), 0.0, float(gain[0])
+    for value in gain.tolist()[1:]:
+        changed.append((high - switch > low, low - switch > high))
         low, high = max(low, high - switch), max(high, low - switch) + value
-    state = np.empty(len(gain), dtype=bool)
-    state[-1] = high > low
-    for at in range(len(gain) - 1, 0, -1):
-        state[at - 1] = state[at] != came[at, int(state[at])]
-    return state
+    backwards = [high > low]
+    for into in reversed(changed):
+        backwards.append(backwards[-1] != into[backwards[-1]])
+    return np.array(backwards[::-1])
 
 
 def steps(pattern: Pattern, sums: Sums, bins: Bins) -> Iterator[Candidate]:

@@ -1,17 +1,20 @@
 """The whitened residual of a recording, and what a disturbance of its rows does to it."""
 
 from dataclasses import dataclass, replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.covariates import to_world, upwards
+from tam_calibration.effects.covariates import to_world
 from tam_calibration.effects.motion import rates
 from tam_calibration.gap.floor import white_variance
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.gap.world import turns
 from tam_calibration.model.units import FloatArray, IntArray
+
+_LAST_BY_ROW: "WeakKeyDictionary[Residual, tuple[FloatArray, FloatArray]]" = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,8 +35,6 @@ class Residual:
         Direction of the field in the array's frame, and its rate of change in units of its own size.
     matrix : (3K, 3) array
         From the field to what each axis senses.
-    up : (N, 3) array, optional
-        Direction upwards in the array's frame.
     rotation : (N, 3, 3) array, optional
         From the array's frame to the world.
     channels : dict
@@ -65,7 +66,6 @@ class Residual:
     field: FloatArray
     rate: FloatArray
     matrix: FloatArray
-    up: FloatArray | None
     rotation: FloatArray | None
     turning: FloatArray | None
     channels: dict[str, FloatArray]
@@ -100,9 +100,27 @@ class Residual:
         return self.rate @ self.matrix.T
 
     @property
+    def up(self) -> FloatArray | None:
+        """(N, 3) direction upwards in the array's frame, where the attitude is known."""
+        return None if self.rotation is None else self.rotation[:, 2]
+
+    @property
     def pose(self) -> FloatArray:
         """Axes of the array in the world (N, 9), or without attitude the direction of the field in the array (N, 3)."""
         return self.field if self.rotation is None else self.rotation.reshape(self.count, 9)
+
+    @property
+    def by_row(self) -> tuple[FloatArray, FloatArray]:
+        """Information (N, R, R) on shifts of the rows, and (N, R, 1 + q) products with residual and nuisance.
+
+        They are large, and only those of the last residual are kept.
+        """
+        if self not in _LAST_BY_ROW:
+            turned: FloatArray = np.swapaxes(self.response, 1, 2)
+            _LAST_BY_ROW.clear()
+            both = np.concatenate([self.z[:, :, None], self.nuisance], axis=2)
+            _LAST_BY_ROW[self] = turned @ self.response, turned @ both
+        return _LAST_BY_ROW[self]
 
     @property
     def excess(self) -> float:
@@ -143,7 +161,7 @@ class Residual:
 
 def residual_of(model: Model) -> Residual:
     """Return the residual of a model at the samples that count, every so many of a long recording."""
-    channels = model.channels(model.signal() if model.parts else None)
+    channels = model.base().channels
     covariates = channels.covariates
     index = np.flatnonzero(channels.is_counted)
     index = index[:: -(-len(index) // 8000)]  # more would not change which law predicts best
@@ -159,7 +177,7 @@ def residual_of(model: Model) -> Residual:
     matrix = covariates.errors.matrix.reshape(-1, 3)
     sensors: FloatArray = response[:, :, :-1]
     parts = [sensors, *(sensors * field[:, None, axis, None] for axis in range(3))]
-    known_attitude = covariates.attitude is not None
+    rotation = None if covariates.attitude is None else to_world(covariates)
     if covariates.follows_attitude and covariates.attitude is not None:
         world = turns(covariates.attitude)[index]
         in_rows: FloatArray = matrix @ world
@@ -177,9 +195,8 @@ def residual_of(model: Model) -> Residual:
         unit,
         rate,
         matrix,
-        upwards(covariates)[index] if known_attitude else None,
-        to_world(covariates)[index] if known_attitude else None,
-        _turning(to_world(covariates), covariates.time_s)[index] if known_attitude else None,
+        None if rotation is None else rotation[index],
+        None if rotation is None else _turning(rotation, covariates.time_s)[index],
         standard,
         row_T,
         unit_T,
@@ -224,13 +241,7 @@ def _levels(z: FloatArray, differential: int) -> FloatArray:
 def _turning(rotation: FloatArray, time_s: FloatArray) -> FloatArray:
     """Return the rate of turning (N, 3) in the array's frame, in units of its root mean square."""
     change = np.swapaxes(rotation[:-1], 1, 2) @ rotation[1:]
-    turn = (
-        np.stack(
-            [change[:, 2, 1] - change[:, 1, 2], change[:, 0, 2] - change[:, 2, 0], change[:, 1, 0] - change[:, 0, 1]],
-            axis=1,
-        )
-        / 2
-    )
+    turn = (change - np.swapaxes(change, 1, 2))[:, [2, 0, 1], [1, 2, 0]] / 2
     rate = turn / np.diff(time_s)[:, None]
     rate = np.vstack([rate[:1], (rate[1:] + rate[:-1]) / 2, rate[-1:]])
     return np.asarray(rate / max(float(np.sqrt(np.mean(np.sum(rate**2, axis=1)))), 1e-12))

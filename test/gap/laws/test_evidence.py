@@ -1,0 +1,57 @@
+"""The evidence of laws, from sums over the rows that they shift."""
+
+import numpy as np
+import pytest
+from numpy.linalg import inv, slogdet
+from numpy.testing import assert_allclose
+
+from tam_calibration.gap.laws.evidence import Bins, constant, course
+from tam_calibration.gap.laws.patterns import in_sensor
+from tam_calibration.gap.laws.whitened import residual_of
+
+
+@pytest.fixture
+def residual(run):
+    """Return the residual of a short run with noise alone."""
+    return residual_of(run(120).model())
+
+
+@pytest.mark.parametrize("law", ["offset", "gain", "rate"])
+def test_sums_over_rows_are_those_over_the_channels(residual, law):
+    """A sample has more channels than rows that a law shifts, and the same products of both."""
+    for pattern in (one for one in in_sensor(residual, 2) if one.law == law):
+        columns, sums = pattern.columns(residual), pattern.sums(residual, Bins.of_time(residual.time_s))
+        assert_allclose(sums.information.sum(axis=0), np.einsum("ncp,ncq->pq", columns, columns), rtol=1e-9, atol=1e-9)
+        assert_allclose(sums.score.sum(axis=0), np.einsum("ncp,nc->p", columns, residual.z), rtol=1e-6, atol=1e-9)
+        assert_allclose(
+            sums.cross.sum(axis=0), np.einsum("ncp,ncq->pq", columns, residual.nuisance), rtol=1e-6, atol=1e-9
+        )
+        assert np.mean(np.sum(columns**2, axis=(1, 2))) == pytest.approx(columns.shape[2])
+
+
+def test_the_evidence_of_a_course_is_that_of_its_dense_equations(residual):
+    """The likelihood of the residual with the course over that without, the nominal parameters eliminated."""
+    pattern = next(in_sensor(residual, 1))
+    bins = Bins.of(residual.time_s, 12)
+    sums, length, variance = pattern.sums(residual, bins), 8.0, 0.7
+    apart = np.abs(sums.place[:, None] - sums.place)
+    prior = inv(np.kron(variance * np.exp(-apart / length), np.eye(3)))
+    columns = np.zeros((residual.z.size, 36))
+    for index, own in enumerate(bins.order):
+        rows = np.zeros((residual.count, residual.z.shape[1], 3))
+        rows[own[own >= 0]] = pattern.columns(residual)[own[own >= 0]]
+        columns[:, 3 * index : 3 * index + 3] = rows.reshape(-1, 3)
+    nuisance = residual.nuisance.reshape(residual.z.size, -1)
+    clear = columns - nuisance @ (nuisance.T @ columns)
+    precision = prior + clear.T @ clear
+    score = columns.T @ residual.z.ravel()
+    expected = (score @ inv(precision) @ score + slogdet(prior)[1] - slogdet(precision)[1]) / 2
+    fit = course(sums, length, np.array([variance]))
+    assert fit.evidence == pytest.approx(expected, abs=1e-4)
+    assert_allclose(fit.mean.ravel(), inv(precision) @ score, atol=1e-6)
+
+
+def test_what_no_channel_sees_has_no_evidence():
+    """A row without response takes no coefficient."""
+    fit = constant(np.ones((50, 1, 1)), np.zeros((50, 1, 1)), np.zeros((50, 1, 4)))
+    assert (fit.evidence, fit.mean.tolist()) == (0, [[0]])
