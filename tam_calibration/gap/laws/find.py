@@ -41,7 +41,8 @@ class Repeats:
         """Return whether a signal (N, C) is the same at both visits to a pose."""
         means = _means(self.visit, signal)
         between = means[self.first] - means[self.second]
-        return float((between**2).mean()) < 2 * SLIGHT * float(means[self.first].var(axis=0).mean())
+        # Sums, as one sensor alone has no channel between sensors.
+        return float(np.sum(between**2)) / len(between) < 2 * SLIGHT * float(np.sum(means[self.first].var(axis=0)))
 
 
 def repeats(pose: FloatArray) -> Repeats | None:
