@@ -79,14 +79,14 @@ def test_what_a_diagnosis_can_name_is_refused_by_a_calibration_only(folder, reco
     assert " tam calibrate would refuse this recording: sensor" in diagnosed.stdout.splitlines()[0]
 
 
-def test_a_finding_that_is_accepted_is_a_warning(folder, recording):
+def test_a_finding_that_is_accepted_is_a_warning(folder, recording, undiagnosed):
     """Beside those of the fit."""
     result = run(recording, quantised, "calibrate", "--accept", "quantised", "--accept", "mirrored")
     assert result.exit_code == 0, result.stderr
     assert "; sensor 3 axis x reads in steps of 1000 nT" in result.stdout.replace("\n", " ")
 
 
-def test_ten_rows_are_refused(folder, recording):
+def test_ten_rows_are_refused(folder, recording, undiagnosed):
     """They leave too few to check the fit on."""
     result = run(recording.take(slice(0, 10)), lambda readings: None, "calibrate")
     assert result.exit_code == 1 and "10 samples leave too few to check a fit on" in result.stdout

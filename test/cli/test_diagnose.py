@@ -119,7 +119,7 @@ def test_the_exit_code_tells_whether_something_is_open(folder, asked, gap, verdi
     assert json.loads((folder / "gap.json").read_text())["verdict"] == verdict
 
 
-def test_a_report_is_written(folder, asked):
+def test_a_report_is_written(folder, asked, undrawn):
     """The page is HTML of its own."""
     assert "written: page.html" in run("run.csv", "--report", "page.html").stdout
     assert (folder / "page.html").read_text().startswith("<!DOCTYPE html>")
