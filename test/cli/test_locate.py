@@ -55,7 +55,7 @@ def run(folder, name, *words):
     return CliRunner().invoke(main, ["locate", str(folder / name), "--calibration", str(folder / "c.yaml"), *words])
 
 
-@pytest.mark.parametrize("words", [("pass.csv",), ("coil.csv", "--find-frequency")])
+@pytest.mark.parametrize("words", [("pass.csv",), ("one.csv", "--find-frequency")])
 def test_the_first_line_is_the_answer(folder, words):
     """Where the source is, in one line; few lines follow, unless all are asked for."""
     first, *others = run(folder, *words).stdout.splitlines()
