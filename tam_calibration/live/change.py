@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtri
 
 from tam_calibration.core.least_squares import scaled
 from tam_calibration.correction.acceptance import are_possible
@@ -144,6 +143,8 @@ class Weighing:
         before : Before
             The samples.
         """
+        from scipy.special import chdtri
+
         marginal = _marginal(information, gradient, before.covariance)
         found = _not_ruled_out([_evidence(each, *marginal, before) for each in self._among])
         return found if found[0].ratio > chdtri(len(found[0].size), self._chance) else ()

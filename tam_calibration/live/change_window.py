@@ -23,7 +23,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.linalg import norm
-from scipy.special import chdtri
 
 from tam_calibration.core.slow_cosines import VarianceFactors
 from tam_calibration.fit.contradiction import FAR_RATIO
@@ -142,6 +141,8 @@ def _factor(values: FloatArray, counts: IntArray, freedom: int) -> float:
     What grows with the time between blocks, as the heading error of a scalar does, is the same in all of them: it does
     not become smaller in their mean.
     """
+    from scipy.special import chdtri
+
     found, ratio_of_next = 1.0, 1.0
     for lag in _LAGS if freedom else ():
         pairs = len(values) - lag
@@ -252,6 +253,8 @@ def _passes(evidence: Evidence, first: Step, after: Sequence[Step]) -> bool:
     Then sensors and scalar do not agree in all blocks as they do in the mean of these blocks, or the intensity of the
     field has changed, from block to block, by more than the sensors differ.
     """
+    from scipy.special import chdtri
+
     vector = (first.before.errors.to_vector().ravel() + evidence.change).reshape(-1, 12)
     errors = SensorErrors.from_vector(vector, first.before.errors.orientation)
     values_T = np.array([step.means.at(errors) for step in after])

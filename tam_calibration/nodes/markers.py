@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
@@ -13,9 +14,11 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from tam_calibration.fit.coverage import Coverage
 from tam_calibration.localization.solutions import EulerSolutions, ellipsoid
-from tam_calibration.localization.target import Target
 from tam_calibration.model.units import FloatArray
 from tam_calibration.nodes.base import TamNode
+
+if TYPE_CHECKING:  # with scipy, that a collector does without
+    from tam_calibration.localization.target import Target
 
 PERIOD_S = 0.1
 """Time between the markers of a stream: ten a second are more than eyes follow, and cost little at any rate of it."""
@@ -111,7 +114,7 @@ def source_markers(header: Header, solutions: EulerSolutions, index: int) -> Mar
     return MarkerArray(markers=markers)
 
 
-def target_markers(frame_id: str, targets: Sequence[Target]) -> MarkerArray:
+def target_markers(frame_id: str, targets: "Sequence[Target]") -> MarkerArray:
     """Return the ellipsoid of each target of a line, with the arrow of its moment; others before are taken away."""
     header = Header(frame_id=frame_id)
     markers = [Marker(header=header, action=Marker.DELETEALL)]

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -210,9 +211,7 @@ def done(folder):
 def test_killed_at_random_moments_it_gives_the_same(folder):
     """With SIGKILL, resumed each time: the same bytes, nothing lost, nothing twice, no process left behind."""
     rng = np.random.default_rng(2026)
-    (folder / "missions/auv_2/dive_3").rename(
-        folder / "missions/auv_1/dive_3"
-    )  # one platform's drift is drawn, not two
+    shutil.rmtree(folder / "missions/auv_2/dive_3")  # one platform's drift is drawn, not two
     finish(folder)
     expected = content(folder)
     (folder / "out").rename(folder / "uninterrupted")

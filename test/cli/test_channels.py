@@ -73,20 +73,21 @@ def test_what_no_effect_makes_is_refused_by_both_commands(folder, recording, cha
 @pytest.mark.parametrize("change", [frozen, quantised])
 def test_what_a_diagnosis_can_name_is_refused_by_a_calibration_only(folder, recording, change):
     """The diagnosis goes on, and says below its verdict why a calibration would not."""
+    recording = recording.take(slice(0, 300))
     refused = run(recording, change, "calibrate")
     assert refused.exit_code == 1 and refused.stdout.endswith(f"accept it by name: {change.__name__}.\n")
     diagnosed = run(recording, change, "diagnose")
     assert " tam calibrate would refuse this recording: sensor" in diagnosed.stdout.splitlines()[0]
 
 
-def test_a_finding_that_is_accepted_is_a_warning(folder, recording):
+def test_a_finding_that_is_accepted_is_a_warning(folder, recording, undiagnosed):
     """Beside those of the fit."""
     result = run(recording, quantised, "calibrate", "--accept", "quantised", "--accept", "mirrored")
     assert result.exit_code == 0, result.stderr
     assert "; sensor 3 axis x reads in steps of 1000 nT" in result.stdout.replace("\n", " ")
 
 
-def test_ten_rows_are_refused(folder, recording):
+def test_ten_rows_are_refused(folder, recording, undiagnosed):
     """They leave too few to check the fit on."""
     result = run(recording.take(slice(0, 10)), lambda readings: None, "calibrate")
     assert result.exit_code == 1 and "10 samples leave too few to check a fit on" in result.stdout

@@ -36,7 +36,7 @@ def folder(tmp_path, monkeypatch):
 
 def test_a_drift_is_found_kept_taken_off_and_shown_by_the_twin(folder, undrawn):
     """Simulate, diagnose, calibrate with the effect, correct, diagnose what is left, simulate the twin, diagnose it."""
-    truth = write_drifting(folder, 1200).center_field_T
+    truth = write_drifting(folder, 600).center_field_T
     gap = diagnosed("run.csv", "--array", "array.yaml")
     assert gap["verdict"] == "explained"
     assert [cause["effect"] for cause in gap["causes"]] == ["temperature_drift"]

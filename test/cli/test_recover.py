@@ -1,6 +1,7 @@
 """Unfinished bags at the command line: `tam recover`, and the commands that go on with what is whole."""
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -17,17 +18,25 @@ from tam_calibration.recordings.reading import Reading
 from tam_calibration.results import read_calibration, write_calibration, write_recording
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch, recording, cross):
-    """Give a working folder with a bag of each storage that lacks its last tenth, and with a calibration."""
-    monkeypatch.chdir(tmp_path)
+@pytest.fixture(scope="module")
+def files(tmp_path_factory, recording, cross):
+    """Return a folder with a bag of each storage that lacks its last tenth, and with a calibration."""
+    folder = tmp_path_factory.mktemp("recover")
     for name, storage in (("run.mcap", "mcap"), ("run", "sqlite3")):
-        write_recording(name, recording, storage)
-        file = Path(name) if name.endswith("mcap") else Path(name, "run.db3")
+        write_recording(folder / name, recording, storage)
+        file = folder / name if name.endswith("mcap") else folder / name / "run.db3"
         file.write_bytes(file.read_bytes()[: file.stat().st_size * 9 // 10])
-    Path("run/metadata.yaml").unlink()
-    write_array("array.yaml", cross)
-    write_calibration("c.yaml", calibrate(recording, cross))
+    (folder / "run" / "metadata.yaml").unlink()
+    write_array(folder / "array.yaml", cross)
+    write_calibration(folder / "c.yaml", calibrate(recording, cross))
+    return folder
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch, files):
+    """Give a working folder with copies of the files."""
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(files, tmp_path, dirs_exist_ok=True)
     return tmp_path
 
 

@@ -96,12 +96,13 @@ def test_a_simulation_that_cannot_be_used_is_told(ask, recording, cross, tmp_pat
     """One of three sensors, by its side."""
     write_recording(tmp_path / "three.csv", replace(recording, readings_T=recording.readings_T[:, :3]))
     write_array(tmp_path / "array.yaml", cross)
-    answer = ask(recording, simulation=tmp_path / "three.csv", simulation_array_file=tmp_path / "array.yaml")
+    files = {"simulation": tmp_path / "three.csv", "simulation_array_file": tmp_path / "array.yaml"}
+    answer = ask(recording.take(slice(0, 60)), **files)
     assert not answer.success
     assert answer.message.startswith("the simulation: ") and "3 sensors, not 4" in answer.message
 
 
 def test_no_file_that_is_read_is_overwritten(ask, recording, simulation):
     """The mend would take the place of the simulation."""
-    answer = ask(recording, simulation=simulation, mend_file=simulation)
+    answer = ask(recording.take(slice(0, 60)), simulation=simulation, mend_file=simulation)
     assert not answer.success and "would be overwritten" in answer.message

@@ -89,7 +89,7 @@ def heard(bench):
 
 
 CASES = {
-    "offsets": Drivers(),
+    "offsets": Drivers(span_s=10.0),
     "free clocks, jitter, half the rate, slow scalar": Drivers(
         (0.01, 0.01 * (1 + 1e-4), 0.01, 0.02), (0,) * 4, 2e-3, 0.1
     ),

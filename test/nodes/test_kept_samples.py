@@ -90,9 +90,9 @@ def test_a_disk_that_cannot_be_written_costs_no_calibration(bench, recording, tm
     samples = bench.listen(sensor_msgs.PointCloud2, "samples")
     publish = bench.publish_sensors()
     bench.connect(collector={"samples": 2})
-    bench.play(recording, publish, samples)
+    bench.play(recording, publish, samples, last=200)
     assert bench.call("calibrator/calibrate").success
-    status, _ = bench.health("calibrator", lambda _, figures: figures["samples"] == "600", "it is told")
+    status, _ = bench.health("calibrator", lambda _, figures: figures["samples"] == "200", "it is told")
     assert status.level == b"\x01" and "name another samples_file, or none" in status.message
 
 
@@ -104,7 +104,7 @@ def test_a_calibration_is_saved_without_being_asked(bench, recording, tmp_path, 
     samples = bench.listen(sensor_msgs.PointCloud2, "samples")
     publish = bench.publish_sensors()
     bench.connect(collector={"samples": 2})
-    bench.play(recording, publish, samples)
+    bench.play(recording, publish, samples, last=200)
     answer = bench.call("calibrator/calibrate")
     assert answer.success
     if folder:

@@ -47,7 +47,7 @@ def test_save_writes_what_was_calibrated(bench, recording, tmp_path):
     samples = bench.listen(sensor_msgs.PointCloud2, "samples")
     publish = bench.publish_sensors()
     bench.connect(collector={"samples": 2})
-    bench.play(recording, publish, samples)
+    bench.play(recording, publish, samples, last=200)
     assert bench.call("calibrator/calibrate").success
     answer = bench.call("calibrator/save")
     assert answer.success and str(path) in answer.message
@@ -79,7 +79,7 @@ def test_every_call_of_a_storm_is_answered(bench, recording):
     samples = bench.listen(sensor_msgs.PointCloud2, "samples")
     publish = bench.publish_sensors()
     bench.connect(collector={"samples": 2})
-    bench.play(recording, publish, samples)
+    bench.play(recording, publish, samples, last=200)
     answers = bench.storm("calibrator/calibrate")
     done = [answer for answer in answers if answer.success]
     busy = [answer for answer in answers if answer.message == "busy with calibrate: call again when that is answered"]
@@ -103,7 +103,7 @@ def test_who_asks_during_a_diagnosis_is_told_how_far_it_is(bench, recording, tmp
     samples = bench.listen(sensor_msgs.PointCloud2, "samples")
     publish = bench.publish_sensors()
     bench.connect(collector={"samples": 2})
-    bench.play(recording, publish, samples)
+    bench.play(recording, publish, samples, last=300)
     assert bench.call("calibrator/calibrate").success
     client = bench.node.create_client(Trigger, "calibrator/diagnose")
     bench.spin_until(client.service_is_ready, "calibrator/diagnose is there")
@@ -123,7 +123,7 @@ def test_what_a_mission_needs_is_set_at_run_time(bench, recording, tmp_path):
     samples = bench.listen(sensor_msgs.PointCloud2, "samples")
     publish = bench.publish_sensors()
     bench.connect(collector={"samples": 3})
-    bench.play(recording, publish, samples)
+    bench.play(recording, publish, samples, last=200)
     path = tmp_path / "calibration.yaml"
     for name, value, reason in (
         ("method", "guess", "guess is not one of: maximum_likelihood"),
@@ -133,8 +133,8 @@ def test_what_a_mission_needs_is_set_at_run_time(bench, recording, tmp_path):
         assert reason in set_parameter(bench, "calibrator", name, value)
     assert set_parameter(bench, "calibrator", "method", "two_step_linear") == ""
     assert set_parameter(bench, "calibrator", "calibration_file", str(path)) == ""
-    bench.health("calibrator", lambda _, figures: figures["samples"] == "600", "all samples are stored")
-    assert "; two_step_linear on 600 samples" in bench.call("calibrator/calibrate").message
+    bench.health("calibrator", lambda _, figures: figures["samples"] == "200", "all samples are stored")
+    assert "; two_step_linear on 200 samples" in bench.call("calibrator/calibrate").message
     assert bench.call("calibrator/save").success
     assert f"{tmp_path}/none.yaml cannot be read" in set_parameter(
         bench, "corrector", "calibration_file", str(tmp_path / "none.yaml")
@@ -152,7 +152,7 @@ def test_channels_that_no_sensor_makes_are_refused_unless_accepted(bench, record
     samples = bench.listen(sensor_msgs.PointCloud2, "samples")
     publish = bench.publish_sensors()
     bench.connect(collector={"samples": 2})
-    bench.play(Recording(recording.time_s, readings, recording.scalar_T), publish, samples)
+    bench.play(Recording(recording.time_s, readings, recording.scalar_T), publish, samples, last=300)
     answer = bench.call("calibrator/calibrate")
     assert not answer.success and answer.message.startswith("sensor 3 axis x reads in steps of 1000 nT")
     assert "choose among alternating, few_samples" in set_parameter(bench, "calibrator", "accept", "all")
@@ -185,7 +185,7 @@ def test_a_loaded_calibration_is_the_prior_where_that_is_asked_for(bench, record
     samples = bench.listen(sensor_msgs.PointCloud2, "samples")
     publish = bench.publish_sensors()
     bench.connect(collector={"samples": 2})
-    bench.play(recording, publish, samples)
+    bench.play(recording, publish, samples, last=200)
     answer = bench.call("calibrator/calibrate")
     assert answer.success and "maximum_a_posteriori" in answer.message and "Prior: " in answer.message
 
