@@ -67,7 +67,7 @@ for command in sys.argv[1:]:
     answers[command] = code or 0, said.getvalue()
 for name in tam_calibration.__all__:
     getattr(tam_calibration, name)
-for name in ("calibrator_node", "collector_node", "corrector_node", "localizer_node", "spinning", "start"):
+for name in ("calibrator_node", "collector_node", "corrector_node", "localizer_node", "session", "start"):
     import_module(f"tam_calibration.nodes.{name}")
 print(json.dumps(answers))
 """

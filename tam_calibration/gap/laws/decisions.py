@@ -51,3 +51,6 @@ MOST_TRIED = 6
 
 MOST_STEPS = 3
 """Steps of a course, at most: with more it is one of episodes."""
+
+ROUNDING = 1e-12
+"""Part of the information on shifts of the rows below which what the channels see of them is rounding."""

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.gap.laws.decisions import SIZES
+from tam_calibration.gap.laws.decisions import ROUNDING, SIZES
 from tam_calibration.model.units import FloatArray
 
 
@@ -219,8 +219,7 @@ def constant(features: FloatArray, information: FloatArray, products: FloatArray
     flat = features.reshape(-1, features.shape[2])
     own: FloatArray = flat.T @ (information @ features).reshape(flat.shape)
     most = np.trace(information, axis1=1, axis2=2) @ (features**2).sum(axis=1)
-    # What the channels do not see of the rows is rounding.
-    seen = np.diag(own) > 1e-12 * most
+    seen = np.diag(own) > ROUNDING * most
     size = np.where(seen, np.sqrt(np.maximum(np.diag(own), 0) / len(features)), np.inf)
     right = flat.T @ products.reshape(len(flat), -1)
     score, cross = right[:, 0], right[:, 1:]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from tam_calibration.core.harmonics import fields
 from tam_calibration.effects.covariates import lagged
 from tam_calibration.effects.curves import play
+from tam_calibration.gap.laws.decisions import ROUNDING
 from tam_calibration.gap.laws.evidence import Bins, Fit, Sums, constant, course
 from tam_calibration.gap.laws.whitened import Residual
 from tam_calibration.model.units import FloatArray
@@ -53,10 +54,11 @@ class Pattern:
         return information[:, own, own], products[:, own]
 
     def size(self, residual: Residual) -> float:
-        """Return the root mean square of the columns of its features."""
+        """Return the root mean square of the columns of its features; infinite where the channels do not see them."""
         information, _ = self.of_rows(residual)
         square = float(np.sum(self.features * (information @ self.features)))
-        return float(np.sqrt(square / self.features[:, 0].size)) if square > 0 else 1.0
+        most = float(np.trace(information, axis1=1, axis2=2) @ np.sum(self.features**2, axis=(1, 2)))
+        return float(np.sqrt(square / self.features[:, 0].size)) if square > ROUNDING * most else np.inf
 
     def sums(self, residual: Residual, bins: Bins) -> Sums:
         """Return the sums of the columns in bins."""
