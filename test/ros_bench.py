@@ -12,6 +12,7 @@ from forked_children import ForkedChildren, end_forked, start_server
 from ros_domains import lock_domain
 
 from tam_calibration.files.text_files import configuration_folder
+from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.nodes.children import START, Children
 
 NO_ROS = "rclpy is not installed: pip install 'tam_calibration[ros]'"
@@ -119,11 +120,16 @@ class Bench:
         return children
 
     def spin_until(self, condition, what, timeout_s=_PATIENCE_S):
-        """Spin until a condition holds; fail at once, with its output, when a process has ended."""
+        """Spin until a condition holds; fail at once, with its output, when a process has ended otherwise."""
         limit = time.monotonic() + timeout_s
         while not condition():
-            for children in self.children:
-                children.check()
+            try:
+                for children in self.children:
+                    children.check()
+            except (InputError, Refused):
+                if condition():  # the end of a process may be what is awaited
+                    return
+                raise
             assert time.monotonic() < limit, f"not within {timeout_s} s: {what}{self._said()}"
             self.executor.spin_once(timeout_sec=0.02)
 
