@@ -13,7 +13,8 @@ from time import process_time
 
 import click
 import numpy as np
-from gyroscope import DIP, FIELD_T, Case, jointly
+from gyroscope import jointly
+from gyroscope_cases import DIP, FIELD_T, Case
 from numpy.linalg import norm
 from rich.progress import track
 from scipy import sparse

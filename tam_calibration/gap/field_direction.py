@@ -1,10 +1,12 @@
 """When the direction of the field departs from the turns that a gyroscope measured.
 
-What all sensors feel alike shows neither between them nor, where the scalar feels it as well, in the intensity: a
-magnet that moves on the vehicle, a wreck that is passed. A gyroscope measures how the direction of a uniform field
-turns in the array. The field on which the sensors agree is therefore fitted with the angular velocity, as if one sensor
-had read it. What is left is searched for fields that are fixed to the array and begin at some time, at once or little
-by little, after errors of the sensors and of the gyroscope have explained as much of it as they can.
+A magnet that moves on the vehicle, or a wreck that is passed, may change the field of all sensors and of the scalar by
+the same amount. Neither their differences nor the intensity show that. A gyroscope does: it measures how the direction
+of a uniform field turns in the array.
+
+The mean field of the sensors is fitted with the angular velocity, as if one sensor had read it. Errors of the sensors
+and of the gyroscope explain as much of the residual as they can. What they leave is searched for additional fields that
+are fixed to the array and begin at some time, at once or gradually.
 """
 
 from dataclasses import dataclass
@@ -91,8 +93,7 @@ def field_direction(model: Model, recording: Recording, array: Array) -> tuple[s
     return (
         *remarks,
         f"The direction of the field at all sensors changes while the gyroscope measures no such turn: {words}. "
-        "A magnet on the vehicle moved, or a source was passed; neither intensity nor differences of the sensors show "
-        "it.",
+        "A magnet on the vehicle moved, or a source was passed.",
     )
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from tam_calibration.correction.parts import Moved, Update
 from tam_calibration.files import quantities
-from tam_calibration.files.quantities import in_si, part_of, part_to_mapping, value_in_si, value_to_write
+from tam_calibration.files.quantities import part_of, part_to_mapping, value_in_si, value_to_write
 from tam_calibration.files.schema import Bounds, Document
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray
@@ -82,9 +82,18 @@ class UpdateFile(Document):
         for name in ("prior_standard_errors_SI", "data_share"):
             if [len(row) for row in getattr(self, name)] != [12] * sensor_count:
                 raise InputError(f"the file is damaged: {name} must have {sensor_count} rows of 12 numbers")
-        prior, _, *numbers, _ = in_si(self)
-        values = [prior, part_of(self.change_rates), *numbers, tuple(each.to_moved() for each in self.moved)]
-        return Update(*values)
+        return Update(
+            prior=self.prior,
+            rates=part_of(self.change_rates),
+            elapsed_s=self.elapsed_s,
+            warming_K=self.warming_K,
+            prior_standard_errors=np.array(self.prior_standard_errors_SI),
+            data_share=np.array(self.data_share),
+            chi_square=self.chi_square,
+            freedom=self.freedom,
+            probability=self.probability,
+            moved=tuple(each.to_moved() for each in self.moved),
+        )
 
 
 def update_to_mapping(update: Update) -> dict[str, Any]:

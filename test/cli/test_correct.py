@@ -1,7 +1,6 @@
 """`tam correct`: CSV and bags in, CSV and bags out, all with the same numbers."""
 
 import json
-import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -26,14 +25,6 @@ def files(tmp_path_factory, recording, cross):
     write_array(folder / "array.yaml", cross)
     write_calibration(folder / "c.yaml", calibrate(recording, cross))
     return folder
-
-
-@pytest.fixture
-def folder(tmp_path, monkeypatch, files):
-    """Give a working folder with copies of the files."""
-    monkeypatch.chdir(tmp_path)
-    shutil.copytree(files, tmp_path, dirs_exist_ok=True)
-    return tmp_path
 
 
 def run(*arguments):

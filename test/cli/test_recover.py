@@ -1,7 +1,6 @@
 """Unfinished bags at the command line: `tam recover`, and the commands that go on with what is whole."""
 
 import json
-import shutil
 from pathlib import Path
 
 import pytest
@@ -30,14 +29,6 @@ def files(tmp_path_factory, recording, cross):
     write_array(folder / "array.yaml", cross)
     write_calibration(folder / "c.yaml", calibrate(recording, cross))
     return folder
-
-
-@pytest.fixture
-def folder(tmp_path, monkeypatch, files):
-    """Give a working folder with copies of the files."""
-    monkeypatch.chdir(tmp_path)
-    shutil.copytree(files, tmp_path, dirs_exist_ok=True)
-    return tmp_path
 
 
 def run(*arguments, code=0):
