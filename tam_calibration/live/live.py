@@ -13,6 +13,7 @@ from numpy.linalg import norm
 
 from tam_calibration.core.normal_equations import ridged
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.correction.parts import ALL_BIASES, SEVERAL
 from tam_calibration.fit.identifiability import open_parameters
 from tam_calibration.fit.likelihood import Linearization
 from tam_calibration.fit.prior import Prior
@@ -58,6 +59,11 @@ class Change:
     sentence: str
     sensor: int
     parameters: tuple[str, ...]
+
+    @property
+    def law(self) -> str:
+        """What it does to readings, as a diagnosis says it: a step of an offset, a gain, or both."""
+        return _law_of(self.parameters)
 
 
 @dataclass(frozen=True, eq=False)
@@ -357,7 +363,12 @@ def _change(suspicion: Suspicion, done: str) -> Change:
     sensors = {each.sensor for each in (first, *others)}
     sensor = first.sensor if len(sensors) == 1 else 0
     kinds = tuple(dict.fromkeys(each.parameters for each in (first, *others)))
-    return Change(suspicion.since_s, f"{sentence}; {done}", sensor, kinds)
+    return Change(suspicion.since_s, f"{_law_of(kinds)}, in a step: {sentence}; {done}", sensor, kinds)
+
+
+def _law_of(kinds: tuple[str, ...]) -> str:
+    laws = {SEVERAL: "offset and gain", "bias": "offset", ALL_BIASES: "offset", GRADIENT: "offset"}
+    return " or ".join(dict.fromkeys(laws.get(kind, "gain") for kind in kinds))
 
 
 def _own_energy(here: Linearization, moments: SampleMoments) -> tuple[float, float]:

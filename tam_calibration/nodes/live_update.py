@@ -148,6 +148,7 @@ class LiveUpdate:
             "learned": state.learned,
             "paused_by": state.paused_by,
             "changes": len(state.changes),
+            "changed_law": last.law if last else "",
             "changed_sensor": last.sensor if last else "",
             "changed_parameters": " or ".join(last.parameters) if last else "",
         }

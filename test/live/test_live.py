@@ -57,20 +57,20 @@ def run(prior, errors, after, cross, on_change="tell", until_s=61.0, tilt=np.pi 
 
 
 @pytest.mark.parametrize(
-    ("parameters", "change"),
+    ("law", "parameters", "change"),
     [
-        ("bias", {"bias_T": np.array([12e-9, 8e-9, 0])}),
-        ("scale factor", {"scale_factor": np.array([5e-4, 0, 0])}),
-        ("misalignment", {"misalignment": np.array([0, 0, 5e-4])}),
+        ("offset", "bias", {"bias_T": np.array([12e-9, 8e-9, 0])}),
+        ("gain", "scale factor", {"scale_factor": np.array([5e-4, 0, 0])}),
+        ("gain", "misalignment", {"misalignment": np.array([0, 0, 5e-4])}),
     ],
 )
-def test_a_change_is_told_by_sensor_and_parameters(prior, true_errors, cross, parameters, change):
-    """Within half a minute, with a size within five standard errors of the truth, and nothing is said before it."""
+def test_a_change_is_named_by_law_sensor_and_parameters(prior, true_errors, cross, law, parameters, change):
+    """Within half a minute, by the words of a diagnosis for its law, and nothing is said before it."""
     live, told_s = run(prior, true_errors, moved(true_errors, 3, **change), cross)
     [told] = live.state.changes
     assert told.sensor == 3 and told.parameters[0] == parameters
     assert CHANGE_S < told_s < CHANGE_S + 30 and abs(told.since_s - CHANGE_S) < 2 * BLOCK_S
-    assert told.sentence.startswith(f"{parameters} of sensor 3 by ")
+    assert told.law == law and told.sentence.startswith(f"{law}, in a step: {parameters} of sensor 3 by ")
 
 
 def test_a_change_is_told_of_sensors_that_have_aged(prior, true_errors, cross):
@@ -168,7 +168,7 @@ def test_what_the_motion_cannot_tell_apart_is_told_as_such(prior, true_errors, c
     live, told_s = run(prior, true_errors, moved(true_errors, 3, scale_factor=np.array([0, 0, 1e-4])), cross, tilt=0.01)
     [told] = live.state.changes
     assert set(told.parameters) == {"bias", "scale factor"} and told.sensor == 3
-    assert told.sentence.startswith(f"{told.parameters[0]} of sensor 3 by ")
+    assert f"in a step: {told.parameters[0]} of sensor 3 by " in told.sentence
     assert "which the motion cannot tell apart" in told.sentence
     assert DECIDE_S < told_s - told.since_s < 30
 

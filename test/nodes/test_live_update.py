@@ -53,7 +53,7 @@ def test_a_change_is_told_and_learned_and_outlasts_a_restart(bench, recording, c
     bench.play(run, publish, samples)
 
     status, figures = bench.health("calibrator", lambda _, figures: figures.get("changes") == "1", "a change is told")
-    assert (figures["changed_sensor"], figures["changed_parameters"]) == ("2", "bias")
+    assert [figures[f"changed_{part}"] for part in ("law", "sensor", "parameters")] == ["offset", "2", "bias"]
     assert "bias of sensor 2 by x +3" in status.message and "it is learned anew" in status.message
     bench.spin_until(lambda: _is_kept(samples_file, calibrations[-1].data), "what was published is kept")
     learned = calibration_from_yaml(calibrations[-1].data, "calibration")
