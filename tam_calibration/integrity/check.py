@@ -56,7 +56,8 @@ def _each_kind(source: SampleSource, overview: Overview, array: Array) -> Iterat
     yield with_stuck_bits(overview)
     yield in_steps(overview, array)
     alternating = alternations(next(iter(source.blocks())).readings_T)
-    yield (Fault("alternating", sensor, "", overview.time_s, words) for sensor, words in alternating.items())
+    time_s = overview.time_s
+    yield (Fault("alternating", one, "", time_s, words, may_be_effect=True) for one, words in alternating.items())
     yield left_handed(overview)
 
 

@@ -4,12 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from tam_calibration.effects.library import installed_effects
 from tam_calibration.fit import calibrate
 from tam_calibration.gap import diagnose
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.recording import Recording
 
 
 @pytest.mark.parametrize(
@@ -190,3 +192,17 @@ def test_a_left_handed_sensor_is_refused(run):
     sign = np.where(np.arange(12).reshape(4, 3) == 4, -1, 1)
     with pytest.raises(Refused, match=r"sensor 2 is left-handed .* against sensor 1 and .* axis y is reversed"):
         diagnose(replace(made.recording, readings_T=made.recording.readings_T * sign), made.array)
+
+
+def test_a_tone_near_half_the_sample_rate_is_diagnosed(true_errors, cross):
+    """It looks as if two publishers sent in turn, which refuses a calibration; the diagnosis names the law anyway."""
+    time_s, rng = np.arange(1200) / 20, np.random.default_rng(6)
+    angles = np.stack([time_s / 20, 1.2 * np.sin(time_s / 10), 1.5 * np.sin(time_s / 14)], axis=1)
+    field_T = Rotation.from_euler("zyx", angles).apply([20e-6, 0, 45e-6], inverse=True)
+    readings_T = true_errors.distort(field_T) + 1e-9 * rng.normal(size=(1200, 4, 3))
+    readings_T[:, 2, 0] += 400e-9 * np.cos(2 * np.pi * 9.0 * time_s)
+    recording = Recording(time_s, readings_T, np.full(1200, np.linalg.norm(field_T[0])))
+    with pytest.raises(Refused, match="alternate between two courses"):
+        calibrate(recording, cross)
+    gap = diagnose(recording, cross)
+    assert (gap.signature[0].law, gap.signature[0].course, gap.signature[0].sensors) == ("offset", "tone", (3,))
