@@ -47,14 +47,14 @@ def turned(
     """
     count = errors.sensor_count
     after = SensorErrors.from_matrix(errors.matrix @ rotation, errors.bias_T, orientation)
-    rows = np.zeros((count, 3, 4, 12 * count + 3))
-    for sensor, own in enumerate(errors.jacobian()):
-        columns = slice(12 * sensor, 12 * sensor + 12)
-        rows[sensor, :, :3, columns] = np.einsum("ijp,jk->ikp", own[:, :3], rotation)
-        rows[sensor, :, 3, columns] = own[:, 3]
-    rows[:, :, :3, -3:] = np.einsum("kij,djl,lm->kimd", errors.matrix, CROSS, rotation)
-    back = inv(after.jacobian().reshape(count, 12, 12))
-    return after, (back @ rows.reshape(count, 12, -1)).reshape(12 * count, -1)
+    rows, by_turn = errors.jacobian().copy(), np.zeros((count, 3, 4, 3))
+    rows[:, :, :3] = np.einsum("kijp,jl->kilp", rows[:, :, :3], rotation)
+    by_turn[:, :, :3] = np.moveaxis(errors.matrix[:, None] @ (CROSS @ rotation), 1, 3)
+    back, each = inv(after.jacobian().reshape(count, 12, 12)), np.arange(count)
+    derivative = np.zeros((count, 12, count, 12))
+    derivative[each, :, each] = back @ rows.reshape(count, 12, 12)
+    of_turn = back @ by_turn.reshape(count, 12, 3)
+    return after, np.concatenate([derivative.reshape(12 * count, -1), of_turn.reshape(12 * count, 3)], axis=1)
 
 
 def in_first_frame(errors: SensorErrors) -> tuple[SensorErrors, FloatArray]:

@@ -165,12 +165,13 @@ class SensorErrors:
     @cached_property
     def rotation(self) -> FloatArray:
         """(K, 3, 3) passive rotations Λ from the array frame to each sensor's orthogonal frame."""
-        return self._misaligned @ self.orientation
+        about_x, about_y, about_z = self._turns
+        return np.asarray(about_x @ about_y @ about_z @ self.orientation)
 
     @cached_property
-    def _misaligned(self) -> FloatArray:
-        alpha, beta, gamma = self.misalignment.T
-        return _rotate(0, alpha) @ _rotate(1, beta) @ _rotate(2, gamma)
+    def _turns(self) -> FloatArray:
+        """(3, K, 3, 3) passive rotations by α about x, by β about y and by γ about z."""
+        return np.stack([_rotate(axis, angle) for axis, angle in enumerate(self.misalignment.T)])
 
     @cached_property
     def matrix(self) -> FloatArray:
@@ -191,6 +192,10 @@ class SensorErrors:
 
     def jacobian(self) -> FloatArray:
         """Return the (K, 3, 4, 12) derivatives of [D Λ | o] by the parameters in the order of ``PARAMETER_NAMES``."""
+        return self._jacobian
+
+    @cached_property
+    def _jacobian(self) -> FloatArray:
         (sx, sy, _), (theta, phi, psi) = self.scale_factor.T, self.non_orthogonality.T
         measurement, rotation = self.measurement, self.rotation
         derivative = np.zeros((self.sensor_count, 12, 3, 4))
@@ -204,12 +209,11 @@ class SensorErrors:
         matrix[:, 5, 1, 1], matrix[:, 5, 1, 2] = -sy * np.sin(psi), sy * np.cos(psi)
         matrix[:, :6] = matrix[:, :6] @ rotation[:, None]
         derivative[:, 6:9, :, 3] = np.eye(3)
-        alpha, beta, gamma = self.misalignment.T
-        about_x, about_yz = _rotate(0, alpha), _rotate(1, beta) @ _rotate(2, gamma) @ self.orientation
+        about_x, about_y, about_z = self._turns
         # A passive rotation by an angle has the derivative -[axis]× times itself.
         matrix[:, 9] = measurement @ -CROSS[0] @ rotation
-        matrix[:, 10] = measurement @ about_x @ -CROSS[1] @ about_yz
-        matrix[:, 11] = measurement @ self._misaligned @ -CROSS[2] @ self.orientation
+        matrix[:, 10] = measurement @ about_x @ -CROSS[1] @ about_y @ about_z @ self.orientation
+        matrix[:, 11] = measurement @ about_x @ about_y @ about_z @ -CROSS[2] @ self.orientation
         return np.moveaxis(derivative, 1, 3)
 
 
