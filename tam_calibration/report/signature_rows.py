@@ -61,7 +61,7 @@ def _size(law: Signature) -> str:
 
 
 def _course(law: Signature) -> str:
-    if law.course in ("step", "episodes"):
+    if law.course in ("step", "episodes") and law.times_s:
         times = [f"{number(time, 4)} s" for time in law.times_s[:_MOST_TIMES]]
         more = ", …" if len(law.times_s) > _MOST_TIMES else ""
         if law.course == "step":
@@ -73,6 +73,7 @@ def _course(law: Signature) -> str:
         return f" with a tone of {law.follows}"
     return {
         "slow": " slowly",
+        "episodes": " in episodes",
         "random": " irregularly" if law.law not in ("noise", "samples") else "",
         "constant": ", the same throughout",
         "motion": "",
