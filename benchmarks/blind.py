@@ -1,10 +1,11 @@
 """The check on withheld effects: cases from a seed, their diagnosis, their score.
 
-Run ``python benchmarks/blind.py --seed SEED [--cases 600] [--folder KEPT] [--judged]``. Every recording is made by
-``tam blind make``, diagnosed by ``tam diagnose`` from its two files alone, once more with its true effect left out of
-the library, and scored against the sealed keys. With ``--judged`` the figures go to ``results/blind*.csv`` and into
-``docs/explanation/gap_check.md``, with the pictures of its confusion matrix and reliability curve;
-the seed must then be one that nothing was tuned on, and the causes outside the library must be new ones.
+Run ``python benchmarks/blind.py --seed SEED [--cases 600] [--kinds KIND] [--outside SET] [--folder KEPT] [--judged]``;
+``--kinds`` may be given several times. Every recording is made by ``tam blind make``, diagnosed by ``tam diagnose``
+from its two files alone, once more with its true effect left out of the library, and scored against the sealed keys.
+With ``--judged`` the figures go to ``results/blind*.csv`` and into ``docs/explanation/gap_check.md``, with the pictures
+of its confusion matrix and reliability curve; the seed must then be one that nothing was tuned on, and the causes
+outside the library a set that nothing was.
 What the figures are, and what is asked of them, is described in ``docs/explanation/gap_check.md``.
 """
 
@@ -20,6 +21,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from tam_calibration.files.text_files import write_whole
+from tam_validation.blind import KINDS, SETS
 from tam_validation.blind.folder import TIMES, read_json, read_keys, read_outcomes
 from tam_validation.blind.score import Score
 from tam_validation.blind.score_table import HEADER, cells, print_score, remarks
@@ -34,14 +36,18 @@ MARKS = ("<!-- figures: written by benchmarks/blind.py -->", "<!-- end of figure
 @click.command()
 @click.option("--seed", type=click.IntRange(min=0), required=True)
 @click.option("--cases", default=600, show_default=True)
+@click.option("--kinds", type=click.Choice(KINDS), multiple=True, help="Kinds of cases.  [default: all]")
+@click.option("--outside", type=click.Choice(SETS), default=SETS[0], show_default=True, help="Set of unknown causes.")
 @click.option("--folder", type=click.Path(path_type=Path), help="Keep the cases here; they are answered anew.")
 @click.option("--judged", is_flag=True, help="Write the results and the figures of the documentation.")
-def main(seed: int, cases: int, folder: Path | None, judged: bool) -> None:
+def main(seed: int, cases: int, kinds: tuple[str, ...], outside: str, folder: Path | None, judged: bool) -> None:
     """Make, answer and score cases, and print the figures."""
+    asked = ["--seed", seed, "--cases", cases, *(word for kind in kinds for word in ("--kinds", kind))]
+    asked += ["--outside", outside]
     with TemporaryDirectory() as passing:
         place = folder or Path(passing) / "cases"
         if not place.exists():
-            tam("make", place, "--seed", seed, "--cases", cases)
+            tam("make", place, *asked)
         tam("answer", place)
         tam("answer", place, "--without-effect")
         keys = read_keys(place, None)
@@ -52,7 +58,7 @@ def main(seed: int, cases: int, folder: Path | None, judged: bool) -> None:
         write_results(score)
         git = ["git", "-C", DOCS, "rev-parse", "--short", "HEAD"]
         commit = subprocess.run(git, check=True, capture_output=True, text=True).stdout.strip()
-        document(score, times_s, f"python benchmarks/blind.py --seed {seed} --cases {cases} --judged", commit)
+        document(score, times_s, f"python benchmarks/blind.py {' '.join(map(str, asked))} --judged", commit)
 
 
 def tam(*words: object) -> None:

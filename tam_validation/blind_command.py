@@ -17,7 +17,7 @@ from tam_calibration.fleet.processes import processes, submit_all
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.recordings import read_array, read_recording
 from tam_calibration.results.data_files import write_csv_recording
-from tam_validation.blind import KINDS
+from tam_validation.blind import KINDS, SETS
 
 if TYPE_CHECKING:
     from tam_validation.blind.case_plan import CasePlan
@@ -97,8 +97,15 @@ command.add_command(inject)
 @click.option("--cases", type=click.IntRange(1, 9999), default=400, show_default=True)
 @click.option("--seed", type=click.IntRange(min=0), required=True, help="Use one that nothing was tuned on.")
 @click.option("--kinds", type=click.Choice(KINDS), multiple=True, default=KINDS, show_default=True)
+@click.option(
+    "--outside",
+    type=click.Choice(SETS),
+    default=SETS[0],
+    show_default=True,
+    help="Set of causes outside the library to draw from, for the kinds outside and mixed.",
+)
 @_jobs_option
-def make(folder: Path, cases: int, seed: int, kinds: tuple[str, ...], jobs: int) -> None:
+def make(folder: Path, cases: int, seed: int, kinds: tuple[str, ...], outside: str, jobs: int) -> None:
     """Make recordings in OUT, with their sealed keys in keys.json and what commits to those in commitments.json."""
     from tam_validation.blind.case_plan import plan_cases
     from tam_validation.blind.folder import COMMITMENTS, KEYS, case_name, seal, write_json
@@ -109,7 +116,7 @@ def make(folder: Path, cases: int, seed: int, kinds: tuple[str, ...], jobs: int)
     with suppress(FileNotFoundError):
         folder.rmdir()
     with write_together({"cases": folder}, []) as beside:
-        plans = plan_cases(kinds, cases, seed)
+        plans = plan_cases(kinds, cases, seed, outside)
         tasks = [(beside["cases"], plan, seed, number) for number, plan in enumerate(plans, start=1)]
         keys, commitments = {}, {}
         for number, key in _in_processes("making cases", _make_one, tasks, jobs):

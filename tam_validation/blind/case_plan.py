@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.random import Generator
 
-from tam_validation.blind.catalogue import CATALOGUE, CAUSES
-from tam_validation.blind.outside import OUTSIDE
+from tam_validation.blind import SETS
+from tam_validation.blind.catalogue import CATALOGUE, CAUSES, OUTSIDE_SETS
 
 GAPS = (0.3, 1.0, 3.0)
 """In noise floors: hidden in the noise, as large, and plain to see; figures are asked for at each."""
@@ -26,8 +26,8 @@ _SHARES = {
 }
 """Of the kinds in a set: of 600 cases three or four are of each effect and gap, and 36 to 72 of each other kind."""
 
-_EVERYWHERE = ("ambient_gradient", "platform_field")
-"""What disturbs all sensors leaves none to an unknown cause."""
+_EVERYWHERE = ("ambient_gradient", "platform_field", "proton_polarisation", "passing_boat", "degaussing_coil")
+"""What disturbs all sensors leaves none to another cause."""
 
 OF_SCALAR = ("geomagnetic_drift", "scalar_heading_error")
 """What disturbs the scalar leaves no place of its own to an unknown cause that needs one."""
@@ -48,10 +48,10 @@ class CasePlan:
         return CATALOGUE[self.effects[0]].channel if self.kind == "withheld" else ""
 
 
-def plan_cases(kinds: tuple[str, ...], count: int, seed: int) -> list[CasePlan]:
-    """Return the plans of a set in an order that tells nothing."""
+def plan_cases(kinds: tuple[str, ...], count: int, seed: int, outside: str = SETS[0]) -> list[CasePlan]:
+    """Return the plans of a set, with one set of causes outside the library, in an order that tells nothing."""
     rng = np.random.default_rng([seed, 0])
-    others = [str(name) for name in rng.permutation(list(OUTSIDE))]
+    others = [str(name) for name in rng.permutation(list(OUTSIDE_SETS[outside]))]
     total = sum(_SHARES[kind] for kind in kinds)
     plans: list[CasePlan] = []
     for kind in kinds:
@@ -72,6 +72,7 @@ def _plan_kind(rng: Generator, kind: str, count: int, others: list[str]) -> list
         return [CasePlan(kind, (), ()) if number % 4 == 3 else plan for number, plan in enumerate(drawn)]
     if kind == "mixed":
         known = [str(name) for name in rng.permutation([name for name in quiet if name not in _EVERYWHERE])]
+        others = [name for name in others if name not in _EVERYWHERE]
         turns = [divmod(i, len(known)) for i in range(2 * count)]  # each time around the known ones meet others
         beside = [(known[i], others[(i + turn) % len(others)]) for turn, i in turns]
         return [CasePlan(kind, both, _MIXED) for both in beside if _can_meet(*both) and not _are_of_scalar(*both)][

@@ -112,7 +112,7 @@ def orientation_noise(rng: Generator, scene: Scene, _sensor: int) -> FloatArray:
 
 def centrifugal_bias(rng: Generator, scene: Scene, _sensor: int) -> FloatArray:
     """Strain a core by the turning: its offset goes with the square of the rate and with products of its components."""
-    rate, arm = _turning_rate(scene), draw_direction(rng)
+    rate, arm = turning_rate(scene), draw_direction(rng)
     strain = (rate @ arm)[:, None] * rate - (rate**2).sum(axis=1, keepdims=True) * arm
     return np.asarray(strain / strain.std() @ rng.normal(size=(3, 3)))
 
@@ -148,55 +148,62 @@ def polled_sensor(rng: Generator, scene: Scene) -> Disturbance:
     sensor = draw_sensor(rng, scene)
     slip = rng.uniform(0, 0.4) * draw_wander(rng, scene.duration_s, 6)(scene.time_s)
     late = rng.choice([-1.0, 1.0]) * ((rng.uniform(8, 40) * scene.time_s / scene.duration_s + slip) % 1 - 0.5) * 12**0.5
+    return read_late(scene, "polled_sensor", sensor, late)
+
+
+def read_late(scene: Scene, effect: str, sensor: int, late: FloatArray) -> Disturbance:
+    """Return a cause that lets a sensor read what was there before, by so many times (N,) the amplitude in seconds."""
 
     def change(amplitude: float, _seen: object) -> Signal:
         read = scene.readings_at(scene.time_s - amplitude * late)[:, sensor]
         return of_sensors(scene, {sensor: read - scene.readings_T[:, sensor]})
 
-    return Disturbance("polled_sensor", (sensor + 1,), (), change, "s", {})
+    return Disturbance(effect, (sensor + 1,), (), change, "s", {})
 
 
 def gyroscopic_shift(rng: Generator, scene: Scene) -> Disturbance:
     """Add the array's rotation about the field to the precession that a scalar magnetometer counts."""
-    about_field = (_turning_rate(scene) * scene.field_T).sum(axis=1) / scene.intensity_T
+    about_field = (turning_rate(scene) * scene.field_T).sum(axis=1) / scene.intensity_T
     blur = rng.uniform(0, 0.3) * np.abs(about_field)
     error = rng.choice([-1.0, 1.0]) * (about_field + blur) / about_field.std()
     return Disturbance("gyroscopic_shift", (SCALAR,), (), proportional(of_scalar(scene, 1e-9 * error)), "nT", {})
 
 
-def _turning_rate(scene: Scene) -> FloatArray:
+def turning_rate(scene: Scene) -> FloatArray:
+    """Return the array's rotation rate (N, 3) in its frame [rad/s]."""
     return scene.motion.turning_rate(scene.time_s, scene.step_s / 50)
 
 
-def _in_a_sensor(course: _Course, one_axis: float = 0.0, **more: Any) -> Entry:
+def in_a_sensor(course: _Course, one_axis: float = 0.0, **more: Any) -> Entry:
     """Return the entry of a cause that adds a course to one sensor, by some chance to one of its axes."""
 
     def draw(rng: Generator, scene: Scene) -> Disturbance:
         sensor, mask = draw_sensor(rng, scene), draw_axes(rng, one_axis) if one_axis else np.ones(3)
         return in_one_sensor(scene, course.__name__, sensor, mask, 1e-9 * mask * course(rng, scene, sensor), {})
 
-    return _outside(draw, **more)
+    return outside(draw, **more)
 
 
-def _outside(draw: Draw, **more: Any) -> Entry:
+def outside(draw: Draw, **more: Any) -> Entry:
+    """Return the entry of a cause outside the library."""
     return Entry(draw, "outside", sensor_counts=SEVERAL, **more)
 
 
 OUTSIDE = {
-    "random_walk_bias": _in_a_sensor(random_walk_bias),
-    "pressure_chirp": _in_a_sensor(pressure_chirp, 0.6),
-    "cycling_bias": _in_a_sensor(cycling_bias, 0.5),
-    "relaxing_tail": _in_a_sensor(relaxing_tail),
-    "burst_noise": _in_a_sensor(burst_noise, 0.7),
-    "gain_wander": _in_a_sensor(gain_wander, 0.5),
-    "mount_slip": _in_a_sensor(mount_slip, named="scale_step"),
-    "cross_field": _in_a_sensor(cross_field, 0.5),
-    "compass_needle": _in_a_sensor(compass_needle),
-    "orientation_noise": _in_a_sensor(orientation_noise, 0.4),
-    "centrifugal_bias": _in_a_sensor(centrifugal_bias, 0.4, motions=MOVING),
-    "sunlit_side": _in_a_sensor(sunlit_side, 0.3),
-    "stiction": _in_a_sensor(stiction),
-    "polled_sensor": _outside(polled_sensor, motions=MOVING),
-    "gyroscopic_shift": _outside(gyroscopic_shift, motions=MOVING, scalar_needed=True),
+    "random_walk_bias": in_a_sensor(random_walk_bias),
+    "pressure_chirp": in_a_sensor(pressure_chirp, 0.6),
+    "cycling_bias": in_a_sensor(cycling_bias, 0.5),
+    "relaxing_tail": in_a_sensor(relaxing_tail),
+    "burst_noise": in_a_sensor(burst_noise, 0.7),
+    "gain_wander": in_a_sensor(gain_wander, 0.5),
+    "mount_slip": in_a_sensor(mount_slip, named="scale_step"),
+    "cross_field": in_a_sensor(cross_field, 0.5),
+    "compass_needle": in_a_sensor(compass_needle),
+    "orientation_noise": in_a_sensor(orientation_noise, 0.4),
+    "centrifugal_bias": in_a_sensor(centrifugal_bias, 0.4, motions=MOVING),
+    "sunlit_side": in_a_sensor(sunlit_side, 0.3),
+    "stiction": in_a_sensor(stiction),
+    "polled_sensor": outside(polled_sensor, motions=MOVING),
+    "gyroscopic_shift": outside(gyroscopic_shift, motions=MOVING, scalar_needed=True),
 }
 """The causes by their names; of those in a sensor the chance that it is one axis only."""

@@ -4,12 +4,11 @@ from numpy.testing import assert_allclose
 from scipy.linalg import solve_banded
 
 from tam_validation.blind import instrument_faults, surroundings
-from tam_validation.blind.catalogue import CATALOGUE
+from tam_validation.blind.catalogue import CAUSES
 from tam_validation.blind.material import _bouc_wen, _diffused, _preisach, low_pass
-from tam_validation.blind.outside import OUTSIDE
 
-DRAWS = {name: entry.draw for name, entry in (CATALOGUE | OUTSIDE).items()}
-AMPLITUDES = {"of the samples": 0.1, "samples a stretch": 8.0, "T of the band": 1e-6}
+DRAWS = {name: entry.draw for name, entry in CAUSES.items()}
+AMPLITUDES = {"of the samples": 0.1, "samples a stretch": 8.0, "T of the band": 1e-6, "s between the bytes": 0.01}
 """By their units, where neither 1e-4 nor, for what the recorder does, 1e-9 is an amplitude."""
 
 

@@ -1,0 +1,100 @@
+"""The second and the third set of causes outside the library."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from tam_calibration.model.units import to_nanotesla
+from tam_validation.blind import SETS
+from tam_validation.blind.case import make_case
+from tam_validation.blind.case_plan import CasePlan, plan_cases
+from tam_validation.blind.catalogue import CATALOGUE, CAUSES, LAWS, OUTSIDE_SETS
+from tam_validation.blind.outside_second import SECOND
+from tam_validation.blind.outside_third import THIRD
+
+COURSES = {"constant", "step", "episodes", "slow", "tone", "channel", "motion", "random"}
+KINDS_OF_LAW = {"offset", "gain", "rate", "own_field", "attitude", "noise", "samples"}
+
+
+@pytest.mark.parametrize("name", [*SECOND, *THIRD])
+@pytest.mark.parametrize("gap", [0.3, 3.0])
+def test_every_cause_reaches_its_gap(name, gap):
+    """Each is there with the gap asked for, and with the channel that decides."""
+    case = make_case(CasePlan("outside", (name,), (gap,)), 1, 1)
+    assert case.key["visible_gap"] == pytest.approx(gap, rel=0.02)
+    column = {"temperature": "temperature_C", "current": "current_A", "": "time_s"}
+    assert column[CAUSES[name].channel] in case.columns
+
+
+def test_the_sets_share_no_name():
+    """Neither with each other nor with the library."""
+    names = [name for one in (CATALOGUE, *OUTSIDE_SETS.values()) for name in one]
+    assert tuple(OUTSIDE_SETS) == SETS and len(names) == len(set(names)) == len(CAUSES)
+
+
+@pytest.mark.parametrize("name", [*SECOND, *THIRD])
+def test_every_cause_has_a_law_and_a_course(name):
+    """Of those that there are."""
+    right = LAWS[name]
+    assert right["law"] and right["course"]
+    assert set(right["law"]) <= KINDS_OF_LAW and set(right["course"]) <= COURSES
+
+
+@pytest.mark.parametrize("causes", [SECOND, THIRD])
+def test_every_law_is_in_a_set(causes):
+    """Each is the usual one of some cause, and most courses are."""
+    assert {LAWS[name]["law"][0] for name in causes} == KINDS_OF_LAW
+    assert len({LAWS[name]["course"][0] for name in causes}) >= 7
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_a_plan_draws_from_one_set(name):
+    """All causes of the set, and of no other; mixtures take those that leave a sensor to another cause."""
+    single = {plan.effects[0] for plan in plan_cases(("outside",), 60, 3, name)}
+    mixed = plan_cases(("mixed",), 120, 3, name)
+    assert single == set(OUTSIDE_SETS[name]) and len(mixed) == 120
+    beside = {plan.effects[1] for plan in mixed}
+    assert beside == single - {"proton_polarisation", "passing_boat", "degaussing_coil"}
+
+
+def test_a_knife_is_near_for_a_small_part_of_the_time(change_of):
+    """Its field falls with the third power of the distance."""
+    _, _, change = change_of("dive_knife", 2)
+    size = np.linalg.norm(change, axis=1)
+    assert np.median(size) < 0.3 * size.max()
+
+
+def test_swapped_packets_are_the_same_readings_in_another_order(draw):
+    """No reading is lost, and none stands twice."""
+    scene = draw(1)
+    cause = SECOND["swapped_packets"].draw(np.random.default_rng(1), scene)
+    vectors, _ = cause.change(0.1, (scene.readings_T, scene.intensity_T))
+    sensor = cause.sensors[0] - 1
+    before, after = scene.readings_T[:, sensor, 0], (scene.readings_T + vectors)[:, sensor, 0]
+    assert np.ptp(vectors) > 0
+    np.testing.assert_allclose(np.sort(before), np.sort(after), rtol=1e-12)
+
+
+def test_a_slow_loop_catches_up_where_the_field_rests(change_of):
+    """It errs only while and after the field changes fastest."""
+    _, cause, change = change_of("slew_limit", 1, amplitude=2e-8)
+    struck = np.abs(change).max(axis=1) > 0
+    assert 0 < struck.mean() < 0.5 and cause.sensors != ("all",)
+
+
+def test_torn_readings_are_wrong_by_whole_bytes(draw):
+    """By one for most, of the sign of the change."""
+    scene = draw(1)
+    cause = THIRD["torn_bytes"].draw(np.random.default_rng(1), scene)
+    vectors, _ = cause.change(scene.step_s * 1e-3, (scene.readings_T, scene.intensity_T))
+    bytes_lost = to_nanotesla(vectors) / cause.parameters["byte_nT"]
+    np.testing.assert_allclose(bytes_lost, np.round(bytes_lost), atol=1e-9)
+    assert bytes_lost.any()
+
+
+def test_flux_quanta_are_whole(change_of):
+    """Between jumps nothing changes."""
+    _, _, change = change_of("flux_jumps", 1)
+    levels = np.unique(np.round(to_nanotesla(change), 9))
+    assert all(abs(second - first - round(second - first)) < 1e-6 for first, second in pairwise(levels))
