@@ -56,7 +56,7 @@ def main(seed: int, cases: int, kinds: tuple[str, ...], outside: str, folder: Pa
     print_score(Console(width=120), score, times_s)
     if judged:
         write_results(score)
-        git = ["git", "-C", DOCS, "rev-parse", "--short", "HEAD"]
+        git = ["git", "-C", str(DOCS), "rev-parse", "--short", "HEAD"]
         commit = subprocess.run(git, check=True, capture_output=True, text=True).stdout.strip()
         document(score, times_s, f"python benchmarks/blind.py {' '.join(map(str, asked))} --judged", commit)
 

@@ -74,8 +74,9 @@ def mount_creep(rng: Generator, scene: Scene, sensor: int) -> FloatArray:
 
 
 def interleaved_converters(rng: Generator, scene: Scene, sensor: int) -> FloatArray:
-    """Let two to four converters take turns at an axis, sample by sample, each with a gain of its own."""
+    """Let two to four converters take turns at each axis, sample by sample, each with a gain of its own."""
     gains = rng.normal(size=(int(rng.integers(2, 5)), 3))
+    gains -= gains.mean(axis=0)  # which the calibration takes off
     turn = np.round(scene.time_s / scene.step_s).astype(int) % len(gains)
     return np.asarray((gains / gains.std(axis=0))[turn] * scene.readings_T[:, sensor] / scene.intensity_T.mean())
 
@@ -137,7 +138,7 @@ SECOND = {
     "interleaved_converters": in_a_sensor(interleaved_converters, 0.6),
     "clock_set": outside(clock_set, motions=MOVING),
     "crossover_distortion": outside(crossover_distortion),
-    "hanging_chain": in_a_sensor(hanging_chain),
+    "hanging_chain": in_a_sensor(hanging_chain, channel="attitude"),
     "noisy_reference": in_a_sensor(noisy_reference, 0.3),
     "swapped_packets": outside(swapped_packets, motions=MOVING, most_nT=50_000.0, coarse=True),
 }

@@ -46,7 +46,8 @@ def flux_jumps(rng: Generator, scene: Scene, sensor: int) -> FloatArray:
 
 def passing_boat(rng: Generator, scene: Scene) -> Disturbance:
     """Let a boat of steel go by at some metres; the sensor nearest to it sees a little more of it than the others."""
-    course, abeam = draw_direction(rng), draw_direction(rng)
+    course, abeam = draw_direction(rng) * np.array([1, 1, 0]), draw_direction(rng)
+    course /= norm(course)
     abeam -= (abeam @ course) * course
     nearest_m = rng.uniform(4, 12)
     run = (scene.time_s / scene.duration_s - rng.uniform(0.25, 0.75)) / rng.uniform(0.05, 0.2)
@@ -80,7 +81,7 @@ def wet_connector(rng: Generator, scene: Scene, sensor: int) -> FloatArray:
 
 
 def strumming_arm(rng: Generator, scene: Scene, sensor: int) -> FloatArray:
-    """Let the water that flows past an arm shake it at one rate, more or less, so that its sensor turns to and fro."""
+    """Let the water that flows past an arm shake it at one rate, now more, now less: its sensor turns to and fro."""
     strength = 1 + 0.4 * np.tanh(draw_wander(rng, scene.duration_s, 9)(scene.time_s))
     cycles = rng.uniform(0.06, 0.44) * scene.time_s / scene.step_s
     angle = strength * np.sin(2 * np.pi * cycles + rng.uniform(0, 2 * np.pi))
@@ -154,7 +155,7 @@ def triboelectric_cable(rng: Generator, scene: Scene, _sensor: int) -> FloatArra
 
 
 def torn_bytes(rng: Generator, scene: Scene) -> Disturbance:
-    """Read a register's high byte a moment before its low one: when it carries over meanwhile, a whole byte is lost."""
+    """Read a register's high bytes a moment before its lowest: after a carry in between it errs by a whole one."""
     sensor, byte_T = draw_sensor(rng, scene), scene.vector_noise_T * rng.uniform(16, 40)
 
     def change(amplitude: float, seen: Signal) -> Signal:
@@ -177,7 +178,7 @@ THIRD = {
     "slew_limit": outside(slew_limit, motions=MOVING),
     "dielectric_absorption": in_a_sensor(dielectric_absorption, 0.3, motions=MOVING),
     "residue_gain": in_a_sensor(residue_gain, 0.6),
-    "degaussing_coil": outside(degaussing_coil),
+    "degaussing_coil": outside(degaussing_coil, channel="attitude"),
     "triboelectric_cable": in_a_sensor(triboelectric_cable, 0.4, motions=MOVING),
     "torn_bytes": outside(torn_bytes, motions=MOVING, named="outliers"),
 }

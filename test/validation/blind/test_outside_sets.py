@@ -23,7 +23,7 @@ def test_every_cause_reaches_its_gap(name, gap):
     """Each is there with the gap asked for, and with the channel that decides."""
     case = make_case(CasePlan("outside", (name,), (gap,)), 1, 1)
     assert case.key["visible_gap"] == pytest.approx(gap, rel=0.02)
-    column = {"temperature": "temperature_C", "current": "current_A", "": "time_s"}
+    column = {"temperature": "temperature_C", "current": "current_A", "attitude": "qw", "": "time_s"}
     assert column[CAUSES[name].channel] in case.columns
 
 
