@@ -20,7 +20,7 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.scale import free_scale, without_scale
 from tam_calibration.model.data_sheet import DAY_S, ChangeRates
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.sensor_errors import CROSS, SensorErrors
+from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
 
@@ -45,16 +45,15 @@ def turned(
     SensorErrors, (12 K, 12 K + 3) array
         Errors, and their derivative by those given and by δ, radians.
     """
-    count = errors.sensor_count
-    after = SensorErrors.from_matrix(errors.matrix @ rotation, errors.bias_T, orientation)
-    rows, by_turn = errors.jacobian().copy(), np.zeros((count, 3, 4, 3))
-    rows[:, :, :3] = np.einsum("kijp,jl->kilp", rows[:, :, :3], rotation)
-    by_turn[:, :, :3] = np.moveaxis(errors.matrix[:, None] @ (CROSS @ rotation), 1, 3)
-    back, each = inv(after.jacobian().reshape(count, 12, 12)), np.arange(count)
-    derivative = np.zeros((count, 12, count, 12))
-    derivative[each, :, each] = back @ rows.reshape(count, 12, 12)
-    of_turn = back @ by_turn.reshape(count, 12, 3)
-    return after, np.concatenate([derivative.reshape(12 * count, -1), of_turn.reshape(12 * count, 3)], axis=1)
+    after = errors.with_rotation(errors.rotation @ rotation, orientation)
+    # Only the misalignment changes: Λ' = Λ X and Λ [δ]× X = [Λ δ]× Λ'.
+    back, count = inv(after.turning_axes), errors.sensor_count
+    derivative = np.eye(12 * count, 12 * count + 3)
+    for sensor in range(count):
+        own = slice(12 * sensor + 9, 12 * sensor + 12)
+        derivative[own, own] = back[sensor] @ errors.turning_axes[sensor]
+        derivative[own, -3:] = -back[sensor] @ errors.rotation[sensor]
+    return after, derivative
 
 
 def in_first_frame(errors: SensorErrors) -> tuple[SensorErrors, FloatArray]:
@@ -62,10 +61,8 @@ def in_first_frame(errors: SensorErrors) -> tuple[SensorErrors, FloatArray]:
     first = errors.rotation[0]
     after, derivative = turned(errors, first.T, errors.orientation @ errors.orientation[0].T)
     after = replace(after, misalignment=np.vstack([np.zeros((1, 3)), after.misalignment[1:]]))
-    # The frame turns with sensor 1: [δ]× is the change of its transposed rotation times that rotation.
-    change = np.einsum("ij,jkp->ikp", inv(errors.measurement[0]), errors.jacobian()[0, :, :3, 9:12])
-    skew = np.einsum("ijp,ik->jkp", change, first)
-    derivative[:, 9:12] += derivative[:, -3:] @ skew[[2, 0, 1], [1, 2, 0]]
+    # The frame turns with sensor 1.
+    derivative[:, 9:12] += derivative[:, -3:] @ first.T @ errors.turning_axes[0]
     derivative[9:12] = 0
     return after, derivative[:, :-3]
 

@@ -8,7 +8,7 @@ array has none: a rotation that exchanges and reverses axes.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import permutations, product
 
@@ -126,13 +126,26 @@ class SensorErrors:
         theta = np.arcsin(upper[:, 0, 2] / scale[:, 0])
         phi = np.arctan2(upper[:, 0, 1], upper[:, 0, 0])
         psi = np.arctan2(upper[:, 1, 2], upper[:, 1, 1])
+        straight = cls(scale, np.stack([theta, phi, psi], 1), bias_T, np.zeros_like(bias_T))
+        return straight.with_rotation(rotation, orientation)
+
+    def with_rotation(self, rotation: FloatArray, orientation: FloatArray | None = None) -> "SensorErrors":
+        """Return the errors of sensors that are mounted by other rotations Λ.
+
+        Parameters
+        ----------
+        rotation : (K, 3, 3) array
+            From the array frame to each sensor's orthogonal frame.
+        orientation : (K, 3, 3) array, optional
+            Of the sensors, where it is known; by default there is none but where β would exceed 45°.
+        """
         if orientation is None:
             orientation = _orientations_of(rotation)
-        rotation = rotation @ np.swapaxes(orientation, 1, 2)
-        alpha = np.arctan2(rotation[:, 1, 2], rotation[:, 2, 2])
-        beta = -np.arcsin(np.clip(rotation[:, 0, 2], -1, 1))
-        gamma = np.arctan2(rotation[:, 0, 1], rotation[:, 0, 0])
-        return cls(scale, np.stack([theta, phi, psi], 1), bias_T, np.stack([alpha, beta, gamma], 1), orientation)
+        small = rotation @ np.swapaxes(orientation, 1, 2)
+        alpha = np.arctan2(small[:, 1, 2], small[:, 2, 2])
+        beta = -np.arcsin(np.clip(small[:, 0, 2], -1, 1))
+        gamma = np.arctan2(small[:, 0, 1], small[:, 0, 0])
+        return replace(self, misalignment=np.stack([alpha, beta, gamma], 1), orientation=orientation)
 
     @classmethod
     def from_vector(cls, vector: FloatArray, orientation: FloatArray = ORIENTATIONS[0]) -> "SensorErrors":
@@ -172,6 +185,13 @@ class SensorErrors:
     def _turns(self) -> FloatArray:
         """(3, K, 3, 3) passive rotations by α about x, by β about y and by γ about z."""
         return np.stack([_rotate(axis, angle) for axis, angle in enumerate(self.misalignment.T)])
+
+    @cached_property
+    def turning_axes(self) -> FloatArray:
+        """(K, 3, 3) columns a of the changes dΛ = -[a]× Λ by α, β and γ."""
+        about_x, about_y, _ = self._turns
+        columns = [np.broadcast_to(np.eye(3)[:, 0], (self.sensor_count, 3)), about_x[:, :, 1]]
+        return np.stack([*columns, (about_x @ about_y)[:, :, 2]], axis=2)
 
     @cached_property
     def matrix(self) -> FloatArray:

@@ -24,12 +24,16 @@ from tam_calibration.model.exceptions import InputError, Refused
 
 
 def pulls(calibration, errors):
-    """Return errors of the free parameters over their standard errors, and those of the principal combinations."""
+    """Return errors of the free parameters over their standard errors, and those of the principal combinations.
+
+    A combination that a convention holds, as the scale without a scalar, is none of these.
+    """
     free = calibration.standard_errors.ravel() > 0
     error = (calibration.errors.to_vector() - in_first_frame(errors)[0].to_vector()).ravel()[free]
     size = calibration.standard_errors.ravel()[free]
     variances, axes = np.linalg.eigh(calibration.covariance[np.ix_(free, free)] / np.outer(size, size))
-    return error / size, axes.T @ (error / size) / np.sqrt(variances)
+    seen = variances > 1e-12
+    return error / size, (axes.T @ (error / size))[seen] / np.sqrt(variances[seen])
 
 
 def rms(values):
