@@ -167,32 +167,28 @@ def _at(
     sums: Sums, diagonal: FloatArray, beside: FloatArray, log_determinant: float, variance: float
 ) -> tuple[float, FloatArray, FloatArray, float]:
     """Return the evidence, the mean before the last substitution by the factor, the factor, and the variance."""
-    from scipy.linalg import cholesky_banded
+    from scipy.linalg.lapack import dpbtrf
 
     bins, width = sums.score.shape
     band = sums.band.copy()
     band[-1] += np.repeat(diagonal, width) / variance
     band[0, width:] = np.repeat(beside, width) / variance
-    factor = cholesky_banded(band, check_finite=False)
+    factor = dpbtrf(band)[0]
     half = _substituted(factor, sums.products.reshape(bins * width, -1), "T")
     products = half.T @ half
-    left = np.eye(len(products) - 1) - products[1:, 1:]
-    left = left + 1e-9 * np.eye(len(left))
-    root = np.linalg.cholesky(left)
-    off = np.linalg.solve(root, products[1:, 0])
-    prior = width * (log_determinant + bins * np.log(variance))
-    determinants = prior + 2 * np.log(factor[-1]).sum() + 2 * np.log(np.diag(root)).sum()
-    beta = -np.linalg.solve(root.T, off)
-    evidence = float(0.5 * (products[0, 0] + off @ off - determinants))
+    left = (1 + 1e-9) * np.eye(len(products) - 1) - products[1:, 1:]
+    beta = -np.linalg.solve(left, products[1:, 0])
+    determinants = width * (log_determinant + bins * np.log(variance)) + 2 * np.log(factor[-1]).sum()
+    determinants += 2 * np.log(np.diag(np.linalg.cholesky(left))).sum()
+    evidence = float(0.5 * (products[0, 0] - products[1:, 0] @ beta - determinants))
     return evidence, half[:, 0] - half[:, 1:] @ beta, factor, float(variance)
 
 
 def _substituted(factor: FloatArray, right: FloatArray, trans: str) -> FloatArray:
     """Return the solution of equations with an upper triangular band, or with its transpose."""
-    from scipy.linalg.lapack import get_lapack_funcs
+    from scipy.linalg.lapack import dtbtrs
 
-    (solve,) = get_lapack_funcs(("tbtrs",), (factor, right))
-    return np.asarray(solve(factor, right, uplo="U", trans=trans)[0])
+    return np.asarray(dtbtrs(factor, right, uplo="U", trans=trans)[0])
 
 
 def _deviations(factor: FloatArray, shape: tuple[int, ...]) -> FloatArray:
