@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.core.least_squares import iterate
 from tam_calibration.core.noise import complete_noise, fast_noise
+from tam_calibration.correction.calibration import without_rows
 from tam_calibration.effects.effect import Finding
 from tam_calibration.effects.grades import NEGLIGIBLE, NOTABLE
 from tam_calibration.effects.gross_jump import gross_bias_jump
@@ -400,9 +401,7 @@ class Model:
             require_channels(recording, effects)
             covariates = self.channels().covariates
             added = np.sum([linear_effect(fitted).signal(covariates, fitted) for fitted in effects], axis=0)
-        readings = recording.readings_T - added[:, :-1].reshape(recording.readings_T.shape)
-        scalar = None if recording.scalar_T is None else recording.scalar_T - added[:, -1]
-        return replace(recording, readings_T=readings, scalar_T=scalar)
+        return without_rows(recording, added)
 
     def quiet(self) -> Recording:
         """Return the recording without what its accepted effects add to it."""
