@@ -83,7 +83,7 @@ def is_right(outcome: Outcome) -> bool:
 
 
 def causes_of(outcomes: Sequence[Outcome]) -> FloatArray:
-    """Return of every named cause its features and whether it is right, (M, 5)."""
+    """Return of every named cause its features and whether it is right, (M, 6)."""
     rows = []
     for one in outcomes:
         considered = one.answer.get("considered") or ()
@@ -91,13 +91,13 @@ def causes_of(outcomes: Sequence[Outcome]) -> FloatArray:
         rival = max((value for name, value in evidence.items() if name not in one.named), default=0.0)
         for cause in one.causes:
             own = evidence[cause["effect"]]
-            told = features_of(len(one.answer["checks"]["departs"]), cause["share"], own, rival)
+            told = features_of(cause["effect"], len(one.answer["checks"]["departs"]), cause["share"], own, rival)
             rows.append((*told, cause["effect"] in {*one.truth, *one.other_names}))
-    return np.array(rows, dtype=float).reshape(-1, 5)
+    return np.array(rows, dtype=float).reshape(-1, 6)
 
 
 def fitted(tables: Sequence[FloatArray]) -> FloatArray:
-    """Return the coefficients (4,) of the logistic regression with a ridge."""
+    """Return the coefficients (5,) of the logistic regression with a ridge."""
     joined = np.concatenate(tables)
 
     def cost(weights: FloatArray) -> float:

@@ -9,7 +9,7 @@ from tam_calibration.effects.library import effect_named
 from tam_calibration.gap.hypothesis import Hypothesis
 from tam_calibration.gap.laws.decisions import LEAST_SHARE
 from tam_calibration.gap.laws.find import repeats
-from tam_calibration.gap.laws.law import Place, as_made_by, goes_with_the_rate
+from tam_calibration.gap.laws.law import Place, as_made_by, usual_law
 from tam_calibration.gap.laws.signature import Law, laws_of
 from tam_calibration.gap.laws.whitened import Residual, residual_of
 from tam_calibration.gap.model import Model
@@ -200,7 +200,7 @@ def _is_open_at_poses(effect: LinearEffect, before: Model, after: Model) -> bool
         return False
     if (effect.is_free_in_time or effect.has_memory) and again.are_same(first - last):
         return True
-    part = NOTABLE if goes_with_the_rate(effect.name) else SLIGHT
+    part = NOTABLE if usual_law(effect.name) == "rate" else SLIGHT
     return not effect.is_free_in_time and again.energy(last) > part * again.energy(first) > 0
 
 

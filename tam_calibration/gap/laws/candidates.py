@@ -1,6 +1,6 @@
 """Laws that are tried on a residual, each with its evidence and what it predicts."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -28,7 +28,7 @@ def candidates(residual: Residual, positions_m: FloatArray) -> list[Candidate]:
     if residual.sensor_count > 1:
         offsets = patterns.offsets_everywhere(residual)
         found += list(_following(residual, offsets))
-        found += list(_tones(residual, offsets))
+        found += list(_tones(residual, [offsets]))
     return sorted(found, key=lambda one: -one.evidence)
 
 
@@ -74,7 +74,8 @@ def _in_place(residual: Residual, place: int | str, bins: Bins) -> Iterator[Cand
         yield from _in_time(residual, pattern, bins)
         yield from _following(residual, pattern)
         if pattern.law == "offset":
-            yield from _tones(residual, pattern)
+            yield from _tones(residual, [pattern])
+    yield from _tones(residual, [one for one in own if one.law == "gain"])
 
 
 def _constant(residual: Residual, pattern: Pattern, label: str, tried: float = 1.0) -> Candidate:
@@ -114,21 +115,23 @@ def _following(residual: Residual, pattern: Pattern) -> Iterator[Candidate]:
             yield _constant(residual, pattern.times(drive, name), "channel", len(drives))
 
 
-def _tones(residual: Residual, pattern: Pattern) -> Iterator[Candidate]:
-    """Yield the tone that explains most, steady and wavering."""
-    frequency_hz, tried = _line(residual, pattern)
+def _tones(residual: Residual, alike: Sequence[Pattern]) -> Iterator[Candidate]:
+    """Yield the tone that explains most by the first of some patterns, steady and wavering, by each of them."""
+    frequency_hz, tried = _line(residual, alike[0])
     if frequency_hz is None:
         return
     phase = 2 * np.pi * frequency_hz * (residual.time_s - residual.time_s[0])
-    tone = pattern.times(np.column_stack([np.cos(phase), np.sin(phase)]), f"{frequency_hz:.6g} Hz")
-    steady = _constant(residual, tone, "tone", tried)
-    yield steady
+    waves = np.column_stack([np.cos(phase), np.sin(phase)])
     penalty = np.log(tried)
-    if len(pattern.rows) <= 3 and steady.evidence + penalty > MOST * residual.excess / 2:
-        bins = Bins.of(residual.time_s, COARSE)
-        length = 0.25 * float(np.ptp(residual.time_s))
-        wavering = course(tone.sums(residual, bins), length, _sizes(residual))
-        yield Candidate(tone, "tone", wavering.evidence - penalty, tone.follows, bins, length, wavering.variance)
+    for pattern in alike:
+        tone = pattern.times(waves, f"{frequency_hz:.6g} Hz")
+        steady = _constant(residual, tone, "tone", tried)
+        yield steady
+        if pattern.features.shape[2] <= 3 and steady.evidence + penalty > MOST * residual.excess / 2:
+            bins = Bins.of(residual.time_s, COARSE)
+            length = 0.25 * float(np.ptp(residual.time_s))
+            wavering = course(tone.sums(residual, bins), length, _sizes(residual))
+            yield Candidate(tone, "tone", wavering.evidence - penalty, tone.follows, bins, length, wavering.variance)
 
 
 def _line(residual: Residual, pattern: Pattern) -> tuple[float | None, int]:

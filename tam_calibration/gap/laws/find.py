@@ -79,7 +79,7 @@ class Found:
     ----------
     best : Candidate
     predicted : float
-        Energy of every other sample that it predicts from those between, in units of the noise.
+        Energy of half of the samples that it predicts from the others, in units of the noise.
     others : tuple of Candidate
     residual : Residual
         In which it was found.
@@ -227,9 +227,12 @@ def _freedom(one: Candidate) -> float:
 
 
 def predicted_energy(residual: Residual, law: Candidate) -> float:
-    """Return the energy of every other sample that a law fitted to the samples between predicts."""
-    even = np.arange(residual.count) % 2 == 0
-    fallen, halves = 0.0, (residual.taking(even), residual.taking(~even))
+    """Return the energy of half of the samples that a law fitted to the other half predicts.
+
+    Most neighbours are in different halves, but not at a regular pace, at which a tone would look constant.
+    """
+    chosen = np.arange(residual.count) * (np.sqrt(5) - 1) / 2 % 1 < 0.5
+    fallen, halves = 0.0, (residual.taking(chosen), residual.taking(~chosen))
     for training, rest in (halves, halves[::-1]):
         signal = law.signal(rest, law.fitted(training))
         flat = rest.nuisance.reshape(signal.size, -1)

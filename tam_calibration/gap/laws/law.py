@@ -227,9 +227,9 @@ def as_made_by(effect: str, law: Signature) -> Signature:
     return replace(law, law=name, course=course, follows="motion" if course == "motion" else None, curve=curve)
 
 
-def goes_with_the_rate(effect: str) -> bool:
-    """Say whether the usual law of an effect is one of the field's rate of change."""
-    return any(one.law[0] == "rate" for one in CAUSES if one.name == effect)
+def usual_law(effect: str) -> str:
+    """Return the usual law of an effect; empty for one that the table does not hold."""
+    return next((one.law[0] for one in CAUSES if one.name == effect), "")
 
 
 def agrees(effect: str, law: Signature) -> bool:
