@@ -73,6 +73,7 @@ def _course(law: Signature) -> str:
         return f" with a tone of {law.follows}"
     return {
         "slow": " slowly",
+        "step": " in steps",
         "episodes": " in episodes",
         "random": " irregularly" if law.law not in ("noise", "samples") else "",
         "constant": ", the same throughout",

@@ -36,6 +36,10 @@ def law(name, course, sensors=(3,), axes=("z",), **other):
         (law("noise", "random"), "Sensor 3, axis z: its noise is larger, 93 % of the gap."),
         (law("noise", "episodes"), "Sensor 3, axis z: its noise is larger in episodes, 93 % of the gap."),
         (
+            law("rate", "step"),
+            "Sensor 3, axis z: its error goes with the field's rate of change in steps, 93 % of the gap.",
+        ),
+        (
             law("rate", "constant", (1, 2)),
             "Sensors 1 and 2, axis z: its error goes with the field's rate of change, the same throughout, 93 % of the "
             "gap.",
