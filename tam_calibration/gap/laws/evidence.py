@@ -167,13 +167,13 @@ def _at(
     sums: Sums, diagonal: FloatArray, beside: FloatArray, log_determinant: float, variance: float
 ) -> tuple[float, FloatArray, FloatArray, float]:
     """Return the evidence, the mean before the last substitution by the factor, the factor, and the variance."""
-    from scipy.linalg.lapack import dpbtrf
+    from scipy.linalg import cholesky_banded
 
     bins, width = sums.score.shape
     band = sums.band.copy()
     band[-1] += np.repeat(diagonal, width) / variance
     band[0, width:] = np.repeat(beside, width) / variance
-    factor = dpbtrf(band)[0]
+    factor = cholesky_banded(band, check_finite=False)
     half = _substituted(factor, sums.products.reshape(bins * width, -1), "T")
     products = half.T @ half
     left = (1 + 1e-9) * np.eye(len(products) - 1) - products[1:, 1:]
