@@ -2,8 +2,7 @@
 
 The converter or the amplifier of a sensor has a range; what lies beyond it is read as its end. Readings then repeat
 at the largest or smallest value, where the other sensors say that the axis should have read more. Source: IEEE Std
-1241-2010, Standard for Terminology and Test Methods for Analog-to-Digital Converters, on overload. A core
-that ends before a factory correction is only simulated, as ``core limit``: its readings do not repeat.
+1241-2010, Standard for Terminology and Test Methods for Analog-to-Digital Converters, on overload.
 """
 
 from collections.abc import Iterator, Mapping
@@ -40,11 +39,7 @@ class Saturation(FoundEffect):
     """An axis that reads the end of its range where the field lies beyond."""
 
     name = "saturation"
-    units: ClassVar[Mapping[str, str]] = {
-        "upper limit": "T",
-        "lower limit": "T",
-        **{f"{way} {axis}": "1" for way in ("of", "into") for axis in "xyz"},
-    }
+    units: ClassVar[Mapping[str, str]] = {"upper limit": "T", "lower limit": "T"}
 
     def find(self, residuals: WhitenedResiduals) -> Finding | str:
         """Return the limits, and as flagged the samples at them, or why there is none."""
@@ -62,11 +57,7 @@ class Saturation(FoundEffect):
 
     def put(self, rows_T: FloatArray, part: Contribution, run: Covariates, source: np.random.Generator) -> FloatArray:
         """Return the readings (N, n) of the n rows that a contribution acts on with the effect; see `FoundEffect`."""
-        low, high = part.values.get("lower limit", -np.inf), part.values.get("upper limit", np.inf)
-        if part.term == "core limit":
-            core = (rows_T - run.errors.bias_T[part.sensor]) @ _vector(part, "of")
-            return rows_T + np.outer(np.clip(core, low, high) - core, _vector(part, "into"))
-        return np.clip(rows_T, low, high)
+        return np.clip(rows_T, part.values.get("lower limit", -np.inf), part.values.get("upper limit", np.inf))
 
 
 def find_limits(residuals: WhitenedResiduals) -> list[_Limit]:
@@ -139,7 +130,3 @@ def _contributions(limits: list[_Limit]) -> Iterator[Contribution]:
         values, errors = ({end: both[index] for end, both in ends.items()} for index in (0, 1))
         sensor, axis = divmod(row, 3)
         yield Contribution(sensor, axis, "limit", values, errors)
-
-
-def _vector(part: Contribution, way: str) -> FloatArray:
-    return np.array([part.values[f"{way} {axis}"] for axis in "xyz"])

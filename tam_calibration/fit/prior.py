@@ -67,9 +67,6 @@ def in_first_frame(errors: SensorErrors) -> tuple[SensorErrors, FloatArray]:
     return after, derivative[:, :-3]
 
 
-__all__ = ["ChangeRates", "Prior", "has_date", "prior_of"]
-
-
 _ASSUMED_AGE_S = DAY_S
 """Where a calibration or a recording has no date: the one of the pier is a day old at most when the vehicle dives."""
 

@@ -95,11 +95,6 @@ class Checks:
     autocorrelation: FloatArray
 
     @property
-    def departing_rows(self) -> tuple[int, ...]:
-        """The rows with any statistic out of its range."""
-        return tuple(np.flatnonzero(np.any([check.departs for check in self.by_name.values()], axis=0)).tolist())
-
-    @property
     def departures(self) -> int:
         """The number of statistics that are out of their range in any row."""
         return sum(bool(check.departs.any()) for check in self.by_name.values())

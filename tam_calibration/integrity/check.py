@@ -55,8 +55,7 @@ def _each_kind(source: SampleSource, overview: Overview, array: Array) -> Iterat
     yield at_ends(overview)
     yield with_stuck_bits(overview)
     yield in_steps(overview, array)
-    alternating = alternations(next(iter(source.blocks())).readings_T)
-    time_s = overview.time_s
+    alternating, time_s = alternations(next(iter(source.blocks())).readings_T), overview.time_s
     yield (Fault("alternating", one, "", time_s, words, may_be_effect=True) for one, words in alternating.items())
     yield left_handed(overview)
 

@@ -212,10 +212,6 @@ class SensorErrors:
 
     def jacobian(self) -> FloatArray:
         """Return the (K, 3, 4, 12) derivatives of [D Λ | o] by the parameters in the order of ``PARAMETER_NAMES``."""
-        return self._jacobian
-
-    @cached_property
-    def _jacobian(self) -> FloatArray:
         (sx, sy, _), (theta, phi, psi) = self.scale_factor.T, self.non_orthogonality.T
         measurement, rotation = self.measurement, self.rotation
         derivative = np.zeros((self.sensor_count, 12, 3, 4))
