@@ -15,7 +15,7 @@ from tam_calibration.simulation import simulate
 @pytest.fixture(scope="module")
 def made():
     """Return a turning array and its recording."""
-    return simulate(replace(read_scenario("tumble_100_hz"), sample_count=1500))
+    return simulate(replace(read_scenario("tumble_100_hz"), sample_count=750, rate_hz=50.0))
 
 
 def reasons_of(made, readings_T):

@@ -42,7 +42,7 @@ def test_a_source_that_is_passed_comes_and_goes():
 @pytest.mark.parametrize("seed", range(4))
 def test_nothing_is_said_of_a_uniform_field(seed):
     """Noise, and bias and delay of the gyroscope, are no change of the field."""
-    recording, array, _ = made(4, seed=seed)
+    recording, array, _ = made(4, seed=seed, count=1500)
     rates = recording.angular_velocity_rad_s
     late = np.vstack([rates[:1], rates[:-1]])
     gap = diagnose(replace(recording, angular_velocity_rad_s=late + np.array([1e-3, 0.0, -1e-3])), array)

@@ -14,7 +14,7 @@ from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.instruments import Temperature
 
-PLAN = replace(read_scenario("warming_up"), effects=(), temperature=None, sample_count=1000, rate_hz=5.0)
+PLAN = replace(read_scenario("warming_up"), effects=(), temperature=None, sample_count=500, rate_hz=2.5)
 
 
 def drift(size_T_per_K):

@@ -41,7 +41,7 @@ def test_what_comes_and_goes_is_no_jump(run):
 
 def test_a_product_of_two_axes_is_no_loop(run):
     """What an axis feels across it is neither its hysteresis nor, together with that, its nonlinearity."""
-    made = run(900)
+    made = run(450)
     field = made.errors.restore(made.recording.readings_T).mean(axis=1)
     x, y, z = field.T / np.linalg.norm(field, axis=1)
     made = made.with_row(8, 20e-9 * x * y * (1 + 0.5 * z))
@@ -90,7 +90,7 @@ def test_noise_is_no_cause_beside_an_open_law(run, seed):
 
 def test_what_weight_moves_is_told_as_unexplained(run):
     """A loose magnet that rolls with the tilt is neither noise nor an arm that bends."""
-    made = run(900)
+    made = run(450)
     up = Rotation.from_quat(made.recording.attitude).inv().apply([0.0, 0.0, 1.0])
     made = made.with_row(4, 15e-9 * np.tanh(8 * (up[:, 0] + 0.3)))
     gap = diagnose(made.recording, made.array)
@@ -99,10 +99,10 @@ def test_what_weight_moves_is_told_as_unexplained(run):
 
 def test_what_strikes_often_is_no_outlier(run):
     """Wrong readings in one sample of twelve are more than outliers."""
-    made = run(900)
+    made = run(450)
     generator = np.random.default_rng(5)
-    hit = generator.random(900) < 1 / 12
-    made = made.with_row(4, np.where(hit, 60e-9 * generator.choice([-1.0, 1.0], 900), 0.0))
+    hit = generator.random(450) < 1 / 12
+    made = made.with_row(4, np.where(hit, 60e-9 * generator.choice([-1.0, 1.0], 450), 0.0))
     gap = diagnose(made.recording, made.array)
     assert (gap.verdict, gap.where.sensors) == ("unexplained", (2,))
 
@@ -308,7 +308,7 @@ def test_a_sensor_that_is_rounded_and_noisy_has_an_answer(run):
 @pytest.mark.parametrize("period_s", [4.0, 25.0])
 def test_a_delay_that_goes_on_is_no_jitter(run, period_s):
     """A sensor that runs at a rate of its own is late by more and more, and then by less: no scatter of its times."""
-    made = run(900)
+    made = run(450)
     delay_s = 1.5e-3 * (made.recording.time_s / period_s % 1 - 0.5)
     gap = diagnose(late(made, 1, delay_s).recording, made.array)
     assert "timing_jitter" not in {cause.fitted.effect for cause in gap.causes}
@@ -341,7 +341,7 @@ def test_noise_is_no_gap_in_other_arrays(run, sensors, has_scalar):
 
 def test_what_no_effect_makes_is_unexplained(run):
     """A product of attitude and time in one sensor: no cause is forced, and the sensor is told."""
-    made = run(900)
+    made = run(450)
     x, y, z = direction(made).T
     strange = np.sin(7 * x * y + 5 * z * z) * np.cos(0.2 * made.recording.time_s)
     made = made.with_row(4, 15e-9 * strange)

@@ -65,9 +65,9 @@ def test_a_recording_on_disk_gives_the_same_stretches():
 
 @pytest.fixture
 def few(monkeypatch):
-    """Let a diagnosis look at 1500 samples only, in 15 stretches."""
-    monkeypatch.setattr(import_module("tam_calibration.gap.diagnose"), "MOST_SAMPLES", 1500)
-    monkeypatch.setattr(import_module("tam_calibration.gap.diagnose"), "STRETCH", 100)
+    """Let a diagnosis look at 750 samples only, in 15 stretches."""
+    monkeypatch.setattr(import_module("tam_calibration.gap.diagnose"), "MOST_SAMPLES", 750)
+    monkeypatch.setattr(import_module("tam_calibration.gap.diagnose"), "STRETCH", 50)
 
 
 def added(made, cause):
@@ -91,11 +91,11 @@ def added(made, cause):
 )
 def test_causes_and_sizes_are_those_of_the_whole(run, few, cause, value, size):
     """What goes from sample to sample, what is slow, and what happens once; to some standard errors."""
-    made = run(15_000)
+    made = run(7500)
     gap = diagnose(made.with_row(4, added(made, cause)).recording, made.array)
     assert gap.verdict == "explained"
     (found,) = gap.causes
     assert (found.fitted.effect, found.sensors, found.axes) == (cause, (2,), ("y",))
     (part,) = found.fitted.contributions
     assert abs(abs(part.values[value]) - size) < 4 * part.standard_errors[value]
-    assert gap.remarks[0].startswith("Of 15000 samples the diagnosis looks at 1500, in 15 stretches")
+    assert gap.remarks[0].startswith("Of 7500 samples the diagnosis looks at 750, in 15 stretches")

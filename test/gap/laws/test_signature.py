@@ -141,7 +141,7 @@ def test_two_laws_beside_each_other(run):
 
 def test_sensors_that_share_a_course_have_one_law(run):
     """A cable of two sensors that is loose is one law of both; a step in another sensor stays its own."""
-    clean = run(samples=1200)
+    clean = run(samples=600)
     time_s = clean.recording.time_s
     loose = episodes(time_s)
     shared = clean.with_row(2, 4e-9 * loose).with_row(9, -3e-9 * loose).with_row(4, 3e-9 * (time_s > 30))
