@@ -1,9 +1,12 @@
 """`tam call`: services of the nodes from the command line."""
 
+import os
 import subprocess
 import sys
 
 import pytest
+
+from tam_calibration.files.text_files import configuration_folder
 
 pytest.importorskip("rclpy", reason="rclpy is not installed: pip install 'tam_calibration[ros]'")
 
@@ -45,10 +48,17 @@ def test_a_service_that_nobody_offers_is_told(ros_domain):
     assert done.stderr.startswith("tam: the service calibrator/save is not offered: are the nodes running")
 
 
-def test_a_node_that_ends_before_it_answers_is_told(bench, ros_domain):
-    """A service whose node is gone in the middle of a call is not waited for."""
+def test_a_node_that_ends_before_it_answers_is_told(bench, ros_domain, tmp_path):
+    """A service whose node is gone in the middle of a call is not waited for.
+
+    It says no goodbye: others hold it for alive for as long as it said, which are two seconds here instead of twenty.
+    """
     import signal
 
+    profiles = (configuration_folder() / "fastdds.xml").read_text()
+    assert "<sec>20</sec></leaseDuration>" in profiles
+    brief = tmp_path / "fastdds.xml"
+    brief.write_text(profiles.replace("<sec>20</sec></leaseDuration>", "<sec>2</sec></leaseDuration>"))
     offers = """
 import os, rclpy
 from std_srvs.srv import Trigger
@@ -57,7 +67,8 @@ node = rclpy.create_node("short_lived")
 node.create_service(Trigger, "ask", lambda request, response: os._exit(0))
 rclpy.spin(node)
 """
-    server = subprocess.Popen([sys.executable, "-c", offers])
+    environment = os.environ | {"FASTRTPS_DEFAULT_PROFILES_FILE": str(brief)}
+    server = subprocess.Popen([sys.executable, "-c", offers], env=environment)
     try:
         done = call("ask")
     finally:

@@ -96,7 +96,7 @@ def test_other_errors_of_the_sensors_are_no_difference_and_are_told():
     bias_T[1, 0] += 6e-7
     errors = replace(scenario.errors, bias_T=bias_T)
     one, other = (
-        simulate(replace(each, sample_count=2000, seed=seed)).recording
+        simulate(replace(each, sample_count=1000, rate_hz=50.0, seed=seed)).recording
         for seed, each in ((1, scenario), (2, replace(scenario, errors=errors)))
     )
     told = compare(one, other, scenario.array).statement

@@ -63,9 +63,9 @@ def test_a_sound_attitude_is_kept(turns, deg):
 
 @pytest.mark.parametrize(("stated", "size"), [(0.05, "small"), (5.0, "large")])
 def test_a_wrong_noise_of_attitude_is_told_and_not_used(stated, size):
-    """Ten times too small or too large: over 6 runs the intervals hold as with the right one."""
+    """Ten times too small or too large: over 4 runs the intervals hold as with the right one."""
     turns, squares = circles(5.0), []
-    for seed in range(6):
+    for seed in range(4):
         found = calibrate(recorded(turns, seed, attitude=off_by(turns, 0.5, seed + 100)), stating(stated))
         (warning,) = found.warnings
         assert f"the stated attitude_noise_deg, {stated:g}, is too {size}" in warning
@@ -77,9 +77,9 @@ def test_a_wrong_noise_of_attitude_is_told_and_not_used(stated, size):
 
 
 def test_errors_that_last_count_as_larger_ones():
-    """The same for 40 samples at a time: over 5 runs intervals hold, and the noise is some √40 times as large."""
+    """The same for 40 samples at a time: over 4 runs intervals hold, and the noise is some √40 times as large."""
     turns, ratios, noises = circles(5.0, count=2400), [], []
-    for seed in range(5):
+    for seed in range(4):
         attitude = off_by(turns, 0.3, seed + 50, lasting=40)
         found = calibrate(recorded(turns, seed, attitude=attitude), ESTIMATED)
         ratios.append(worst(found))

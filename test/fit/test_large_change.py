@@ -38,7 +38,7 @@ def test_a_change_is_told_as_what_it_is(wu_scenario, known, size_T):
     told, made = [], changes_of_sensors(wu_scenario.errors)
     for seed, hypothesis in enumerate(made):
         errors = changed(wu_scenario.errors, hypothesis, size_T, seed)
-        recording = turn(wu_scenario, errors, seed, 600, limit_deg=20.0)
+        recording = turn(wu_scenario, errors, seed, limit_deg=20.0)
         told.append(large_change(recording, array, known, candidates)[0].hypothesis.name)
     assert told == [hypothesis.name for hypothesis in made]
 

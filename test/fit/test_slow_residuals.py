@@ -268,13 +268,13 @@ def test_a_field_that_lasts_is_no_change_of_the_sensors(wu_scenario):
     array, found = replace(wu_scenario.array.with_stated_noise(), change_rates=UNCHANGING), []
     prior = calibrate(turned(wu_scenario, 40), array)
     limit, bias_T = np.radians(20), wu_scenario.errors.bias_T
-    for seed in range(40, 46):
+    for seed in range(40, 44):
         turn = replace(wu_scenario, motion=Manoeuvre(limit, limit, 60.0), sample_count=2000, rate_hz=5.0, seed=seed)
         recording = simulate(turn).recording
         off = 40e-9 * lasting(np.random.default_rng(seed).normal(size=(2000, 1, 1)), 10) / prior.intensity_T
         readings_T = bias_T + (recording.readings_T - bias_T) * (1 + off)
         found.append(calibrate(replace(recording, readings_T=readings_T, scalar_T=None), array, prior=prior))
-    assert [calibration.update.moved for calibration in found] == [()] * 6
+    assert [calibration.update.moved for calibration in found] == [()] * 4
     assert np.sqrt(np.mean(np.square([pulls(one, wu_scenario.errors) for one in found]))) < 1.3
 
 

@@ -47,7 +47,7 @@ def test_a_recording_gets_what_the_commands_give(folder, options, asked, name, c
     gap = json.loads((task.folder / "gap.json").read_text())
     assert gap["recording"]["name"] == task.path.name
     assert (result.verdict, result.gap["causes"]) == (gap["verdict"], ["temperature_drift"])
-    assert (result.samples, result.platform) == (600, task.path.parent.name)
+    assert (result.samples, result.platform) == (200, task.path.parent.name)
 
 
 def test_a_given_calibration_corrects(folder, asked, recording, cross):

@@ -17,19 +17,20 @@ sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message pac
 def simulation(true_errors, tmp_path):
     """Return the path of a simulator's recording: another path of the same array, in the same field."""
     rng = np.random.default_rng(2)
-    direction = rng.normal(size=(800, 3))
+    direction = rng.normal(size=(400, 3))
     field = 50e-6 * direction / np.linalg.norm(direction, axis=1, keepdims=True)
-    readings = true_errors.distort(field) + 1e-9 * rng.normal(size=(800, 4, 3))
+    readings = true_errors.distort(field) + 1e-9 * rng.normal(size=(400, 4, 3))
     path = tmp_path / "simulation.csv"
-    write_recording(path, Recording(np.arange(800) / 100, readings, 50e-6 + 1e-10 * rng.normal(size=800)))
+    write_recording(path, Recording(np.arange(400) / 100, readings, 50e-6 + 1e-10 * rng.normal(size=400)))
     return path
 
 
 @pytest.fixture
 def disturbed(recording):
     """Return the recording with a magnet at sensor 2 from its middle on."""
+    recording = recording.take(slice(0, 300))
     readings = recording.readings_T.copy()
-    readings[300:, 1] += [20e-9, -10e-9, 15e-9]
+    readings[150:, 1] += [20e-9, -10e-9, 15e-9]
     return replace(recording, readings_T=readings)
 
 
@@ -74,7 +75,7 @@ def test_what_the_simulation_lacks_is_told(ask, disturbed, simulation, tmp_path)
 
 def test_a_simulation_of_the_same_is_told_to_be(ask, recording, simulation):
     """With other attitudes and other noise, and nothing else."""
-    answer = ask(recording, simulation=simulation)
+    answer = ask(recording.take(slice(0, 300)), simulation=simulation)
     assert answer.success and answer.message.startswith("The same: "), answer.message
 
 

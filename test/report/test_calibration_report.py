@@ -148,7 +148,7 @@ def test_page_of_a_long_recording_stays_small(make, write, tmp_path):
     assert "each stroke spans the smallest to the largest of 100 consecutive samples" in page.text
 
 
-def test_failure_leaves_the_old_page(make, tmp_path, monkeypatch):
+def test_failure_leaves_the_old_page(make, tmp_path, monkeypatch, undrawn):
     """Nothing is written, and nothing stored is lost, when a section fails."""
     path = tmp_path / "report.html"
     path.write_text("old")
