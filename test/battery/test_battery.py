@@ -20,8 +20,8 @@ from tam_calibration.cli.main import subcommands
 
 ROOT = Path(__file__).parents[2]
 
-SAMPLE = 12
-"""Cases that take ten seconds of one core, with the good inputs, which are made once."""
+SAMPLE = 25
+"""Cases that take a quarter of a minute of one core, with the good inputs, which are made once."""
 
 
 def test_no_case_of_a_new_sample_is_bad():
