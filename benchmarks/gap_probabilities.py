@@ -91,8 +91,8 @@ def causes_of(outcomes: Sequence[Outcome]) -> FloatArray:
         rival = max((value for name, value in evidence.items() if name not in one.named), default=0.0)
         for cause in one.causes:
             own = evidence[cause["effect"]]
-            told = features_of(cause["effect"], len(one.answer["checks"]["departs"]), cause["share"], own, rival)
-            rows.append((*told, cause["effect"] in {*one.truth, *one.other_names}))
+            features = features_of(cause["effect"], len(one.answer["checks"]["departs"]), cause["share"], own, rival)
+            rows.append((*features, cause["effect"] in {*one.truth, *one.other_names}))
     return np.array(rows, dtype=float).reshape(-1, 6)
 
 

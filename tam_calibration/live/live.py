@@ -367,6 +367,7 @@ def _change(suspicion: Suspicion, done: str) -> Change:
 
 
 def _law_of(kinds: tuple[str, ...]) -> str:
+    """Return what a change of one of some kinds of errors does to readings."""
     laws = {SEVERAL: "offset and gain", "bias": "offset", ALL_BIASES: "offset", GRADIENT: "offset"}
     return " or ".join(dict.fromkeys(laws.get(kind, "gain") for kind in kinds))
 

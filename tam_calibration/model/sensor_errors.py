@@ -137,7 +137,7 @@ class SensorErrors:
         rotation : (K, 3, 3) array
             From the array frame to each sensor's orthogonal frame.
         orientation : (K, 3, 3) array, optional
-            Of the sensors, where it is known; by default there is none but where β would exceed 45°.
+            Of the sensors; by default none, or the nearest one where β would exceed 45°.
         """
         if orientation is None:
             orientation = _orientations_of(rotation)

@@ -138,7 +138,9 @@ def make_case(plan: CasePlan, seed: int, number: int) -> Case:
         made = _try(rng, plan)
         if made is not None:
             return made
-    raise Refused(f"no recording was found in which {' and '.join(plan.effects)} can be seen and told apart")
+    raise Refused(
+        f"no recording was found in which {' and '.join(plan.effects)} can be seen and told apart: take another seed"
+    )
 
 
 def _try(rng: Generator, plan: CasePlan) -> Case | None:

@@ -30,7 +30,7 @@ _FINE = 2
 """Steps of a loop that is too slow, within one of the recording."""
 
 _LEAST_SPEED = 0.02
-"""Of what the loop should follow, as a share of the largest: it never stands still."""
+"""Least speed of the loop, as a share of the fastest change of the field: it never stands still."""
 
 
 def flux_jumps(rng: Generator, scene: Scene, sensor: int) -> FloatArray:
@@ -155,7 +155,7 @@ def triboelectric_cable(rng: Generator, scene: Scene, _sensor: int) -> FloatArra
 
 
 def torn_bytes(rng: Generator, scene: Scene) -> Disturbance:
-    """Read a register's high bytes a moment before its lowest: after a carry in between it errs by a whole one."""
+    """Read the high bytes of a register a moment before the lowest one: a carry in between makes an error of a byte."""
     sensor, byte_T = draw_sensor(rng, scene), scene.vector_noise_T * rng.uniform(16, 40)
 
     def change(amplitude: float, seen: Signal) -> Signal:

@@ -26,7 +26,7 @@ from tam_calibration.model.exceptions import InputError, Refused
 def pulls(calibration, errors):
     """Return errors of the free parameters over their standard errors, and those of the principal combinations.
 
-    A combination that a convention holds, as the scale without a scalar, is none of these.
+    Combinations that a convention fixes, such as the scale without a scalar, are left out.
     """
     free = calibration.standard_errors.ravel() > 0
     error = (calibration.errors.to_vector() - in_first_frame(errors)[0].to_vector()).ravel()[free]

@@ -99,7 +99,7 @@ def test_settling_never_climbs(monkeypatch, drifting, fitted, start_T):
 
 
 def test_a_gross_jump_is_fitted(run):
-    """A sensor whose bias jumps by 60 µT, more than the field, in the middle of the run; other rows are not told."""
+    """A sensor whose bias jumps by 60 µT, more than the field, in the middle of the run; no other row is named."""
     made = run(450)
     step = np.where(made.recording.time_s > 27.0, 60e-6, 0.0)
     judged = judge(made.with_row(3, step).recording, made.array)

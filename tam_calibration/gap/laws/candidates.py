@@ -115,15 +115,15 @@ def _following(residual: Residual, pattern: Pattern) -> Iterator[Candidate]:
             yield _constant(residual, pattern.times(drive, name), "channel", len(drives))
 
 
-def _tones(residual: Residual, alike: Sequence[Pattern]) -> Iterator[Candidate]:
-    """Yield the tone that explains most by the first of some patterns, steady and wavering, by each of them."""
-    frequency_hz, tried = _line(residual, alike[0])
+def _tones(residual: Residual, similar: Sequence[Pattern]) -> Iterator[Candidate]:
+    """Yield the tone of most power in the first of some patterns, with each pattern, steady and wavering."""
+    frequency_hz, tried = _line(residual, similar[0])
     if frequency_hz is None:
         return
     phase = 2 * np.pi * frequency_hz * (residual.time_s - residual.time_s[0])
     waves = np.column_stack([np.cos(phase), np.sin(phase)])
     penalty = np.log(tried)
-    for pattern in alike:
+    for pattern in similar:
         tone = pattern.times(waves, f"{frequency_hz:.6g} Hz")
         steady = _constant(residual, tone, "tone", tried)
         yield steady
