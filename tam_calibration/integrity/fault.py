@@ -50,7 +50,7 @@ class Fault:
     severity : str
         Whether the numbers of a fit would be wrong ("refusal"), hardly ("warning"), or not ("note").
     may_be_effect : bool
-        Whether an effect can make it, which a diagnosis then finds: not a sensor that is frozen throughout, for example.
+        Whether an effect can make it, which a diagnosis then finds: not a sensor that is frozen throughout.
     """
 
     name: str

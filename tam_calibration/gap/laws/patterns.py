@@ -209,7 +209,6 @@ def attitudes(residual: Residual, sensor: int | str) -> Iterator[Pattern]:
         up, turning = residual.up, residual.turning
         functions.append(("attitude", up - up.mean(axis=0)))
         functions.append(("attitude", _polynomials(up, (1, 2))))
-        functions.append(("attitude", _polynomials(up, (1, 2, 3))))
         functions.append(("attitude", residual.rotation.reshape(-1, 9) - residual.rotation.reshape(-1, 9).mean(axis=0)))
         functions.append(("offset", _polynomials(turning, (2,))))
         if sensor == "scalar":
