@@ -26,7 +26,15 @@ _SHARES = {
 }
 """Of the kinds in a set: of 600 cases three or four are of each effect and gap, and 36 to 72 of each other kind."""
 
-_EVERYWHERE = ("ambient_gradient", "platform_field", "proton_polarisation", "passing_boat", "degaussing_coil")
+_EVERYWHERE = (
+    "ambient_gradient",
+    "platform_field",
+    "proton_polarisation",
+    "passing_boat",
+    "degaussing_coil",
+    "solar_panel",
+    "swapped_pack",
+)
 """What disturbs all sensors leaves none to another cause."""
 
 OF_SCALAR = ("geomagnetic_drift", "scalar_heading_error")

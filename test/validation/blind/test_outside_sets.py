@@ -1,4 +1,4 @@
-"""The second and the third set of causes outside the library."""
+"""The second, the third and the fourth set of causes outside the library."""
 
 from itertools import pairwise
 
@@ -10,6 +10,7 @@ from tam_validation.blind import SETS
 from tam_validation.blind.case import make_case
 from tam_validation.blind.case_plan import CasePlan, plan_cases
 from tam_validation.blind.catalogue import CATALOGUE, CAUSES, LAWS, OUTSIDE_SETS
+from tam_validation.blind.outside_fourth import FOURTH
 from tam_validation.blind.outside_second import SECOND
 from tam_validation.blind.outside_third import THIRD
 
@@ -17,7 +18,7 @@ COURSES = {"constant", "step", "episodes", "slow", "tone", "channel", "motion", 
 KINDS_OF_LAW = {"offset", "gain", "rate", "own_field", "attitude", "noise", "samples"}
 
 
-@pytest.mark.parametrize("name", [*SECOND, *THIRD])
+@pytest.mark.parametrize("name", [*SECOND, *THIRD, *FOURTH])
 @pytest.mark.parametrize("gap", [0.3, 3.0])
 def test_every_cause_reaches_its_gap(name, gap):
     """Each is there with the gap asked for, and with the channel that decides."""
@@ -33,7 +34,7 @@ def test_the_sets_share_no_name():
     assert tuple(OUTSIDE_SETS) == SETS and len(names) == len(set(names)) == len(CAUSES)
 
 
-@pytest.mark.parametrize("name", [*SECOND, *THIRD])
+@pytest.mark.parametrize("name", [*SECOND, *THIRD, *FOURTH])
 def test_every_cause_has_a_law_and_a_course(name):
     """Of those that there are."""
     right = LAWS[name]
@@ -41,7 +42,7 @@ def test_every_cause_has_a_law_and_a_course(name):
     assert set(right["law"]) <= KINDS_OF_LAW and set(right["course"]) <= COURSES
 
 
-@pytest.mark.parametrize("causes", [SECOND, THIRD])
+@pytest.mark.parametrize("causes", [SECOND, THIRD, FOURTH])
 def test_every_law_is_in_a_set(causes):
     """Each is the usual one of some cause, and most courses are."""
     assert {LAWS[name]["law"][0] for name in causes} == KINDS_OF_LAW
@@ -55,7 +56,8 @@ def test_a_plan_draws_from_one_set(name):
     mixed = plan_cases(("mixed",), 120, 3, name)
     assert single == set(OUTSIDE_SETS[name]) and len(mixed) == 120
     beside = {plan.effects[1] for plan in mixed}
-    assert beside == single - {"proton_polarisation", "passing_boat", "degaussing_coil"}
+    everywhere = {"proton_polarisation", "passing_boat", "degaussing_coil", "solar_panel", "swapped_pack"}
+    assert beside == single - everywhere
 
 
 def test_a_knife_is_near_for_a_small_part_of_the_time(change_of):
@@ -98,3 +100,47 @@ def test_flux_quanta_are_whole(change_of):
     _, _, change = change_of("flux_jumps", 1)
     levels = np.unique(np.round(to_nanotesla(change), 9))
     assert all(abs(second - first - round(second - first)) < 1e-6 for first, second in pairwise(levels))
+
+
+def test_a_long_average_is_nearer_to_the_middle(change_of):
+    """A turning vector's mean is shorter than the vector, by the square of the window."""
+    scene, cause, change = change_of("long_average", 2, amplitude=1.0)
+    sensor = cause.sensors[0] - 1
+    size = {square: np.abs(change_of("long_average", 2, amplitude=square)[2]).max() for square in (1e-4, 2e-4)}
+    assert size[2e-4] == pytest.approx(2 * size[1e-4], rel=0.05)
+    assert np.sum(change * scene.core(sensor)) < 0
+
+
+def test_a_switch_snaps_back_later_than_it_snapped(change_of):
+    """When snapped it is never cool, when not it is never warm."""
+    scene, _, change = change_of("bimetal_snap", 3)
+    snapped, air_C = np.linalg.norm(change, axis=1) > 0, scene.temperature(scene.time_s)
+    assert 0 < snapped.mean() < 1
+    assert air_C[~snapped].max() > air_C[snapped].min(), "between the two it is as it was"
+    assert air_C.argmax() in np.flatnonzero(snapped) and air_C.argmin() not in np.flatnonzero(snapped)
+
+
+def test_flipped_bits_are_whole_bits(draw):
+    """Each error is a power of two of the least bit, of either sign, in a few readings."""
+    scene = draw(1)
+    cause = FOURTH["bit_flips"].draw(np.random.default_rng(1), scene)
+    vectors, _ = cause.change(1e-9, (scene.readings_T, scene.intensity_T))
+    flipped = to_nanotesla(vectors[vectors != 0])
+    assert 0 < len(flipped) < 0.2 * scene.sample_count
+    np.testing.assert_allclose(np.log2(np.abs(flipped)), np.round(np.log2(np.abs(flipped))), atol=1e-6)
+
+
+def test_a_wound_tether_turns_a_sensor(change_of):
+    """What is turned by little changes across itself: it keeps its size."""
+    scene, cause, change = change_of("wound_tether", 1)
+    core = scene.core(cause.sensors[0] - 1)
+    np.testing.assert_allclose(np.sum(change * core, axis=1), 0, atol=1e-20)
+
+
+def test_a_pulse_sets_all_domains_again(change_of):
+    """Some sensitivity is lost for a part of the time, and each time it comes back."""
+    scene, cause, change = change_of("flipped_domains", 1)
+    core = scene.core(cause.sensors[0] - 1)
+    lost = np.linalg.norm(change, axis=1) > 0
+    assert 0.02 < lost.mean() < 0.6 and np.sum(np.diff(lost.astype(int)) == 1) >= 2
+    assert (np.sum(change * core, axis=1) <= 0).all()
