@@ -121,7 +121,7 @@ def is_plausible(base: Base, offer: Evidence, law: Signature) -> bool:
     if places and ALL not in own and places.isdisjoint(own):
         return False
     if not isinstance(offer.form, Hypothesis):
-        return True
+        return not places or ALL in own or own <= places
     fitted = Part.at(base, offer.form).fitted(offer.form.terms)
     return offer.form.effect.oversize(base.channels.covariates, fitted) is None
 

@@ -77,7 +77,7 @@ def _course(law: Signature) -> str:
         "episodes": " in episodes",
         "random": " irregularly" if law.law not in ("noise", "samples") else "",
         "constant": ", the same throughout",
-        "motion": "",
+        "motion": " in some directions or turns" if law.law == "noise" else "",
     }[law.course]
 
 

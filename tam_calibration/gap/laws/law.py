@@ -196,9 +196,11 @@ def makes(effect: str, law: Signature) -> bool:
 def may_make(effect: str, law: Signature) -> bool:
     """Say whether an effect can make a law whose course may be another that looks alike.
 
-    What follows a recorded channel is no other course: only an effect of that channel can make it.
+    What follows a recorded channel is no other course: only an effect of that channel can make it. Nor is noise that
+    goes with the motion.
     """
-    return agrees(effect, law) if law.course == "channel" else makes(effect, law)
+    is_certain = law.course == "channel" or (law.law, law.course) == ("noise", "motion")
+    return agrees(effect, law) if is_certain else makes(effect, law)
 
 
 def as_made_by(effect: str, law: Signature) -> Signature:

@@ -6,13 +6,24 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.grades import MINOR, NEARLY_ALL, NOTABLE
+from tam_calibration.effects.covariates import lagged
+from tam_calibration.effects.grades import FEWEST, MINOR, NEARLY_ALL, NOTABLE
 from tam_calibration.effects.outliers import A_DOZEN
-from tam_calibration.gap.laws.decisions import LEAST_EVIDENCE, SCATTER_SIZES, TOLERANCE
+from tam_calibration.gap.laws.decisions import COARSE, LEAST_EVIDENCE, ROUNDING, SCATTER_SIZES, TOLERANCE
 from tam_calibration.gap.laws.law import Place, Signature
 from tam_calibration.gap.laws.patterns import AXES, sensor_rows
 from tam_calibration.gap.laws.whitened import Residual
 from tam_calibration.model.units import FloatArray
+
+_PLACES = np.arange(0.5, 64)
+_DIRECTIONS = np.column_stack(
+    [
+        np.sqrt(1 - (_PLACES / 64) ** 2) * np.cos(_PLACES * np.pi * (np.sqrt(5) - 1)),
+        np.sqrt(1 - (_PLACES / 64) ** 2) * np.sin(_PLACES * np.pi * (np.sqrt(5) - 1)),
+        _PLACES / 64,
+    ]
+)
+"""Unit vectors that are spread evenly over a half of the sphere."""
 
 
 def scatter_of(residual: Residual, whole: float) -> list[Signature]:
@@ -63,7 +74,31 @@ def _places(residual: Residual) -> Iterator[tuple[str, Place, tuple[str, ...], F
         yield "rate", (sensor,), tuple(AXES), response @ rate[:, :, None]
         for axis in range(3):
             yield "rate", (sensor,), (AXES[axis],), response[:, :, axis : axis + 1] * rate[:, None, axis : axis + 1]
+        yield "gain", (sensor,), tuple(AXES), response @ residual.own[:, rows, None]
     yield "noise", ("scalar",), (), residual.response[:, :, -1:]
+
+
+def goes_with_motion(residual: Residual, place: Place, axes: tuple[str, ...]) -> bool:
+    """Say whether noise at a place is larger in some directions or turns, and not merely at some times.
+
+    The score tests of a variance that goes with the square of a component, and of one that differs between parts of the
+    time, are compared.
+    """
+    columns = next(one[3] for one in _places(residual) if one[:3] == ("noise", place, axes))
+    values, along = _resolved(columns, residual)
+    rank = (along**2 / np.maximum(values, ROUNDING)).sum(axis=1).argsort().argsort()
+    energy = -1 - np.log(1 - (rank + 0.5) / residual.count)  # with one distribution, whatever that of the noise
+    turning = residual.rate if residual.turning is None else residual.turning
+    squares = np.column_stack([one @ _DIRECTIONS.T for one in (residual.field, turning)]) ** 2
+    step_s = float(np.median(np.diff(residual.time_s)))
+    after = [lagged((turning**2).sum(axis=1), residual.time_s, part * step_s) for part in (4.0, 16.0)]
+    squares = np.column_stack([squares, *after])
+    squares = (squares - squares.mean(axis=0)) / np.maximum(squares.std(axis=0), ROUNDING)
+    penalty = 0.5 * np.log(residual.count)
+    of_motion = 0.5 * np.max((squares.T @ energy) ** 2) / residual.count - np.log(squares.shape[1]) - penalty
+    parts = np.array_split(energy, COARSE // 2)
+    of_time = 0.5 * sum(one.sum() ** 2 / len(one) for one in parts) - (len(parts) - 1) * penalty
+    return bool(of_motion > max(of_time, 0.0) + LEAST_EVIDENCE)
 
 
 def _resolved(columns: FloatArray, residual: Residual) -> tuple[FloatArray, FloatArray]:
@@ -134,15 +169,19 @@ def repeated(readings: FloatArray) -> NDArray[np.bool_]:
     return held
 
 
-def place_of(rest: Residual, chosen: NDArray[np.bool_]) -> tuple[Place, tuple[str, ...]]:
-    """Return the sensors and axes whose shifts explain most of some samples (N,), the fewest that do."""
-    energies = []
+def law_of(rest: Residual, chosen: NDArray[np.bool_]) -> tuple[str, Place, tuple[str, ...]]:
+    """Return the law of some samples (N,), and the sensors and axes whose shifts explain most of them, the fewest.
+
+    Where all axes are off along the rate of change of the field, the time is off.
+    """
+    explained = {}
     for law, sensors, axes, columns in _places(rest):
-        if law == "noise":
+        if law in ("noise", "rate"):
             values, along = _resolved(columns[chosen], replace(rest, z=rest.z[chosen]))
             seen = values > 1e-9 * max(values.max(), 1e-300)
-            explained = (along**2 / np.where(seen, values, np.inf)).sum()
-            energies.append((explained, -columns.shape[2], sensors, axes))
-    best = max(energies, key=lambda one: one[0])[0]
-    _, _, sensors, axes = max((one for one in energies if one[0] > NEARLY_ALL * best), key=lambda one: one[1])
-    return sensors, axes
+            explained[law, sensors, axes] = float((along**2 / np.where(seen, values, np.inf)).sum())
+    noise = {key[1:]: value for key, value in explained.items() if key[0] == "noise"}
+    near = [key for key, value in noise.items() if value > NEARLY_ALL * max(noise.values())]
+    sensors, axes = min(near, key=lambda key: len(key[1]))
+    along_rate = explained.get(("rate", sensors, axes), 0.0) if len(axes) == 3 and chosen.sum() >= FEWEST else 0.0
+    return "rate" if along_rate > (1 - MINOR) * noise[sensors, axes] else "samples", sensors, axes

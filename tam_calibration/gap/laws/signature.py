@@ -15,7 +15,7 @@ from tam_calibration.gap.laws.find import Found, curve_of, predictive_laws
 from tam_calibration.gap.laws.law import FREE, SCALAR, Place, Signature
 from tam_calibration.gap.laws.patterns import AXES
 from tam_calibration.gap.laws.places import places_of, within
-from tam_calibration.gap.laws.scatter import place_of, repeated, scatter_of, spikes
+from tam_calibration.gap.laws.scatter import goes_with_motion, law_of, repeated, scatter_of, spikes
 from tam_calibration.gap.laws.states import change_times
 from tam_calibration.gap.laws.whitened import Residual, residual_of
 from tam_calibration.gap.model import Model
@@ -176,15 +176,15 @@ def _at_all(residual: Residual, quiet: Residual, found: list[Found]) -> Residual
 def _of_samples(rest: Residual, whole: float, chosen: NDArray[np.bool_], sensors: Place | None) -> Signature:
     """Return the law of single samples, at the place that holds most of what is in them."""
     energy = float(((rest.z[chosen] ** 2).sum() - chosen.sum() * rest.z.shape[1]) / whole)
-    axes = tuple(AXES)
+    law, axes = "samples", tuple(AXES)
     if sensors is None:
-        sensors, axes = place_of(rest, chosen)
+        law, sensors, axes = law_of(rest, chosen)
     # Of one sample in a hundred it is told however little they change.
     certain = chosen.sum() if energy >= LEAST_SHARE or chosen.mean() > NEGLIGIBLE else 0.0
     times = tuple(rest.time_s[chosen].tolist())
     share = float(np.clip(energy, 0, 1))
     places = _of_scatter(sensors, rest, chosen)
-    return Signature("samples", "random", places[0], axes, share, places, None, times, float(certain))
+    return Signature(law, "random", places[0], axes, share, places, None, times, float(certain))
 
 
 def _of_noise(scattered: list[Signature], rest: Residual) -> Signature:
@@ -192,6 +192,8 @@ def _of_noise(scattered: list[Signature], rest: Residual) -> Signature:
     best = scattered[0]
     near = [one.sensors for one in scattered[1:] if one.evidence >= best.evidence - TIE]
     places = tuple(dict.fromkeys((*_of_scatter(best.sensors, rest), *near)))
+    if best.law == "noise" and goes_with_motion(rest, best.sensors, best.axes):
+        best = replace(best, course="motion", follows="motion")
     return replace(best, sensors=places[0], places=places)
 
 
