@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.grades import FEWEST, MOST, NEGLIGIBLE, SLIGHT
+from tam_calibration.effects.grades import FEWEST, MOST, NEGLIGIBLE, NOTABLE, SLIGHT
 from tam_calibration.gap.laws.candidates import candidates
 from tam_calibration.gap.laws.decisions import FREEDOM, LEAST_EVIDENCE, LEAST_SHARE, MOST_TRIED, TIE, TOLERANCE
 from tam_calibration.gap.laws.law import SCALAR, Course
@@ -26,11 +26,14 @@ class Repeats:
         Number of the visit that a sample is part of.
     first, second : (P,) array of int
         Visits to the same pose.
+    tolerance : float
+        Part by which a signal may differ between them.
     """
 
     visit: NDArray[np.intp]
     first: NDArray[np.intp]
     second: NDArray[np.intp]
+    tolerance: float = SLIGHT
 
     def energy(self, residual: FloatArray) -> float:
         """Return the mean product of a residual (N, C) at both visits to a pose, to which noise adds nothing."""
@@ -41,8 +44,9 @@ class Repeats:
         """Return whether a signal (N, C) is the same at both visits to a pose."""
         means = _means(self.visit, signal)
         between = means[self.first] - means[self.second]
+        either = np.concatenate([means[self.first], means[self.second]])
         # Sums, as one sensor alone has no channel between sensors.
-        return float(np.sum(between**2)) / len(between) < 2 * SLIGHT * float(np.sum(means[self.first].var(axis=0)))
+        return float(np.sum(between**2)) / len(between) < 2 * self.tolerance * float(np.sum(either.var(axis=0)))
 
 
 def repeats(pose: FloatArray) -> Repeats | None:
@@ -63,6 +67,26 @@ def repeats(pose: FloatArray) -> Repeats | None:
     distance, partner = (found[:, 1] for found in cKDTree(poses).query(poses, 2))
     again = np.flatnonzero(distance < NEGLIGIBLE)
     return Repeats(visit, again, partner[again]) if len(again) > MOST * len(poses) else None
+
+
+def near_repeats(residual: Residual) -> Repeats | None:
+    """Return pairs of samples with about one direction of the field, far apart in time; None where few have one.
+
+    A gain that is on for half of the time makes errors half of which are the same at both.
+    """
+    from scipy.spatial import cKDTree
+
+    part = np.arange(residual.count) * 8 // residual.count
+    pairs = []
+    for before in range(8):
+        for after in range(before + 3, 8):
+            early, late = np.flatnonzero(part == before), np.flatnonzero(part == after)
+            distance, partner = cKDTree(residual.field[late]).query(residual.field[early])
+            near = distance < NOTABLE
+            pairs.append(np.column_stack([early[near], late[partner[near]]]))
+    first, second = np.concatenate(pairs).T
+    is_enough = len(np.unique(np.append(first, second))) > NOTABLE * residual.count
+    return Repeats(np.arange(residual.count), first, second, NOTABLE) if is_enough else None
 
 
 def _means(visit: NDArray[np.intp], values: FloatArray) -> FloatArray:
@@ -130,7 +154,7 @@ def predictive_laws(residual: Residual, positions_m: FloatArray, whole: float) -
         Energy of the gap, of which the laws have their shares.
     """
     found: list[Found] = []
-    again = repeats(residual.pose)
+    again = repeats(residual.pose) or near_repeats(residual)
     for _ in range(3):
         if residual.excess < 2 * np.sqrt(2.0 * residual.size) and found:
             break

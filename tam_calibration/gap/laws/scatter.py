@@ -172,7 +172,8 @@ def repeated(readings: FloatArray) -> NDArray[np.bool_]:
 def law_of(rest: Residual, chosen: NDArray[np.bool_]) -> tuple[str, Place, tuple[str, ...]]:
     """Return the law of some samples (N,), and the sensors and axes whose shifts explain most of them, the fewest.
 
-    Where all axes are off along the rate of change of the field, the time is off.
+    Where no sensor alone explains them, all may be off. Where all axes of a sensor are off along the rate of change of
+    the field, its time is off.
     """
     explained = {}
     for law, sensors, axes, columns in _places(rest):
@@ -183,5 +184,8 @@ def law_of(rest: Residual, chosen: NDArray[np.bool_]) -> tuple[str, Place, tuple
     noise = {key[1:]: value for key, value in explained.items() if key[0] == "noise"}
     near = [key for key, value in noise.items() if value > NEARLY_ALL * max(noise.values())]
     sensors, axes = min(near, key=lambda key: len(key[1]))
+    whole = float((rest.z[chosen] ** 2).sum()) - chosen.sum() * rest.z.shape[1]
+    if noise[sensors, axes] < (1 - NOTABLE) * whole:
+        return "samples", tuple(range(1, rest.sensor_count + 1)), tuple(AXES)
     along_rate = explained.get(("rate", sensors, axes), 0.0) if len(axes) == 3 and chosen.sum() >= FEWEST else 0.0
     return "rate" if along_rate > (1 - MINOR) * noise[sensors, axes] else "samples", sensors, axes
