@@ -43,13 +43,12 @@ def nearest(residual: Residual) -> list[int | str]:
 def _held(residual: Residual, place: int | str) -> float:
     """Return the energy that a free shift of the rows of a place explains in every sample, beyond that of noise."""
     rows = np.array([3 * residual.sensor_count]) if place == "scalar" else patterns.sensor_rows(int(place))
-    of_rows, products = residual.by_row
-    information = of_rows[:, rows[:, None], rows]
+    information, products = residual.of_rows(slice(int(rows[0]), int(rows[-1]) + 1))
     trace = np.trace(information, axis1=1, axis2=2).mean()
     if trace <= 0:
         return -np.inf
     information = information + 1e-9 * trace * np.eye(len(rows))
-    score = products[:, rows, 0]
+    score = products[:, :, 0]
     energy = (score * np.linalg.solve(information, score[:, :, None])[:, :, 0]).sum()
     free = np.linalg.matrix_rank(information, tol=1e-6 * trace).sum()
     return float(energy - residual.noise * free)

@@ -49,9 +49,7 @@ class Pattern:
 
     def of_rows(self, residual: Residual) -> tuple[FloatArray, FloatArray]:
         """Return the information (N, r, r) on shifts of its rows, and their products (N, r, 1 + q)."""
-        information, products = residual.by_row
-        own = slice(self.rows[0], self.rows[-1] + 1)
-        return information[:, own, own], products[:, own]
+        return residual.of_rows(slice(int(self.rows[0]), int(self.rows[-1]) + 1))
 
     def size(self, residual: Residual) -> float:
         """Return the root mean square of the columns of its features; infinite where the channels do not see them."""

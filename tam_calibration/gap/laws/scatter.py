@@ -106,6 +106,8 @@ def _resolved(columns: FloatArray, residual: Residual) -> tuple[FloatArray, Floa
     turned = np.swapaxes(columns, 1, 2)
     information = turned @ columns
     score = (turned @ residual.z[:, :, None])[:, :, 0]
+    if columns.shape[2] == 1:
+        return information[:, 0], score
     values, vectors = np.linalg.eigh(information)
     values = np.maximum(values, 0)
     return values, (np.swapaxes(vectors, 1, 2) @ score[:, :, None])[:, :, 0]

@@ -14,7 +14,7 @@ from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.gap.world import turns
 from tam_calibration.model.units import FloatArray, IntArray
 
-_LAST_BY_ROW: "WeakKeyDictionary[Residual, tuple[FloatArray, FloatArray]]" = WeakKeyDictionary()
+_LAST_BY_ROWS: "WeakKeyDictionary[Residual, dict[tuple[int, int], tuple[FloatArray, FloatArray]]]" = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,18 +109,26 @@ class Residual:
         """Axes of the array in the world (N, 9), or without attitude the direction of the field in the array (N, 3)."""
         return self.field if self.rotation is None else self.rotation.reshape(self.count, 9)
 
-    @property
-    def by_row(self) -> tuple[FloatArray, FloatArray]:
-        """Information (N, R, R) on shifts of the rows, and (N, R, 1 + q) products with residual and nuisance.
+    def of_rows(self, rows: slice) -> tuple[FloatArray, FloatArray]:
+        """Return the information (N, r, r) on shifts of some rows, and their products (N, r, 1 + q).
 
-        They are large, and only those of the last residual are kept.
+        These are products with the residual and the nuisance directions. They are large, and only those of the last
+        residual are kept.
+
+        Parameters
+        ----------
+        rows : slice
+            The r rows.
         """
-        if self not in _LAST_BY_ROW:
-            turned: FloatArray = np.swapaxes(self.response, 1, 2)
-            _LAST_BY_ROW.clear()
-            both = np.concatenate([self.z[:, :, None], self.nuisance], axis=2)
-            _LAST_BY_ROW[self] = turned @ self.response, turned @ both
-        return _LAST_BY_ROW[self]
+        if self not in _LAST_BY_ROWS:
+            _LAST_BY_ROWS.clear()
+            _LAST_BY_ROWS[self] = {}
+        known, key = _LAST_BY_ROWS[self], (rows.start, rows.stop)
+        if key not in known:
+            response = self.response[:, :, rows]
+            turned: FloatArray = np.swapaxes(response, 1, 2)
+            known[key] = turned @ response, np.concatenate([turned @ self.z[:, :, None], turned @ self.nuisance], axis=2)
+        return known[key]
 
     @property
     def excess(self) -> float:
