@@ -15,16 +15,6 @@ from tam_calibration.gap.laws.patterns import AXES, sensor_rows
 from tam_calibration.gap.laws.whitened import Residual
 from tam_calibration.model.units import FloatArray
 
-_PLACES = np.arange(0.5, 64)
-_DIRECTIONS = np.column_stack(
-    [
-        np.sqrt(1 - (_PLACES / 64) ** 2) * np.cos(_PLACES * np.pi * (np.sqrt(5) - 1)),
-        np.sqrt(1 - (_PLACES / 64) ** 2) * np.sin(_PLACES * np.pi * (np.sqrt(5) - 1)),
-        _PLACES / 64,
-    ]
-)
-"""Unit vectors that are spread evenly over a half of the sphere."""
-
 
 def scatter_of(residual: Residual, whole: float) -> list[Signature]:
     """Return the laws of scatter that explain the residual, the best first; those of evidence only.
@@ -81,24 +71,30 @@ def _places(residual: Residual) -> Iterator[tuple[str, Place, tuple[str, ...], F
 def goes_with_motion(residual: Residual, place: Place, axes: tuple[str, ...]) -> bool:
     """Say whether noise at a place is larger in some directions or turns, and not merely at some times.
 
-    The score tests of a variance that goes with the square of a component, and of one that differs between parts of the
-    time, are compared.
+    The score tests of two variances are compared: one goes with the square of a component of the field or of the rate
+    of turning, at the time or a little later; the other differs between parts of the time.
     """
     columns = next(one[3] for one in _places(residual) if one[:3] == ("noise", place, axes))
     values, along = _resolved(columns, residual)
     rank = (along**2 / np.maximum(values, ROUNDING)).sum(axis=1).argsort().argsort()
     energy = -1 - np.log(1 - (rank + 0.5) / residual.count)  # with one distribution, whatever that of the noise
     turning = residual.rate if residual.turning is None else residual.turning
-    squares = np.column_stack([one @ _DIRECTIONS.T for one in (residual.field, turning)]) ** 2
-    step_s = float(np.median(np.diff(residual.time_s)))
+    directions, step_s = _spread_directions(64), float(np.median(np.diff(residual.time_s)))
     after = [lagged((turning**2).sum(axis=1), residual.time_s, part * step_s) for part in (4.0, 16.0)]
-    squares = np.column_stack([squares, *after])
+    squares = np.column_stack([(residual.field @ directions) ** 2, (turning @ directions) ** 2, *after])
     squares = (squares - squares.mean(axis=0)) / np.maximum(squares.std(axis=0), ROUNDING)
     penalty = 0.5 * np.log(residual.count)
     of_motion = 0.5 * np.max((squares.T @ energy) ** 2) / residual.count - np.log(squares.shape[1]) - penalty
     parts = np.array_split(energy, COARSE // 2)
     of_time = 0.5 * sum(one.sum() ** 2 / len(one) for one in parts) - (len(parts) - 1) * penalty
     return bool(of_motion > max(of_time, 0.0) + LEAST_EVIDENCE)
+
+
+def _spread_directions(count: int) -> FloatArray:
+    """Return unit vectors (3, count) that are spread evenly over half of the sphere, along a spiral."""
+    height = np.arange(0.5, count) / count
+    around, angle = np.sqrt(1 - height**2), np.arange(count) * np.pi * (np.sqrt(5) - 1)
+    return np.array([around * np.cos(angle), around * np.sin(angle), height])
 
 
 def _resolved(columns: FloatArray, residual: Residual) -> tuple[FloatArray, FloatArray]:

@@ -127,7 +127,8 @@ class Residual:
         if key not in known:
             response = self.response[:, :, rows]
             turned: FloatArray = np.swapaxes(response, 1, 2)
-            known[key] = turned @ response, np.concatenate([turned @ self.z[:, :, None], turned @ self.nuisance], axis=2)
+            products = np.concatenate([turned @ self.z[:, :, None], turned @ self.nuisance], axis=2)
+            known[key] = turned @ response, products
         return known[key]
 
     @property
