@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from tam_calibration.effects.effect import Contribution, Finding, FittedEffect
 from tam_calibration.effects.library import installed_effects
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.laws.law import Signature
 from tam_calibration.gap.laws.signature import Law
+from tam_calibration.gap.offers import is_plausible
 from tam_calibration.gap.search import search
 from tam_calibration.gap.steps import Search
 from tam_calibration.model.recording import Recording
@@ -70,6 +72,16 @@ def test_what_goes_with_the_pose_is_no_loop(run):
     bent = np.tanh(4 * along)
     gap = diagnose(made.with_row(4, 20e-9 * bent / np.std(bent)).recording, made.array)
     assert (gap.verdict, gap.where.sensors) == ("unexplained", (2,))
+
+
+@pytest.mark.parametrize(("sensors", "is_possible"), [((1,), True), ((0,), False), ((1, 2), False)])
+def test_readings_of_other_sensors_are_no_cause(run, sensors, is_possible):
+    """Single readings that were found in more sensors than a law does not explain it."""
+    parts = tuple(Contribution(sensor, None, "held", {}, {}) for sensor in sensors)
+    form = Finding(FittedEffect("stale_samples", {}, parts), gain=100.0, parameter_count=1)
+    law = Signature("rate", "random", (2,), ("x", "y", "z"), 1.0, ((2,),), None, (), 100.0)
+    offer = SimpleNamespace(effect="stale_samples", form=form)
+    assert is_plausible(run().model().base(), offer, law) is is_possible
 
 
 @pytest.mark.parametrize("seed", [23, 28])

@@ -97,7 +97,33 @@ def test_a_noisy_axis(run):
     clean = run(samples=900)
     noise = np.random.default_rng(5).normal(size=900)
     first = signature(clean.with_row(4, 2e-9 * noise))[0]
-    assert (first.law, first.sensors, first.axes) == ("noise", (2,), ("y",))
+    assert (first.law, first.course, first.sensors, first.axes) == ("noise", "random", (2,), ("y",))
+    in_spans = signature(clean.with_row(4, 4e-9 * noise * episodes(clean.recording.time_s)))[0]
+    assert (in_spans.law, in_spans.course) == ("noise", "episodes")
+
+
+@pytest.mark.parametrize("goes_with", ["reading", "rate"])
+def test_noise_that_goes_with_the_motion(run, goes_with):
+    """Noise in proportion to an axis' own reading, or to its rate of change, is told as such."""
+    clean = run(samples=900)
+    own = along_axis(clean, 1, 1)
+    size = own if goes_with == "reading" else np.gradient(own)
+    noise = np.random.default_rng(5).normal(size=(900, 3)) * (2e-9 * np.abs(size) / np.abs(size).mean())[:, None]
+    added = np.zeros((900, clean.row_count))
+    added[:, 3:6] = noise
+    first = signature(clean.with_added(added))[0]
+    assert (first.law, first.course, first.follows, first.sensors) == ("noise", "motion", "motion", (2,))
+
+
+def test_noise_of_a_reference(run):
+    """A noisy reference multiplies the three readings of a sensor, so that noise has the direction of the field."""
+    clean = run(samples=900)
+    part = 5e-5 * np.random.default_rng(5).normal(size=900)
+    added = np.zeros((900, clean.row_count))
+    for axis in range(3):
+        added[:, 3 + axis] = part * along_axis(clean, 1, axis)
+    first = signature(clean.with_added(added))[0]
+    assert (first.law, first.course, first.sensors) == ("gain", "random", (2,))
 
 
 def test_spikes(run):
@@ -107,6 +133,27 @@ def test_spikes(run):
     added[np.arange(37, 900, 91)] = 60e-9 * np.random.default_rng(2).normal(size=10)
     first = signature(clean.with_row(8, added))[0]
     assert (first.law, first.sensors, first.axes) == ("samples", (3,), ("z",))
+
+
+def test_spikes_in_all_sensors(run):
+    """Single deviations in all axes of all sensors at once sit in all of them."""
+    clean = run(samples=900)
+    added = np.zeros((900, clean.row_count))
+    added[40::120, :12] = 60e-9 * np.random.default_rng(2).normal(size=(8, 12))
+    first = signature(clean.with_added(added))[0]
+    assert (first.law, first.sensors) == ("samples", (1, 2, 3, 4))
+
+
+def test_single_readings_whose_time_is_off(run):
+    """Readings of a sensor that change places with the next ones are off along the rate of change of the field."""
+    clean = run(samples=900)
+    readings = clean.recording.readings_T[:, 1].copy()
+    for sample in range(50, 880, 100):
+        readings[[sample, sample + 1]] = readings[[sample + 1, sample]]
+    added = np.zeros((900, clean.row_count))
+    added[:, 3:6] = readings - clean.recording.readings_T[:, 1]
+    first = signature(clean.with_added(added))[0]
+    assert (first.law, first.course, first.sensors) == ("rate", "random", (2,))
 
 
 def test_readings_that_are_held(run):
