@@ -33,7 +33,7 @@ def test_poses_that_are_held_are_not_taken_up_again(order):
 
 
 def test_a_motion_that_comes_back_tells_functions_of_direction_from_courses_in_time(run):
-    """Curves of the direction are the same at both times; a drift and a gain that is on for half of the time are not."""
+    """Curves of the direction are the same at both times; a drift, and a gain that is on for half of it, are not."""
     residual = residual_of(run(samples=900).model())
     again = near_repeats(residual)
     direction, time_s = residual.field, residual.time_s
