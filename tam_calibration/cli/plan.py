@@ -21,7 +21,7 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import field_at
 from tam_calibration.model.sensor_errors import PARAMETER_NAMES
-from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla, to_degrees, to_nanotesla
+from tam_calibration.model.units import FloatArray, from_degrees, to_degrees, to_nanotesla
 from tam_calibration.recordings import read_array
 from tam_calibration.recordings.fit_input import read_source
 from tam_calibration.recordings.reading import Reading
@@ -224,7 +224,7 @@ def _sensors(standard_errors: FloatArray) -> list[dict[str, Any]]:
 _TURN_RATE_DEG_S, _SAMPLE_RATE_HZ = 5.0, 10.0
 """Of a small underwater vehicle, and of samples that are averaged to one in a tenth of a second."""
 
-_ASSUMED_INCLINATION_DEG, _ASSUMED_INTENSITY_NT = 60.0, 50_000.0
+_ASSUMED_INCLINATION, _ASSUMED_INTENSITY_T = from_degrees(60.0), 50e-6
 """Of the field where no place is named: those of middle latitudes."""
 
 
@@ -244,10 +244,6 @@ _ASSUMED_INCLINATION_DEG, _ASSUMED_INTENSITY_NT = 60.0, 50_000.0
 @click.option("--pitch-limit-deg", type=float, help="Pitch limit of a vehicle with full yaw.  [default: 0]")
 @click.option("--roll-limit-deg", type=float, help="Roll limit of a vehicle with full yaw.  [default: 0]")
 @click.option("--place", help="LAT,LON,DATE: take inclination and intensity from IGRF.")
-@click.option("--inclination-deg", type=Number(-90, 90), help="Inclination of the field, positive downwards.")
-@click.option(
-    "--intensity-nT", "intensity_nT", type=Number(15e3, 100e3), help="Intensity of the field without a scalar."
-)
 @click.option("--poses", type=click.IntRange(1, 200), default=12, show_default=True, help="Number of attitudes.")
 @click.option("--samples-per-pose", type=click.IntRange(1, 1_000_000), default=100, show_default=True)
 @reading_options
@@ -263,8 +259,6 @@ def command(
     pitch_limit_deg: float | None,
     roll_limit_deg: float | None,
     place: str | None,
-    inclination_deg: float | None,
-    intensity_nT: float | None,
     poses: int,
     samples_per_pose: int,
     how: Reading,
@@ -274,47 +268,42 @@ def command(
 
     The plan adds to what RECORDING or a calibration determines; without either, it is a complete calibration.
     """
-    if place is not None:
-        inclination_deg, intensity_nT = _field_at(place, inclination_deg, intensity_nT)
+    field_T = None if place is None else field_at(place)
     array = read_array(array_path)
     if prior_path is not None:
         if recording is not None or calibration_path is not None or turntable is not None:
             raise InputError("--prior plans the turns of a vehicle: leave out recording, --calibration and --turntable")
         limits = from_degrees(pitch_limit_deg or 0.0), from_degrees(roll_limit_deg or 0.0)
         rates = from_degrees(turn_rate_deg_s or _TURN_RATE_DEG_S), sample_rate_hz or _SAMPLE_RATE_HZ
-        steep = _ASSUMED_INCLINATION_DEG if inclination_deg is None else inclination_deg
+        inclination = _ASSUMED_INCLINATION if field_T is None else _inclination_of(field_T)
         with answer.files([prior_path, array_path]):
-            plan_turns(prior_path, array, Vehicle(*limits, *rates), from_degrees(steep), answer)
+            plan_turns(prior_path, array, Vehicle(*limits, *rates), inclination, answer)
         return
     if turn_rate_deg_s is not None or sample_rate_hz is not None:
         raise InputError("--turn-rate-deg-s and --sample-rate-hz go with --prior")
     with answer.files([recording, calibration_path, array_path, *how.files]):
         with showing_progress() as progress:
-            start = _start(recording, calibration_path, array, intensity_nT, how, progress)
-            inclination, source = _inclination(inclination_deg, start)
+            start = _start(recording, calibration_path, array, field_T, how, progress)
+            inclination, source = _inclination(field_T, start)
             reach = _reach(turntable, pitch_limit_deg, roll_limit_deg, inclination)
-            field_T = start.model.intensity_T * reach.directions
-            task = progress.add_task(f"choosing among {len(field_T)} attitudes", total=poses)
+            fields_T = start.model.intensity_T * reach.directions
+            task = progress.add_task(f"choosing among {len(fields_T)} attitudes", total=poses)
             plan = planning.make_plan(
-                start, field_T, poses, samples_per_pose, lambda done: progress.update(task, completed=done)
+                start, fields_T, poses, samples_per_pose, lambda done: progress.update(task, completed=done)
             )
         _give(Proposal(plan, start, reach, inclination, source, samples_per_pose), answer)
 
 
-def _field_at(place: str, inclination_deg: float | None, intensity_nT: float | None) -> tuple[float, float]:
-    """Return inclination, degrees, and intensity, nT, of the field of IGRF at a place."""
-    if inclination_deg is not None or intensity_nT is not None:
-        raise InputError("--place gives inclination and intensity: leave out --inclination-deg and --intensity-nT")
-    field_T = field_at(place)
-    intensity_T = float(np.linalg.norm(field_T))
-    return to_degrees(float(np.arcsin(-field_T[2] / intensity_T))), to_nanotesla(intensity_T)
+def _inclination_of(field_T: FloatArray) -> float:
+    """Return the inclination of a field (3,) east, north, up, radians."""
+    return float(np.arcsin(-field_T[2] / np.linalg.norm(field_T)))
 
 
 def _start(
     recording_path: Path | None,
     calibration_path: Path | None,
     array: Array,
-    intensity_nT: float | None,
+    field_T: FloatArray | None,
     how: Reading,
     progress: Progress,
 ) -> planning.PlanStart:
@@ -323,28 +312,28 @@ def _start(
     if calibration_path is not None:
         return planning.start_from_calibration(_read_calibration(calibration_path, array))
     if recording_path is None:
-        if intensity_nT is None:
-            start = planning.start_from_nothing(array, from_nanotesla(_ASSUMED_INTENSITY_NT))
-            return replace(start, note="the intensity of the field is assumed: give --place or --intensity-nT")
+        if field_T is None:
+            start = planning.start_from_nothing(array, _ASSUMED_INTENSITY_T)
+            return replace(start, note="the intensity of the field is assumed: give --place")
         known = array if array.scalar_noise_T is not None else replace(array, scalar_noise_T=0.0)
-        return planning.start_from_nothing(known, from_nanotesla(intensity_nT))
+        return planning.start_from_nothing(known, float(np.linalg.norm(field_T)))
     source, usage = read_source(recording_path, array, how, reading(progress))
     recording = source.whole()
     for remark in () if usage is None else usage.missing:
         say(f"warning: {remark}", err=True)
-    if intensity_nT is not None and recording.scalar_T is None:
-        recording = replace(recording, scalar_T=np.full(recording.sample_count, from_nanotesla(intensity_nT)))
+    if field_T is not None and recording.scalar_T is None:
+        recording = replace(recording, scalar_T=np.full(recording.sample_count, np.linalg.norm(field_T)))
     progress.add_task(f"fitting {recording.sample_count} samples", total=None)
     return planning.start_from_recording(recording, array)
 
 
-def _inclination(stated_deg: float | None, start: planning.PlanStart) -> tuple[float, str]:
+def _inclination(field_T: FloatArray | None, start: planning.PlanStart) -> tuple[float, str]:
     """Return the inclination in radians, and where it comes from."""
-    if stated_deg is not None:
-        return from_degrees(stated_deg), "given"
+    if field_T is not None:
+        return _inclination_of(field_T), "of the place"
     if start.inclination is not None:
         return start.inclination, "from the recorded attitude"
-    return from_degrees(_ASSUMED_INCLINATION_DEG), "assumed: give --place or --inclination-deg"
+    return _ASSUMED_INCLINATION, "assumed: give --place"
 
 
 def _reach(

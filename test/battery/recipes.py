@@ -166,12 +166,12 @@ _RECIPES = (
     ),
     Recipe(
         "plan",
-        ("plan", *_ARRAY, "--turntable", "60", "--inclination-deg", "60", "--intensity-nT", "50000", "--poses", "9"),
+        ("plan", *_ARRAY, "--turntable", "60", "--place", "47.37,8.54,2025-06-30", "--poses", "9"),
         ("array.yaml",),
     ),
     Recipe(
         "plan after a recording",
-        ("plan", "run.csv", *_ARRAY, "--turntable", "90", "--inclination-deg", "60", "--poses", "2", "--json"),
+        ("plan", "run.csv", *_ARRAY, "--turntable", "90", "--place", "47.37,8.54,2025-06-30", "--poses", "2", "--json"),
         ("run.csv", "array.yaml"),
     ),
     _correct("run.csv"),

@@ -332,8 +332,7 @@ def test_numbers_out_of_range(folder, value):
     """NaN, infinity and what nobody means are told with the option."""
     commands = (
         ["calibrate", "run", "--array", "array.yaml", "--tolerance-s", value],
-        ["plan", "--array", "array.yaml", "--turntable", "30", "--intensity-nT", value],
-        ["plan", "--array", "array.yaml", "--turntable", "30", "--inclination-deg", value.replace("-1", "-91")],
+        ["plan", "--array", "array.yaml", "--prior", "c.yaml", "--turn-rate-deg-s", value],
     )
     for command in commands:
         result = CliRunner().invoke(main, command)
