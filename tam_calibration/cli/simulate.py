@@ -16,7 +16,7 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.further_channels import channel_in_words
 from tam_calibration.model.recording import CHANNELS, Recording
 from tam_calibration.model.units import FloatArray, to_nanotesla
-from tam_calibration.recordings.bag_storages import DEFAULT, storage_alone, written
+from tam_calibration.recordings.bag_storages import storage_alone
 from tam_calibration.report.blocks import Block, Points
 
 if TYPE_CHECKING:
@@ -48,13 +48,6 @@ if TYPE_CHECKING:
 )
 @click.option("-o", "--output", type=PATH, required=True, help="A .csv, a .mcap, or a bag's folder.")
 @click.option("--seed", type=click.IntRange(min=0), help="Seed of the random numbers, instead of the scenario's.")
-@click.option(
-    "--storage",
-    type=click.Choice(list(written())),
-    default=DEFAULT,
-    show_default=True,
-    help="Storage of a bag's folder.",
-)
 @answering
 def command(
     scenario: str | None,
@@ -63,7 +56,6 @@ def command(
     run_path: Path | None,
     output: Path,
     seed: int | None,
-    storage: str,
     answer: Answer,
 ) -> None:
     """Make the recording of SCENARIO, a file or the name of a shipped one, with array file and truth.
@@ -78,11 +70,11 @@ def command(
         raise InputError("--recording takes the place of a scenario, and needs --from-calibration or --from-comparison")
     with answer.files([calibration_path, mend_path, run_path, output]):
         if scenario is not None:
-            result = _simulate(scenario, calibration_path, mend_path, output, seed, storage)
+            result = _simulate(scenario, calibration_path, mend_path, output, seed)
         elif run_path is not None and mend_path is not None:
-            result = _mend(mend_path, run_path, output, seed or 0, storage)
+            result = _mend(mend_path, run_path, output, seed or 0)
         elif run_path is not None and calibration_path is not None:
-            result = _twin(calibration_path, run_path, output, seed or 0, storage)
+            result = _twin(calibration_path, run_path, output, seed or 0)
         else:
             raise InputError(
                 "say what to simulate: a scenario, or --from-calibration or --from-comparison with --recording"
@@ -91,12 +83,7 @@ def command(
 
 
 def _simulate(
-    scenario: str,
-    calibration_path: Path | None,
-    mend_path: Path | None,
-    output: Path,
-    seed: int | None,
-    storage: str,
+    scenario: str, calibration_path: Path | None, mend_path: Path | None, output: Path, seed: int | None
 ) -> dict[str, Any]:
     from rich.console import Console
 
@@ -117,7 +104,7 @@ def _simulate(
         if mend_path is not None:
             made = _mended(made, read_mend(mend_path))
         status.update(f"writing {made.recording.sample_count} samples")
-        write_recording(places["recording"], plan.array.mounting.inverse.turned(made.recording), storage)
+        write_recording(places["recording"], plan.array.mounting.inverse.turned(made.recording))
         write_array(places["array"], made.scenario.array)
         write_truth(places["truth"], made)
     intensity = norm(made.center_field_T, axis=1)
@@ -135,31 +122,31 @@ def _mended(made: "Simulation", mend: "Mend") -> "Simulation":
     return replace(made, recording=recording, scenario=replace(plan, array=array, effects=plan.effects + mend.added))
 
 
-def _twin(calibration_path: Path, run_path: Path, output: Path, seed: int, storage: str) -> dict[str, Any]:
+def _twin(calibration_path: Path, run_path: Path, output: Path, seed: int) -> dict[str, Any]:
     from tam_calibration.effects.removal import agreed_field
     from tam_calibration.results import read_calibration
     from tam_calibration.simulation.observe import twin
 
     calibration = read_calibration(calibration_path)
     array = calibration.array
-    made, paths = _on_run(lambda run: twin(calibration, run, seed), calibration_path, array, run_path, output, storage)
+    made, paths = _on_run(lambda run: twin(calibration, run, seed), calibration_path, array, run_path, output)
     field = agreed_field(made.readings_T, calibration.errors, array)
     return _summary(made, norm(field, axis=1), _rate_hz(made), seed) | paths | {"truth": str(calibration_path)}
 
 
-def _mend(mend_path: Path, run_path: Path, output: Path, seed: int, storage: str) -> dict[str, Any]:
+def _mend(mend_path: Path, run_path: Path, output: Path, seed: int) -> dict[str, Any]:
     from tam_calibration.comparison.additions import mended
     from tam_calibration.results.comparison_json import read_mend
 
     mend = read_mend(mend_path)
     array = mend.calibration.array
-    made, paths = _on_run(lambda run: mended(run, mend, seed), mend_path, array, run_path, output, storage)
+    made, paths = _on_run(lambda run: mended(run, mend, seed), mend_path, array, run_path, output)
     intensity = norm(made.readings_T, axis=2).mean(axis=1)
     return _summary(made, intensity, _rate_hz(made), seed) | paths | {"mend": str(mend_path)}
 
 
 def _on_run(
-    make: Callable[[Recording], Recording], given: Path, array: "Array", run_path: Path, output: Path, storage: str
+    make: Callable[[Recording], Recording], given: Path, array: "Array", run_path: Path, output: Path
 ) -> tuple[Recording, dict[str, str]]:
     """Return what is made of the run of a recording, and the paths of the recording and array file written."""
     from rich.console import Console
@@ -171,7 +158,7 @@ def _on_run(
     with write_together(paths, [given, run_path]) as places, Console(stderr=True).status("simulating") as status:
         made = make(read_recording(run_path, array.sensor_count, array=replace(array, delay_s=None)))
         status.update(f"writing {made.sample_count} samples")
-        write_recording(places["recording"], array.mounting.inverse.turned(made), storage)
+        write_recording(places["recording"], array.mounting.inverse.turned(made))
         write_array(places["array"], array)
     return made, {name: str(path) for name, path in paths.items()}
 

@@ -44,8 +44,10 @@ def make(folder: Path) -> None:
     scenario = yaml.safe_load((configuration_folder() / "scenarios" / "warming_up.yaml").read_text())
     del scenario["effects"]
     (folder / "scenario.yaml").write_text(yaml.safe_dump(scenario | {"samples": _SAMPLES}, sort_keys=False))
-    for name, storage in (("run.csv", "mcap"), ("run.mcap", "mcap"), ("run_mcap", "mcap"), ("run_sqlite3", "sqlite3")):
-        _tam("simulate", str(folder / "scenario.yaml"), "-o", str(folder / name), "--storage", storage)
+    for name in ("run.csv", "run.mcap"):
+        _tam("simulate", str(folder / "scenario.yaml"), "-o", str(folder / name))
+    for storage in ("mcap", "sqlite3"):
+        write_recording(folder / f"run_{storage}", read_recording(folder / "run.mcap"), storage)
     _tam("simulate", str(folder / "scenario.yaml"), "-o", str(folder / "simulator.csv"), "--seed", "9")
     turned = scenario | {"samples": _SAMPLES, "attitude": {"noise_deg": 0.0}}
     (folder / "turned.yaml").write_text(yaml.safe_dump(turned, sort_keys=False))
