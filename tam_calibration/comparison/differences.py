@@ -10,7 +10,7 @@ from tam_calibration.comparison.noise import is_noise, noise_differences, rows_w
 from tam_calibration.comparison.result import UNKNOWN, EffectDifference, NoiseDifference, OtherParameters, Side
 from tam_calibration.comparison.shared_effects import energy_of, follows_the_run, is_shown, parameters_differ
 from tam_calibration.gap.result import Cause
-from tam_calibration.model.sensors_in_words import numbered
+from tam_calibration.model.sensors_in_words import sensors_in_words
 
 _OPEN = ("partly_explained", "unexplained")
 """Verdicts that leave an unknown part."""
@@ -190,15 +190,7 @@ def _difference(cause: Cause, side: Side, other: Side) -> EffectDifference:
 def _named(one: EffectDifference) -> str:
     """Return an effect with its place, in words."""
     name = "an unknown part" if one.effect == UNKNOWN else one.effect.replace("_", " ")
-    return f"{name} ({_place(one.sensors, one.axes)})"
-
-
-def _place(sensors: Sequence[int | str], axes: Sequence[str] = ()) -> str:
-    """Return sensors and, where they are not all, axes in words."""
-    numbers = [sensor for sensor in sensors if isinstance(sensor, int)]
-    some_axes = f" {', '.join(axes)}" if 0 < len(axes) < 3 else ""
-    places = [numbered(numbers) + some_axes] if numbers else []
-    return " and ".join([*places, *(["the scalar"] if "scalar" in sensors else [])])
+    return f"{name} ({sensors_in_words(one.sensors, axes=one.axes)})"
 
 
 def _missing_in_words(one: EffectDifference) -> str:
@@ -265,4 +257,4 @@ def _noise_energies(noise: Sequence[NoiseDifference], counted: Collection[tuple[
     levels = [sorted((one.simulation.level_T, one.recording.level_T)) for one in others]
     energy = sum((large / small) ** 2 - 1 for small, large in levels) / len(noise)
     sensors = dict.fromkeys(one.recording.sensor or "scalar" for one in others)
-    return [(f"other noise ({_place(tuple(sensors))})", energy)]
+    return [(f"other noise ({sensors_in_words(tuple(sensors))})", energy)]

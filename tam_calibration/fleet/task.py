@@ -22,7 +22,7 @@ from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused, printable
 from tam_calibration.model.recording import SampleSource
-from tam_calibration.model.sensors_in_words import numbered
+from tam_calibration.model.sensors_in_words import sensors_in_words
 from tam_calibration.recordings import array_to_mapping, read_array, read_samples
 from tam_calibration.recordings.bag_storages import is_bag
 from tam_calibration.recordings.fit_input import fit_with_usage, read_source
@@ -365,10 +365,8 @@ _COURSES = {
 
 def _law_in_short(law: dict[str, Any]) -> str:
     """Return a law as it may come again in other recordings: place, what it does, and its course."""
-    numbers = [sensor for sensor in law["sensors"] if isinstance(sensor, int)]
-    place = numbered(numbers) if numbers else str(law["sensors"][0])
     course = _COURSES.get(law["course"], f"that follows {law['follows']}")
-    return f"{place}: {law['law'].replace('_', ' ')} {course}"
+    return f"{sensors_in_words(law['sensors'])}: {law['law'].replace('_', ' ')} {course}"
 
 
 def _correct(task: Task, calibration: Calibration, folder: Path) -> str:

@@ -24,7 +24,7 @@ from tam_calibration.gap.where import locate, placed, sensors_and_axes
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.model.fitted_effect import ALL, FittedEffect
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.sensors_in_words import numbered
+from tam_calibration.model.sensors_in_words import sensors_in_words
 from tam_calibration.model.units import FloatArray, to_nanotesla
 
 
@@ -83,14 +83,6 @@ def _cause_in_words(cause: Cause) -> str:
     return f"{cause.fitted.effect.replace('_', ' ')}{rival}"
 
 
-def _named(where: Where) -> str:
-    """Return the place in words."""
-    numbers = [one for one in where.sensors if isinstance(one, int)]
-    parts = [numbered(numbers)] if numbers else []
-    parts += ["the scalar magnetometer"] * ("scalar" in where.sensors)
-    return " and ".join(parts) or "all sensors"
-
-
 def conclude(found: Search) -> Gap:
     """Return the gap that a search found."""
     variance = noise_variance(found.model, found.remaining)
@@ -133,7 +125,15 @@ def conclude(found: Search) -> Gap:
 def _stated(gap: Gap, found: Search) -> Gap:
     """Return a gap with its sentence; one of the intensity alone at each of its places, with what separates them."""
     if not gap.signature or not gap.signature[0].is_common:
-        return replace(gap, statement=statement(gap.verdict, gap.size, _named(gap.where), gap.causes))
+        return replace(
+            gap,
+            statement=statement(
+                gap.verdict,
+                gap.size,
+                sensors_in_words(gap.where.sensors) if gap.where.sensors else "all sensors",
+                gap.causes,
+            ),
+        )
     places = gap.signature[0].places
     gap = placed(gap, gap.signature, places)
     where = in_words(places, found.nominal.recording.sensor_count, is_common=True)

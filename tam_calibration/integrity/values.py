@@ -233,6 +233,8 @@ def _is_of_converter(overview: Overview, column: int, values: FloatArray, bands:
     others = np.delete(readings, range(column - column % 3, column - column % 3 + 3), axis=0)
     design = np.column_stack([others.T, np.ones(readings.shape[1])]) / np.abs(others).max()
     predicted = design @ np.linalg.lstsq(design, readings[column], rcond=None)[0]
-    inside = predicted[(predicted > values[0]) & (predicted < values[-1])]
+    inside = (predicted > values[0]) & (predicted < values[-1])
+    # A bit moves half of the readings by half a period, and an offset takes half of that; other errors are smaller.
+    is_moved = bands.left_out(predicted) & (np.abs(predicted - readings[column]) > bands.period_T / 8)
     # Share of the readings that the other sensors predict to lie in the gaps: half of them for half a period.
-    return len(inside) > 0 and float(bands.left_out(inside).mean()) > 0.2
+    return bool(inside.any()) and float(is_moved[inside].mean()) > 0.2

@@ -7,10 +7,11 @@ from itertools import islice
 from tam_calibration.comparison import result
 from tam_calibration.comparison.figure import Figure
 from tam_calibration.gap.noise import AxisNoise
+from tam_calibration.model.sensors_in_words import sensors_in_words
 from tam_calibration.model.units import for_people, to_nanotesla
 from tam_calibration.report.blocks import Block, Table, Text
 from tam_calibration.report.formatting import join, number, sentence, with_error
-from tam_calibration.report.gap_rows import closed_words, number_rows, percent, place
+from tam_calibration.report.gap_rows import closed_words, number_rows, percent
 from tam_calibration.report.signature_rows import law_sentence
 
 VERDICTS = {"same": "The same", "differs": "Different", "not_identifiable": "Cannot be told"}
@@ -139,7 +140,7 @@ def _named(each: result.EffectDifference, comparison: result.Comparison) -> str:
 
 def _where(each: result.EffectDifference, comparison: result.Comparison) -> str:
     sensor_count = 0 if comparison.recording is None else comparison.recording.array.sensor_count
-    return place(each.sensors, each.axes, sensor_count)
+    return sensors_in_words(each.sensors, sensor_count, each.axes)
 
 
 def next_words(comparison: result.Comparison) -> str:

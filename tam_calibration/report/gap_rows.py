@@ -8,6 +8,7 @@ from tam_calibration.effects.library import effect_named
 from tam_calibration.gap.noise import AxisNoise
 from tam_calibration.gap.result import Cause, Considered, Gap, Size, Where
 from tam_calibration.model.fitted_effect import FittedEffect
+from tam_calibration.model.sensors_in_words import sensors_in_words
 from tam_calibration.model.units import for_people, to_nanotesla
 from tam_calibration.report.blocks import Block, Points, Table, Text
 from tam_calibration.report.formatting import fixed, join, number, sentence, with_error
@@ -48,10 +49,9 @@ def _remainder(gap: Gap) -> list[Block]:
 def _in_short(cause: Cause, sensor_count: int) -> str:
     others = cause.indistinguishable_from
     like = f"; cannot be told from {join([name.replace('_', ' ') for name in others])}" if others else ""
-    return (
-        f"{place(cause.sensors, cause.axes, sensor_count)}; probability {percent(cause.probability)}, explains "
-        f"{percent(cause.r2_cv)} out of sample{like}"
-    )
+    where = sensors_in_words(cause.sensors, sensor_count, cause.axes)
+    chance, part = percent(cause.probability), percent(cause.r2_cv)
+    return f"{where}; probability {chance}, explains {part} out of sample{like}"
 
 
 def size_blocks(gap: Gap) -> list[Block]:
@@ -82,7 +82,7 @@ def cause_blocks(gap: Gap, sensor_count: int) -> list[Block]:
         effect = effect_named(cause.fitted.effect)
         blocks.append(Text(f"{cause.fitted.effect}: {effect.title}. {effect.physics}"))
         if rows := number_rows(cause.fitted, cause.units):
-            where = place(cause.sensors, cause.axes, sensor_count)
+            where = sensors_in_words(cause.sensors, sensor_count, cause.axes)
             header = ("parameter", "value ± standard error", "unit")
             blocks.append(Table(header, rows, f"{cause.fitted.effect}: {where}", numeric=False))
         if words := cause_words(cause):
@@ -183,36 +183,12 @@ def where_words(where: Where, sensor_count: int) -> str:
     sensor_count : int
         Number of sensors of the array: all of them are not named one by one.
     """
-    parts = [place(where.sensors, where.axes, sensor_count)]
+    parts = [sensors_in_words(where.sensors, sensor_count, where.axes)]
     if where.time_s is not None:
         parts.append(f"from {fixed(where.time_s[0], 2)} to {fixed(where.time_s[1], 2)} s")
     if where.frequency_hz is not None:
         parts.append(f"at {number(where.frequency_hz[0])} to {number(where.frequency_hz[1])} Hz")
     return "; ".join(parts)
-
-
-def place(sensors: Sequence[int | str], axes: Sequence[str], sensor_count: int) -> str:
-    """Say which sensors and axes: "sensor 2, axis x", "the scalar magnetometer", "all sensors".
-
-    Parameters
-    ----------
-    sensors : sequence of int or str
-        Numbers from 1, and "scalar".
-    axes : sequence of str
-        "x", "y", "z"; named where they are not all three.
-    sensor_count : int
-        Number of sensors of the array: all of them are not named one by one.
-    """
-    numbers = [str(sensor) for sensor in sensors if sensor != "scalar"]
-    names = ["the scalar magnetometer"] if "scalar" in sensors else []
-    if len(numbers) == sensor_count > 1:
-        names.insert(0, "all sensors")
-    elif numbers:
-        names.insert(0, f"sensor{'s' if len(numbers) > 1 else ''} {join(numbers)}")
-    if not names:
-        return "nowhere"
-    some_axes = f", ax{'e' if len(axes) > 1 else 'i'}s {join(list(axes))}" if numbers and 0 < len(axes) < 3 else ""
-    return join(names) + some_axes
 
 
 def _cause_row(cause: Cause, sensor_count: int) -> list[str]:
@@ -227,7 +203,7 @@ def _cause_row(cause: Cause, sensor_count: int) -> list[str]:
     """
     return [
         cause.fitted.effect,
-        place(cause.sensors, cause.axes, sensor_count),
+        sensors_in_words(cause.sensors, sensor_count, cause.axes),
         percent(cause.probability),
         percent(cause.share),
         percent(cause.r2_cv),

@@ -31,7 +31,7 @@ def test_a_law_that_comes_again_is_counted_with_its_first_day():
     [
         ("offset", "channel", [2], "temperature", "sensor 2: offset that follows temperature"),
         ("own_field", "motion", [1, 3], "motion", "sensors 1 and 3: own field that goes with the motion"),
-        ("offset", "tone", ["scalar"], "2.5 Hz", "scalar: offset that follows 2.5 Hz"),
+        ("offset", "tone", ["scalar"], "2.5 Hz", "the scalar: offset that follows 2.5 Hz"),
     ],
 )
 def test_a_law_has_the_same_words_in_every_recording(law, course, sensors, follows, words):

@@ -55,6 +55,20 @@ def test_visited_attitudes_leave_out_bands_too(run):
     assert [told for told in run.spoiled(poses).told if told[0] == "stuck_bits"] == []
 
 
+def test_a_sensor_that_bends_in_visited_attitudes_has_no_stuck_bit(run):
+    """Its readings lie beside the bands by less than a bit would move them."""
+    rng = np.random.default_rng(3)
+    levels = 1e-6 * (0.8 * np.arange(-20, 20)[:, None] + np.linspace(0, 0.2, 40)).ravel()
+
+    def poses(readings):
+        chosen = rng.choice(len(levels), len(readings))
+        readings[:] = levels[chosen, None, None] + 1e-5 * rng.normal(size=(1500, 1, 3)) * [0, 1, 1]
+        readings[:, [0, 2, 3], 0] += rng.choice([-8e-8, 8e-8], len(levels))[chosen, None]
+        readings += 1e-9 * rng.normal(size=readings.shape)
+
+    assert [told for told in run.spoiled(poses).told if told[0] == "stuck_bits"] == []
+
+
 @pytest.mark.parametrize("leak", [0.0005, -0.0008])
 def test_coarse_steps_behind_a_matrix_are_no_stuck_bits(run, leak):
     """A driver that applies a soft-iron matrix to steps of 150 nT widens each by what it adds of the other axes."""

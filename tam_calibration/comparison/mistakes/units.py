@@ -66,9 +66,8 @@ def mistaken_units(simulation: Recording, recording: Recording, array: Array) ->
     mistakes = []
     for unit in dict.fromkeys(unit for unit in (*units, of_scalar) if unit is not None):
         sensors = [sensor for sensor, each in enumerate(units, 1) if each is unit]
-        where = [sensors_in_words(sensors, len(units))] if sensors else []
-        where += ["the scalar"] if of_scalar is unit else []
-        mistakes.append(_mistake(unit, " and ".join(where), float(own[sensors[0] - 1]) if sensors else scalar_T))
+        where = sensors_in_words([*sensors, *["scalar"] * (of_scalar is unit)], len(units))
+        mistakes.append(_mistake(unit, where, float(own[sensors[0] - 1]) if sensors else scalar_T))
     divisors = np.array([1.0 if unit is None else unit.times for unit in units])
     in_tesla = replace(simulation, readings_T=simulation.readings_T / divisors[:, None])
     if in_tesla.scalar_T is not None and of_scalar is not None:

@@ -104,9 +104,7 @@ def _one_in_words(place: Place, sensor_count: int, is_common: bool) -> str:
         return f"the {place[0]}"
     if is_common:
         return "the field at all sensors alike"
-    sensors = [one for one in place if isinstance(one, int)]
-    others = [f"the {one}" for one in place if isinstance(one, str)]
-    return " and ".join([sensors_in_words(sensors, sensor_count)] * bool(sensors) + others)
+    return sensors_in_words(place, sensor_count)
 
 
 @dataclass(frozen=True)
