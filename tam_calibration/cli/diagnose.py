@@ -28,7 +28,7 @@ from tam_calibration.report.gap_rows import (
     summary_blocks,
     where_words,
 )
-from tam_calibration.report.signature_rows import first_sentence, signature_blocks, summary_of_laws
+from tam_calibration.report.signature_rows import first_sentence, law_blocks
 from tam_calibration.results import read_calibration
 from tam_calibration.results.results_json import gap_to_mapping
 
@@ -38,7 +38,7 @@ _LEFT = "What remains with the causes, and the simulated twin does not have:"
 def _blocks(gap: Gap) -> list[Block]:
     """Return the size of the gap, its causes, where it lies, what became of each hypothesis, and what to record."""
     sensor_count = len(gap.residue.floor_T) // 3
-    blocks = [*signature_blocks(gap, sensor_count), *size_blocks(gap)]
+    blocks = [*law_blocks(gap, sensor_count), *size_blocks(gap)]
     if gap.where.sensors:
         blocks.append(Text(f"Where: {where_words(gap.where, sensor_count)}."))
     if gap.causes:
@@ -110,7 +110,7 @@ def command(
         answer.give(
             gap_to_mapping(gap, source),
             " ".join(filter(None, (first_sentence(gap, array.sensor_count), gap.headline, *gap.remarks[:1]))),
-            [*summary_of_laws(gap, array.sensor_count), *summary_blocks(gap), *used],
+            [*law_blocks(gap, array.sensor_count, is_short=True), *summary_blocks(gap), *used],
             [*_blocks(gap), *used],
             f"tam calibrate {recording} --array {array_path} --effects {effects}" if effects else "",
         )

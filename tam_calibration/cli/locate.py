@@ -11,7 +11,6 @@ from tam_calibration.cli.answer import Answer, answering
 from tam_calibration.cli.locate_options import Wanted
 from tam_calibration.cli.streams import say
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.localization import line_path
 from tam_calibration.localization.alternating import locate_alternating
 from tam_calibration.localization.steady import locate_steady
 from tam_calibration.localization.survey import Survey
@@ -100,11 +99,6 @@ def _read(path: Path, array: Array, how: Reading) -> Recording:
     return data
 
 
-def _path(data: Recording, wanted: Wanted) -> line_path.Path:
-    """Return the path of the platform along one line."""
-    return path_in(data, wanted.speed, wanted.velocity_error, wanted.position_error_m, wanted.position_drift_m or 0.0)
-
-
 def _located(data: Recording, calibration: Calibration, wanted: Wanted) -> Survey:
     """Return the sources of single samples, or of an alternating source."""
     if wanted.is_alternating:
@@ -129,7 +123,8 @@ def _give_targets(
     names: list[str],
 ) -> None:
     """Find the targets of lines, write the table, map and page that are wanted, and give the answer."""
-    paths = [_path(each, wanted) for each in data]
+    error_m, drift_m = wanted.position_error_m, wanted.position_drift_m or 0.0
+    paths = [path_in(each, wanted.speed, wanted.velocity_error, error_m, drift_m) for each in data]
     if "grid" in places:
         from tam_calibration.localization.field_map import require_area
 

@@ -154,16 +154,12 @@ def _poses(proposal: Proposal) -> Table:
 
 
 def _standard_errors(proposal: Proposal) -> Table:
-    states = _before_and_after(proposal)
+    states = proposal.start.standard_errors, proposal.plan.standard_errors
     rows = [
         [f"{kind.name} ({kind.sign})".removesuffix(" ()"), *(_worst(errors, index, kind.factor) for errors in states)]
         for index, kind in enumerate(KINDS)
     ]
     return Table(("worst of", "before", "after"), rows, "Standard errors")
-
-
-def _before_and_after(proposal: Proposal) -> tuple[FloatArray | None, FloatArray]:
-    return proposal.start.standard_errors, proposal.plan.standard_errors
 
 
 def _worst(standard_errors: FloatArray | None, group: int, factor: float) -> str:
@@ -188,7 +184,7 @@ def _size(worst: float) -> str:
 def _proposal_to_mapping(proposal: Proposal) -> dict[str, Any]:
     """Return the content of the JSON; what is open is null."""
     plan, start, reach = proposal.plan, proposal.start, proposal.reach
-    before, after = (None if errors is None else _sensors(errors) for errors in _before_and_after(proposal))
+    errors = start.standard_errors
     poses = [
         dict(
             zip(("yaw_deg", "pitch_deg", "roll_deg"), np.round(to_degrees(reach.angles[pose]), 6).tolist(), strict=True)
@@ -207,8 +203,8 @@ def _proposal_to_mapping(proposal: Proposal) -> dict[str, Any]:
         "poses": poses,
         "worst_standard_error_in_noise": {"before": start.worst, "after": float(plan.worst[-1])},
         "enough": proposal.is_enough,
-        "standard_errors_before": before,
-        "standard_errors_after": after,
+        "standard_errors_before": None if errors is None else _sensors(errors),
+        "standard_errors_after": _sensors(plan.standard_errors),
     }
 
 

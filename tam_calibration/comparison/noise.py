@@ -51,15 +51,11 @@ def differs(simulation: AxisNoise, recording: AxisNoise) -> bool:
     bands = np.column_stack([bands, np.ones(len(before), dtype=bool)])
     ratio = np.log((after @ bands) / (before @ bands)) / 2
     error = np.hypot(_error_of_sum(before, before_error, bands), _error_of_sum(after, after_error, bands)) / 2
-    return bool(_is_beyond(ratio, error).any())
+    return bool((np.abs(ratio) > np.maximum(np.log1p(LEAST_DIFFERENCE), CERTAIN * error)).any())
 
 
 def _error_of_sum(power: FloatArray, error: FloatArray, bands: NDArray[np.bool_]) -> FloatArray:
     return np.sqrt((power * error) ** 2 @ bands) / (power @ bands)
-
-
-def _is_beyond(ratio: FloatArray, error: FloatArray | float) -> NDArray[np.bool_]:
-    return np.abs(ratio) > np.maximum(np.log1p(LEAST_DIFFERENCE), CERTAIN * error)
 
 
 def _powers_of_both(simulation: AxisNoise, recording: AxisNoise) -> list[tuple[FloatArray, FloatArray]]:

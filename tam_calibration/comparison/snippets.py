@@ -11,6 +11,7 @@ from tam_calibration.comparison.mend import Mend, NoiseTerm
 from tam_calibration.comparison.noise_stream import slow_modes
 from tam_calibration.effects.library import effect_named
 from tam_calibration.model.fitted_effect import ALL
+from tam_calibration.model.sensors_in_words import sensors_in_words
 
 _STEP = "step"
 """The value of an effect for which Gazebo has an element: the step of rounding."""
@@ -109,11 +110,8 @@ def _bands(mend: Mend) -> Iterator[str]:
     for term in mend.noise:
         if term.band_hz is not None:
             low, high = map(_number, term.band_hz)
-            yield f"{_place(term)}: noise between {low} and {high} Hz goes to the mend file"
-
-
-def _place(term: NoiseTerm) -> str:
-    return f"sensor {term.sensor} {term.axis}" if term.sensor else "scalar magnetometer"
+            where = sensors_in_words([term.sensor or "scalar"], axes=term.axis)
+            yield f"{where}: noise between {low} and {high} Hz goes to the mend file"
 
 
 def _comment(text: str) -> str:

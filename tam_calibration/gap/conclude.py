@@ -73,14 +73,10 @@ def statement(verdict: Verdict, size: Size, where: str, causes: tuple[Cause, ...
     size_of_gap = f"A gap of {size.before:.2g} times the noise floor in {where}"
     if verdict == "unexplained":
         return f"{size_of_gap} that no effect of the library explains."
-    names = " and ".join(dict.fromkeys(map(_cause_in_words, causes)))
+    rival = " (or by anything else that changes as slowly)"
+    names = " and ".join(dict.fromkeys(one.fitted.effect.replace("_", " ") + one.is_drift * rival for one in causes))
     part = "explained" if verdict == "explained" else "partly explained"
     return f"{size_of_gap}, {part} by {names}: {100 * size.closed:.0f} % of it closes."
-
-
-def _cause_in_words(cause: Cause) -> str:
-    rival = " (or by anything else that changes as slowly)" if cause.is_drift else ""
-    return f"{cause.fitted.effect.replace('_', ' ')}{rival}"
 
 
 def conclude(found: Search) -> Gap:

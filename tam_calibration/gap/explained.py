@@ -12,6 +12,7 @@ from tam_calibration.gap.search import Progress
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import SampleSource
+from tam_calibration.model.sensors_in_words import sensors_in_words
 from tam_calibration.model.units import to_nanotesla
 
 
@@ -53,7 +54,7 @@ def _in_words(gap: Gap) -> str:
     if not names:
         return "; no known effect explains it: see where and when it is, with tam diagnose --report"
     causes = " and ".join(name.replace("_", " ") for name in names)
-    sensors = sorted({str(sensor) for cause in gap.causes for sensor in cause.sensors})
-    where = f" in sensor {', '.join(sensors)}" if len(sensors) < len(gap.residue.floor_T) // 3 else ""
+    sensors = sorted({sensor for cause in gap.causes for sensor in cause.sensors}, key=str)
+    where = f" in {sensors_in_words(sensors, len(gap.residue.floor_T) // 3)}"
     verb = f"explain{'s' if len(names) == 1 else ''}{'' if gap.verdict == 'explained' else ' part of'}"
     return f"; {causes}{where} {verb} it: fit that too, with --effects {','.join(names)}"

@@ -53,7 +53,7 @@ def next_recording(found: Search, verdict: Verdict, causes: Sequence[Cause]) -> 
     for one in possible:
         if one.name in hidden:
             return f"To see whether it is {_words_of(one.name)}, {_asked(recording, [one.name])}."
-    return f"To see whether it is {possible[0].title}, {possible[0].proof}." if possible else _OTHERWISE
+    return f"To see whether it is “{possible[0].title}”, {possible[0].proof}." if possible else _OTHERWISE
 
 
 def _words_of(effect: str) -> str:

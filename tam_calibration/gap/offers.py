@@ -49,7 +49,7 @@ class Offers:
     def considered(self, laws: Sequence[Law]) -> tuple[Considered, ...]:
         """Return why the effects without evidence are no causes, with the laws of the gap."""
         strongest = laws[0].signature.law.replace("_", " ") if laws else ""
-        why = f"the gap is a law of {strongest}, which it does not make" if laws else "no law of a gap was found"
+        why = f"the gap is a law of {strongest}, which only other effects make" if laws else "no law of a gap was found"
         others = {name: Considered(name, "not_supported", why) for name in self._effects.keys() - self._weighed.keys()}
         return tuple((others | self._reasons).values())
 

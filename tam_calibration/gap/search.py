@@ -6,16 +6,17 @@ from tam_calibration.effects.covariates import Covariates, to_world
 from tam_calibration.effects.effect import Finding, LinearEffect
 from tam_calibration.effects.grades import MINOR, MOST, NEARLY_ALL, NOTABLE, SLIGHT
 from tam_calibration.effects.library import effect_named
-from tam_calibration.gap.hypothesis import Hypothesis
+from tam_calibration.gap.hypothesis import Hypothesis, places_of
 from tam_calibration.gap.laws.decisions import LEAST_SHARE
 from tam_calibration.gap.laws.find import repeats
-from tam_calibration.gap.laws.law import Place, as_made_by, usual_law
+from tam_calibration.gap.laws.law import Place, as_made_by, at_place, usual_law
 from tam_calibration.gap.laws.signature import Law, laws_of
 from tam_calibration.gap.laws.whitened import Residual, residual_of
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.offers import Offers, candidates, is_plausible, sensors_for
 from tam_calibration.gap.size import Evidence, examine
 from tam_calibration.gap.steps import LEAST_EVIDENCE, MOST_CAUSES, Search, Step, absorbed, is_elsewhere, is_new
+from tam_calibration.gap.where import sensors_and_axes
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
@@ -147,7 +148,9 @@ class _CauseSearch:
         for one in chain:
             own = absorbed(one, self._steps)
             self._model = self._model.accept(own.form)
-            self._steps.append(Step(own, as_made_by(one.effect, law.signature), tuple(dict.fromkeys(as_good))))
+            sensors, axes = sensors_and_axes(places_of(own.form), self._model.recording)
+            made = at_place(as_made_by(one.effect, law.signature), sensors, axes)
+            self._steps.append(Step(own, made, tuple(dict.fromkeys(as_good))))
 
     def _with(self, chain: Sequence[Evidence]) -> Model:
         """Return the model with further causes."""

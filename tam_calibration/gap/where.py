@@ -115,19 +115,15 @@ def placed(gap: Gap, laws: Sequence[Signature], places: Sequence[LawPlace]) -> G
     places : sequence of Place
         Of the strongest law.
     """
-    causes = tuple(_moved(one, _place_of(one.fitted.effect, laws, places[0])) for one in gap.causes)
+    causes = tuple(_moved(one, laws, places[0]) for one in gap.causes)
     sensors = {sensor for one in causes for sensor in one.sensors} or set(places[0])
     axes = () if sensors == set(places[0]) else gap.where.axes
     where = replace(gap.where, sensors=tuple(sorted(sensors, key=str)), axes=axes)
     return replace(gap, causes=causes, where=where)
 
 
-def _place_of(effect: str, laws: Sequence[Signature], default: LawPlace) -> LawPlace:
-    """Return the likeliest place of the strongest law of the intensity that an effect can make."""
-    return next((law.places[0] for law in laws if law.is_common and agrees(effect, law)), default)
-
-
-def _moved(cause: Cause, place: LawPlace) -> Cause:
-    """Return a cause that acts on the scalar at another place in which it may act."""
-    is_there = "scalar" in cause.sensors and acts_at(cause.fitted.effect, place)
-    return replace(cause, sensors=place, axes=()) if is_there else cause
+def _moved(cause: Cause, laws: Sequence[Signature], default: LawPlace) -> Cause:
+    """Return a cause that acts on the scalar at the likeliest place of the strongest such law that it can make."""
+    effect = cause.fitted.effect
+    place = next((law.places[0] for law in laws if law.is_common and agrees(effect, law)), default)
+    return replace(cause, sensors=place, axes=()) if "scalar" in cause.sensors and acts_at(effect, place) else cause

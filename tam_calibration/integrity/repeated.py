@@ -88,13 +88,8 @@ class Copies:
         self._count += len(block.time_s)
         if not self._pairs:
             return
-        # np.array([1.0, 0.6180339887498949, 0.41421356237309503]): weights of x, y and z in the number by which
-        # readings are compared: different readings have different ones.
-        numbers = np.ascontiguousarray(
-            (block.readings_T.reshape(-1, 3) @ np.array([1.0, 0.6180339887498949, 0.41421356237309503]))
-            .reshape(-1, self._sensors)
-            .T
-        )
+        weights = np.array([1.0, 0.6180339887498949, 0.41421356237309503])  # different readings get different numbers
+        numbers = np.ascontiguousarray((block.readings_T.reshape(-1, 3) @ weights).reshape(-1, self._sensors).T)
         for copy, original in self._pairs:
             if copy > original and (numbers[copy] == numbers[original]).any():
                 self._pairs[copy, original].add(numbers[copy], numbers[original], block.time_s, 0)

@@ -11,7 +11,7 @@ from tam_calibration.model.sensors_in_words import sensors_in_words
 from tam_calibration.model.units import for_people, to_nanotesla
 from tam_calibration.report.blocks import Block, Table, Text
 from tam_calibration.report.formatting import join, number, sentence, with_error
-from tam_calibration.report.gap_rows import closed_words, number_rows, percent
+from tam_calibration.report.gap_rows import closed_words, number_rows, percent, valued
 from tam_calibration.report.signature_rows import law_sentence
 
 VERDICTS = {"same": "The same", "differs": "Different", "not_identifiable": "Cannot be told"}
@@ -260,13 +260,8 @@ def _figure_row(figure: Figure) -> list[str]:
     factor, unit = for_people(figure.recording.unit)
     return [
         figure.recording.name,
-        *(_valued(factor * one.value, factor * one.standard_error) for one in (figure.simulation, figure.recording)),
+        *(valued(factor * one.value, factor * one.standard_error) for one in (figure.simulation, figure.recording)),
         "" if unit == "1" else unit,
         number(figure.standard_errors, 2),
         figure.standing,
     ]
-
-
-def _valued(value: float, error: float) -> str:
-    """Return a value, with its standard error where there is one."""
-    return with_error(value, error, 4) if error > 0 and math.isfinite(value) else number(value, 4)

@@ -11,7 +11,7 @@ from tam_calibration.report.formatting import count, sentence
 from tam_calibration.report.gap_cause_plots import GapView, plot_dependence, plot_evidence, plot_sphere
 from tam_calibration.report.gap_residual_plots import plot_course, plot_histogram, plot_map, plot_spectrum, plot_time
 from tam_calibration.report.page import figure_blocks, write_page
-from tam_calibration.report.signature_rows import law_sentence, signature_blocks
+from tam_calibration.report.signature_rows import first_sentence, law_blocks, law_sentence
 
 
 def checks_blocks(view: GapView) -> list[Block]:
@@ -120,7 +120,9 @@ def _considered(gap: Gap) -> list[Block]:
 
 def _signature(view: GapView) -> list[Block]:
     """Return what the gap does, where and when, and what could do that; nothing without a law."""
-    blocks = list(signature_blocks(view.gap, view.sensor_count))
+    if not view.gap.signature:
+        return []
+    blocks = [Text(first_sentence(view.gap, view.sensor_count), "doubt"), *law_blocks(view.gap, view.sensor_count)]
     for law in view.gap.signature:
         if law.curve is not None:
             blocks += figure_blocks(
@@ -129,7 +131,7 @@ def _signature(view: GapView) -> list[Block]:
                 "the size of the disturbance, with a band of two standard errors on either side.",
                 "no curve: noise has no course.",
             )
-    for cause in causes_of(view.gap.signature[0]) if view.gap.signature else ():
+    for cause in causes_of(view.gap.signature[0]):
         size = f" In nature: {cause.size}." if cause.size else ""
         title = f"{cause.title[:1].upper()}{cause.title[1:]}. {cause.physics}"
         blocks.append(Text(f"{title}{size} To prove it: {cause.proof}. Then: {cause.remedy}."))

@@ -91,8 +91,11 @@ def cause_blocks(gap: Gap, sensor_count: int) -> list[Block]:
 
 
 def hypotheses(considered: Iterable[Considered]) -> Points:
-    """Return what became of each effect that was tried, or could not be."""
-    return Points([f"{each.effect}: {each.status.replace('_', ' ')}, {each.why}" for each in considered])
+    """Return what became of the effects that were tried, or could not be, those of one reason together."""
+    names: dict[str, list[str]] = {}
+    for each in considered:
+        names.setdefault(f"{each.status.replace('_', ' ')}, {each.why}", []).append(each.effect)
+    return Points([f"{join(own)}: {why}" for why, own in names.items()])
 
 
 def cause_words(cause: Cause) -> list[str]:
@@ -224,7 +227,7 @@ def number_rows(fitted: FittedEffect, units: Mapping[str, str]) -> list[list[str
         nT for T.
     """
     return [
-        [name, _with_error(parameter["value"], parameter["standard_error"]), parameter["unit"]]
+        [name, valued(parameter["value"], parameter["standard_error"]), parameter["unit"]]
         for name, parameter in numbers_of(fitted, units).items()
     ]
 
@@ -236,5 +239,7 @@ def percent(part: float) -> str:
     )
 
 
-def _with_error(value: float, standard_error: float) -> str:
-    return number(value, 4) if math.isnan(standard_error) else with_error(value, standard_error, 4)
+def valued(value: float, standard_error: float) -> str:
+    """Format a value with its standard error, where that is known."""
+    is_known = standard_error > 0 and math.isfinite(value)
+    return with_error(value, standard_error, 4) if is_known else number(value, 4)

@@ -5,7 +5,7 @@ import numpy as np
 from tam_calibration.gap.laws.law import Signature, causes_of, in_words
 from tam_calibration.gap.result import Gap
 from tam_calibration.model.units import to_nanotesla
-from tam_calibration.report.blocks import Block, Points, Text
+from tam_calibration.report.blocks import Block, Text
 from tam_calibration.report.formatting import number
 from tam_calibration.report.gap_rows import percent
 
@@ -90,28 +90,24 @@ def causes_sentence(law: Signature) -> str:
     return f"Causes with this signature: {'; '.join(named)}."
 
 
-def signature_blocks(gap: Gap, sensor_count: int) -> list[Block]:
-    """Return the laws of a gap, each with its possible causes, the strongest first; nothing without a law."""
-    if not gap.signature:
-        return []
-    is_caused = bool(gap.causes)
-    words = [
-        " ".join(filter(None, (law_sentence(law, sensor_count, is_caused), causes_sentence(law))))
-        for law in gap.signature
-    ]
-    laws: list[Block] = [Text(words[0], "doubt")] if len(words) == 1 else [Text("What the gap does:"), Points(words)]
-    return laws + _remaining(gap, sensor_count)
+def law_blocks(gap: Gap, sensor_count: int, is_short: bool = False) -> list[Block]:
+    """Return what could make the strongest law, then the other laws, of which the short form leaves out the causes.
 
-
-def _remaining(gap: Gap, sensor_count: int) -> list[Block]:
-    return [Text(f"What its causes leave: {law_sentence(law, sensor_count)}", "doubt") for law in gap.remaining]
-
-
-def summary_of_laws(gap: Gap, sensor_count: int) -> list[Block]:
-    """Return what could make the strongest law, and the laws beside it, one line each."""
-    first = [causes_sentence(law) for law in gap.signature[:1]]
-    beside = [law_sentence(law, sensor_count, bool(gap.causes)) for law in gap.signature[1:]]
-    return [*(Text(words) for words in (*first, *beside) if words), *_remaining(gap, sensor_count)]
+    Parameters
+    ----------
+    gap : Gap
+        Whose strongest law ``first_sentence`` says.
+    sensor_count : int
+        Number of sensors K.
+    is_short : bool
+        Whether to leave out the causes of the other laws.
+    """
+    words = [causes_sentence(law) for law in gap.signature[:1]]
+    for law in gap.signature[1:]:
+        causes = "" if is_short else causes_sentence(law)
+        words.append(" ".join(filter(None, (law_sentence(law, sensor_count, bool(gap.causes)), causes))))
+    left = [f"What its causes leave: {law_sentence(law, sensor_count)}" for law in gap.remaining]
+    return [*(Text(one) for one in words if one), *(Text(one, "doubt") for one in left)]
 
 
 def first_sentence(gap: Gap, sensor_count: int) -> str:

@@ -94,12 +94,9 @@ def _table(rows: Sequence[dict[str, Any]]) -> str:
     header = list(rows[0]) if rows else ["number", "x_m", "y_m", "z_m"]
     writer = csv.DictWriter(text, header, lineterminator="\n")
     writer.writeheader()
-    writer.writerows({name: _short(value) for name, value in row.items()} for row in rows)
+    for row in rows:
+        writer.writerow({name: f"{value:.9g}" if isinstance(value, float) else value for name, value in row.items()})
     return text.getvalue()
-
-
-def _short(value: Any) -> Any:
-    return f"{value:.9g}" if isinstance(value, float) else value
 
 
 def _geojson(rows: Sequence[dict[str, Any]]) -> str:

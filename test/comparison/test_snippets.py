@@ -78,7 +78,7 @@ def test_what_the_sdf_cannot_hold_is_told(mend):
     """Comments send the rest to the mend file, and say nothing of what the SDF holds."""
     text = gazebo_sdf(mend)
     assert "time_skew goes to the mend file" in text and "scale factors, non-orthogonality" in text
-    assert "sensor 2 y: noise between 4 and 5 Hz" in text and "the simulation has hysteresis" in text
+    assert "sensor 2, axis y: noise between 4 and 5 Hz" in text and "the simulation has hysteresis" in text
     assert "saturation goes" in text and "quantization goes" not in text and "slow noise" not in text
 
 

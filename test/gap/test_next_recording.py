@@ -85,7 +85,9 @@ def test_what_would_prove_the_first_candidate_is_asked_for(doubtful):
     found, _ = doubtful
     loop = Signature("own_field", "motion", (2,), ("x",), 0.9, ((2,),), "motion", (), 50.0)
     open_law = replace(found, laws=(Law(loop, 0.5),), weighed=(), considered=())
-    assert next_recording(open_law, "unexplained", ()).startswith(f"To see whether it is {causes_of(loop)[0].title}, ")
+    assert next_recording(open_law, "unexplained", ()).startswith(
+        f"To see whether it is “{causes_of(loop)[0].title}”, "
+    )
     assert next_recording(replace(open_law, laws=()), "unexplained", ()).startswith("To see what the rest follows")
 
 

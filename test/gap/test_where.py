@@ -1,6 +1,6 @@
 """A gap is found in the sensor, axis, time and band in which it was planted, whatever its cause."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 from tam_calibration.gap.laws.law import Signature
 from tam_calibration.gap.laws.signature import Law
-from tam_calibration.gap.where import _place_of, locate, sensors_and_axes, span_of
+from tam_calibration.gap.where import _moved, locate, sensors_and_axes, span_of
 from tam_calibration.model.fitted_effect import ALL, SCALAR
 
 EVERY = (1, 2, 3, 4)
@@ -107,8 +107,18 @@ def test_a_span_holds_nine_tenths_of_the_excess_in_less_than_half_of_the_run(par
         assert span == pytest.approx((5 * part, 95 * part), abs=0.02)
 
 
+@dataclass(frozen=True)
+class OfScalar:
+    """A cause in the scalar."""
+
+    fitted: SimpleNamespace
+    sensors: tuple = ("scalar",)
+    axes: tuple = ()
+
+
 def test_a_cause_of_the_scalar_moves_to_the_field_where_it_may_act_there():
     """A field that drifts does, an error of the scalar's heading does not."""
     common = Signature("offset", "slow", EVERY, (), 0.9, (EVERY, ("scalar",)), None, (), 50.0)
-    assert _place_of("geomagnetic_drift", [common], ("scalar",)) == EVERY
-    assert _place_of("scalar_heading_error", [common], ("scalar",)) == ("scalar",)
+    drift, heading = (OfScalar(SimpleNamespace(effect=one)) for one in ("geomagnetic_drift", "scalar_heading_error"))
+    assert _moved(drift, [common], ("scalar",)).sensors == EVERY
+    assert _moved(heading, [common], ("scalar",)).sensors == ("scalar",)

@@ -100,9 +100,7 @@ def in_words(places: Sequence[Place], sensor_count: int, is_common: bool) -> str
 
 
 def _one_in_words(place: Place, sensor_count: int, is_common: bool) -> str:
-    if place in (SCALAR, ATTITUDE):
-        return f"the {place[0]}"
-    if is_common:
+    if is_common and place != SCALAR:
         return "the field at all sensors alike"
     return sensors_in_words(place, sensor_count)
 
@@ -230,6 +228,20 @@ def as_made_by(effect: str, law: Signature) -> Signature:
 def usual_law(effect: str) -> str:
     """Return the usual law of an effect; empty for one that the table does not hold."""
     return next((one.law[0] for one in CAUSES if one.name == effect), "")
+
+
+def at_place(law: Signature, sensors: Place, axes: tuple[str, ...]) -> Signature:
+    """Return a law at the place of its cause, where that is one of its sensors, or one axis of its sensor.
+
+    Parameters
+    ----------
+    law : Signature
+    sensors, axes : tuple
+        Where the cause acts.
+    """
+    if len(sensors) == 1 and sensors[0] in law.sensors and law.axes:
+        law = replace(law, sensors=sensors, places=(sensors,))
+    return replace(law, axes=axes) if sensors == law.sensors and len(axes) == 1 and axes[0] in law.axes else law
 
 
 def agrees(effect: str, law: Signature) -> bool:

@@ -1,8 +1,8 @@
-"""Places of a law in words."""
+"""Places of a law, in words and after its cause is known."""
 
 import pytest
 
-from tam_calibration.gap.laws.law import ATTITUDE, SCALAR, in_words
+from tam_calibration.gap.laws.law import ATTITUDE, SCALAR, Signature, at_place, in_words
 
 
 @pytest.mark.parametrize(
@@ -21,3 +21,28 @@ from tam_calibration.gap.laws.law import ATTITUDE, SCALAR, in_words
 def test_places_are_named(places, is_common, words):
     """Sensors by their numbers, and the scalar next to them where a law acts on both."""
     assert in_words(places, 4, is_common) == words
+
+
+@pytest.mark.parametrize(
+    ("sensors", "axes", "found"),
+    [
+        ((2,), ("x", "y", "z"), ((2,), ("x", "y", "z"))),
+        ((2,), ("y",), ((2,), ("y",))),
+        ((1, 2), ("y",), ((1, 2, 3, 4), ("x", "y", "z"))),
+        ((5,), ("y",), ((1, 2, 3, 4), ("x", "y", "z"))),
+    ],
+)
+def test_a_law_is_where_its_one_cause_is(sensors, axes, found):
+    """A cause in one sensor, or in one axis of it, tells where a law of all is; one in some sensors does not."""
+    every = (1, 2, 3, 4)
+    law = Signature("rate", "constant", every, ("x", "y", "z"), 1.0, (every,), None, (), 100.0)
+    placed = at_place(law, sensors, axes)
+    assert (placed.sensors, placed.axes, placed.places) == (*found, (found[0],))
+
+
+def test_an_axis_of_a_cause_in_the_same_sensor():
+    """A law of three axes of a sensor is of the one in which its cause is; the scalar has no axes."""
+    law = Signature("offset", "step", (3,), ("x", "y", "z"), 1.0, ((3,),), None, (), 100.0)
+    assert at_place(law, (3,), ("z",)).axes == ("z",)
+    common = Signature("offset", "slow", SCALAR, (), 1.0, (SCALAR, (1, 2, 3, 4)), None, (), 100.0)
+    assert at_place(common, SCALAR, ()) == common
