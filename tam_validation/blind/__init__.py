@@ -7,4 +7,4 @@ KINDS = ("single", "pair", "outside", "clean", "withheld", "short", "mixed", "la
 """Kinds of cases."""
 
 SETS = ("first", "second", "third", "fourth")
-"""Sets of causes outside the library: rules of a diagnosis may be tuned on the first."""
+"""Sets of causes outside the library: rules of a diagnosis may be tuned on those that were judged before."""
