@@ -8,7 +8,6 @@ alone would have too few degrees of freedom.
 """
 
 from dataclasses import dataclass
-from itertools import combinations_with_replacement
 from typing import NamedTuple
 
 import numpy as np
@@ -67,15 +66,14 @@ class SlowSums:
         # At the best errors the channels' sums balance each other, and a prior: what is left is no sign of slowness.
         score = score - score.sum(axis=0) @ information
         cosines = slow_cosines(BLOCKS - 1)
-        # What lasts for a few samples only shows in fast cosines too, of which there are more.
-        slow, every, fast = (
-            _ratio(information, score, some) for some in (cosines[:, :COSINES], cosines, cosines[:, COSINES:])
-        )
+        slow, every = (_ratio(information, score, some) for some in (cosines[:, :COSINES], cosines))
         # Standard deviations of a normal law beyond which white noise of the stated size is once in a thousand
         # recordings: as often standard errors are widened without need.
         beyond = 3.09
         if max(_deviation(slow), _deviation(every)) <= beyond:
             return cls()
+        # What lasts for a few samples only shows in fast cosines too, of which there are more.
+        fast = _ratio(information, score, cosines[:, COSINES:])
         return cls(max(1.0, slow[0], every[0]), _deviation(slow, fast) > beyond)
 
 
@@ -86,13 +84,12 @@ def _ratio(information: FloatArray, score: FloatArray, cosines: FloatArray) -> t
     nearly normal (Wilson and Hilferty 1931).
     """
     energy = float(np.sum((cosines.T @ score) ** 2))
-    taken = np.einsum("bc,bpq->cpq", cosines, information)
-    expected = squares = 0.0
-    for first, second in combinations_with_replacement(range(len(taken)), 2):
-        weights = cosines[:, first] * cosines[:, second]
-        covariance = np.tensordot(weights, information, 1) - taken[first] @ taken[second]
-        squares += (1 if first == second else 2) * float(np.sum(covariance**2))
-        expected += float(np.trace(covariance)) if first == second else 0.0
+    taken = np.tensordot(cosines.T, information, 1)
+    first, second = np.triu_indices(len(taken))
+    covariance = np.tensordot((cosines[:, first] * cosines[:, second]).T, information, 1) - taken[first] @ taken[second]
+    is_same = first == second
+    squares = float(np.sum(covariance**2, axis=(1, 2)) @ np.where(is_same, 1.0, 2.0))
+    expected = float(np.trace(covariance[is_same], axis1=1, axis2=2).sum())
     return (energy / expected, 2 / 9 * squares / expected**2) if expected > 0 else (1.0, 1.0)
 
 
