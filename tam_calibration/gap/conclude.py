@@ -121,15 +121,8 @@ def conclude(found: Search) -> Gap:
 def _stated(gap: Gap, found: Search) -> Gap:
     """Return a gap with its sentence; one of the intensity alone at each of its places, with what separates them."""
     if not gap.signature or not gap.signature[0].is_common:
-        return replace(
-            gap,
-            statement=statement(
-                gap.verdict,
-                gap.size,
-                sensors_in_words(gap.where.sensors) if gap.where.sensors else "all sensors",
-                gap.causes,
-            ),
-        )
+        where = sensors_in_words(gap.where.sensors) if gap.where.sensors else "all sensors"
+        return replace(gap, statement=statement(gap.verdict, gap.size, where, gap.causes))
     places = gap.signature[0].places
     gap = placed(gap, gap.signature, places)
     where = in_words(places, found.nominal.recording.sensor_count, is_common=True)

@@ -100,7 +100,7 @@ def in_words(places: Sequence[Place], sensor_count: int, is_common: bool) -> str
 
 
 def _one_in_words(place: Place, sensor_count: int, is_common: bool) -> str:
-    if is_common and place != SCALAR:
+    if is_common and place not in (SCALAR, ATTITUDE):
         return "the field at all sensors alike"
     return sensors_in_words(place, sensor_count)
 
@@ -239,7 +239,7 @@ def at_place(law: Signature, sensors: Place, axes: tuple[str, ...]) -> Signature
     sensors, axes : tuple
         Where the cause acts.
     """
-    if len(sensors) == 1 and sensors[0] in law.sensors and law.axes:
+    if len(sensors) == 1 < len(law.sensors) and sensors[0] in law.sensors and law.axes:
         law = replace(law, sensors=sensors, places=(sensors,))
     return replace(law, axes=axes) if sensors == law.sensors and len(axes) == 1 and axes[0] in law.axes else law
 

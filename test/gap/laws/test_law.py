@@ -1,5 +1,7 @@
 """Places of a law, in words and after its cause is known."""
 
+from dataclasses import replace
+
 import pytest
 
 from tam_calibration.gap.laws.law import ATTITUDE, SCALAR, Signature, at_place, in_words
@@ -44,5 +46,7 @@ def test_an_axis_of_a_cause_in_the_same_sensor():
     """A law of three axes of a sensor is of the one in which its cause is; the scalar has no axes."""
     law = Signature("offset", "step", (3,), ("x", "y", "z"), 1.0, ((3,),), None, (), 100.0)
     assert at_place(law, (3,), ("z",)).axes == ("z",)
+    either = replace(law, places=((3,), (1,)))
+    assert at_place(either, (3,), ("x", "y", "z")).places == either.places
     common = Signature("offset", "slow", SCALAR, (), 1.0, (SCALAR, (1, 2, 3, 4)), None, (), 100.0)
     assert at_place(common, SCALAR, ()) == common
