@@ -3,12 +3,15 @@
 from collections.abc import Callable, Collection, Iterator, Sequence
 from math import exp
 
+import numpy as np
+
 from tam_calibration.effects.effect import Effect, Finding, LinearEffect
-from tam_calibration.effects.grades import MINOR
+from tam_calibration.effects.grades import MINOR, MOST
 from tam_calibration.effects.library import effect_named, installed_effects
 from tam_calibration.effects.states import Times
 from tam_calibration.gap.hypothesis import EVERYWHERE, Hypothesis, Part, given_form, places_of, sensors_of
 from tam_calibration.gap.laws.law import ATTITUDE, FREE, SCALAR, Signature, acts_at, makes, may_make
+from tam_calibration.gap.laws.scatter import repeated
 from tam_calibration.gap.laws.signature import Law
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.regression import Base
@@ -121,9 +124,16 @@ def is_plausible(base: Base, offer: Evidence, law: Signature) -> bool:
     if places and ALL not in own and places.isdisjoint(own):
         return False
     if not isinstance(offer.form, Hypothesis):
-        return not places or ALL in own or own <= places
+        is_there = not places or ALL in own or own <= places
+        return is_there and not (effect_named(offer.effect).is_of_lone_samples and _is_repeated(base, offer.form))
     fitted = Part.at(base, offer.form).fitted(offer.form.terms)
     return offer.form.effect.oversize(base.channels.covariates, fitted) is None
+
+
+def _is_repeated(base: Base, form: Finding) -> bool:
+    """Say whether most of the samples that a finding flags repeat the reading before, or lie on a line."""
+    held = np.any(repeated(base.channels.recording.readings_T), axis=1)
+    return form.flagged is not None and bool(held[form.flagged].mean() > MOST)
 
 
 def sensors_for(effect: Effect, law: Signature, base: Base) -> frozenset[int]:

@@ -84,6 +84,23 @@ def test_readings_of_other_sensors_are_no_cause(run, sensors, is_possible):
     assert is_plausible(run().model().base(), offer, law) is is_possible
 
 
+@pytest.mark.parametrize("is_filled", [True, False])
+def test_readings_that_were_filled_in_are_no_spikes(run, is_filled):
+    """Where no effect that is tried fills readings in they stay unexplained; others far off are spikes."""
+    clean = run(900)
+    readings, struck = clean.recording.readings_T[:, 1], np.arange(50, 900, 80)
+    added = np.zeros((900, clean.row_count))
+    added[struck, 3:6] = 1e-6 * np.random.default_rng(1).normal(size=(len(struck), 3))
+    if is_filled:
+        for start in struck:
+            line = np.linspace(readings[start - 1], readings[start + 9], 11)[1:-1]
+            added[start : start + 9, 3:6] = line - readings[start : start + 9]
+    made = clean.with_added(added)
+    gap = diagnose(made.recording, made.array, without=["stale_samples", "interpolated_samples"])
+    assert ("outliers" in [cause.fitted.effect for cause in gap.causes]) is not is_filled
+    assert gap.signature[0].sensors == (2,) and (gap.verdict == "explained") is not is_filled
+
+
 @pytest.mark.parametrize("seed", [23, 28])
 def test_noise_is_no_cause_beside_an_open_law(run, seed):
     """At shuffled poses a rectified field has a law without a cause; what it leaves is not taken for noise."""
