@@ -68,11 +68,11 @@ def _places(residual: Residual) -> Iterator[tuple[str, Place, tuple[str, ...], F
     yield "noise", ("scalar",), (), residual.response[:, :, -1:]
 
 
-def goes_with_motion(residual: Residual, place: Place, axes: tuple[str, ...]) -> bool:
-    """Say whether noise at a place is larger in some directions or turns, and not merely at some times.
+def noise_follows(residual: Residual, place: Place, axes: tuple[str, ...]) -> str | None:
+    """Return what the size of noise at a place follows: "motion", a recorded channel, or None where it is neither.
 
-    The score tests of two variances are compared: one goes with the square of a component of the field or of the rate
-    of turning, at the time or a little later; the other differs between parts of the time.
+    Score tests of variances are compared: one goes with the square of a component of the field or of the rate of
+    turning, at the time or a little later, one with a channel or its square, and one differs between parts of the time.
     """
     columns = next(one[3] for one in _places(residual) if one[:3] == ("noise", place, axes))
     values, along = _resolved(columns, residual)
@@ -81,13 +81,17 @@ def goes_with_motion(residual: Residual, place: Place, axes: tuple[str, ...]) ->
     turning = residual.rate if residual.turning is None else residual.turning
     directions, step_s = _spread_directions(64), float(np.median(np.diff(residual.time_s)))
     after = [lagged((turning**2).sum(axis=1), residual.time_s, part * step_s) for part in (4.0, 16.0)]
-    squares = np.column_stack([(residual.field @ directions) ** 2, (turning @ directions) ** 2, *after])
-    squares = (squares - squares.mean(axis=0)) / np.maximum(squares.std(axis=0), ROUNDING)
-    penalty = 0.5 * np.log(residual.count)
-    of_motion = 0.5 * np.max((squares.T @ energy) ** 2) / residual.count - np.log(squares.shape[1]) - penalty
-    parts = np.array_split(energy, COARSE // 2)
+    drives = {"motion": np.column_stack([(residual.field @ directions) ** 2, (turning @ directions) ** 2, *after])}
+    drives |= {name: np.column_stack([one, one**2]) for name, one in residual.channels.items()}
+    penalty, parts = 0.5 * np.log(residual.count), np.array_split(energy, COARSE // 2)
     of_time = 0.5 * sum(one.sum() ** 2 / len(one) for one in parts) - (len(parts) - 1) * penalty
-    return bool(of_motion > max(of_time, 0.0) + LEAST_EVIDENCE)
+    evidence = {}
+    for name, drive in drives.items():
+        standard = (drive - drive.mean(axis=0)) / np.maximum(drive.std(axis=0), ROUNDING)
+        score = 0.5 * np.max((standard.T @ energy) ** 2) / residual.count
+        evidence[name] = score - np.log(drive.shape[1]) - penalty
+    best = max(evidence, key=lambda name: evidence[name])
+    return best if evidence[best] > max(of_time, 0.0) + LEAST_EVIDENCE else None
 
 
 def _spread_directions(count: int) -> FloatArray:

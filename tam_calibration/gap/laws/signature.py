@@ -15,7 +15,7 @@ from tam_calibration.gap.laws.find import Found, curve_of, predictive_laws
 from tam_calibration.gap.laws.law import FREE, SCALAR, Place, Signature
 from tam_calibration.gap.laws.patterns import AXES
 from tam_calibration.gap.laws.places import places_of, within
-from tam_calibration.gap.laws.scatter import goes_with_motion, law_of, repeated, scatter_of, spikes
+from tam_calibration.gap.laws.scatter import law_of, noise_follows, repeated, scatter_of, spikes
 from tam_calibration.gap.laws.states import change_times
 from tam_calibration.gap.laws.whitened import Residual, residual_of
 from tam_calibration.gap.model import Model
@@ -192,8 +192,8 @@ def _of_noise(scattered: list[Signature], rest: Residual) -> Signature:
     best = scattered[0]
     near = [one.sensors for one in scattered[1:] if one.evidence >= best.evidence - TIE]
     places = tuple(dict.fromkeys((*_of_scatter(best.sensors, rest), *near)))
-    if best.law == "noise" and goes_with_motion(rest, best.sensors, best.axes):
-        best = replace(best, course="motion", follows="motion")
+    if best.law == "noise" and (drive := noise_follows(rest, best.sensors, best.axes)):
+        best = replace(best, course="motion" if drive == "motion" else "channel", follows=drive)
     return replace(best, sensors=places[0], places=places)
 
 

@@ -115,6 +115,15 @@ def test_noise_that_goes_with_the_motion(run, goes_with):
     assert (first.law, first.course, first.follows, first.sensors) == ("noise", "motion", "motion", (2,))
 
 
+def test_noise_that_follows_a_channel(run):
+    """Brushes that spark the more current they carry are told with the current."""
+    clean = run(samples=900)
+    current = clean.recording.current_A
+    noise = np.random.default_rng(5).normal(size=900) * (current - current.min())
+    first = signature(clean.with_row(4, 1e-9 * noise))[0]
+    assert (first.law, first.course, first.follows, first.sensors) == ("noise", "channel", "current", (2,))
+
+
 def test_noise_of_a_reference(run):
     """A noisy reference multiplies the three readings of a sensor, so that noise has the direction of the field."""
     clean = run(samples=900)
