@@ -3,8 +3,6 @@
 from collections.abc import Callable, Collection, Iterator, Sequence
 from math import exp
 
-import numpy as np
-
 from tam_calibration.effects.effect import Effect, Finding, LinearEffect
 from tam_calibration.effects.grades import MINOR, MOST
 from tam_calibration.effects.library import effect_named, installed_effects
@@ -132,8 +130,8 @@ def is_plausible(base: Base, offer: Evidence, law: Signature) -> bool:
 
 def _is_repeated(base: Base, form: Finding) -> bool:
     """Say whether most of the samples that a finding flags repeat the reading before, or lie on a line."""
-    held = np.any(repeated(base.channels.recording.readings_T), axis=1)
-    return form.flagged is not None and bool(held[form.flagged].mean() > MOST)
+    held = repeated(base.channels.recording.readings_T)
+    return form.flagged is not None and bool(held[form.flagged].any(axis=1).mean() > MOST)
 
 
 def sensors_for(effect: Effect, law: Signature, base: Base) -> frozenset[int]:

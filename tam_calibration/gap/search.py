@@ -148,8 +148,8 @@ class _CauseSearch:
         for one in chain:
             own = absorbed(one, self._steps)
             self._model = self._model.accept(own.form)
-            sensors, axes = sensors_and_axes(places_of(own.form), self._model.recording)
-            made = at_place(as_made_by(one.effect, law.signature), sensors, axes)
+            place = sensors_and_axes(places_of(own.form), self._model.recording)
+            made = at_place(as_made_by(one.effect, law.signature), *place)
             self._steps.append(Step(own, made, tuple(dict.fromkeys(as_good))))
 
     def _with(self, chain: Sequence[Evidence]) -> Model:

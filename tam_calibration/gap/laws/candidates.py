@@ -153,7 +153,11 @@ def _line(residual: Residual, pattern: Pattern) -> tuple[float | None, int]:
     np.add.at(on_lattice, slot, score)
     power = (np.abs(np.fft.rfft(on_lattice, axis=0)) ** 2).sum(axis=1)
     frequency = np.fft.rfftfreq(length, step_s)
-    power[frequency < 12 / time_s[-1]] = 0  # a slower one is a drift
+    slowest = 12 / time_s[-1]  # a slower one is a drift
+    if pattern.law == "gain":  # and one of the pace of the motion a function of that
+        rate = np.gradient(residual.field, time_s, axis=0)
+        slowest = max(slowest, 2 / np.pi * float(np.sqrt(np.mean(rate**2) / residual.field.var(axis=0).mean())))
+    power[frequency < slowest] = 0
     near, spacing = float(frequency[power.argmax()]), float(frequency[1])  # a quarter of a line's width
 
     def loss(at: float) -> float:

@@ -88,8 +88,7 @@ def noise_follows(residual: Residual, place: Place, axes: tuple[str, ...]) -> st
     evidence = {}
     for name, drive in drives.items():
         standard = (drive - drive.mean(axis=0)) / np.maximum(drive.std(axis=0), ROUNDING)
-        score = 0.5 * np.max((standard.T @ energy) ** 2) / residual.count
-        evidence[name] = score - np.log(drive.shape[1]) - penalty
+        evidence[name] = 0.5 * np.max((standard.T @ energy) ** 2) / residual.count - np.log(drive.shape[1]) - penalty
     best = max(evidence, key=lambda name: evidence[name])
     return best if evidence[best] > max(of_time, 0.0) + LEAST_EVIDENCE else None
 
@@ -184,8 +183,8 @@ def law_of(rest: Residual, chosen: NDArray[np.bool_]) -> tuple[str, Place, tuple
             seen = values > 1e-9 * max(values.max(), 1e-300)
             explained[law, sensors, axes] = float((along**2 / np.where(seen, values, np.inf)).sum())
     noise = {key[1:]: value for key, value in explained.items() if key[0] == "noise"}
-    near = [key for key, value in noise.items() if value > NEARLY_ALL * max(noise.values())]
-    sensors, axes = min(near, key=lambda key: len(key[1]))
+    least = NEARLY_ALL * max(noise.values())
+    sensors, axes = min((key for key in noise if noise[key] > least), key=lambda key: len(key[1]))
     whole = float((rest.z[chosen] ** 2).sum()) - chosen.sum() * rest.z.shape[1]
     if noise[sensors, axes] < (1 - NOTABLE) * whole:
         return "samples", tuple(range(1, rest.sensor_count + 1)), tuple(AXES)

@@ -92,6 +92,16 @@ def test_a_tone(run):
     assert float(first.follows.split()[0]) == pytest.approx(4.3, abs=0.01)
 
 
+@pytest.mark.parametrize(("frequency_hz", "is_tone"), [(3.0, True), (0.25, False)])
+def test_a_gain_with_a_tone_is_faster_than_the_motion(run, frequency_hz, is_tone):
+    """At the pace of the motion, 0.14 Hz about its fastest axis, it would imitate what goes with that."""
+    clean = run(samples=1200)
+    wave = np.sin(2 * np.pi * frequency_hz * clean.recording.time_s)
+    first = signature(clean.with_row(5, 1e-4 * wave * along_axis(clean, 1, 2)))[0]
+    assert (first.sensors, first.axes) == ((2,), ("z",))
+    assert ((first.law, first.course) == ("gain", "tone")) is is_tone
+
+
 def test_a_noisy_axis(run):
     """White noise that is larger in one axis predicts nothing, and is told as variance."""
     clean = run(samples=900)
