@@ -56,7 +56,7 @@ def test_causes_are_listed_with_their_proof():
     words = causes_sentence(law("gain", "episodes"))
     assert words.startswith("Causes with this signature: ")
     assert "supply that sags (record the supply voltage of the sensor)" in words
-    assert causes_sentence(law("noise", "channel")) == ""
+    assert causes_sentence(law("samples", "channel")) == ""
 
 
 def test_the_course_is_drawn_with_its_band():
