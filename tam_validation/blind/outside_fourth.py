@@ -55,7 +55,7 @@ def long_average(rng: Generator, scene: Scene) -> Disturbance:
 
 
 def bimetal_snap(rng: Generator, scene: Scene, _sensor: int) -> FloatArray:
-    """Let a switch of two metals snap over beside a sensor when it is warm, and back when it is a little cooler."""
+    """Let a bimetal switch near a sensor snap over when it is warm, and back when it is a little cooler."""
     air_C, first = scene.temperature(scene.time_s), rng.uniform(0.3, 0.6)
     cool_C, warm_C = np.quantile(air_C, [first, first + rng.uniform(0.05, 0.2)])
     decided = np.where((air_C < cool_C) | (air_C > warm_C), np.arange(scene.sample_count), 0)
@@ -89,7 +89,7 @@ def brush_noise(rng: Generator, scene: Scene) -> Disturbance:
 
 
 def solar_panel(rng: Generator, scene: Scene) -> Disturbance:
-    """Carry a panel of solar cells beside the array: its current follows the cosine of the sun's angle."""
+    """Carry a panel of solar cells near the array: its current follows the cosine of the sun's angle."""
     for _ in range(_TRIES):
         sun, panel = draw_direction(rng), draw_direction(rng)
         lit = np.maximum(np.einsum("nij,j,i->n", scene.to_world, panel, [*sun[:2], abs(sun[2])]), 0)

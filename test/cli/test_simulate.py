@@ -37,7 +37,7 @@ def test_csv_with_array_and_truth_beside_it(run):
 
 @pytest.mark.parametrize("output", ["run", "run.mcap"])
 def test_bags(run, output):
-    """A bag, a folder or one file, holds the same samples as the simulation."""
+    """A bag has the same samples as the simulation, as a folder and as one file."""
     result = run("wu_turntable", "-o", output)
     assert result.exit_code == 0, result.output
     assert Path("run.truth.yaml").exists() and Path("run.array.yaml").exists()

@@ -79,10 +79,10 @@ def near_repeats(residual: Residual) -> Repeats | None:
     part = np.arange(residual.count) * 8 // residual.count
     pairs = []
     for before in range(8):
-        for after in range(before + 3, 8):
+        for after in range(before + 3, 8):  # a quarter of the time later, at least
             early, late = np.flatnonzero(part == before), np.flatnonzero(part == after)
             distance, partner = cKDTree(residual.field[late]).query(residual.field[early])
-            near = distance < NOTABLE
+            near = distance < NOTABLE  # radians, within which smooth functions of direction change little
             pairs.append(np.column_stack([early[near], late[partner[near]]]))
     first, second = np.concatenate(pairs).T
     is_enough = len(np.unique(np.append(first, second))) > NOTABLE * residual.count

@@ -236,6 +236,7 @@ def at_place(law: Signature, sensors: Place, axes: tuple[str, ...]) -> Signature
     Parameters
     ----------
     law : Signature
+        As it was found.
     sensors, axes : tuple
         Where the cause acts.
     """

@@ -69,10 +69,11 @@ def _places(residual: Residual) -> Iterator[tuple[str, Place, tuple[str, ...], F
 
 
 def noise_follows(residual: Residual, place: Place, axes: tuple[str, ...]) -> str | None:
-    """Return what the size of noise at a place follows: "motion", a recorded channel, or None where it is neither.
+    """Return what the size of noise at a place follows: "motion", a recorded channel, or None.
 
-    Score tests of variances are compared: one goes with the square of a component of the field or of the rate of
-    turning, at the time or a little later, one with a channel or its square, and one differs between parts of the time.
+    Score tests of variances are compared. Some follow the square of a component of the field or of the rate of turning.
+    Two follow the rate some samples later, as what rings or settles does. Others follow a channel or its square. The
+    last has a value for each part of the time.
     """
     columns = next(one[3] for one in _places(residual) if one[:3] == ("noise", place, axes))
     values, along = _resolved(columns, residual)
@@ -185,8 +186,8 @@ def law_of(rest: Residual, chosen: NDArray[np.bool_]) -> tuple[str, Place, tuple
     noise = {key[1:]: value for key, value in explained.items() if key[0] == "noise"}
     least = NEARLY_ALL * max(noise.values())
     sensors, axes = min((key for key in noise if noise[key] > least), key=lambda key: len(key[1]))
-    whole = float((rest.z[chosen] ** 2).sum()) - chosen.sum() * rest.z.shape[1]
-    if noise[sensors, axes] < (1 - NOTABLE) * whole:
+    beyond_noise = float((rest.z[chosen] ** 2).sum()) - chosen.sum() * rest.z.shape[1]
+    if noise[sensors, axes] < (1 - NOTABLE) * beyond_noise:
         return "samples", tuple(range(1, rest.sensor_count + 1)), tuple(AXES)
     along_rate = explained.get(("rate", sensors, axes), 0.0) if len(axes) == 3 and chosen.sum() >= FEWEST else 0.0
     return "rate" if along_rate > (1 - MINOR) * noise[sensors, axes] else "samples", sensors, axes

@@ -146,7 +146,7 @@ def _signatures(model: Model, residual: Residual, whole: float) -> tuple[list[Si
         least = max([LEAST_SHARE, *(one.energy for one in spiky)])
         # The largest values of noise in one channel look like spikes, which explain only a part of it.
         if scattered and scattered[0].energy > least and not (spiky and scattered[0].law == "samples"):
-            laws = [*(one for one in laws if one.law != "samples"), _of_noise(scattered, rest)]
+            laws = [*(one for one in laws if one not in spiky), _of_noise(scattered, rest)]
     return laws or _common_noise(model, residual), found
 
 
@@ -184,7 +184,17 @@ def _of_samples(rest: Residual, whole: float, chosen: NDArray[np.bool_], sensors
     times = tuple(rest.time_s[chosen].tolist())
     share = float(np.clip(energy, 0, 1))
     places = _of_scatter(sensors, rest, chosen)
-    return Signature(law, "random", places[0], axes, share, places, None, times, float(certain))
+    return Signature(
+        law if energy >= LEAST_SHARE else "samples",
+        "random",
+        places[0],
+        axes,
+        share,
+        places,
+        None,
+        times,
+        float(certain),
+    )
 
 
 def _of_noise(scattered: list[Signature], rest: Residual) -> Signature:

@@ -114,7 +114,7 @@ def test_a_noisy_axis(run):
 
 @pytest.mark.parametrize("goes_with", ["reading", "rate"])
 def test_noise_that_goes_with_the_motion(run, goes_with):
-    """Noise in proportion to an axis' own reading, or to its rate of change, is told as such."""
+    """Noise in proportion to an axis' own reading, or to its rate of change, follows the motion."""
     clean = run(samples=900)
     own = along_axis(clean, 1, 1)
     size = own if goes_with == "reading" else np.gradient(own)
@@ -126,7 +126,7 @@ def test_noise_that_goes_with_the_motion(run, goes_with):
 
 
 def test_noise_that_follows_a_channel(run):
-    """Brushes that spark the more current they carry are told with the current."""
+    """Brushes spark more at larger currents: their noise follows the current."""
     clean = run(samples=900)
     current = clean.recording.current_A
     noise = np.random.default_rng(5).normal(size=900) * (current - current.min())
@@ -171,8 +171,8 @@ def test_single_readings_whose_time_is_off(run):
         readings[[sample, sample + 1]] = readings[[sample + 1, sample]]
     added = np.zeros((900, clean.row_count))
     added[:, 3:6] = readings - clean.recording.readings_T[:, 1]
-    first = signature(clean.with_added(added))[0]
-    assert (first.law, first.course, first.sensors) == ("rate", "random", (2,))
+    (law,) = signature(clean.with_added(added))
+    assert (law.law, law.course, law.sensors) == ("rate", "random", (2,))
 
 
 def test_readings_that_are_held(run):
