@@ -179,22 +179,12 @@ def _of_samples(rest: Residual, whole: float, chosen: NDArray[np.bool_], sensors
     law, axes = "samples", tuple(AXES)
     if sensors is None:
         law, sensors, axes = law_of(rest, chosen)
-    # Of one sample in a hundred it is told however little they change.
+        law = law if energy >= LEAST_SHARE else "samples"
+    # From one sample in a hundred on it is stated, however little they change.
     certain = chosen.sum() if energy >= LEAST_SHARE or chosen.mean() > NEGLIGIBLE else 0.0
     times = tuple(rest.time_s[chosen].tolist())
-    share = float(np.clip(energy, 0, 1))
     places = _of_scatter(sensors, rest, chosen)
-    return Signature(
-        law if energy >= LEAST_SHARE else "samples",
-        "random",
-        places[0],
-        axes,
-        share,
-        places,
-        None,
-        times,
-        float(certain),
-    )
+    return Signature(law, "random", places[0], axes, float(np.clip(energy, 0, 1)), places, None, times, float(certain))
 
 
 def _of_noise(scattered: list[Signature], rest: Residual) -> Signature:
