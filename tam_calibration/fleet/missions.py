@@ -66,20 +66,17 @@ def fit_drift(
     count = int(known.sum())
     if not count:
         return None
-    days, value = (time_s[known] - time_s[0]) / DAY_S, values[known]
-    weight = standard_errors[known] ** -2.0
-    total = float(weight.sum())
-    mean, middle = float(weight @ value) / total, float(weight @ days) / total
-    if np.ptp(time_s[known]) <= least_apart_s:
-        return LinearDrift(count, mean, total**-0.5, math.nan, math.nan, math.nan)
-    since = days - middle
-    spread = float(weight @ since**2)
-    slope = float(weight @ (since * (value - mean))) / spread
-    scatter = math.nan
-    if count > 2:
-        scatter = math.sqrt(float(weight @ (value - mean - slope * since) ** 2) / (count - 2))
-    wider = max(1.0, scatter) if count > 2 else 1.0
-    return LinearDrift(count, mean, wider * total**-0.5, slope, wider * spread**-0.5, scatter)
+    days, value, weight = (time_s[known] - time_s[0]) / DAY_S, values[known], 1 / standard_errors[known]
+    since = days - np.average(days, weights=weight**2)
+    has_line = np.ptp(time_s[known]) > least_apart_s
+    line, covariance = np.polyfit(since, value, int(has_line), w=weight, cov="unscaled")
+    scatter, wider = math.nan, 1.0
+    if has_line and count > 2:
+        scatter = math.sqrt(np.sum((weight * (value - np.polyval(line, since))) ** 2) / (count - 2))
+        wider = max(1.0, scatter)
+    errors = (wider * np.sqrt(np.diagonal(covariance))).tolist()
+    slope, slope_error = (float(line[0]), errors[0]) if has_line else (math.nan, math.nan)
+    return LinearDrift(count, float(line[-1]), errors[-1], slope, slope_error, scatter)
 
 
 @dataclass(frozen=True)
@@ -167,11 +164,8 @@ def all_drifts(results: Sequence[Result]) -> list[ParameterDrift]:
     return [drift for missions in all_missions(results) for drift in missions.drifts()]
 
 
-COLUMNS = ("recordings", "done", "refused", "failed", "no gap", "explained", "open")
-
-
 def counts_of(results: Sequence[Result]) -> dict[str, int]:
-    """Return the number of recordings by status and by verdict, by the names of ``COLUMNS``."""
+    """Return the number of recordings by status and by verdict, by the names of columns."""
     status = Counter(result.status for result in results)
     verdicts = Counter(result.verdict for result in results if result.verdict)
     return {
@@ -187,8 +181,8 @@ def counts_of(results: Sequence[Result]) -> dict[str, int]:
 
 def causes_of(results: Sequence[Result]) -> dict[str, int]:
     """Return in how many recordings each cause was found, the most frequent first."""
-    causes = Counter(cause for result in results if result.gap for cause in result.gap["causes"])
-    return dict(sorted(causes.items(), key=lambda item: (-item[1], item[0])))
+    causes = sorted(cause for result in results if result.gap for cause in result.gap["causes"])
+    return dict(Counter(causes).most_common())
 
 
 def law_points(results: Sequence[Result]) -> list[str]:
@@ -213,7 +207,7 @@ def _occurrences(results: Sequence[Result]) -> str:
     return f"{len(results)} recording{'s' * (len(results) > 1)}{since}"
 
 
-COUNTS_HEADER = ("platform", *COLUMNS, "causes")
+COUNTS_HEADER = ("platform", *counts_of([]), "causes")
 DRIFT_HEADER = ("platform", "sensor", "parameter", "missions", "drift per day", "over its error", "scatter", "mean")
 
 
@@ -243,12 +237,9 @@ def drift_row(found: ParameterDrift) -> list[str]:
 
 def largest(drifts: Sequence[ParameterDrift]) -> list[ParameterDrift]:
     """Return the drift of each platform and kind of parameter that stands out most over its standard error."""
-    kinds: dict[tuple[str, str], ParameterDrift] = {}
-    for found in drifts:
-        key = found.platform, found.kind.name
-        if abs(found.drift.significance) > (abs(kinds[key].drift.significance) if key in kinds else 0.0):
-            kinds[key] = found
-    return list(kinds.values())
+    some = [found for found in drifts if abs(found.drift.significance) > 0]
+    groups = groupby(some, lambda found: (found.platform, found.kind.name))
+    return [max(group, key=lambda found: abs(found.drift.significance)) for _, group in groups]
 
 
 def open_points(results: Sequence[Result]) -> list[str]:

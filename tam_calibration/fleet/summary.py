@@ -35,6 +35,7 @@ from tam_calibration.report.blocks import Block, Gallery, Points, Section, Table
 from tam_calibration.report.formatting import KINDS, Kind, count, number, sentence
 from tam_calibration.report.page import embed, write_page
 from tam_calibration.report.style import COLORS, QUIET_COLOR, STYLE, WIDTH_INCH
+from tam_calibration.results.results_json import attributes
 
 
 @matplotlib.rc_context(STYLE | {"date.converter": "concise"})
@@ -80,7 +81,6 @@ _DRIFTS = (
     "it, in those standard errors, is above 1, the missions differ by more than their calibrations know of, and the "
     "standard errors given here are wider by it. Parameters that no recording determines are left out."
 )
-_RECORDINGS_HEADER = ("recording", "platform", "start (UTC)", "samples", "status", "verdict", "gap (noise floors)")
 
 
 def _write_fleet_page(path: Path, results: Sequence[Result]) -> None:
@@ -93,7 +93,8 @@ def _write_fleet_page(path: Path, results: Sequence[Result]) -> None:
     results : sequence of Result
         Sorted by platform and time.
     """
-    recordings = Table(_RECORDINGS_HEADER, list(map(_recording_cells, results)), numeric=False)
+    header = ("recording", "platform", "start (UTC)", "samples", "status", "verdict", "gap (noise floors)")
+    recordings = Table(header, list(map(_recording_cells, results)), numeric=False)
     sections = [_overview(results), *map(_drift_section, all_missions(results)), Section("Recordings", [recordings])]
     platforms = len(by_platform(results))
     subtitle = f"{_number(len(results), 'recording')} of {_number(platforms, 'platform')}"
@@ -166,8 +167,11 @@ def write_summaries(out: Path, results: Sequence[Result]) -> None:
     """
     with write_set(out / name for name in SUMMARIES) as (page, table, mapping):
         _write_fleet_page(page, results)
+        rows = list(map(_csv_row, results))
         with table.open("w", encoding="utf-8", newline="") as file:
-            csv.writer(file, quoting=csv.QUOTE_NONNUMERIC, lineterminator="\n").writerows(_summary_rows(results))
+            writer = csv.DictWriter(file, [*max(rows, key=len)], "", quoting=csv.QUOTE_NONNUMERIC, lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(rows)
         mapping.write_text(to_json(_summary_to_mapping(results)), encoding="utf-8")
 
 
@@ -204,31 +208,19 @@ def _drift_mapping(found: ParameterDrift) -> dict[str, Any]:
     }
 
 
-def _summary_rows(results: Sequence[Result]) -> list[list[Any]]:
-    """Return the header and the rows of ``summary.csv``; a cell is empty where there is nothing."""
-    sensors = max((len(result.sensors) for result in results), default=0)
-    header = ["platform", "recording", "path", "status", "verdict", "start_s", "end_s", "samples"]
-    header += ["gap_before", "gap_after", "gap_closed", "causes", "problems"]
-    header += [name for sensor in range(1, sensors + 1) for name in _columns(sensor)]
-    return [header, *(_csv_row(result, len(header)) for result in results)]
-
-
-def _columns(sensor: int) -> list[str]:
-    return [
-        f"sensor_{sensor}_{kind.key(part)}".removesuffix(f"_{kind.unit}") + f"_{axis}_{kind.unit}".rstrip("_")
-        for kind in KINDS
-        for part in ("", "standard_error")
-        for axis in kind.columns
-    ]
-
-
-def _csv_row(result: Result, width: int) -> list[Any]:
-    gap = result.gap or {"before": "", "after": "", "closed": "", "causes": []}
-    row: list[Any] = [result.platform, result.recording, result.path, result.status, result.verdict]
-    row += [*(result.time_span_s or ("", "")), result.samples]
-    row += [gap["before"], gap["after"], gap["closed"], " ".join(gap["causes"]), result.trouble]
-    row = [_FORMULA.sub(r"\1'", cell) if isinstance(cell, str) else cell for cell in row]
-    for sensor in result.sensors:
+def _csv_row(result: Result) -> dict[str, Any]:
+    """Return a row of ``summary.csv`` by its columns; those of sensors that were calibrated come last."""
+    gap = result.gap or {}
+    start_s, end_s = result.time_span_s or ("", "")
+    row = attributes(result, "platform", "recording", "path", "status", "verdict")
+    row |= {"start_s": start_s, "end_s": end_s, "samples": result.samples}
+    row |= {f"gap_{key}": gap.get(key, "") for key in ("before", "after", "closed")}
+    row |= {"causes": " ".join(gap.get("causes", ())), "problems": result.trouble}
+    row = {name: _FORMULA.sub(r"\1'", cell) if isinstance(cell, str) else cell for name, cell in row.items()}
+    for index, sensor in enumerate(result.sensors, 1):
         for kind in KINDS:
-            row += [*sensor[kind.key()], *sensor[kind.key("standard_error")]]
-    return row + [""] * (width - len(row))
+            for part in ("", "standard_error"):
+                name, unit = kind.key(part).removesuffix(f"_{kind.unit}"), kind.unit
+                columns = [f"sensor_{index}_{name}_{axis}_{unit}".rstrip("_") for axis in kind.columns]
+                row |= zip(columns, sensor[kind.key(part)], strict=True)
+    return row

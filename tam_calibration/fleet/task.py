@@ -275,70 +275,61 @@ def process(task: Task) -> None:
 
 
 @dataclass
-class _Notes:
-    """What kept the steps from their results, and whether that is a failure rather than an answer."""
+class _Steps:
+    """What kept steps from their results, and the status that follows."""
 
     problems: dict[str, str] = field(default_factory=dict)
-    is_failed: bool = False
+    status: Status = "done"
 
     @contextmanager
-    def step(self, name: str, may_refuse: bool = False) -> Iterator[None]:
-        """Keep what goes wrong within."""
+    def step(self, name: str) -> Iterator[None]:
+        """Keep what goes wrong within; that a fit refuses a recording is an answer and no failure."""
         try:
             yield
-        except (InputError, Refused) as problem:
-            self.problems[name] = str(problem)
-            self.is_failed |= not may_refuse
         except Exception as problem:  # one recording does not stop the others, whatever it is
-            self.problems[name] = f"{type(problem).__name__}: {problem}"
-            self.is_failed = True
-
-    @property
-    def status(self) -> Status:
-        if self.is_failed:
-            return "failed"
-        return "refused" if self.problems else "done"
+            is_refusal = isinstance(problem, InputError | Refused)
+            self.problems[name] = str(problem) if is_refusal else f"{type(problem).__name__}: {problem}"
+            is_answer = is_refusal and name in ("calibrate", "diagnose")
+            self.status = "refused" if is_answer and self.status != "failed" else "failed"
 
 
 def _work(task: Task, folder: Path) -> Result:
     """Write all files but the result, and return it."""
-    options, notes = task.options, _Notes()
+    options, steps = task.options, _Steps()
     calibration = options.calibration
     rest: dict[str, Any] = {}
-    with notes.step("read"):
+    with steps.step("read"):
         state = state_of(task.path)
         origin = provenance(task.path)
         source, usage = _read(task.path, options)
         rest |= {"seal": Seal(*state, origin.sha256), "samples": source.sample_count, "time_span_s": source.time_span_s}
-    if notes.problems:
-        return task.result(notes.status, notes.problems)
-    with notes.step("calibrate", may_refuse=True):
-        own = fit_with_usage(source, usage, lambda samples: calibrate(samples, options.array))
-        own = replace(own, source=origin)
+    if steps.problems:
+        return task.result(steps.status, steps.problems)
+    with steps.step("calibrate"):
+        fitted = fit_with_usage(source, usage, lambda samples: calibrate(samples, options.array))
+        own = replace(fitted, source=origin)
         write_calibration(folder / "calibration.yaml", own)
         rest["sensors"] = calibration_to_mapping(own)["sensors"]
         calibration = calibration or read_calibration(folder / "calibration.yaml")  # what others will correct with
-    with notes.step("diagnose", may_refuse=True):
-        remarks = () if usage is None else usage.remarks()
-        gap = diagnose(source, options.array)
-        gap = replace(gap, remarks=(*remarks, *gap.remarks))
+    with steps.step("diagnose"):
+        found = diagnose(source, options.array)
+        gap = replace(found, remarks=(*(() if usage is None else usage.remarks()), *found.remarks))
         write_gap(folder / "gap.json", gap, origin)
         rest["gap"] = _in_short(gap_to_mapping(gap))
     if calibration is not None:
-        with notes.step("correct"):
+        with steps.step("correct"):
             rest["corrected"] = _correct(task, calibration, folder)
-    return task.result(notes.status, notes.problems, **rest)
+    return task.result(steps.status, steps.problems, **rest)
 
 
 def _read(path: Path, options: Options) -> tuple[SampleSource, Usage | None]:
     """Return samples for a fit, without what effects of the given calibration add, and their usage."""
-    array = options.array
-    source = path, array, options.how
-    if options.calibration is not None and options.calibration.effects:
-        samples = read_samples(*source)
-        quiet, usage = options.calibration.without_effects(samples.recording), samples.usage
-        return (quiet if usage is None else usage.with_each_reading_once(quiet)), usage
-    return read_source(*source)
+    source = path, options.array, options.how
+    if options.calibration is None or not options.calibration.effects:
+        return read_source(*source)
+    samples = read_samples(*source)
+    quiet, usage = options.calibration.without_effects(samples.recording), samples.usage
+    return (quiet if usage is None else usage.with_each_reading_once(quiet)), usage
 
 
 def _in_short(content: dict[str, Any]) -> dict[str, Any]:
