@@ -45,7 +45,7 @@ def faults_of(source: SampleSource, array: Array) -> list[Fault]:
 
 def _each_kind(source: SampleSource, overview: Overview, array: Array) -> Iterator[Iterable[Fault]]:
     """Yield the faults of each kind; those that cause others first."""
-    frozen, copies = FrozenAxes(source.sensor_count), Copies(source.sensor_count)
+    frozen, copies = FrozenAxes(source.sensor_count), Copies()
     for block in source.blocks():
         frozen.add(block)
         copies.add(block)

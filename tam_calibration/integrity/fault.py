@@ -62,6 +62,19 @@ class Fault:
     may_be_effect: bool = False
 
 
+def fault_of_axis(
+    name: str,
+    row: int,
+    words: str,
+    time_s: tuple[float, float],
+    severity: Severity = "refusal",
+    may_be_effect: bool = False,
+) -> Fault:
+    """Return a fault of the row 3 i + a, axis a of sensor i; its sentence is the axis and the words."""
+    sensor, axis = row // 3 + 1, "xyz"[row % 3]
+    return Fault(name, sensor, axis, time_s, f"{channel(sensor, axis)} {words}", severity, may_be_effect)
+
+
 def channel(sensor: int, axis: str = "") -> str:
     """Return a sensor, numbered from 1, or one of its axes for people."""
     return f"sensor {sensor} axis {axis}" if axis else f"sensor {sensor}"

@@ -3,13 +3,14 @@
 All are found in one pass through the samples.
 """
 
+from collections import defaultdict
 from dataclasses import dataclass
-from itertools import permutations
+from itertools import combinations
 from math import log
 
 import numpy as np
 
-from tam_calibration.integrity.fault import Fault, between, channel, in_nanotesla
+from tam_calibration.integrity.fault import Fault, between, channel, fault_of_axis, in_nanotesla
 from tam_calibration.integrity.overview import Overview
 from tam_calibration.model.recording import Block, SampleSource
 from tam_calibration.model.units import FloatArray
@@ -19,20 +20,22 @@ SHORTEST = 10
 samples, an effect that is fitted as well."""
 
 
-def is_chance(equal: int, share: float, count: int) -> bool:
-    """Whether so many equalities in a row may happen by chance.
+def _chance(length: int, equal: int, count: int) -> float | None:
+    """Return how often readings are equal elsewhere; None where that may make so many equal ones in a row.
 
     Parameters
     ----------
+    length : int
+        Readings in the longest row of equal ones.
     equal : int
-        Number of equalities in a row.
-    share : float
-        Chance of one equality, above 0: how often it happens elsewhere.
+        Equalities before, in and after it.
     count : int
-        Number of samples, at each of which the row may begin.
+        Number of samples.
     """
+    share = (equal - length + 2) / (count - length + 2)
     # Probability of a false alarm in one recording.
-    return share >= 1 or equal * log(share) > log(1e-6 / count)
+    is_chance = share >= 1 or (length - 1) * log(share) > log(1e-6 / count)
+    return None if length < SHORTEST or is_chance else share
 
 
 PROBES = 16
@@ -64,34 +67,22 @@ class _Pair:
                 self.longest, self.late = length, late
                 self.time_s = float(time_s[start]), float(time_s[stop - 1])
 
-    def is_copy(self, count: int) -> bool:
-        """Whether the stretch is longer than chance makes it, in so many samples."""
-        share = (self.equal - self.longest + 1) / (count - self.longest + 2)
-        return self.longest >= SHORTEST and not is_chance(self.longest - 1, share, count)
-
 
 class Copies:
-    """Which sensor repeats which.
+    """Which sensor repeats which."""
 
-    Parameters
-    ----------
-    sensor_count : int
-        Number of sensors K.
-    """
-
-    def __init__(self, sensor_count: int) -> None:
-        self._count, self._sensors = 0, sensor_count
-        self._pairs = {pair: _Pair() for pair in permutations(range(sensor_count), 2)}
+    def __init__(self) -> None:
+        self._count = 0
+        self._pairs: dict[tuple[int, int], _Pair] = defaultdict(_Pair)
 
     def add(self, block: Block) -> None:
         """Add the samples of a block."""
-        self._count += len(block.time_s)
-        if not self._pairs:
-            return
+        count, sensors, _ = block.readings_T.shape
+        self._count += count
         weights = np.array([1.0, 0.6180339887498949, 0.41421356237309503])  # different readings get different numbers
-        numbers = np.ascontiguousarray((block.readings_T.reshape(-1, 3) @ weights).reshape(-1, self._sensors).T)
-        for copy, original in self._pairs:
-            if copy > original and (numbers[copy] == numbers[original]).any():
+        numbers = np.ascontiguousarray((block.readings_T.reshape(-1, 3) @ weights).reshape(count, sensors).T)
+        for original, copy in combinations(range(sensors), 2):
+            if (numbers[copy] == numbers[original]).any():
                 self._pairs[copy, original].add(numbers[copy], numbers[original], block.time_s, 0)
         for copy, original, late in _lags(numbers[:, :LATEST]):
             self._pairs[copy, original].add(numbers[copy, late:], numbers[original, :-late], block.time_s[late:], late)
@@ -105,8 +96,8 @@ class Copies:
             Of what was added.
         """
         faults, known = [], set()
-        for (copy, original), pair in self._pairs.items():
-            if pair.is_copy(self._count):
+        for (copy, original), pair in sorted(self._pairs.items()):
+            if _chance(pair.longest, pair.equal - 1, self._count) is not None:
                 known.add(frozenset((copy, original)))
                 when = f" {pair.late} samples later" if pair.late else ""
                 sentence = (
@@ -138,23 +129,20 @@ def _lags(numbers: FloatArray) -> list[tuple[int, int, int]]:
 
 def _axes(overview: Overview, known: set[frozenset[int]]) -> list[Fault]:
     """Return the axes that repeat another but for scale and offset."""
-    centered = overview.values_T - overview.values_T.mean(axis=1, keepdims=True)
-    is_constant = overview.sorted_T[:, 0] == overview.sorted_T[:, -1]
-    size = np.where(is_constant, 0, np.sqrt(np.einsum("in,in->i", centered, centered)))
-    unit = np.divide(centered, size[:, None], out=np.zeros_like(centered), where=size[:, None] > 0)
+    values, ordered, count = overview.values_T, overview.sorted_T, overview.sensor_count
+    is_still = (ordered[:, 0] == ordered[:, -1]) | (values.var(axis=1) == 0)
+    correlation = np.corrcoef(values)
+    correlation[is_still | is_still[:, None]] = 0
     faults = []
-    correlation, count = unit @ unit.T, overview.sensor_count
     own = correlation.reshape(count, 3, count, 3)[range(count), :, range(count)]
-    # Variance out of a plane of readings without noise, in units of theirs: axes agree there because the field
-    # does.
+    # Variance out of a plane of readings without noise, in units of theirs: axes agree there because the field does.
     is_flat = np.linalg.eigvalsh(own)[:, 0] < 1e-12
     for copy, original in np.argwhere(np.tril(np.abs(correlation) > COPIED, -1)).tolist():
         witnesses = is_flat if copy // 3 != original // 3 else np.delete(is_flat, copy // 3)
         if frozenset((copy // 3, original // 3)) not in known and not (len(witnesses) and witnesses.all()):
-            one, other = (channel(row // 3 + 1, "xyz"[row % 3]) for row in (copy, original))
-            sentence = f"{one} repeats {other} but for scale and offset {between(overview.time_s)}"
-            sentence += ": it is no axis of its own"
-            faults.append(Fault("repeated", copy // 3 + 1, "xyz"[copy % 3], overview.time_s, sentence))
+            other, when = channel(original // 3 + 1, "xyz"[original % 3]), between(overview.time_s)
+            words = f"repeats {other} but for scale and offset {when}: it is no axis of its own"
+            faults.append(fault_of_axis("repeated", copy, words, overview.time_s))
     return faults
 
 
@@ -200,7 +188,7 @@ class FrozenAxes:
         self._last, self._step_T = np.full(columns, np.nan), np.full(columns, np.inf)
         self._start, self._start_s = np.zeros(columns, dtype=int), np.zeros(columns)
         self._longest = np.repeat([[1.0], [0.0], [0.0], [0.0]], columns, axis=1)  # samples, value, first and last time
-        self._zeros, self._zero_s = np.zeros(sensor_count, dtype=int), np.zeros((sensor_count, 2))
+        self._zeros: dict[int, tuple[int, float, float]] = {}  # of each sensor, with first and last time
 
     def add(self, block: Block) -> None:
         """Add the samples of a block."""
@@ -223,12 +211,11 @@ class FrozenAxes:
         self._start, self._last, self._count = last + self._count, values[-1].copy(), self._count + len(values)
 
     def _add_zeros(self, block: Block) -> None:
-        for sensor in np.flatnonzero((block.readings_T[:, :, 0] == 0).any(axis=0)):
-            zero = np.flatnonzero(~block.readings_T[:, sensor].any(axis=1))
-            if len(zero):
-                first = self._zero_s[sensor, 0] if self._zeros[sensor] else block.time_s[zero[0]]
-                self._zero_s[sensor] = first, block.time_s[zero[-1]]
-                self._zeros[sensor] += len(zero)
+        for sensor in np.flatnonzero((block.readings_T[:, :, 0] == 0).any(axis=0)).tolist():
+            zero_s = block.time_s[~block.readings_T[:, sensor].any(axis=1)].tolist()
+            if zero_s:
+                count, first_s, _ = self._zeros.get(sensor, (0, zero_s[0], 0.0))
+                self._zeros[sensor] = count + len(zero_s), first_s, zero_s[-1]
 
     def faults(self, source: SampleSource) -> list[Fault]:
         """Return what is wrong; the recording is read once more where something may be.
@@ -239,29 +226,29 @@ class FrozenAxes:
             What was added.
         """
         zeros = self._zero_faults()
-        constant = [run for run in self._runs() if run.value_T != 0 or not self._zeros[run.columns[0] // 3]]
+        constant = [run for run in self._runs() if run.value_T != 0 or run.columns[0] // 3 not in self._zeros]
         return zeros + (_frozen(_by_sensor(constant), self._step_T, source) if constant else [])
 
     def _zero_faults(self) -> list[Fault]:
         faults = []
-        for sensor in np.flatnonzero(self._zeros):
-            count, time_s = int(self._zeros[sensor]), (float(self._zero_s[sensor, 0]), float(self._zero_s[sensor, 1]))
+        for sensor, (count, first_s, last_s) in sorted(self._zeros.items()):
+            time_s = first_s, last_s
             sentence = (
                 f"sensor {sensor + 1} reads exactly zero on all axes in {count} sample{'s' * (count > 1)} "
                 f"{between(time_s)}, which no sensor in a field does: its driver had no reading"
             )
-            faults.append(Fault("zero", int(sensor) + 1, "", time_s, sentence, may_be_effect=count < self._count))
+            faults.append(Fault("zero", sensor + 1, "", time_s, sentence, may_be_effect=count < self._count))
         return faults
 
     def _runs(self) -> list[_Run]:
         """Return runs that are longer than chance makes them."""
         found = []
         for column, (equal, run) in enumerate(zip(self._equal.tolist(), self._longest.T.tolist(), strict=True)):
-            length, value_T, *time_s = run
-            share = (equal - length + 2) / (self._count - length + 2)
-            if length >= SHORTEST and not is_chance(int(length) - 1, share, self._count):
+            length, value_T, first_s, last_s = run
+            share = _chance(length, equal, self._count)
+            if share is not None:
                 is_fine = share < FINE or length == self._count
-                found.append(_Run((column,), (time_s[0], time_s[1]), value_T, is_fine))
+                found.append(_Run((column,), (first_s, last_s), value_T, is_fine))
         return found
 
 
@@ -282,30 +269,26 @@ def _by_sensor(runs: list[_Run]) -> list[_Run]:
 def _frozen(runs: list[_Run], step_T: FloatArray, source: SampleSource) -> list[Fault]:
     """Return those runs during which other axes move, and that end or begin with more than a step of the axis."""
     faults = []
-    spans = [_Span(time_s, len(step_T)) for time_s in (*(run.time_s for run in runs), source.time_span_s)]
+    times_s = [*(run.time_s for run in runs), source.time_span_s]
+    *during, complete = spans = [_Span(time_s, len(step_T)) for time_s in times_s]
     for block in source.blocks():
         for span in spans:
             span.add(block)
-    *during, complete = spans
     for run, span in zip(runs, during, strict=True):
         low_T, high_T = complete.low_T[run.columns[0]], complete.high_T[run.columns[0]]
         is_at_end = low_T < high_T and run.value_T in (low_T, high_T)
         if not run.is_of_sensor and (not run.is_fine or is_at_end):
             continue  # it may have turned about an axis of coarse steps; and the end of a range is saturation
-        if _is_one_step(run, span, step_T):
-            continue
-        part = np.divide(span.range_T, complete.range_T, out=np.zeros_like(step_T), where=complete.range_T > 0)
+        columns = list(run.columns)
+        changes = np.abs(span.around_T[:, columns] - span.low_T[columns])
+        if np.isfinite(changes).any() and not (changes > STEPS * step_T[columns]).any():
+            continue  # it comes and goes by a step or two of its own: it may be at rest, or turn back
+        range_T, all_T = (each.high_T - each.low_T for each in (span, complete))
+        part = np.divide(range_T, all_T, out=np.zeros_like(step_T), where=all_T > 0)
         moved = np.delete(part, run.columns)
         if run.is_fine if not len(moved) else moved.max() > (0 if run.is_fine else MOVED):
             faults.append(_fault(run, "the others move" if len(moved) else "its noise would show", source))
     return faults
-
-
-def _is_one_step(run: _Run, span: "_Span", step_T: FloatArray) -> bool:
-    """Whether an axis comes and goes by a step or two of its own: it may be at rest, or turn back."""
-    columns = list(run.columns)
-    changes = np.abs(span.around_T[:, columns] - span.low_T[columns])
-    return bool(np.isfinite(changes).any() and not (changes > STEPS * step_T[columns]).any())
 
 
 def _fault(run: _Run, whose: str, source: SampleSource) -> Fault:
@@ -327,11 +310,6 @@ class _Span:
         self._time_s = time_s
         self.low_T, self.high_T = np.full(columns, np.inf), np.full(columns, -np.inf)
         self.around_T = np.full((2, columns), np.nan)
-
-    @property
-    def range_T(self) -> FloatArray:
-        """(3K,) range of the readings."""
-        return np.asarray(self.high_T - self.low_T)
 
     def add(self, block: Block) -> None:
         """Add the samples of a block."""

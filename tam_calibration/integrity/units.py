@@ -28,7 +28,8 @@ def in_other_units(overview: Overview, array: Array) -> Iterator[Fault]:
     array : Array
         What the intensity of the field can be.
     """
-    field, scalar_T = array.field, _scalar(overview)
+    field, scalar = array.field, overview.recording.scalar_T
+    scalar_T = None if scalar is None else float(np.nanmedian(scalar))
     known_T = scalar_T if scalar_T is not None and field.hold(scalar_T) else None
     size = np.sqrt(np.sum(overview.spread_T**2, axis=1))
     wrong = _of_sensors(overview, field if known_T is None else known_T)
@@ -54,11 +55,6 @@ def in_other_units(overview: Overview, array: Array) -> Iterator[Fault]:
             f"{in_nanotesla(usual)}: it is in another unit"
         )
         yield Fault("unit", None, "", overview.time_s, sentence)
-
-
-def _scalar(overview: Overview) -> float | None:
-    scalar = overview.recording.scalar_T
-    return None if scalar is None else float(np.nanmedian(scalar))
 
 
 def _may_be_read(overview: Overview, field: FieldBounds) -> bool:

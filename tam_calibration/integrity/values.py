@@ -7,9 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tam_calibration.integrity.fault import Fault, Severity, between, channel, in_nanotesla
+from tam_calibration.integrity.fault import Fault, between, fault_of_axis, in_nanotesla
 from tam_calibration.integrity.overview import Overview
 from tam_calibration.model.array import Array
 from tam_calibration.model.units import FloatArray
@@ -27,11 +26,8 @@ COARSE = 10.0
 
 def at_ends(overview: Overview) -> Iterator[Fault]:
     """Yield the axes that stay at an end of their range, each with the share of the samples there."""
-    values, ordered = overview.values_T, overview.sorted_T
-    count = values.shape[1]
-    for column, row in enumerate(ordered):
-        if count <= 2 * FEWEST_AT_END:
-            return
+    values = overview.values_T
+    for column, row in enumerate(overview.sorted_T):
         for name, outward in (("largest", row[::-1]), ("smallest", row)):
             end = outward[0]
             if outward[FEWEST_AT_END - 1] != end:
@@ -49,15 +45,13 @@ def at_ends(overview: Overview) -> Iterator[Fault]:
 
 
 def _at_end(overview: Overview, column: int, name: str, end_T: float, there: np.ndarray) -> Fault:
-    sensor, axis, share = column // 3 + 1, "xyz"[column % 3], float(there.mean())
-    time_s = overview.recording.time_s[there]
+    share, time_s = float(there.mean()), overview.recording.time_s[there]
     span = float(time_s[0]), float(time_s[-1])
-    sentence = (
-        f"{channel(sensor, axis)} stays at its {name} reading, {in_nanotesla(end_T)}, in {share:.2g} of the samples "
-        f"{between(span)}: it is saturated"
+    words = (
+        f"stays at its {name} reading, {in_nanotesla(end_T)}, in {share:.2g} of the samples {between(span)}: "
+        "it is saturated"
     )
-    severity: Severity = "refusal" if share >= MANY_AT_END else "warning"
-    return Fault("saturated", sensor, axis, span, sentence, severity, may_be_effect=True)
+    return fault_of_axis("saturated", column, words, span, "refusal" if share >= MANY_AT_END else "warning", True)
 
 
 def in_steps(overview: Overview, array: Array) -> Iterator[Fault]:
@@ -68,13 +62,11 @@ def in_steps(overview: Overview, array: Array) -> Iterator[Fault]:
         noise = float(array.vector_noise_T[column // 3])
         step = _step(row)
         if step is not None and step / np.sqrt(12) > COARSE * noise:
-            sensor, axis = column // 3 + 1, "xyz"[column % 3]
-            sentence = (
-                f"{channel(sensor, axis)} reads in steps of {in_nanotesla(step)} {between(overview.time_s)}, "
-                f"{step / np.sqrt(12) / noise:.3g} times the stated noise: state the noise of these readings, or leave "
-                "it out"
+            words = (
+                f"reads in steps of {in_nanotesla(step)} {between(overview.time_s)}, {step / np.sqrt(12) / noise:.3g} "
+                "times the stated noise: state the noise of these readings, or leave it out"
             )
-            yield Fault("quantised", sensor, axis, overview.time_s, sentence, may_be_effect=True)
+            yield fault_of_axis("quantised", column, words, overview.time_s, may_be_effect=True)
 
 
 def _step(ordered: FloatArray) -> float | None:
@@ -129,23 +121,9 @@ class _Bands:
     first: float
     filled: float
 
-    def left_out(self, values: FloatArray) -> NDArray[np.bool_]:
-        """Return which values (n,) lie where none should."""
-        phase = (values - self.origin_T) / self.period_T
-        return np.asarray((phase - self.first) % 1.0 > self.filled)
-
-    @classmethod
-    def of(cls, values: FloatArray, period_T: float) -> "_Bands | None":
-        """Return the bands that values (n,) fill evenly; None where they leave out too little, or fill no bands."""
-        phase = (values - values[0]) / period_T % 1.0
-        ordered = np.sort(phase)
-        gaps = np.diff(np.append(ordered, ordered[0] + 1))
-        widest = int(gaps.argmax())
-        empty, first = float(gaps[widest]), float(ordered[(widest + 1) % len(ordered)])
-        if not EMPTY[0] <= empty <= EMPTY[1]:
-            return None
-        parts = (8 * ((phase - first) % 1.0) / (1 - empty)).astype(int).clip(0, 7)
-        return cls(period_T, float(values[0]), first, 1 - empty) if len(np.unique(parts)) >= FILLED else None
+    def place(self, values: FloatArray) -> FloatArray:
+        """Return how far values (n,) lie behind the begin of their band, in periods."""
+        return np.asarray(((values - self.origin_T) / self.period_T - self.first) % 1.0)
 
 
 def with_stuck_bits(overview: Overview) -> Iterator[Fault]:
@@ -156,12 +134,11 @@ def with_stuck_bits(overview: Overview) -> Iterator[Fault]:
         bands = None if cycles is None or column in found else _bands(part, cycles)
         if bands is not None and _is_of_converter(overview, column, part, bands):
             found.add(column)
-            sensor, axis = column // 3 + 1, "xyz"[column % 3]
-            sentence = (
-                f"{channel(sensor, axis)} leaves out every second band of {in_nanotesla(bands.period_T / 2)} "
-                f"{between(overview.time_s)}: a bit of its converter is stuck"
+            words = (
+                f"leaves out every second band of {in_nanotesla(bands.period_T / 2)} {between(overview.time_s)}: "
+                "a bit of its converter is stuck"
             )
-            yield Fault("stuck_bits", sensor, axis, overview.time_s, sentence)
+            yield fault_of_axis("stuck_bits", column, words, overview.time_s)
 
 
 def _parts(ordered: FloatArray) -> Iterator[FloatArray]:
@@ -194,13 +171,22 @@ def _bands(values: FloatArray, cycles: float) -> _Bands | None:
     """Return the bands of increasing values (n,), of which a number fits into the range that is known to a half.
 
     Of the periods that may be meant it takes the one that leaves most out: where bands are few, unevenly filled ones
-    agree best in their phases at another.
+    agree best in their phases at another. None where they leave out too little, or fill no bands evenly.
     """
     span = float(values[-1] - values[0])
     near = cycles + np.linspace(-0.5, 0.5, 33)
     ordered = np.sort((values - values[0]) / span * near[:, None] % 1.0, axis=1)
     gaps = np.diff(ordered, axis=1, append=ordered[:, :1] + 1)
-    return _Bands.of(values, span / float(near[gaps.max(axis=1).argmax()]))
+    period_T = span / float(near[gaps.max(axis=1).argmax()])
+    ordered = np.sort((values - values[0]) / period_T % 1.0)  # to the last bit as ``place`` has it
+    gaps = np.diff(ordered, append=ordered[0] + 1)
+    widest = int(gaps.argmax())
+    empty, first = float(gaps[widest]), float(ordered[(widest + 1) % len(ordered)])
+    if not EMPTY[0] <= empty <= EMPTY[1]:
+        return None
+    bands = _Bands(period_T, float(values[0]), first, 1 - empty)
+    parts = (8 * bands.place(values) / bands.filled).astype(int).clip(0, 7)
+    return bands if len(np.unique(parts)) >= FILLED else None
 
 
 def _is_mixed(overview: Overview, column: int, values: FloatArray, bands: _Bands) -> bool:
@@ -211,13 +197,16 @@ def _is_mixed(overview: Overview, column: int, values: FloatArray, bands: _Bands
     first, readings = column - column % 3, overview.values_T
     # The period is known well enough among the values that showed it.
     readings = readings[:, (readings[column] >= values[0]) & (readings[column] <= values[-1])]
-    own = readings[[row for row in range(first, first + 3) if row != column]]
-    place = ((readings[column] - bands.origin_T) / bands.period_T - bands.first) % 1.0
-    design = np.column_stack([own.T / np.abs(own).max(), np.ones(len(place))])
-    left = place - design @ np.linalg.lstsq(design, place, rcond=None)[0]
-    # Share of the variance within the bands that the sensor's other axes explain: noise leaves all, a matrix
-    # little.
-    return bool(left.var() < (1 - 0.5) * place.var())
+    own = np.delete(readings[first : first + 3], column - first, axis=0)
+    place = bands.place(readings[column])
+    # Noise leaves all of the variance within the bands, a matrix little.
+    return bool(_unexplained(place, own / np.abs(own).max()).var() < 0.5 * place.var())
+
+
+def _unexplained(values: FloatArray, causes: FloatArray) -> FloatArray:
+    """Return what causes (p, n) and a constant leave of values (n,)."""
+    design = np.column_stack([causes.T, np.ones(len(values))])
+    return np.asarray(values - design @ np.linalg.lstsq(design, values, rcond=None)[0])
 
 
 def _is_of_converter(overview: Overview, column: int, values: FloatArray, bands: _Bands) -> bool:
@@ -229,12 +218,11 @@ def _is_of_converter(overview: Overview, column: int, values: FloatArray, bands:
         # The same if no other sensor shows that the motion leaves nothing out: fewer bands may be visited
         # attitudes.
         return different >= DIFFERENT and float(values[-1] - values[0]) > 16.0 * bands.period_T
-    readings = overview.values_T
-    others = np.delete(readings, range(column - column % 3, column - column % 3 + 3), axis=0)
-    design = np.column_stack([others.T, np.ones(readings.shape[1])]) / np.abs(others).max()
-    predicted = design @ np.linalg.lstsq(design, readings[column], rcond=None)[0]
+    readings, first = overview.values_T, column - column % 3
+    others = np.delete(readings, range(first, first + 3), axis=0)
+    predicted = readings[column] - _unexplained(readings[column], others / np.abs(others).max())
     inside = (predicted > values[0]) & (predicted < values[-1])
     # A bit moves half of the readings by half a period, and an offset takes half of that; other errors are smaller.
-    is_moved = bands.left_out(predicted) & (np.abs(predicted - readings[column]) > bands.period_T / 8)
+    is_moved = (bands.place(predicted) > bands.filled) & (np.abs(predicted - readings[column]) > bands.period_T / 8)
     # Share of the readings that the other sensors predict to lie in the gaps: half of them for half a period.
     return bool(inside.any()) and float(is_moved[inside].mean()) > 0.2
