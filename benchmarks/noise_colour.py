@@ -13,7 +13,7 @@ import click
 import numpy as np
 from asked import ANYTHING, Figure, show
 
-from tam_calibration.comparison.noise import differs
+from tam_calibration.comparison.agreement import differs
 from tam_calibration.gap.noise import AxisNoise, noise_of
 from tam_calibration.model.units import FloatArray
 

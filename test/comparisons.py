@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tam_calibration.comparison.figure import Figure, ReadingFigure
 from tam_calibration.comparison.mend import Mend, NoiseTerm
 from tam_calibration.comparison.result import (
     Closing,
@@ -14,10 +13,10 @@ from tam_calibration.comparison.result import (
     Mistake,
     NoiseDifference,
     OtherParameters,
-    Side,
     SourceError,
     Step,
 )
+from tam_calibration.comparison.side import Figure, ReadingFigure, Side
 from tam_calibration.gap.noise import AxisNoise
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 

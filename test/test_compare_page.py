@@ -10,8 +10,8 @@ from click.testing import CliRunner
 from mujoco_vehicle import main as vehicle
 
 from tam_calibration.cli.main import main as tam
+from tam_calibration.comparison.mend import python_plugin
 from tam_calibration.comparison.mistakes.units import _UNITS
-from tam_calibration.comparison.snippets import python_plugin
 
 ROOT = Path(__file__).parents[1]
 
@@ -89,4 +89,4 @@ def test_the_table_of_mistakes_has_every_kind():
     told = [kind for row in rows if row.startswith("| `") for kind in re.findall(r"`(\w+)`", row.split("|")[1])]
     files = (ROOT / "tam_calibration" / "comparison" / "mistakes").glob("[!_]*.py")
     known = {kind for file in files for kind in re.findall(r'"([a-z]+(?:_[a-z]+)+)"', file.read_text(encoding="utf-8"))}
-    assert sorted(told) == sorted(known | {f"{unit.given}_for_{unit.expected}" for unit in _UNITS})
+    assert sorted(told) == sorted(known | {f"{given}_for_{expected}" for given, expected in _UNITS})

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tam_calibration.comparison.mistakes.find import mistakes_of
+from tam_calibration.comparison.mistakes import mistakes_of
 from tam_calibration.fit import calibrate
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.recordings import read_array, read_recording

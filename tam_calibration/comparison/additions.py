@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from tam_calibration.comparison.mend import Mend
-from tam_calibration.comparison.noise_stream import NoiseStream
-from tam_calibration.comparison.streamed_effects import streamed
+from tam_calibration.comparison.streams import NoiseStream, StreamedEffect, streamed
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import check_numbers, effect_named
@@ -53,16 +52,14 @@ class Additions:
         """Begin a run."""
         self._newest_s = -np.inf
         noise, *own = self._generator.spawn(1 + len(self._mend.added))
-        self._noise = _noise_stream(self._mend, noise)
+        of_field: list[StreamedEffect] = []
+        of_reading: list[StreamedEffect] = []
+        pairs = zip(self._mend.added, own, strict=True)
         with _values_known():
-            effects = [
-                (effect_named(fitted.effect), one)
-                for fitted, generator in zip(self._mend.added, own, strict=True)
-                for one in streamed(fitted, generator)
-            ]
-        self._of_field = [one for effect, one in effects if isinstance(effect, LinearEffect)]
-        ordered = sorted(effects, key=lambda pair: pair[0].output_stage)
-        self._of_reading = [one for effect, one in ordered if not isinstance(effect, LinearEffect)]
+            for fitted, generator in sorted(pairs, key=lambda pair: effect_named(pair[0].effect).output_stage):
+                is_of_field = isinstance(effect_named(fitted.effect), LinearEffect)
+                (of_field if is_of_field else of_reading).extend(streamed(fitted, generator))
+        self._steps = [*of_field, _noise_stream(self._mend, noise), *of_reading]
 
     def __call__(
         self,
@@ -116,11 +113,8 @@ class Additions:
         covariates = _covariates(self._mend, batch, self._errors, self._first_s)
         rows = _rows(batch)
         with _values_known():
-            for effect in self._of_field:
-                rows = effect.added(rows, covariates)
-            rows = rows + self._noise.drawn(batch.time_s)
-            for effect in self._of_reading:
-                rows = effect.added(rows, covariates)
+            for step in self._steps:
+                rows = step.added(rows, covariates)
         made = _recording(batch, rows)
         return made.readings_T.reshape(shape), made.scalar_T
 

@@ -1,29 +1,26 @@
 """The comparison of a simulator's recording with a real one: where, which, how far, and the mend."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 
 from tam_calibration.comparison.differences import Differences, differences_between
-from tam_calibration.comparison.figure import Figure
 from tam_calibration.comparison.mend import Mend
 from tam_calibration.comparison.mending import mend_of, mended_twin, source_error, source_of
-from tam_calibration.comparison.mistakes.find import mistakes_of
-from tam_calibration.comparison.readings import side_by_side
-from tam_calibration.comparison.result import Closing, Comparison, Side, Step
+from tam_calibration.comparison.mistakes import mistakes_of
+from tam_calibration.comparison.result import Closing, Comparison, Step
+from tam_calibration.comparison.side import Figure, Side, side_by_side
 from tam_calibration.gap.calibration_with_effects import calibration_of
 from tam_calibration.gap.diagnose import in_stretches, judge
 from tam_calibration.gap.search import Progress
 from tam_calibration.integrity import ACCEPTABLE
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.model.recording import Recording, SampleSource
+from tam_calibration.model.recording import SampleSource
 from tam_calibration.model.sensor_errors import PARAMETER_NAMES
 from tam_calibration.model.units import to_nanotesla
-
-_NAMES = "The simulation", "The recording"
-"""How remarks on the two begin."""
 
 
 def compare(
@@ -73,25 +70,31 @@ def compare(
     'same'
     """
     array_of_simulation = array_of_simulation or array
-    _require_same_count(simulation, recording, array, array_of_simulation)
+    given = (("simulation", simulation, array_of_simulation), ("recording", recording, array))
+    if simulation.sensor_count != recording.sensor_count:
+        raise InputError(
+            f"the simulation has {simulation.sensor_count} sensors, the recording {recording.sensor_count}: "
+            "simulate the same array"
+        )
+    for name, source, own in given:
+        with _named(name):
+            own.require_recording(source)
     report = progress or (lambda what, part: None)
     report("mistakes", 0.0)
     seen = in_stretches(simulation)[0], in_stretches(recording)[0]
-    _require_tesla(seen[1], array)
+    with _named("recording"):  # in another unit every simulation would seem to have no field
+        seen[1].check_units(array.field)
     if mistakes := mistakes_of(*seen, array_of_simulation, array):
         return Comparison("differs", f"The simulation cannot be right: {mistakes[0].what}.", mistakes)
     try:
-        sides = (
-            _side("simulation", simulation, array_of_simulation, _part(report, 0)),
-            _side("recording", recording, array, _part(report, 1)),
-        )
+        sides = _side(*given[0], _part(report, 0)), _side(*given[1], _part(report, 1))
     except Refused as problem:
         return Comparison("not_identifiable", f"No comparison: {str(problem).rstrip('.')}.")
     differences = differences_between(*sides)
     mend = mend_of(differences, *sides)
     closing = _closing(differences, mend, *sides, _part(report, 2), seed)
     figures = side_by_side(*sides)
-    remarks = [f"{name}: {remark}" for name, side in zip(_NAMES, sides, strict=True) for remark in side.gap.remarks]
+    remarks = [f"The {one[0]}: {remark}" for one, side in zip(given, sides, strict=True) for remark in side.gap.remarks]
     return Comparison(
         "same" if differences.are_none else "differs",
         _statement(differences, closing, figures),
@@ -135,31 +138,21 @@ def side_of(source: SampleSource, array: Array, progress: Progress | None = None
     return Side(recording, array, gap, calibration, found)
 
 
-def _require_same_count(simulation: SampleSource, recording: SampleSource, array: Array, of_simulation: Array) -> None:
-    counts = simulation.sensor_count, recording.sensor_count
-    if counts[0] != counts[1]:
-        raise InputError(f"the simulation has {counts[0]} sensors, the recording {counts[1]}: simulate the same array")
-    for name, count, one in zip(("simulation", "recording"), counts, (of_simulation, array), strict=True):
-        if count != one.sensor_count:
-            raise InputError(f"the {name} has {count} sensors, its array {one.sensor_count}: give the array file of it")
-
-
-def _require_tesla(recording: Recording, array: Array) -> None:
-    """Refuse a recording in another unit: every simulation would seem to have no field compared with it."""
-    try:
-        recording.check_units(array.field)
-    except InputError as problem:
-        raise InputError(f"the recording: {problem}") from problem
-
-
 def _part(report: Progress, number: int) -> Progress:
     """Return a callback for one of the three parts of the work."""
     return lambda stage, done: report(stage, (number + done) / 3)
 
 
 def _side(name: str, source: SampleSource, array: Array, progress: Progress) -> Side:
-    try:
+    with _named(name):
         return side_of(source, array, progress)
+
+
+@contextmanager
+def _named(name: str) -> Iterator[None]:
+    """Name the side of the two that is refused."""
+    try:
+        yield
     except (InputError, Refused) as problem:
         raise type(problem)(f"the {name}: {problem}") from problem
 
@@ -218,40 +211,33 @@ def _interval(before: float, after: float, undecided: float, count: float) -> tu
 
 def _steps(differences: Differences, after: float) -> tuple[Step, ...]:
     """Return the gap after each term; the last is that of the twin which was judged again."""
-    left, steps = differences.energy, []
-    for words, energy in differences.energies:
-        left = max(left - energy, after)
-        steps.append(Step(words, float(np.sqrt(left))))
-    return tuple(steps)
+    left = differences.energy - np.cumsum([energy for _, energy in differences.energies])
+    sizes = np.sqrt(np.maximum(left, after)).tolist()
+    return tuple(Step(words, size) for (words, _), size in zip(differences.energies, sizes, strict=True))
 
 
-def _other_errors(figures: Sequence[Figure]) -> str:
-    """Return by how much the errors of the sensors differ at most; empty where by chance."""
+def _statement(differences: Differences, closing: Closing, figures: Sequence[Figure]) -> str:
+    if differences.are_none:
+        return _same(figures)
+    words, _ = differences.energies[0] if differences.energies else ("other noise", 0.0)
+    begin = f"They differ by {closing.before:.2g} noise floors, most by {words}; "
+    if not np.isfinite(closing.after):
+        return f"{begin}the mend cannot be tried."
+    most = closing.before * float(np.sqrt(1 - closing.closed_interval[0]))
+    return f"{begin}mended, by {closing.after:.2g}, at most {most:.2g}."
+
+
+def _same(figures: Sequence[Figure]) -> str:
+    """Return that nothing differs, and by how much at most the errors of the sensors do."""
     errors = [one for one in figures if one.recording.name in PARAMETER_NAMES]
     if all(one.standing != "differs" for one in errors):
-        return ""
+        return "The same: calibration, effects and noise of the simulation are those of the recording."
     bias, scale = (
         max((one for one in errors if one.recording.name in PARAMETER_NAMES[own]), key=lambda one: one.difference)
         for own in (slice(6, 9), slice(0, 3))
     )
     return (
+        "The same: effects and noise of the simulation are those of the recording. The errors of their sensors differ, "
         f"biases by up to {to_nanotesla(bias.difference):.3g} nT ({bias.recording.group} {bias.recording.name[-1]}), "
-        f"scale factors by up to {100 * scale.difference:.2g} %"
+        f"scale factors by up to {100 * scale.difference:.2g} %: a calibration removes them."
     )
-
-
-def _statement(differences: Differences, closing: Closing, figures: Sequence[Figure]) -> str:
-    if differences.are_none:
-        other = _other_errors(figures)
-        if not other:
-            return "The same: calibration, effects and noise of the simulation are those of the recording."
-        return (
-            "The same: effects and noise of the simulation are those of the recording. The errors of their sensors "
-            f"differ, {other}: a calibration removes them."
-        )
-    words, _ = differences.energies[0] if differences.energies else ("other noise", 0.0)
-    if not np.isfinite(closing.after):
-        return f"They differ by {closing.before:.2g} noise floors, most by {words}; the mend cannot be tried."
-    most = closing.before * float(np.sqrt(1 - closing.closed_interval[0]))
-    after = f"{closing.after:.2g}, at most {most:.2g}"
-    return f"They differ by {closing.before:.2g} noise floors, most by {words}; mended, by {after}."

@@ -6,9 +6,17 @@ The energy of an effect is the part of the gap of its side that it explains, in 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
-from tam_calibration.comparison.noise import is_noise, noise_differences, rows_with
-from tam_calibration.comparison.result import UNKNOWN, EffectDifference, NoiseDifference, OtherParameters, Side
-from tam_calibration.comparison.shared_effects import energy_of, follows_the_run, is_shown, parameters_differ
+from tam_calibration.comparison.agreement import (
+    energy_of,
+    follows_the_run,
+    is_noise,
+    is_shown,
+    noise_differences,
+    parameters_differ,
+    rows_with,
+)
+from tam_calibration.comparison.result import UNKNOWN, EffectDifference, NoiseDifference, OtherParameters
+from tam_calibration.comparison.side import Side
 from tam_calibration.gap.result import Cause
 from tam_calibration.model.sensors_in_words import sensors_in_words
 
@@ -54,7 +62,7 @@ def may_be_same(one: EffectDifference, other: EffectDifference) -> bool:
     """
     small, large = sorted((one.size, other.size))
     # Runs of one phone, or one IMU, differ by half as much.
-    return bool(set(one.sensors) & set(other.sensors)) and large - small <= 0.5 * large
+    return _share_sensors(one, other) and large - small <= 0.5 * large
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,17 +234,20 @@ def _grouped(causes: Sequence[Cause]) -> list[list[Cause]]:
     groups: list[list[Cause]] = []
     for cause in causes:
         name = cause.fitted.effect
-        of_name = [group for group in groups if group[0].fitted.effect == name and follows_the_run(name)]
-        known = next((group for group in of_name if any(_share_sensors(cause, one) for one in group)), None)
-        if known is None:
-            groups.append([cause])
+        known = [
+            group
+            for group in groups
+            if group[0].fitted.effect == name and any(_share_sensors(cause, one) for one in group)
+        ]
+        if known and follows_the_run(name):
+            known[0].append(cause)
         else:
-            known.append(cause)
+            groups.append([cause])
     return groups
 
 
-def _share_sensors(one: Cause, other: Cause) -> bool:
-    return bool(set(one.sensors) & set(other.sensors))
+def _share_sensors(one: Cause | EffectDifference, other: Cause | EffectDifference) -> bool:
+    return not set(one.sensors).isdisjoint(other.sensors)
 
 
 def _is_same_cause(one: Cause, other: Cause) -> bool:

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.comparison.additions import mended
+from tam_calibration.comparison.agreement import is_noise
 from tam_calibration.comparison.differences import Differences
 from tam_calibration.comparison.mend import Mend, NoiseTerm
-from tam_calibration.comparison.noise import is_noise
-from tam_calibration.comparison.result import NoiseDifference, Side, SourceError
+from tam_calibration.comparison.result import NoiseDifference, SourceError
+from tam_calibration.comparison.side import Side
 from tam_calibration.effects.states import WINDOW_UNITS
 from tam_calibration.gap.noise import field_of
 from tam_calibration.localization.turned_samples import Regional, locate_each, regional_of, turned

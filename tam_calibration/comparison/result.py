@@ -4,16 +4,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from tam_calibration.comparison.figure import Figure
 from tam_calibration.comparison.mend import Mend
-from tam_calibration.correction.calibration import Calibration
+from tam_calibration.comparison.side import Figure, Side
 from tam_calibration.gap.laws.law import Signature
 from tam_calibration.gap.noise import AxisNoise
-from tam_calibration.gap.result import Gap, Size
-from tam_calibration.gap.steps import Search
-from tam_calibration.model.array import Array
+from tam_calibration.gap.result import Size
 from tam_calibration.model.fitted_effect import FittedEffect
-from tam_calibration.model.recording import Recording
 
 Verdict = Literal["same", "differs", "not_identifiable"]
 
@@ -163,31 +159,6 @@ def _apart(one: SourceError | None, other: SourceError | None) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Side:
-    """One of the two recordings, and what the judge says of it.
-
-    Parameters
-    ----------
-    recording : Recording
-        The samples.
-    array : Array
-        As its file states it.
-    gap : Gap
-        Diagnosis.
-    calibration : Calibration
-        With the effects of the diagnosis.
-    found : Search
-        The search that the diagnosis rests on: models without and with the causes.
-    """
-
-    recording: Recording = field(repr=False)
-    array: Array
-    gap: Gap
-    calibration: Calibration
-    found: Search = field(repr=False)
-
-
-@dataclass(frozen=True, eq=False)
 class Comparison:
     """The comparison of a simulator's recording with a real one.
 
@@ -249,16 +220,11 @@ class Comparison:
         """The laws that the recording has and the simulation lacks, by the name of the side, and the reverse."""
         if self.simulation is None or self.recording is None:
             return {}
-        of_recording, of_simulation = self.recording.gap.signature, self.simulation.gap.signature
-        return {
-            "recording": _without_counterpart(of_recording, of_simulation),
-            "simulation": _without_counterpart(of_simulation, of_recording),
-        }
+        own, theirs = self.recording.gap.signature, self.simulation.gap.signature
+        return {"recording": _without(theirs, own), "simulation": _without(own, theirs)}
 
 
-def _without_counterpart(laws: tuple[Signature, ...], others: tuple[Signature, ...]) -> tuple[Signature, ...]:
-    return tuple(
-        law
-        for law in laws
-        if not any(law.law == one.law and not set(law.sensors).isdisjoint(one.sensors) for one in others)
-    )
+def _without(others: tuple[Signature, ...], laws: tuple[Signature, ...]) -> tuple[Signature, ...]:
+    """Return the laws of which the others have none at a common sensor."""
+    known = {(one.law, sensor) for one in others for sensor in one.sensors}
+    return tuple(law for law in laws if known.isdisjoint((law.law, sensor) for sensor in law.sensors))

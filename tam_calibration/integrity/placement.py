@@ -96,11 +96,10 @@ class Motion:
         known = np.flatnonzero(np.isfinite(attitude).all(axis=1))
         if len(known) < FEWEST:
             return None
-        return cls(known, _turns(attitude[known]))
+        from scipy.spatial.transform import Rotation
 
-    def written(self, attitude: FloatArray) -> "Motion":
-        """Return that of other quaternions (n, 4) for the same samples."""
-        return Motion(self.known, _turns(attitude[self.known]))
+        turns = Rotation.from_quat(attitude[known]).inv().as_matrix()
+        return cls(known, turns - turns.mean(axis=0))
 
     @property
     def gram(self) -> FloatArray:
@@ -150,13 +149,6 @@ class Placement:
     def possible(self) -> np.ndarray:
         """(24,) which axes may be those of the sensor."""
         return self.unexplained <= allowed(float(self.unexplained.min()))
-
-
-def _turns(attitude: FloatArray) -> FloatArray:
-    from scipy.spatial.transform import Rotation
-
-    turns = Rotation.from_quat(attitude).inv().as_matrix()
-    return np.asarray(turns - turns.mean(axis=0))
 
 
 def placements(overview: Overview, motion: Motion) -> list[Placement]:
@@ -224,15 +216,13 @@ def _relative_hands(overview: Overview) -> list[int]:
     """Return of each sensor whether it is as the first that moves (1), mirrored (-1), or not comparable (0)."""
     sensors = range(overview.sensor_count)
     for first in sensors:
-        hands = [_hand(overview, first, sensor) for sensor in sensors]
+        hands = [1 if first == other else _hand(overview, first, other) for other in sensors]
         if 2 * sum(map(abs, hands)) > len(hands):
             return hands
     return [0 for _ in sensors]
 
 
 def _hand(overview: Overview, one: int, other: int) -> int:
-    if one == other:
-        return 1
     if overview.shared_motion(one, other) < SHARED:
         return 0
     return 1 if np.linalg.det(overview.covariance[one, other]) > 0 else -1
@@ -283,11 +273,11 @@ def _left_handed_by_attitude(overview: Overview, groups: list[list[int]]) -> dic
     if all(sound) or (len(groups) > 1 and not any(sound)):
         return {}
     wrong = groups[sound.index(False)]
-    if not any(sound) and not all(_points_north(-placed[sensor].fields_T[placed[sensor].best]) for sensor in wrong):
+    if not any(sound) and not all(_points_south(placed[sensor].fields_T[placed[sensor].best]) for sensor in wrong):
         return {}
     return {sensor: -placed[sensor].turn for sensor in wrong}
 
 
-def _points_north(field_T: FloatArray) -> bool:
-    level = float(np.hypot(*field_T[:2]))
-    return level > LEVEL * float(np.linalg.norm(field_T)) and float(field_T[1]) > NORTH * level
+def _points_south(field_T: FloatArray) -> bool:
+    level = np.hypot(*field_T[:2])
+    return bool(level > LEVEL * np.linalg.norm(field_T) and field_T[1] < -NORTH * level)

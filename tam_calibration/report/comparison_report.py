@@ -9,7 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
-from tam_calibration.comparison.result import Comparison, NoiseDifference, Side
+from tam_calibration.comparison.result import Comparison, NoiseDifference
+from tam_calibration.comparison.side import Side
 from tam_calibration.correction.calibration import Provenance
 from tam_calibration.files.yaml_document import dump_mapping
 from tam_calibration.fit.coverage import cell_directions

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from itertools import islice
 
 from tam_calibration.comparison import result
-from tam_calibration.comparison.figure import Figure
+from tam_calibration.comparison.side import Figure
 from tam_calibration.gap.noise import AxisNoise
 from tam_calibration.model.sensors_in_words import sensors_in_words
 from tam_calibration.model.units import for_people, to_nanotesla

@@ -11,9 +11,8 @@ import numpy as np
 
 from tam_calibration import __version__
 from tam_calibration.comparison import result
-from tam_calibration.comparison.figure import Figure
-from tam_calibration.comparison.mend import Mend, NoiseTerm
-from tam_calibration.comparison.snippets import gazebo_sdf, python_plugin
+from tam_calibration.comparison.mend import Mend, NoiseTerm, gazebo_sdf, python_plugin
+from tam_calibration.comparison.side import Figure
 from tam_calibration.correction.calibration import Provenance
 from tam_calibration.effects.library import check_numbers, effect_named, units_of
 from tam_calibration.files.quantities import Hertz, NanoteslaSize, in_si, value_to_write

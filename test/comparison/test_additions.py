@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from mends import EFFECTS, fitted, mend_of, run_of
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tam_calibration.comparison import streamed_effects
+from tam_calibration.comparison import streams
 from tam_calibration.comparison.additions import Additions, mended
 from tam_calibration.comparison.mend import NoiseTerm
 from tam_calibration.effects.library import installed_effects
@@ -123,7 +123,7 @@ def test_other_polynomials_are_worse(run, mend, monkeypatch, name, value):
         return np.sqrt(np.mean(difference[30:] ** 2))
 
     best = error()
-    monkeypatch.setattr(streamed_effects, name, value)
+    monkeypatch.setattr(streams, name, value)
     assert error() > best
 
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tam_calibration.comparison.agreement import energy_of
 from tam_calibration.comparison.compare import side_of
 from tam_calibration.comparison.differences import differences_between, likely_causes, may_be_same, unknown_part
 from tam_calibration.comparison.result import UNKNOWN, EffectDifference
-from tam_calibration.comparison.shared_effects import energy_of
 
 
 def opened(side, after=2.0, **cause):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.comparison.snippets import gazebo_sdf, python_plugin
+from tam_calibration.comparison.mend import gazebo_sdf, python_plugin
 from tam_calibration.correction.calibration import Provenance
 from tam_calibration.files.yaml_document import dump_mapping
 from tam_calibration.fit.coverage import cell_of

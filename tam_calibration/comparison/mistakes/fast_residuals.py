@@ -101,12 +101,12 @@ def is_shared(recording: Recording, sensor: int) -> bool:
     sensor : int
         From 0.
     """
-    left = _residual_from_others(recording, sensor), _residual_from_attitude(recording, sensor)
-    if len(recording.time_s) < FEWEST or left[0] is None or left[1] is None:
+    own, noise = _residual_from_others(recording, sensor), _residual_from_attitude(recording, sensor)
+    if recording.sample_count < FEWEST or own is None or noise is None:
         return False
-    own, noise = (_size(differences(residual)) for residual in left if residual is not None)
     # Errors of the sensors leave less than a hundredth of the noise.
-    return own < 0.01 * noise and _is_noise(left[1], recording.readings_T[:, sensor])
+    is_little = _size(differences(own)) < 0.01 * _size(differences(noise))
+    return is_little and _is_noise(noise, recording.readings_T[:, sensor])
 
 
 def differences(values: FloatArray) -> FloatArray:

@@ -25,17 +25,6 @@ from tam_calibration.model.sensor_errors import ORIENTATIONS
 from tam_calibration.model.sensors_in_words import numbered, sensors_in_words
 from tam_calibration.model.units import FloatArray
 
-
-def in_microtesla(tesla: float) -> str:
-    """Return an intensity for people."""
-    return f"{tesla * 1e6:.3g} µT"
-
-
-def vector_in_microtesla(tesla: FloatArray) -> str:
-    """Return a field (3,) east, north, up for people."""
-    return f"({', '.join(f'{component * 1e6:.3g}' for component in tesla)}) µT"
-
-
 MIRRORED_FIELDS = {
     "ned_for_enu": np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]),
     "wrong_hemisphere": np.diag([1.0, 1.0, -1.0]),
@@ -102,8 +91,11 @@ def mistaken_attitude(
     if attitude is None or stated is None:
         return [], None, []
     as_stated = placements(overview, stated)
-    written = [(mistake, stated.written(correct(attitude))) for mistake, correct in _CONVENTIONS]
-    tried = [(mistake, motion, placements(overview, motion)) for mistake, motion in written]
+    tried = [
+        (mistake, motion, placements(overview, motion))
+        for mistake, correct in _CONVENTIONS
+        if (motion := Motion.of(correct(attitude))) is not None
+    ]
     mistake, motion, placed = max(tried, key=lambda each: _agreeing(each[2], right))
     if _unexplained(placed) > FITS or _unexplained(as_stated) <= allowed(_unexplained(placed)):
         return [], stated, as_stated

@@ -33,9 +33,6 @@ samples have 28 of their own, of which chance makes 0.6 at most."""
 SHORTEST = 100
 """Samples that two sequences share at least before they are compared."""
 
-_MISTAKEN_UNITS = ("nT", "uT", "G", "T")
-"""Units in which simulators state noise."""
-
 
 def mistaken_noise(simulation: Recording, recording: Recording, array: Array) -> list[Mistake]:
     """Return what is wrong with the noise of a simulation.
@@ -47,19 +44,17 @@ def mistaken_noise(simulation: Recording, recording: Recording, array: Array) ->
     array : Array
         Of the recording: the noise that it states is right, else that of the readings.
     """
-    own, others = (
-        _white([noise_sequence(run, sensor) for sensor in range(run.sensor_count)]) for run in (simulation, recording)
-    )
+    own, others = _white(simulation), _white(recording)
     repeated = [*_of_channels(simulation, own), *_of_runs(own, others)]
     return repeated or list(_levels(simulation, recording, array))
 
 
-def _white(sequences: list[FloatArray | None]) -> dict[tuple[int, int], FloatArray]:
-    """Return the white sequences by sensor and axis, from 0."""
+def _white(run: Recording) -> dict[tuple[int, int], FloatArray]:
+    """Return the white sequences of noise by sensor and axis, from 0."""
     return {
         (sensor, axis): each[:, axis]
-        for sensor, each in enumerate(sequences)
-        if each is not None and len(each) >= SHORTEST
+        for sensor in range(run.sensor_count)
+        if (each := noise_sequence(run, sensor)) is not None and len(each) >= SHORTEST
         for axis in range(3)
         if is_white(each[:, axis])
     }
@@ -98,15 +93,16 @@ def _channel(channel: tuple[int, int]) -> str:
 
 def _of_runs(white: dict[tuple[int, int], FloatArray], others: dict[tuple[int, int], FloatArray]) -> Iterator[Mistake]:
     """Yield that noise repeats within the simulation, and that it is the same in both runs."""
-    periods = {channel: period for channel, sequence in white.items() if (period := _period(sequence))}
-    for channel, period in list(periods.items())[:1]:
-        yield Mistake(
-            "same_noise_again",
-            f"the simulation's noise repeats after {period} samples, as seen in {_channel(channel)}: its generator "
-            "is set to the same seed again and again",
-            "all sensors",
-            "make the generator once, before the first sample, and draw from it on",
-        )
+    for channel, sequence in white.items():
+        if period := _period(sequence):
+            yield Mistake(
+                "same_noise_again",
+                f"the simulation's noise repeats after {period} samples, as seen in {_channel(channel)}: its generator "
+                "is set to the same seed again and again",
+                "all sensors",
+                "make the generator once, before the first sample, and draw from it on",
+            )
+            break
     if any(_correlation(white[channel], others[channel]) > SAME for channel in white.keys() & others.keys()):
         yield Mistake(
             "same_noise_in_runs",
@@ -119,15 +115,11 @@ def _of_runs(white: dict[tuple[int, int], FloatArray], others: dict[tuple[int, i
 def _period(sequence: FloatArray) -> int:
     """Return after how many samples differences (n,) come again; 0 where they do not."""
     count = len(sequence)
-    spectrum = np.fft.rfft(sequence, 2 * count)
-    products = np.fft.irfft(np.abs(spectrum) ** 2)[:count]
+    products = np.fft.irfft(np.abs(np.fft.rfft(sequence, 2 * count)) ** 2)[:count]
     energy = np.concatenate([[0.0], np.cumsum(sequence**2)])
     lags = np.arange(2 * ORDER, count - SHORTEST)
-    if not len(lags):
-        return 0
     size = np.sqrt(energy[count - lags] * (energy[count] - energy[lags]))
-    same = products[lags] > SAME * size
-    return int(lags[np.argmax(same)]) if same.any() else 0
+    return next(iter(lags[products[lags] > SAME * size].tolist()), 0)
 
 
 def _levels(simulation: Recording, recording: Recording, array: Array) -> Iterator[Mistake]:
@@ -161,7 +153,7 @@ def _name(own_T: float, right_T: float) -> tuple[str, str] | None:
     if right_T / 4.0 < own_T < right_T * 4.0:
         return None
     for power, kind in ((2.0, "variance_for_deviation"), (0.5, "root_for_deviation")):
-        for unit in _MISTAKEN_UNITS:
+        for unit in ("nT", "uT", "G", "T"):
             tesla = TESLA_PER_FIELD_UNIT[unit]
             # In tesla the square is a billion times less and nothing else is near; else noises are known to some 6 %.
             near = 0.5 if unit == "T" else 0.2

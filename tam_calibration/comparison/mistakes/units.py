@@ -5,11 +5,10 @@ magnetometer system has the element ``use_units_gauss``. MuJoCo has no unit of i
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from tam_calibration.comparison.mistakes.frames import in_microtesla
 from tam_calibration.comparison.result import Mistake
 from tam_calibration.model.array import Array
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD
@@ -25,25 +24,16 @@ SLOWEST_HZ, FASTEST_HZ = 1.0, 30e3
 """Rates of samples between which stamps are plausible: magnetometers and simulators give 5 to 1000 a second."""
 
 
-@dataclass(frozen=True)
-class _Unit:
-    """What a field reads in a unit that is not the expected one, times what it should read."""
-
-    times: float
-    given: str
-    expected: str = "tesla"
-
-
-_UNITS = (
-    _Unit(1e4, "gauss"),
-    _Unit(1e3, "millitesla"),
-    _Unit(1e6, "microtesla"),
-    _Unit(1e9, "nanotesla"),
-    _Unit(1e-3, "microtesla", "nanotesla"),
-    _Unit(1e-6, "tesla", "microtesla"),
-    _Unit(1e-9, "tesla", "nanotesla"),
-)
-"""Units of simulators and drivers, and those that a table of ours may state, of which another was meant."""
+_UNITS = {
+    ("gauss", "tesla"): 1e4,
+    ("millitesla", "tesla"): 1e3,
+    ("microtesla", "tesla"): 1e6,
+    ("nanotesla", "tesla"): 1e9,
+    ("microtesla", "nanotesla"): 1e-3,
+    ("tesla", "microtesla"): 1e-6,
+    ("tesla", "nanotesla"): 1e-9,
+}
+"""Units of simulators and drivers that are given, those that are expected, and times what a field then reads."""
 
 _CLOCKS = {1e-9: "nanoseconds", 1e-6: "microseconds", 1e-3: "milliseconds", 1e3: "thousands of seconds"}
 """Unit of stamps, by what the rate of samples is then multiplied with."""
@@ -59,20 +49,20 @@ def mistaken_units(simulation: Recording, recording: Recording, array: Array) ->
     array : Array
         Of the simulation: what the intensity of its field can be.
     """
-    own, other = _intensity(simulation), float(np.median(_intensity(recording)))
-    units = [_unit(float(own[k]), other, array, _is_field(simulation.readings_T[:, k])) for k in range(len(own))]
+    other_T, count = float(np.median(_intensity(recording))), simulation.sensor_count
     scalar_T = np.nan if simulation.scalar_T is None else float(np.nanmedian(simulation.scalar_T))
-    of_scalar = _unit(scalar_T, other, array, True)
+    own_T = [*_intensity(simulation).tolist(), scalar_T]
+    are_fields = [*(_is_field(simulation.readings_T[:, sensor]) for sensor in range(count)), True]
+    units = [_unit(one_T, other_T, array, is_field) for one_T, is_field in zip(own_T, are_fields, strict=True)]
     mistakes = []
-    for unit in dict.fromkeys(unit for unit in (*units, of_scalar) if unit is not None):
-        sensors = [sensor for sensor, each in enumerate(units, 1) if each is unit]
-        where = sensors_in_words([*sensors, *["scalar"] * (of_scalar is unit)], len(units))
-        mistakes.append(_mistake(unit, where, float(own[sensors[0] - 1]) if sensors else scalar_T))
-    divisors = np.array([1.0 if unit is None else unit.times for unit in units])
-    in_tesla = replace(simulation, readings_T=simulation.readings_T / divisors[:, None])
-    if in_tesla.scalar_T is not None and of_scalar is not None:
-        in_tesla = replace(in_tesla, scalar_T=in_tesla.scalar_T / of_scalar.times)
-    return mistakes, in_tesla
+    for unit in dict.fromkeys(filter(None, units)):
+        rows = [row for row, each in enumerate(units) if each == unit]
+        where = sensors_in_words(["scalar" if row == count else row + 1 for row in rows], count)
+        mistakes.append(_mistake(unit, where, own_T[rows[0]]))
+    *divisors, of_scalar = [1.0 if unit is None else _UNITS[unit] for unit in units]
+    readings = simulation.readings_T / np.array(divisors)[:, None]
+    scalar = None if simulation.scalar_T is None else simulation.scalar_T / of_scalar
+    return mistakes, replace(simulation, readings_T=readings, scalar_T=scalar)
 
 
 def mistaken_stamps(simulation: Recording, recording: Recording) -> Iterator[Mistake]:
@@ -122,27 +112,27 @@ def _is_field(readings_T: FloatArray) -> bool:
     return bool(np.std(length) < 0.25 * np.mean(length) < turned)
 
 
-def _unit(own_T: float, other_T: float, array: Array, is_field: bool) -> _Unit | None:
+def _unit(own_T: float, other_T: float, array: Array, is_field: bool) -> tuple[str, str] | None:
     """Return the unit of an intensity, None for tesla or where no unit makes it that of a field."""
     if not own_T > 0 or array.field.hold(own_T) or EARTH_FIELD.hold(own_T) or other_T / NEAR < own_T < other_T * NEAR:
         return None
     fits = [
         unit
-        for unit in _UNITS
-        if (is_field or unit.times > 1)
-        and (EARTH_FIELD.hold(own_T / unit.times) or array.field.hold(own_T / unit.times))
+        for unit, times in _UNITS.items()
+        if (is_field or times > 1) and (EARTH_FIELD.hold(own_T / times) or array.field.hold(own_T / times))
     ]
-    return min(fits, key=lambda unit: abs(np.log(own_T / unit.times / other_T)), default=None)
+    return min(fits, key=lambda unit: abs(np.log(own_T / _UNITS[unit] / other_T)), default=None)
 
 
-def _mistake(unit: _Unit, where: str, own_T: float) -> Mistake:
+def _mistake(unit: tuple[str, str], where: str, own_T: float) -> Mistake:
+    (given, expected), times = unit, _UNITS[unit]
     subject = "the simulation's field" if where.startswith("all sensors") else f"the simulation's field of {where}"
     return Mistake(
-        f"{unit.given}_for_{unit.expected}",
-        f"{subject} is in {unit.given}, and {unit.expected} is expected: {own_T:.3g} T is read instead of "
-        f"{in_microtesla(own_T / unit.times)}",
+        f"{given}_for_{expected}",
+        f"{subject} is in {given}, and {expected} is expected: {own_T:.3g} T is read instead of "
+        f"{own_T / times * 1e6:.3g} µT",
         where,
-        f"multiply the sensor's output by {1 / unit.times:g}; in MuJoCo write the field of the place in tesla, such as "
+        f"multiply the sensor's output by {1 / times:g}; in MuJoCo write the field of the place in tesla, such as "
         '<option magnetic="0 2.1e-05 -4.3e-05"/>; in Gazebo Sim set <use_units_gauss>false</use_units_gauss> in the '
         "magnetometer system",
     )

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from tam_calibration.comparison.mistakes.frames import MIRRORED_FIELDS, Frames, vector_in_microtesla
+from tam_calibration.comparison.mistakes.frames import MIRRORED_FIELDS, Frames
 from tam_calibration.comparison.result import Mistake
 from tam_calibration.core.noise import fast_noise
 from tam_calibration.integrity.overview import Overview
@@ -121,7 +121,8 @@ def mistaken_field(frames: Frames, one: Motion, other: Motion) -> Mistake | None
     if kind is None:
         return None
     what, mend = _WORDS[kind]
-    fields = f"{vector_in_microtesla(own)}, where the recording has {vector_in_microtesla(right)} east, north, up"
+    theirs, ours = (", ".join(f"{component * 1e6:.3g}" for component in field) for field in (own, right))
+    fields = f"({theirs}) µT, where the recording has ({ours}) µT east, north, up"
     written = " ".join(f"{component:.2e}" for component in right)
     return Mistake(
         kind,

@@ -142,8 +142,8 @@ def test_levels_of_noise(own_T, right_T, name):
 @pytest.mark.parametrize(("count", "channels"), [(99, 0), (100, 3)])
 def test_short_sequences_are_not_compared(count, channels):
     """A hundred differences at least."""
-    white = np.random.default_rng(4).normal(0, 1e-9, (count + fast_residuals.ORDER, 3))
-    assert len(noise._white([fast_residuals.differences(white)])) == channels
+    white = np.random.default_rng(4).normal(0, 1e-9, (count + fast_residuals.ORDER, 1, 3))
+    assert len(noise._white(Recording(np.arange(len(white)) / 10, 3e-5 + white))) == channels
 
 
 @pytest.mark.parametrize(("size_T", "is_noise"), [(1.5e-12, False), (3e-12, True)])

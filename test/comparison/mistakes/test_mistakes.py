@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.comparison.mistakes.find import mistakes_of
+from tam_calibration.comparison.mistakes import mistakes_of
 from tam_calibration.comparison.mistakes.frames import MIRRORED_FIELDS
 from tam_calibration.model.array import Array
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect

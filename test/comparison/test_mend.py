@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from mends import EFFECTS, fitted, mend_of, run_of
 
-from tam_calibration.comparison.mend import NoiseTerm
-from tam_calibration.comparison.snippets import gazebo_sdf, python_plugin
+from tam_calibration.comparison.mend import NoiseTerm, gazebo_sdf, python_plugin
 from tam_calibration.results.comparison_json import write_mend
 
 BIAS_T = np.array([[3.0, -40.0, 5.0], [0.0, 1.0, 2.0], [7.0, 8.0, 9.0], [-1.0, -2.0, -3.0]]) * 1e-9

@@ -1,18 +1,27 @@
-"""Effects that are added to samples as they arrive.
+"""Noise of a stated spectrum and effects, for samples that arrive in batches of any size: the split changes no number.
 
-Samples arrive in batches of any size; how they are split changes no number. Each class keeps what one effect has to
-know of the samples before. Its ``added`` takes rows (N, 3K + 1) in tesla and their covariates, and returns the rows
-with the effect in them.
+Slow noise of the density 2 w²/r (k/f)^a is a sum of first-order processes whose time constants cover the frequencies
+(Keshner, 1/f noise, Proc. IEEE 70, 1982, p. 212), and a band is an oscillator that white noise drives, an AR(2)
+process. Both are modes z' = -λ z + white noise, with 1/λ the time constant of a process, or λ = π Δf - 2πi f of a band
+about f of the width Δf. Over a step h
+
+    z(t + h) = exp(-λ h) z(t) + k,   E |k|² = (1 - exp(-2 Re λ h)) / (2 Re λ),   E k² = (1 - exp(-2 λ h)) / (2 λ),
+
+for white noise of unit density, so that modes keep their density whatever the steps of time are. What is read is
+x = Re(c z). Its covariance over n steps is Re(G p^n), with p = exp(-λ h) = ρ exp(iθ), |c| = 1 and
+G = (E |z|² + c² E z²) / 2; it is that of the AR(2) process with the poles p and p* where
+tan(arg G) = -cot(θ) (1 - ρ²) / (1 + ρ²), which fixes c; for bands above a third of the rate it comes near.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.covariates import Covariates, Memory
+from tam_calibration.comparison.mend import NoiseTerm, slow_modes
+from tam_calibration.effects.covariates import Covariates, Memory, follow
 from tam_calibration.effects.displaced import samples_in
 from tam_calibration.effects.effect import FoundEffect, LinearEffect
 from tam_calibration.effects.library import effect_named
@@ -21,6 +30,92 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.recording import BLOCK
 from tam_calibration.model.units import FloatArray
+
+
+class NoiseStream:
+    """Draws noise for samples that arrive in batches of any size; how they are split changes no number.
+
+    Where time goes back, slow noise and bands begin anew.
+
+    Parameters
+    ----------
+    terms : sequence of NoiseTerm
+        What is to be added, of each row at most once.
+    row_count : int
+        Rows of a sample, 3K + 1: the last is the scalar's.
+    rate_hz, span_s : float
+        Rate and span of the recording that the terms are of, hertz and seconds.
+    generator : numpy.random.Generator
+        Source of the random numbers.
+    """
+
+    def __init__(
+        self,
+        terms: Sequence[NoiseTerm],
+        row_count: int,
+        rate_hz: float,
+        span_s: float,
+        generator: np.random.Generator,
+    ) -> None:
+        self._white, self._kicks = generator.spawn(2)
+        self._white_T = np.zeros(row_count)
+        modes: list[tuple[int, complex, float]] = []
+        for term in terms:
+            row = row_count - 1 if term.sensor == 0 else 3 * (term.sensor - 1) + "xyz".index(term.axis)
+            self._white_T[row] = term.added_white_T
+            modes += [(row, *mode) for mode in _modes(term, rate_hz, span_s)]
+        self._to_rows = np.eye(row_count)[[row for row, _, _ in modes]].reshape(-1, row_count)
+        self._decay = np.array([decay for _, decay, _ in modes], dtype=complex)
+        self._reading = _readings_of(self._decay, rate_hz)
+        unit = (0.5 / self._decay.real + (self._reading**2 * 0.5 / self._decay).real) / 2
+        self._drive_T = np.sqrt(np.array([variance for _, _, variance in modes]) / unit)
+        self._state = np.zeros(len(modes), complex)
+        self._newest_s = np.inf
+
+    def added(self, rows_T: FloatArray, covariates: Covariates) -> FloatArray:
+        """Return the rows (N, 3K + 1) of the next samples with the noise in them, tesla."""
+        return rows_T + self.drawn(covariates.time_s)
+
+    def drawn(self, time_s: FloatArray) -> FloatArray:
+        """Return the noise (N, 3K + 1) of the next samples, at times (N,) in seconds, tesla."""
+        noise: FloatArray = self._white.normal(size=(len(time_s), len(self._white_T))) * self._white_T
+        if len(self._decay):
+            blocks = [self._coloured(time_s[start : start + BLOCK]) for start in range(0, len(time_s), BLOCK)]
+            noise += np.concatenate(blocks)
+        return noise
+
+    def _coloured(self, time_s: FloatArray) -> FloatArray:
+        step = np.diff(time_s, prepend=self._newest_s)[:, None]
+        self._newest_s = float(time_s[-1])
+        # After a pause, or where time goes back, nothing is left of a mode: its next kick makes it anew.
+        exponent = np.where(step > 0, np.maximum(step, 0) * self._decay, 1e3)
+        size = -np.expm1(-2 * exponent.real) / (2 * self._decay.real)
+        square = -np.expm1(-2 * exponent) / (2 * self._decay)
+        along, across = (np.sqrt(np.maximum(size + sign * np.abs(square), 0) / 2) for sign in (1, -1))
+        drawn = self._kicks.normal(size=(*exponent.shape, 2))
+        kick = self._drive_T * np.exp(0.5j * np.angle(square)) * (along * drawn[..., 0] + 1j * across * drawn[..., 1])
+        modes: NDArray[np.complexfloating] = follow(kick, np.zeros_like(kick), self._state, exponent)[1:]
+        self._state = modes[-1]
+        return (self._reading * modes).real @ self._to_rows
+
+
+def _modes(term: NoiseTerm, rate_hz: float, span_s: float) -> list[tuple[complex, float]]:
+    """Return λ in 1/s and the variance in T² of each mode of a term."""
+    constants_s, variances_T2 = slow_modes(term, rate_hz, span_s)
+    modes = list(zip(1 / constants_s.astype(complex), variances_T2, strict=True))
+    if term.band_hz is not None:
+        low, high = term.band_hz
+        modes.append((np.pi * complex(high - low, -high - low), term.band_T**2))
+    return modes
+
+
+def _readings_of(decay: NDArray[np.complexfloating], rate_hz: float) -> NDArray[np.complexfloating]:
+    """Return c of each mode: at the rate of the recording a band is an AR(2) process, as near as it can be."""
+    turn = np.where(decay.imag == 0, np.pi / 2, -decay.imag / rate_hz)
+    wanted = -np.arctan(np.tanh(decay.real / rate_hz) / np.tan(turn))
+    lean = decay.real / np.abs(decay)  # of |E z²| to E |z|²
+    angle = wanted + np.arcsin(np.clip(np.sin(wanted) / lean, -1, 1))
+    return np.asarray(np.exp(0.5j * (angle + np.angle(decay))))
 
 
 class StreamedEffect(Protocol):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from coloured_noises import found, shaped
 
-from tam_calibration.comparison import noise as noise_module
-from tam_calibration.comparison.noise import differs
+from tam_calibration.comparison import agreement
+from tam_calibration.comparison.agreement import differs
 from tam_calibration.gap.spectrum import MARGIN
 
 
@@ -61,7 +61,7 @@ def test_the_limits_of_a_difference():
     """A level differs by more than 5 %, and by more than 4.5 standard errors; strong evidence makes a colour."""
     (one,) = found(np.random.default_rng(15).normal(size=(400, 1)), np.eye(1))
     sure = replace(one, level_error_T=0.0)
-    assert (noise_module.LEAST_DIFFERENCE, noise_module.CERTAIN, MARGIN) == (0.05, 4.5, 6.0)
+    assert (agreement.LEAST_DIFFERENCE, agreement.CERTAIN, MARGIN) == (0.05, 4.5, 6.0)
     assert not differs(sure, replace(sure, level_T=1.049 * one.level_T))
     assert differs(sure, replace(sure, level_T=1.051 * one.level_T))
     error = 0.1 * one.level_T
