@@ -6,7 +6,7 @@ Processes of this machine end with the block that uses them, however that ends.
 import os
 import signal
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import get_context
@@ -61,17 +61,15 @@ def processes(jobs: int, context: ForkServerContext | SpawnContext) -> Iterator[
             remove_unfinished(temporary_place())  # which processes that end at once leave
 
 
-def submit_all(
-    pool: ProcessPoolExecutor, work: Callable[[Given], Done], tasks: Iterable[Given]
-) -> dict[Future[Done], Given]:
+def submit_all(pool: Executor, work: Callable[[Given], Done], tasks: Iterable[Given]) -> dict[Future[Done], Given]:
     """Hand in tasks, and return them by what will hold their results.
 
     A signal waits until that is done: a process that is just being started would not be ended with the others.
 
     Parameters
     ----------
-    pool : ProcessPoolExecutor
-        As `processes` gives it.
+    pool : Executor
+        As `processes` gives it, or a cluster.
     work : callable
         Does a task.
     tasks : iterable
@@ -120,10 +118,10 @@ def run_here(tasks: list[Task], jobs: int) -> Iterator[tuple[Task, str]]:
         if isinstance(problem, BrokenProcessPool):
             left.append(task)
         else:
-            yield task, _process_problem(problem)
+            yield task, _in_words(problem)
     for task in left:
         for _, problem in _in_pool([task], 1):
-            yield task, _process_problem(problem)
+            yield task, _in_words(problem)
 
 
 def _in_pool(tasks: list[Task], jobs: int) -> Iterator[tuple[Task, BaseException | None]]:
@@ -132,16 +130,22 @@ def _in_pool(tasks: list[Task], jobs: int) -> Iterator[tuple[Task, BaseException
     context.set_forkserver_preload(list(_PRELOADED))
     try:
         with processes(jobs, context) as pool:
-            futures = submit_all(pool, process, tasks)
-            for future in as_completed(futures):
-                yield futures[future], future.exception()
+            yield from _as_done(pool, tasks)
     except BrokenProcessPool as problem:  # while tasks were handed in
         yield from ((task, problem) for task in tasks)
 
 
-def _process_problem(problem: BaseException | None) -> str:
+def _as_done(pool: Executor, tasks: list[Task]) -> Iterator[tuple[Task, BaseException | None]]:
+    futures = submit_all(pool, process, tasks)
+    for future in as_completed(futures):
+        yield futures[future], CancelledError() if future.cancelled() else future.exception()
+
+
+def _in_words(problem: BaseException | None) -> str:
     if problem is None:
         return ""
+    if isinstance(problem, CancelledError):
+        return "the cluster gave it up: did its scheduler end?"
     if isinstance(problem, BrokenProcessPool):
         return "its process was killed: did memory run out? Cut the recording, or give the batch more memory"
     return f"{type(problem).__name__}: {problem}"
@@ -175,25 +179,12 @@ def run_on_cluster(tasks: list[Task], scheduler: str) -> Iterator[tuple[Task, st
     import distributed
 
     dask: Any = distributed  # typed in part
-    with _connect(dask.Client, scheduler) as client:
-        futures = [client.submit(process, task, pure=False) for task in tasks]
-        by_key = {future.key: task for future, task in zip(futures, tasks, strict=True)}
-        for future in dask.as_completed(futures):
-            yield by_key[future.key], _cluster_problem(future)
-
-
-def _cluster_problem(future: Any) -> str:
-    if future.cancelled():
-        return "the cluster gave it up: did its scheduler end?"
-    return _process_problem(future.exception())
-
-
-def _connect(connect: Any, scheduler: str) -> Any:
     try:
-        client = connect(scheduler, timeout=CONNECT_S)
+        connected = dask.Client(scheduler, timeout=CONNECT_S)
     except (OSError, ValueError) as problem:
         raise InputError(f"no scheduler answers at {scheduler}: give its address, as in tcp://host:8786") from problem
-    if not client.scheduler_info()["workers"]:
-        client.close()
-        raise InputError(f"the scheduler at {scheduler} has no worker: start one with dask worker {scheduler}")
-    return client
+    with connected as client:
+        if not client.scheduler_info()["workers"]:
+            raise InputError(f"the scheduler at {scheduler} has no worker: start one with dask worker {scheduler}")
+        for task, problem in _as_done(client.get_executor(pure=False), tasks):
+            yield task, _in_words(problem)
