@@ -112,12 +112,11 @@ class Differences:
     @property
     def that_show(self) -> "Differences":
         """The same without the effects that the simulation's run could not show if it had them."""
-        hidden = [one for one in self.missing if not one.is_shown_by_other_run]
-        words = {_missing_in_words(one) for one in hidden}
+        hidden = {_missing_in_words(one) for one in self.missing if not one.is_shown_by_other_run}
         return replace(
             self,
-            missing=tuple(one for one in self.missing if one not in hidden),
-            energies=tuple(one for one in self.energies if one[0] not in words),
+            missing=tuple(one for one in self.missing if one.is_shown_by_other_run),
+            energies=tuple(one for one in self.energies if one[0] not in hidden),
         )
 
     @property

@@ -1,6 +1,7 @@
 """One of the two recordings with what the judge says of it, and plain figures of both in pairs."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -99,8 +100,7 @@ class Figure:
         """Whether the two differ beyond tolerance and chance; what is of the path never does."""
         if not np.isfinite(self.difference):
             return "cannot tell"
-        errors = np.nan_to_num([self.simulation.standard_error, self.recording.standard_error])
-        chance = CERTAIN * float(np.hypot(errors[0], errors[1]))
+        chance = CERTAIN * np.hypot(*np.nan_to_num([self.simulation.standard_error, self.recording.standard_error]))
         is_same = self.difference <= max(self.simulation.tolerance, self.recording.tolerance, chance)
         return "same" if is_same or not self.simulation.is_of_simulation else "differs"
 
@@ -167,11 +167,9 @@ def _delays(side: Side) -> Iterator[ReadingFigure]:
     """Yield how much later than sensor 1 the others are stamped; NaN where the motion does not show it."""
     count, step = side.recording.sensor_count, float(np.median(np.diff(side.recording.time_s)))
     delays = errors = np.full(count, np.nan)
-    try:
+    with suppress(InputError, Refused, np.linalg.LinAlgError):
         found = estimate_delays(side.recording, side.array)
         delays, errors = found.delay_s, found.standard_error_s
-    except (InputError, Refused, np.linalg.LinAlgError):
-        pass
     for sensor in range(1, count):
         name = f"delay of sensor {sensor + 1}"
         yield ReadingFigure("stamps", name, "s", float(delays[sensor]), float(errors[sensor]), SAME * step)

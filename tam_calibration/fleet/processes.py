@@ -186,5 +186,5 @@ def run_on_cluster(tasks: list[Task], scheduler: str) -> Iterator[tuple[Task, st
     with connected as client:
         if not client.scheduler_info()["workers"]:
             raise InputError(f"the scheduler at {scheduler} has no worker: start one with dask worker {scheduler}")
-        for task, problem in _as_done(client.get_executor(pure=False), tasks):
-            yield task, _in_words(problem)
+        for task, cause in _as_done(client.get_executor(pure=False), tasks):
+            yield task, _in_words(cause)

@@ -4,7 +4,6 @@ All are found in one pass through the samples.
 """
 
 from collections import defaultdict
-from dataclasses import dataclass
 from itertools import combinations
 from math import log
 
@@ -131,7 +130,7 @@ def _axes(overview: Overview, known: set[frozenset[int]]) -> list[Fault]:
     """Return the axes that repeat another but for scale and offset."""
     values, ordered, count = overview.values_T, overview.sorted_T, overview.sensor_count
     is_still = (ordered[:, 0] == ordered[:, -1]) | (values.var(axis=1) == 0)
-    correlation = np.corrcoef(values)
+    correlation: FloatArray = np.asarray(np.corrcoef(values))
     correlation[is_still | is_still[:, None]] = 0
     faults = []
     own = correlation.reshape(count, 3, count, 3)[range(count), :, range(count)]
@@ -159,18 +158,31 @@ SAME = 0.8
 """Part of the longest run in which all axes of a sensor are constant: the sensor is frozen, not an axis alone."""
 
 
-@dataclass(frozen=True)
 class _Run:
-    """Columns of one sensor, one or all three, that keep a value; whether they show their noise elsewhere."""
+    """Columns of one sensor, one or all three, that keep a value, and whether they show their noise elsewhere.
 
-    columns: tuple[int, ...]
-    time_s: tuple[float, float]
-    value_T: float
-    is_fine: bool
+    Of a second pass: lowest and highest readings (3K,) during the run; (2, 3K) last before and first after it, or NaN.
+    """
 
-    @property
-    def is_of_sensor(self) -> bool:
-        return len(self.columns) == 3
+    def __init__(
+        self, columns: list[int], time_s: tuple[float, float], value_T: float, is_fine: bool, all_columns: int
+    ) -> None:
+        self.columns, self.time_s, self.value_T, self.is_fine = columns, time_s, value_T, is_fine
+        self.is_of_sensor = len(columns) == 3
+        self.low_T, self.high_T = np.full(all_columns, np.inf), np.full(all_columns, -np.inf)
+        self.around_T = np.full((2, all_columns), np.nan)
+
+    def add(self, block: Block) -> None:
+        """Add the samples of a block."""
+        values = block.readings_T.reshape(len(block.readings_T), -1)
+        start = np.searchsorted(block.time_s, self.time_s[0])
+        stop = np.searchsorted(block.time_s, self.time_s[1], side="right")
+        self.low_T = values[start:stop].min(axis=0, initial=np.inf).clip(max=self.low_T)
+        self.high_T = values[start:stop].max(axis=0, initial=-np.inf).clip(min=self.high_T)
+        if start > 0:
+            self.around_T[0] = values[start - 1]
+        if stop < len(values) and np.isnan(self.around_T[1]).all():
+            self.around_T[1] = values[stop]
 
 
 class FrozenAxes:
@@ -248,7 +260,7 @@ class FrozenAxes:
             share = _chance(length, equal, self._count)
             if share is not None:
                 is_fine = share < FINE or length == self._count
-                found.append(_Run((column,), (first_s, last_s), value_T, is_fine))
+                found.append(_Run([column], (first_s, last_s), value_T, is_fine, len(self._equal)))
         return found
 
 
@@ -260,31 +272,28 @@ def _by_sensor(runs: list[_Run]) -> list[_Run]:
         first, last = max(run.time_s[0] for run in own), min(run.time_s[1] for run in own)
         longest = max(run.time_s[1] - run.time_s[0] for run in own)
         if len(own) == 3 and last - first >= SAME * longest:
-            columns = tuple(run.columns[0] for run in own)
-            own = [_Run(columns, (first, last), own[0].value_T, any(run.is_fine for run in own))]
+            columns = [run.columns[0] for run in own]
+            own = [_Run(columns, (first, last), own[0].value_T, any(run.is_fine for run in own), len(own[0].low_T))]
         found += own
     return found
 
 
 def _frozen(runs: list[_Run], step_T: FloatArray, source: SampleSource) -> list[Fault]:
     """Return those runs during which other axes move, and that end or begin with more than a step of the axis."""
-    faults = []
-    times_s = [*(run.time_s for run in runs), source.time_span_s]
-    *during, complete = spans = [_Span(time_s, len(step_T)) for time_s in times_s]
+    faults, complete = [], _Run([], source.time_span_s, 0.0, True, len(step_T))
     for block in source.blocks():
-        for span in spans:
-            span.add(block)
-    for run, span in zip(runs, during, strict=True):
+        for run in (*runs, complete):
+            run.add(block)
+    all_T = complete.high_T - complete.low_T
+    for run in runs:
         low_T, high_T = complete.low_T[run.columns[0]], complete.high_T[run.columns[0]]
         is_at_end = low_T < high_T and run.value_T in (low_T, high_T)
         if not run.is_of_sensor and (not run.is_fine or is_at_end):
             continue  # it may have turned about an axis of coarse steps; and the end of a range is saturation
-        columns = list(run.columns)
-        changes = np.abs(span.around_T[:, columns] - span.low_T[columns])
-        if np.isfinite(changes).any() and not (changes > STEPS * step_T[columns]).any():
+        changes = np.abs(run.around_T[:, run.columns] - run.low_T[run.columns])
+        if np.isfinite(changes).any() and not (changes > STEPS * step_T[run.columns]).any():
             continue  # it comes and goes by a step or two of its own: it may be at rest, or turn back
-        range_T, all_T = (each.high_T - each.low_T for each in (span, complete))
-        part = np.divide(range_T, all_T, out=np.zeros_like(step_T), where=all_T > 0)
+        part = np.divide(run.high_T - run.low_T, all_T, out=np.zeros_like(step_T), where=all_T > 0)
         moved = np.delete(part, run.columns)
         if run.is_fine if not len(moved) else moved.max() > (0 if run.is_fine else MOVED):
             faults.append(_fault(run, "the others move" if len(moved) else "its noise would show", source))
@@ -301,25 +310,3 @@ def _fault(run: _Run, whose: str, source: SampleSource) -> Fault:
         f"{whose}: it is frozen"
     )
     return Fault("frozen", sensor + 1, name, run.time_s, sentence, may_be_effect=not is_dead)
-
-
-class _Span:
-    """Lowest and highest readings (3K,) during a span of time; (2, 3K) last before and first after it, or NaN."""
-
-    def __init__(self, time_s: tuple[float, float], columns: int) -> None:
-        self._time_s = time_s
-        self.low_T, self.high_T = np.full(columns, np.inf), np.full(columns, -np.inf)
-        self.around_T = np.full((2, columns), np.nan)
-
-    def add(self, block: Block) -> None:
-        """Add the samples of a block."""
-        values = block.readings_T.reshape(len(block.readings_T), -1)
-        start = np.searchsorted(block.time_s, self._time_s[0])
-        stop = np.searchsorted(block.time_s, self._time_s[1], side="right")
-        if start < stop:
-            self.low_T = np.minimum(self.low_T, values[start:stop].min(axis=0))
-            self.high_T = np.maximum(self.high_T, values[start:stop].max(axis=0))
-        if start > 0:
-            self.around_T[0] = values[start - 1]
-        if stop < len(values) and np.isnan(self.around_T[1]).all():
-            self.around_T[1] = values[stop]
