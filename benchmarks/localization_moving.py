@@ -60,7 +60,7 @@ def demodulation(generator: np.random.Generator, runs: int) -> Iterable[Figure]:
     """Yield the errors of amplitudes at 10 Hz over σ √(2/N), which takes phase and background for known."""
     time = np.arange(2000) / 100
     attitude = Manoeuvre(from_degrees(25), from_degrees(25), 20.0).attitudes(time, generator)
-    background, turning = background_of(time, attitude), turning_of(attitude, 3)
+    background, turning = background_of(time, attitude), turning_of(attitude)[:, :3, :3]
     site = Rotation.from_quat(attitude).inv().apply(read_scenario("wu_turntable").site_field_T)
     drift = np.outer(np.sin(2 * np.pi * time / 300), from_nanotesla(np.array([8.0, 5.0, -6.0])))
     carrier = np.sin(2 * np.pi * 10 * (time - time[[0, -1]].mean()) + 0.4)[:, None]

@@ -141,7 +141,7 @@ def _turning(recording: Recording, calibration: Calibration) -> Stretch:
     assert recording.attitude is not None
     outputs = calibration.apply(recording.readings_T)[:, :8]
     background = background_of(recording.time_s, recording.attitude)
-    return Stretch(recording.time_s, outputs, background, turning_of(recording.attitude, 8))
+    return Stretch(recording.time_s, outputs, background, turning_of(recording.attitude))
 
 
 def _of_poses(found: Sequence[Demodulated], calibration: Calibration) -> list[Amplitudes]:

@@ -65,7 +65,7 @@ def test_two_phases_are_two_sources():
 def test_the_estimator_makes_the_amplitudes_that_turn():
     """Field and gradient that rest in the world, as demodulation finds them, with the covariance of their noise."""
     turns = Rotation.from_euler("zyx", 0.4 * np.sin(np.outer(TIME_S, [1.1, 1.7, 2.3])))
-    turning, background = turning_of(turns.as_quat(), 8), background_of(TIME_S, turns.as_quat())
+    turning, background = turning_of(turns.as_quat()), background_of(TIME_S, turns.as_quat())
     truth = np.array([1.0, -2, 3, 0.5, 1, -1, 2, 0.3])
     swing = np.sin(2 * np.pi * 10 * TIME_S)[:, None]
     found = []
