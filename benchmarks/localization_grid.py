@@ -33,7 +33,7 @@ from tam_calibration.localization.euler import DIPOLE_INDEX
 from tam_calibration.localization.line_fit import DIPOLES_INDEX
 from tam_calibration.localization.one_source import locate_run
 from tam_calibration.localization.targets import find_targets, path_in
-from tam_calibration.localization.turned_samples import Regional, regional_of
+from tam_calibration.localization.turned_samples import Regional, Samples, regional_of
 from tam_calibration.model.array import UNIT_TENSORS, Array
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.geomagnetic_field import LOCAL_VARIANCE_T2
@@ -224,7 +224,7 @@ class Pass:
             raise Refused("lines are located with an exact attitude alone")
         if self.index != DIPOLES_INDEX:
             prior = regional_of(outputs, attitude, noise)
-        world, _ = locate_run(outputs, self.array, covariance, attitude, prior, self.index)
+        world, _ = locate_run(Samples(outputs, self.array, covariance, attitude, self.index), prior)
         at = world.is_located
         errors = np.sqrt(np.diagonal(world.position_covariance_m2[at], axis1=1, axis2=2))
         return self._pulls(world.position_m[at] + self.path_m[at], errors, self.path_m[at])

@@ -12,7 +12,7 @@ from tam_calibration.cli.locate_options import Wanted
 from tam_calibration.cli.streams import say
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.localization.alternating import locate_alternating
-from tam_calibration.localization.steady import locate_steady
+from tam_calibration.localization.locate import locate_steady
 from tam_calibration.localization.survey import Survey
 from tam_calibration.localization.target_list import merged
 from tam_calibration.localization.targets import find_targets, path_in

@@ -1,8 +1,8 @@
 """Nonlinear least squares: the iteration that all fits share, and damped steps for many small problems side by side."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TypeVar
+from dataclasses import dataclass, replace
+from typing import Self, TypeVar
 
 import numpy as np
 
@@ -85,6 +85,10 @@ class Solution:
     covariance: FloatArray
     chi_square: FloatArray
     is_found: np.ndarray
+
+    def take(self, at: np.ndarray) -> Self:
+        """Return those of some problems."""
+        return replace(self, **{name: value[at] for name, value in vars(self).items()})
 
 
 def solve_damped(

@@ -13,10 +13,11 @@ from tam_calibration.localization.amplitude_fit import (
     require_one_source,
 )
 from tam_calibration.localization.calibration_errors import PLACE_ERROR_M, errors_of
-from tam_calibration.localization.euler import DIPOLE_INDEX, elements_of, require_index
+from tam_calibration.localization.euler import DIPOLE_INDEX
+from tam_calibration.localization.source_fit import SOURCES, elements_of, require_index
 from tam_calibration.localization.stretch import Stretch, frequency_of, require_one_phase
 from tam_calibration.localization.survey import ARRAY_FRAME, WORLD_FRAME, Line, Overall, Survey
-from tam_calibration.localization.turned_samples import SOURCES, matrices_of, turned
+from tam_calibration.localization.turned_samples import matrices_of, turned
 from tam_calibration.model.array import tensors_of
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
@@ -73,11 +74,13 @@ def locate_alternating(
     recording = calibration.without_effects(recording)
     if recording.attitude is not None:
         recording = recording.take(np.flatnonzero(np.isfinite(recording.attitude).all(axis=1)))
-    line = _line(recording, frequency_hz)
-    poses = [slice(None)] if recording.attitude is None else poses_of(recording, line.frequency_hz)
+    spectrum = _spectrum(recording, frequency_hz is None)
+    near_hz = spectrum.peak_hz if frequency_hz is None else frequency_hz
+    poses = [slice(None)] if recording.attitude is None else poses_of(recording, near_hz)
     stretches = [_still(recording.take(pose)) for pose in poses] or [_turning(recording, calibration)]
-    line = _tuned(line, stretches, frequency_hz is not None)
-    found = [stretch.demodulated(line.frequency_hz) for stretch in stretches]
+    hertz = frequency_of(stretches, near_hz, frequency_hz is not None)
+    error_hz = spectrum.peak_standard_error_hz if spectrum and hertz != frequency_hz else np.nan
+    found = [stretch.demodulated(hertz) for stretch in stretches]
     require_one_phase(found)
     parts = _of_poses(found, calibration) if poses else [_of_turning(stretches[0], found[0], recording, calibration)]
     attitude = np.tile([0.0, 0.0, 0.0, 1.0], (len(parts), 1))
@@ -96,39 +99,26 @@ def locate_alternating(
         turned(solutions, attitude),
         np.zeros((len(parts), 3)),
         _overall(together, index) if together and solutions.is_located.sum() > 1 else None,
-        line=line,
+        line=Line(hertz, error_hz, spectrum),
         note=" ".join(remark for remark, holds in remarks.items() if holds),
     )
 
 
-def _line(recording: Recording, frequency_hz: float | None) -> Line:
+def _spectrum(recording: Recording, is_needed: bool) -> Spectrum | None:
+    """Return the spectrum from ten periods in the record to half the sampling rate, if a line stands out of it."""
+    span_s = float(np.ptp(recording.time_s))
     try:
-        spectrum = _spectrum(recording)
+        return find_frequency(
+            recording.time_s,
+            recording.readings_T.reshape(recording.sample_count, -1),
+            background_of(recording.time_s, recording.attitude),
+            FEWEST_PERIODS / span_s,
+            0.5 * (recording.sample_count - 1) / span_s,
+        )
     except (Refused, InputError):
-        if frequency_hz is None:
+        if is_needed:
             raise
-        return Line(frequency_hz, np.nan, None)
-    if frequency_hz is not None:
-        return Line(frequency_hz, np.nan, spectrum)
-    return Line(spectrum.peak_hz, spectrum.peak_standard_error_hz, spectrum)
-
-
-def _tuned(line: Line, stretches: Sequence[Stretch], is_stated: bool) -> Line:
-    """Return the line at the frequency that the stretches have."""
-    hertz = frequency_of(stretches, line.frequency_hz, is_stated)
-    if hertz == line.frequency_hz:
-        return line
-    error = np.nan if line.spectrum is None else line.spectrum.peak_standard_error_hz
-    return Line(hertz, error, line.spectrum)
-
-
-def _spectrum(recording: Recording) -> Spectrum:
-    """Return the spectrum from ten periods in the record to half the sampling rate."""
-    channels = recording.readings_T.reshape(recording.sample_count, -1)
-    span = float(np.ptp(recording.time_s))
-    background = background_of(recording.time_s, recording.attitude)
-    highest = 0.5 * (recording.sample_count - 1) / span
-    return find_frequency(recording.time_s, channels, background, FEWEST_PERIODS / span, highest)
+        return None
 
 
 def _still(pose: Recording) -> Stretch:

@@ -13,10 +13,10 @@ import numpy as np
 
 from tam_calibration.core.least_squares import Solution
 from tam_calibration.localization.calibration_errors import PLACE_ERROR_M
-from tam_calibration.localization.euler import DIPOLE_INDEX, fit_fields, is_certain, locate, start_of
+from tam_calibration.localization.euler import DIPOLE_INDEX, locate
 from tam_calibration.localization.line_fit import unknowns_of
 from tam_calibration.localization.solutions import CHANCE, EulerSolutions, Status
-from tam_calibration.localization.turned_samples import SOURCES
+from tam_calibration.localization.source_fit import SOURCES, fit_fields, is_certain, start_of
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.units import FloatArray
 from tam_calibration.sources.dipole import dipole_field
@@ -141,6 +141,14 @@ class AmplitudeFit:
         """Whether the source leaves no more than noise and errors."""
         return self.chance >= CHANCE
 
+    @property
+    def status(self) -> Status:
+        """Whether it locates the source."""
+        if not self.is_explaining:
+            return Status.MISFIT
+        is_sure = is_certain(self.solution.unknowns, self.solution.covariance)[0]
+        return Status.LOCATED if is_sure else Status.UNCERTAIN
+
 
 def fit_amplitudes(amplitudes: Amplitudes, start: FloatArray, index: float) -> AmplitudeFit:
     """Return the source that fits amplitudes, with errors of the places only where it leaves too much without.
@@ -195,33 +203,16 @@ def locate_amplitudes(
     together : AmplitudeFit, optional
         In the frame in which the source rests; None where no pose shows where to begin.
     """
-    status, own = np.zeros(len(parts), dtype=int), {}
+    each, own = [], {}
     for number, part in enumerate(parts):
-        start, status[number] = _begin(part, index)
-        if status[number] == Status.LOCATED:
-            own[number] = fit_amplitudes(part, start, index)
-            status[number] = _status(own[number])
-    located = [fit.solution for number, fit in own.items() if status[number] == Status.LOCATED]
-    unknowns, covariance, chi_square = (
-        np.array([getattr(one, name)[0] for one in located]).reshape(-1, *shape)
-        for name, shape in (("unknowns", (6,)), ("covariance", (6, 6)), ("chi_square", ()))
-    )
-    solutions = EulerSolutions.of_fits(status, unknowns, covariance, chi_square, index == DIPOLE_INDEX)
-    return solutions, _together(parts, rotation, own, index) if own else None
-
-
-def _begin(part: Amplitudes, index: float) -> tuple[FloatArray, Status]:
-    """Return where a fit begins (6,), and why it has nowhere to."""
-    outputs = part.outputs[None]
-    euler = locate(outputs, part.to_outputs @ part.covariance() @ part.to_outputs.T, index=index)
-    return start_of(euler, outputs, index)[0], Status(int(euler.status[0]))
-
-
-def _status(fit: AmplitudeFit) -> Status:
-    if not fit.is_explaining:
-        return Status.MISFIT
-    is_sure = is_certain(fit.solution.unknowns, fit.solution.covariance)[0]
-    return Status.LOCATED if is_sure else Status.UNCERTAIN
+        outputs = part.outputs[None]
+        euler = locate(outputs, part.to_outputs @ part.covariance() @ part.to_outputs.T, index=index)
+        if euler.is_located[0]:
+            fit = own[number] = fit_amplitudes(part, start_of(euler, outputs, index)[0], index)
+            located = fit.solution.take(np.array([fit.status == Status.LOCATED]))
+            euler = EulerSolutions.of_fits(np.array([fit.status]), located, index == DIPOLE_INDEX)
+        each.append(euler)
+    return EulerSolutions.joined(each), _together(parts, rotation, own, index) if own else None
 
 
 def _together(
