@@ -10,7 +10,7 @@ from tam_calibration.comparison.noise import is_noise, noise_differences, rows_w
 from tam_calibration.comparison.result import UNKNOWN, EffectDifference, NoiseDifference, OtherParameters, Side
 from tam_calibration.comparison.shared_effects import energy_of, follows_the_run, is_shown, parameters_differ
 from tam_calibration.gap.result import Cause
-from tam_calibration.model.sensors_in_words import sensors_in_words
+from tam_calibration.model.exceptions import sensors_in_words
 
 _OPEN = ("partly_explained", "unexplained")
 """Verdicts that leave an unknown part."""

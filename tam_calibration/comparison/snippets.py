@@ -10,8 +10,8 @@ import numpy as np
 from tam_calibration.comparison.mend import Mend, NoiseTerm
 from tam_calibration.comparison.noise_stream import slow_modes
 from tam_calibration.effects.library import effect_named
+from tam_calibration.model.exceptions import sensors_in_words
 from tam_calibration.model.fitted_effect import ALL
-from tam_calibration.model.sensors_in_words import sensors_in_words
 
 _STEP = "step"
 """The value of an effect for which Gazebo has an element: the step of rounding."""

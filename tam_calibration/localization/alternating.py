@@ -17,9 +17,10 @@ from tam_calibration.localization.euler import DIPOLE_INDEX
 from tam_calibration.localization.source_fit import SOURCES, elements_of, require_index
 from tam_calibration.localization.stretch import Stretch, frequency_of, require_one_phase
 from tam_calibration.localization.survey import ARRAY_FRAME, WORLD_FRAME, Line, Overall, Survey
-from tam_calibration.localization.turned_samples import matrices_of, turned
+from tam_calibration.localization.turned_samples import turned
 from tam_calibration.model.array import tensors_of
 from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.mounting import matrices_of
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
 from tam_calibration.sources.demodulation import Demodulated, Spectrum, background_of, find_frequency, turning_of
@@ -75,7 +76,7 @@ def locate_alternating(
     if recording.attitude is not None:
         recording = recording.take(np.flatnonzero(np.isfinite(recording.attitude).all(axis=1)))
     spectrum = _spectrum(recording, frequency_hz is None)
-    near_hz = spectrum.peak_hz if frequency_hz is None else frequency_hz
+    near_hz = frequency_hz or (spectrum.peak_hz if spectrum else np.nan)
     poses = [slice(None)] if recording.attitude is None else poses_of(recording, near_hz)
     stretches = [_still(recording.take(pose)) for pose in poses] or [_turning(recording, calibration)]
     hertz = frequency_of(stretches, near_hz, frequency_hz is not None)

@@ -25,6 +25,7 @@ from tam_calibration.localization.solutions import EulerSolutions, Status
 from tam_calibration.localization.source_fit import fit_outputs, is_certain, locate_with_baselines, start_of
 from tam_calibration.model.array import Array, tensors_of
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.mounting import matrices_of
 from tam_calibration.model.units import FloatArray
 
 _TENTHS = 10
@@ -222,17 +223,6 @@ def _unless_unknown(solutions: EulerSolutions, rotation: FloatArray) -> EulerSol
     """Name the attitude as the reason where it is unknown."""
     status = np.where(np.isfinite(rotation).all(axis=(1, 2)), solutions.status, Status.NO_ATTITUDE)
     return replace(solutions, status=status)
-
-
-def matrices_of(attitude: FloatArray) -> FloatArray:
-    """Return the rotations (N, 3, 3) of quaternions (N, 4), NaN where they are unknown."""
-    from scipy.spatial.transform import Rotation
-
-    known = np.isfinite(attitude).all(axis=1)
-    matrices = np.full((len(attitude), 3, 3), np.nan)
-    if known.any():
-        matrices[known] = Rotation.from_quat(attitude[known]).as_matrix()
-    return matrices
 
 
 _ANGLES = np.pi / 4 * np.arange(8)

@@ -11,6 +11,7 @@ from numpy.polynomial.legendre import legvander
 
 from tam_calibration.model.array import TENSOR_COLUMNS, TENSOR_ROWS, UNIT_TENSORS
 from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.mounting import matrices_of
 from tam_calibration.model.units import FloatArray
 
 _PADDING = 4
@@ -154,7 +155,7 @@ def background_of(time_s: FloatArray, attitude: FloatArray | None = None) -> Flo
     """
     columns = legvander(2 * (time_s - time_s[0]) / np.ptp(time_s) - 1, 3)
     if attitude is not None:
-        columns = np.concatenate([columns, _rotations(attitude).reshape(len(time_s), 9)], axis=1)
+        columns = np.concatenate([columns, matrices_of(attitude).reshape(len(time_s), 9)], axis=1)
     if columns.shape[1] >= len(time_s):
         raise InputError(f"{len(time_s)} samples are too few for a background of {columns.shape[1]} columns")
     left, size, _ = np.linalg.svd(columns, full_matrices=False)
@@ -183,19 +184,13 @@ def turning_of(attitude: FloatArray) -> FloatArray:
         Quaternions x, y, z, w from the array frame to the world. The eight channels are in the order of
         ``array.OUTPUT_NAMES``, without gzz.
     """
-    matrix = _rotations(attitude)
+    matrix = matrices_of(attitude)
     back = np.swapaxes(matrix, 1, 2)
     turning = np.zeros((len(matrix), 8, 8))
     turning[:, :3, :3] = back
     turned = back[:, None] @ UNIT_TENSORS @ matrix[:, None]
     turning[:, 3:, 3:] = np.swapaxes(turned[..., TENSOR_ROWS, TENSOR_COLUMNS], 1, 2)
     return turning
-
-
-def _rotations(attitude: FloatArray) -> FloatArray:
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_quat(attitude).as_matrix())
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.mounting import matrices_of
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, from_degrees
 from tam_calibration.sources.demodulation import background_of, demodulate
@@ -33,9 +34,7 @@ class Poses:
     @property
     def matrix(self) -> FloatArray:
         """(N, 3, 3) rotations from the array frame to the world."""
-        from scipy.spatial.transform import Rotation
-
-        return np.asarray(Rotation.from_quat(self.attitude).as_matrix())
+        return matrices_of(self.attitude)
 
 
 _STILL = from_degrees(0.2)
