@@ -23,7 +23,7 @@ from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation.attitude import Manoeuvre
-from tam_calibration.sources.demodulation import background_of, demodulate, turning_of
+from tam_calibration.sources.demodulation import Stretch, background_of, demodulate, turning_of
 from tam_calibration.sources.dipole import Loop
 from tam_validation.papers.wu2025_coil import POSITION_M, RADIUS_M
 
@@ -70,7 +70,8 @@ def demodulation(generator: np.random.Generator, runs: int) -> Iterable[Figure]:
         amplitude = from_nanotesla(np.array(generator.uniform(10, 1000))) * directions(generator, 1)[0]
         for rests, signal in (("array", carrier * amplitude), ("world", carrier * (turning @ amplitude))):
             noisy = site + drift + signal + SENSOR_NOISE_T * generator.standard_normal(signal.shape)
-            found = demodulate(time, noisy, 10.0, background, turning if rests == "world" else None).amplitude
+            heard = Stretch(time, noisy, background, turning if rests == "world" else None)
+            found = demodulate(heard, 10.0).amplitude
             ratios.setdefault((rests, "synchronous least squares"), []).append(_square(found, amplitude, bound))
             if rests == "array":
                 passed = band_pass_amplitude(time, noisy)

@@ -65,6 +65,13 @@ def scaled(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
     return normal / scale[..., :, None] / scale[..., None, :], scale
 
 
+def root_of(covariance: FloatArray) -> FloatArray:
+    """Return a square root (P, P) of a covariance (P, P) whose diagonal may hold zeros."""
+    unit, size = scaled(covariance)
+    values, vectors = np.linalg.eigh(unit)
+    return np.asarray(size[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
 @dataclass(frozen=True, eq=False)
 class Solution:
     """The least-squares solutions of M problems.

@@ -87,7 +87,7 @@ def fast_noise(values: FloatArray) -> FloatArray:
     return np.asarray(np.maximum(spread, _SMALLEST_T))
 
 
-FEWEST = 50
+_FEWEST_IN_TURN = 50
 """Samples of which the ratio of the medians is 1 ± 0.14 for noise alone."""
 
 
@@ -106,7 +106,7 @@ def alternations(readings_T: FloatArray) -> dict[int, str]:
     """
     # Samples in a row that are looked at: some tens of seconds.
     readings_T = readings_T[:4096]
-    if len(readings_T) < FEWEST or readings_T.shape[1] < 2:
+    if len(readings_T) < _FEWEST_IN_TURN or readings_T.shape[1] < 2:
         return {}
     next_T, second_T = (_distance(readings_T, lag) for lag in (1, 2))
     # Median distance from the middle of the readings two samples away over that of the next ones: 1 for noise, 4

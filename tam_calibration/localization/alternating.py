@@ -14,8 +14,9 @@ from tam_calibration.localization.amplitude_fit import (
 )
 from tam_calibration.localization.calibration_errors import PLACE_ERROR_M, errors_of
 from tam_calibration.localization.euler import DIPOLE_INDEX
+from tam_calibration.localization.solutions import EulerSolutions, Status
 from tam_calibration.localization.source_fit import SOURCES, elements_of, require_index
-from tam_calibration.localization.stretch import Stretch, frequency_of, require_one_phase
+from tam_calibration.localization.stretch import estimator_of, frequency_of, require_one_phase
 from tam_calibration.localization.survey import ARRAY_FRAME, WORLD_FRAME, Line, Overall, Survey
 from tam_calibration.localization.turned_samples import turned
 from tam_calibration.model.array import tensors_of
@@ -23,7 +24,15 @@ from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.mounting import matrices_of
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
-from tam_calibration.sources.demodulation import Demodulated, Spectrum, background_of, find_frequency, turning_of
+from tam_calibration.sources.demodulation import (
+    Demodulated,
+    Spectrum,
+    Stretch,
+    background_of,
+    demodulate,
+    find_frequency,
+    turning_of,
+)
 from tam_calibration.sources.poses import FEWEST_PERIODS, poses_of
 
 _HIGHEST_HZ = 1e6
@@ -78,10 +87,10 @@ def locate_alternating(
     spectrum = _spectrum(recording, frequency_hz is None)
     near_hz = frequency_hz or (spectrum.peak_hz if spectrum else np.nan)
     poses = [slice(None)] if recording.attitude is None else poses_of(recording, near_hz)
-    stretches = [_still(recording.take(pose)) for pose in poses] or [_turning(recording, calibration)]
+    stretches = [Stretch.of(recording.take(pose)) for pose in poses] or [_turning(recording, calibration)]
     hertz = frequency_of(stretches, near_hz, frequency_hz is not None)
     error_hz = spectrum.peak_standard_error_hz if spectrum and hertz != frequency_hz else np.nan
-    found = [stretch.demodulated(hertz) for stretch in stretches]
+    found = [demodulate(stretch, hertz) for stretch in stretches]
     require_one_phase(found)
     parts = _of_poses(found, calibration) if poses else [_of_turning(stretches[0], found[0], recording, calibration)]
     attitude = np.tile([0.0, 0.0, 0.0, 1.0], (len(parts), 1))
@@ -107,24 +116,13 @@ def locate_alternating(
 
 def _spectrum(recording: Recording, is_needed: bool) -> Spectrum | None:
     """Return the spectrum from ten periods in the record to half the sampling rate, if a line stands out of it."""
-    span_s = float(np.ptp(recording.time_s))
     try:
-        return find_frequency(
-            recording.time_s,
-            recording.readings_T.reshape(recording.sample_count, -1),
-            background_of(recording.time_s, recording.attitude),
-            FEWEST_PERIODS / span_s,
-            0.5 * (recording.sample_count - 1) / span_s,
-        )
+        whole = Stretch.of(recording, recording.attitude)
+        return find_frequency(whole, FEWEST_PERIODS / whole.span_s, 0.5 * whole.rate_hz)
     except (Refused, InputError):
         if is_needed:
             raise
         return None
-
-
-def _still(pose: Recording) -> Stretch:
-    channels = pose.readings_T.reshape(pose.sample_count, -1)
-    return Stretch(pose.time_s, channels, background_of(pose.time_s))
 
 
 def _turning(recording: Recording, calibration: Calibration) -> Stretch:
@@ -169,14 +167,14 @@ def _of_turning(stretch: Stretch, found: Demodulated, recording: Recording, cali
     """Return field and gradient in the world, and what they are linear in: the fields at the sensors all along."""
     assert recording.attitude is not None
     array, rotation = calibration.array, matrices_of(recording.attitude)
-    by_outputs, noise = stretch.estimator(found)
+    carrier, by_outputs, noise = estimator_of(stretch, found)
     back = np.swapaxes(rotation, 1, 2)
     center = back @ found.amplitude[:3]
     tensor = tensors_of(found.amplitude[None])[0]
     fields = center[:, None] + array.positions_m @ (back @ tensor @ rotation)
     errors = array.operator[:8] @ errors_of(calibration, fields, is_alternating=True)
     points, by_points = elements_of(array, array.operator[:8])
-    by_fields = by_outputs * stretch.carrier(found)[:, None]
+    by_fields = by_outputs * carrier[:, None]
     in_world = np.einsum("onp,pqj,nij->onqi", by_fields, by_points.reshape(8, -1, 3), rotation, optimize=True)
     return Amplitudes(
         np.einsum("onp,np->o", by_outputs, stretch.channels),
@@ -191,9 +189,6 @@ def _of_turning(stretch: Stretch, found: Demodulated, recording: Recording, cali
 
 
 def _overall(fit: AmplitudeFit, index: float) -> Overall:
-    unknowns, covariance = fit.solution.unknowns[0], fit.solution.covariance[0]
-    moment, spread = unknowns[3:], covariance[3:, 3:]
-    if index != DIPOLE_INDEX:
-        moment, spread = np.full(3, np.nan), np.full((3, 3), np.nan)
-    chi_square = float(fit.solution.chi_square[0])
-    return Overall(unknowns[:3], covariance[:3, :3], moment, spread, chi_square, fit.degrees_of_freedom)
+    found = EulerSolutions.of_fits(np.array([Status.LOCATED]), fit.solution, index == DIPOLE_INDEX)
+    names = ("position_m", "position_covariance_m2", "moment_Am2", "moment_covariance_A2m4")
+    return Overall(*(getattr(found, name)[0] for name in names), float(found.chi_square[0]), fit.degrees_of_freedom)

@@ -88,16 +88,10 @@ class Amplitudes:
         """Return those of several poses, for sources in one frame."""
         from scipy.linalg import block_diag
 
-        return cls(
-            np.concatenate([part.values for part in parts]),
-            block_diag(*[part.noise for part in parts]),
-            np.concatenate([part.points_m for part in parts]),
-            block_diag(*[part.by_points for part in parts]),
-            np.concatenate([part.by_errors for part in parts]),
-            np.concatenate([part.by_places for part in parts]),
-            np.concatenate([part.gradient for part in parts]),
-            np.zeros((8, 0)),
-        )
+        rows = ("values", "points_m", "by_errors", "by_places", "gradient")
+        joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in rows}
+        noise, by_points = (block_diag(*[getattr(part, name) for part in parts]) for name in ("noise", "by_points"))
+        return cls(**joined, noise=noise, by_points=by_points, to_outputs=np.zeros((8, 0)))
 
     @property
     def outputs(self) -> FloatArray:
@@ -165,14 +159,9 @@ def fit_amplitudes(amplitudes: Amplitudes, start: FloatArray, index: float) -> A
     freedom = len(amplitudes.values) - unknowns_of(index)
     gradient = None
     for place_error_m in (0.0, PLACE_ERROR_M):
-        solution = fit_fields(
-            amplitudes.values[None],
-            amplitudes.points_m,
-            amplitudes.by_points,
-            amplitudes.covariance(place_error_m, gradient),
-            start[None],
-            index,
-        ).solution
+        noise = amplitudes.covariance(place_error_m, gradient)
+        values, points, by_points = amplitudes.values[None], amplitudes.points_m, amplitudes.by_points
+        solution = fit_fields(values, points, by_points, noise, start[None], index).solution
         fit = AmplitudeFit(solution, freedom, place_error_m)
         if fit.chance > _DOUBTFUL:
             break

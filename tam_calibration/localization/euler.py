@@ -67,7 +67,12 @@ def _locate(outputs: FloatArray, noise: FloatArray, index: float, constrained: b
     is_finite = np.asarray(np.isfinite(outputs).all(axis=1) & np.isfinite(noise).all(axis=(1, 2)))
     outputs, noise = _only(is_finite, outputs, 0.0), _only(is_finite, noise, 0.0)
     system = _System.of(outputs, noise, constrained)
-    status = _degeneracies(system, outputs, noise, constrained)
+    status = np.full(len(outputs), Status.LOCATED, dtype=int)
+    _mark(status, Status.NO_FIELD, _is_hidden(outputs[:, :3], noise[:, :3, :3], _FIELD_CHI_SQUARE))
+    _mark(status, Status.NO_GRADIENT, _is_hidden(outputs[:, 3:], noise[:, 3:, 3:], _TENSOR_CHI_SQUARE))
+    if not constrained:
+        least = _DEVIATIONS * system.deviations[:, 2] + _ROUNDING * np.abs(system.values[:, 0])
+        _mark(status, Status.ILL_CONDITIONED, np.abs(system.values[:, 2]) <= least)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         r, by_output = system.solve(index)
         covariance_of_r: FloatArray = by_output @ noise @ np.swapaxes(by_output, 1, 2)
@@ -165,16 +170,6 @@ def _check(outputs: FloatArray, covariance: FloatArray | None, index: float) -> 
     if not is_covariance(covariance[np.isfinite(covariance).all(axis=(-2, -1))]):
         raise InputError("the covariance of field and gradient must be symmetric and positive definite")
     return outputs[:, :8], np.broadcast_to(covariance, (count, 8, 8))
-
-
-def _degeneracies(system: _System, outputs: FloatArray, noise: FloatArray, constrained: bool) -> np.ndarray:
-    status = np.full(len(outputs), Status.LOCATED, dtype=int)
-    _mark(status, Status.NO_FIELD, _is_hidden(outputs[:, :3], noise[:, :3, :3], _FIELD_CHI_SQUARE))
-    _mark(status, Status.NO_GRADIENT, _is_hidden(outputs[:, 3:], noise[:, 3:, 3:], _TENSOR_CHI_SQUARE))
-    if not constrained:
-        least = _DEVIATIONS * system.deviations[:, 2] + _ROUNDING * np.abs(system.values[:, 0])
-        _mark(status, Status.ILL_CONDITIONED, np.abs(system.values[:, 2]) <= least)
-    return status
 
 
 def _is_hidden(values: FloatArray, noise: FloatArray, chi_square: float) -> np.ndarray:

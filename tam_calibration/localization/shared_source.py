@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.core.least_squares import Solution, solve_damped
+from tam_calibration.core.least_squares import Solution, root_of, solve_damped
 from tam_calibration.localization.euler import DIPOLE_INDEX
 from tam_calibration.localization.line_fit import Lines
 from tam_calibration.localization.solutions import EulerSolutions
@@ -79,10 +79,11 @@ def fit_shared(samples: Samples, own: EulerSolutions, near: Regional, prior: Reg
     prior : Regional
         What is known of it beforehand.
     """
-    root = _root(prior.covariance_T2)
+    root = np.zeros((3, 0)) if prior.covariance_T2 is None else root_of(prior.covariance_T2)
     run = _run_of(samples, own, near, root, np.linalg.pinv(root) @ (prior.field_T - near.field_T))
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # where a step leads far away
-        solution = solve_damped(run.predict, run.target, run.start, run.is_small)
+        start = np.concatenate([run.shared, np.zeros(root.shape[1])])[None]
+        solution = solve_damped(run.predict, run.target, start, run.is_small)
         predicted, slopes = run.predict(solution.unknowns, np.arange(1))
         places = run.places(solution.unknowns[0])
     shared, count = len(run.shared), run.data.size
@@ -92,15 +93,10 @@ def fit_shared(samples: Samples, own: EulerSolutions, near: Regional, prior: Reg
         field_T=near.field_T + root @ solution.unknowns[0, shared:],
         covariance_T2=None if prior.covariance_T2 is None else root @ spread @ root.T,
     )
-    return SharedSource(
-        solution,
-        run.position_m(places, solution.unknowns[0], samples.rotation),
-        run.across,
-        regional,
-        (run.target - predicted)[0, :count].reshape(run.data.shape),
-        slopes[0, :count].reshape(*run.data.shape, -1),
-        8 - places.shape[1],
-    )
+    position_m = run.position_m(places, solution.unknowns[0], samples.rotation)
+    residuals = (run.target - predicted)[0, :count].reshape(run.data.shape)
+    slopes = slopes[0, :count].reshape(*run.data.shape, -1)
+    return SharedSource(solution, position_m, run.across, regional, residuals, slopes, 8 - places.shape[1])
 
 
 Own = Callable[[FloatArray, np.ndarray], tuple[FloatArray, FloatArray]]
@@ -130,11 +126,6 @@ class _Run:
     def target(self) -> FloatArray:
         """(1, 8 N + Q) whitened outputs, and what is expected of the regional field."""
         return np.concatenate([self.data.ravel(), self.expected])[None]
-
-    @property
-    def start(self) -> FloatArray:
-        """(1, P) where the fit begins."""
-        return np.concatenate([self.shared, np.zeros(self.by_field.shape[2])])[None]
 
     def is_small(self, unknowns: FloatArray, step: FloatArray) -> np.ndarray:
         """Return whether a step (1, P) hardly changes the source."""
@@ -207,11 +198,3 @@ def _run_of(samples: Samples, own: EulerSolutions, near: Regional, root: FloatAr
     nearest = (np.swapaxes(turned, 1, 2) @ places[..., None])[:, :2, 0]
     by_shared = np.broadcast_to(np.eye(len(shared)), (len(data), len(shared), len(shared)))
     return _Run(data, by_field, expected, lines.predict, nearest, by_shared, shared, axes[:, :2])
-
-
-def _root(covariance: FloatArray | None) -> FloatArray:
-    """Return a square root (3, 3) of a covariance (3, 3), or (3, 0) where nothing is uncertain."""
-    if covariance is None:
-        return np.zeros((3, 0))
-    values, vectors = np.linalg.eigh(covariance)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.core.least_squares import solve_damped
+from tam_calibration.core.least_squares import scaled, solve_damped
 from tam_calibration.localization.euler import DIPOLE_INDEX, locate
 from tam_calibration.localization.line_fit import CURRENT_INDEX, DIPOLES_INDEX, OutputFit, directions_of, fit_lines
 from tam_calibration.localization.solutions import EulerSolutions, Status, in_pieces
@@ -153,8 +153,8 @@ def whitening_of(noise: FloatArray) -> FloatArray:
     variance = np.diagonal(noise, axis1=-2, axis2=-1)
     if not (np.isfinite(variance).all() and (variance > 0).all()):
         raise InputError("the covariance of field and gradient must have a positive, finite diagonal")
-    scale = np.sqrt(variance)
-    values, vectors = np.linalg.eigh(noise / scale[..., :, None] / scale[..., None, :])
+    unit, scale = scaled(noise)
+    values, vectors = np.linalg.eigh(unit)
     if values.min() <= 0:
         raise InputError("the covariance of field and gradient is singular or not a covariance")
     return np.asarray(np.swapaxes(vectors, -1, -2) / np.sqrt(values)[..., None] / scale[..., None, :])

@@ -146,17 +146,12 @@ def find_targets(recording: Recording, calibration: Calibration, path: Path, att
     steadied = attitude_path(recording, array.gyroscope, attitude_noise, wander)
     data = line_data(recording.time_s, fields, steadied.attitude, array, way, steadied.error, errors)
     found, left = search(data, path)
-    field = np.median(data.fields_T.mean(axis=1), axis=0)
+    center_T = data.fields_T.mean(axis=1)
+    targets, intensity_T = targets_of(found, np.median(center_T, axis=0)), norm(center_T, axis=1)
     tensors = tensors_of(fields.reshape(len(fields), -1) @ array.operator.T)
-    return SurveyLine(
-        targets_of(found, field),
-        path.at(data.time_s),
-        data.along_m,
-        norm(data.fields_T.mean(axis=1), axis=1),
-        np.interp(data.time_s, recording.time_s, norm(tensors, axis=(1, 2))),
-        left,
-        steadied.note,
-    )
+    contraction = np.interp(data.time_s, recording.time_s, norm(tensors, axis=(1, 2)))
+    center_m = path.at(data.time_s)
+    return SurveyLine(targets, center_m, data.along_m, intensity_T, contraction, left, steadied.note)
 
 
 def _way_m(path: Path, time_s: FloatArray) -> FloatArray:

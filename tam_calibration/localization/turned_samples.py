@@ -200,15 +200,13 @@ def turned(solutions: EulerSolutions, attitude: FloatArray, attitude_noise: floa
     """
     matrix, variance = matrices_of(attitude), attitude_noise**2
     back = np.swapaxes(matrix, 1, 2)
-    world = EulerSolutions(
-        (matrix @ solutions.position_m[..., None])[..., 0],
-        matrix @ _turning(solutions.position_covariance_m2, solutions.position_m, variance) @ back,
-        (matrix @ solutions.moment_Am2[..., None])[..., 0],
-        matrix @ _turning(solutions.moment_covariance_A2m4, solutions.moment_Am2, variance) @ back,
-        solutions.status,
-        solutions.chi_square,
-        (matrix @ solutions.along[..., None])[..., 0],
+    position, moment, along = (
+        (matrix @ vectors[..., None])[..., 0]
+        for vectors in (solutions.position_m, solutions.moment_Am2, solutions.along)
     )
+    of_position = matrix @ _turning(solutions.position_covariance_m2, solutions.position_m, variance) @ back
+    of_moment = matrix @ _turning(solutions.moment_covariance_A2m4, solutions.moment_Am2, variance) @ back
+    world = EulerSolutions(position, of_position, moment, of_moment, solutions.status, solutions.chi_square, along)
     return _unless_unknown(world, matrix)
 
 

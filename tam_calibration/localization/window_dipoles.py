@@ -8,7 +8,7 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import scaled
-from tam_calibration.localization.line_window import OF_SOURCE, Window
+from tam_calibration.localization.line_window import Window
 from tam_calibration.localization.window_fit import ROUGH_FALL, ROUGH_STEPS, Solved, annealed, solve
 from tam_calibration.model.units import FloatArray
 
@@ -57,13 +57,9 @@ def evidence_of(solved: Solved) -> FloatArray:
 
     Its place counts as known: without a moment, no other place makes up for it.
     """
-    worth = []
-    for number, source in enumerate(solved.sources):
-        own = slice(OF_SOURCE * number, OF_SOURCE * (number + 1))
-        unit, scale = scaled(solved.covariance[own, own])
-        size = source[3:] / scale[3:]
-        worth.append(float(size @ np.linalg.pinv(unit, hermitian=True)[3:, 3:] @ size))
-    return np.array(worth)
+    unit, scale = scaled(solved.covariances)
+    size = solved.sources[:, 3:] / scale[:, 3:]
+    return np.asarray(np.einsum("si,sij,sj->s", size, np.linalg.pinv(unit, hermitian=True)[:, 3:, 3:], size))
 
 
 def mean_square(solved: Solved) -> float:

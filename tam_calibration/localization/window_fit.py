@@ -81,6 +81,12 @@ class Solved:
         inverse = np.linalg.solve(unit + 1e-13 * np.eye(len(unit)), np.eye(len(unit))[:, :count])[:count]
         return np.asarray(inverse / scale[:count, None] / scale[:count])
 
+    @property
+    def covariances(self) -> FloatArray:
+        """(S, 6, 6) of each dipole."""
+        every = np.arange(len(self.sources))
+        return self.covariance.reshape(len(every), 6, len(every), 6)[every, :, every]
+
     @cached_property
     def residual(self) -> FloatArray:
         """(M, 3 K - 2) residuals in units of their noise."""
@@ -158,8 +164,10 @@ def solve(window: Window, start: FloatArray, most_steps: int = _MOST_STEPS, leas
     for number in range(most_steps):
         residual, slopes = window.linearized(unknowns)
         rows = slopes.reshape(-1, len(start))
-        if not number:
-            free = _telling(window, rows, split)
+        if not number:  # errors that the data hardly see stay what they are
+            seen = np.sum(rows**2, axis=0) > _LEAST_SEEN
+            seen[:split] = seen[split + window.unit_count :] = True
+            free = np.flatnonzero(seen)
         rows, inside = rows[:, free], precision[np.ix_(free, free)]
         normal = rows.T @ rows + inside
         slope = rows.T @ residual.ravel() - (precision @ (unknowns - expected))[free]
@@ -186,14 +194,6 @@ def solve(window: Window, start: FloatArray, most_steps: int = _MOST_STEPS, leas
         if stalled and (damping < _FIRST_DAMPING or stalled >= _MOST_STALLED):
             break
     return Solved(window, unknowns, lowest, normal)
-
-
-def _telling(window: Window, rows: FloatArray, split: int) -> np.ndarray:
-    """Return the unknowns of which derivatives (R, P) tell anything; errors that they hardly see stay."""
-    seen = np.sum(rows**2, axis=0) > _LEAST_SEEN
-    seen[:split] = True
-    seen[split + window.unit_count :] = True
-    return np.flatnonzero(seen)
 
 
 def likeliest_roughness(solved: Solved) -> float:

@@ -334,17 +334,11 @@ def _field(scenario: Scenario, attitude: FloatArray, positions_m: FloatArray) ->
 
 def _covariates(scenario: Scenario, center_T: FloatArray, attitude: FloatArray) -> Covariates:
     """Return the truth that effects follow."""
-    temperature, current, time_s = scenario.temperature, scenario.current, scenario.time_s
-    return Covariates(
-        time_s,
-        center_T,
-        scenario.errors,
-        scenario.array,
-        None if temperature is None else temperature.course(time_s),
-        None if current is None else current.course(time_s),
-        attitude,
-        further={name: channel.course(time_s) for name, channel in scenario.further.items()},
-    )
+    time_s, channels = scenario.time_s, (scenario.temperature, scenario.current)
+    temperature, current = (None if channel is None else channel.course(time_s) for channel in channels)
+    further = {name: channel.course(time_s) for name, channel in scenario.further.items()}
+    errors, array = scenario.errors, scenario.array
+    return Covariates(time_s, center_T, errors, array, temperature, current, attitude, further=further)
 
 
 def _readings(

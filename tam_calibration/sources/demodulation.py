@@ -12,6 +12,7 @@ from numpy.polynomial.legendre import legvander
 from tam_calibration.model.array import TENSOR_COLUMNS, TENSOR_ROWS, UNIT_TENSORS
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.mounting import matrices_of
+from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
 
 _PADDING = 4
@@ -20,116 +21,64 @@ _CHANCE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Spectrum:
-    """The power of all channels over frequency, and the line that exceeds it.
-
-    Parameters
-    ----------
-    frequency_hz : (F,) array
-        From the lowest to the highest that was searched, hertz.
-    power : (F,) array
-        Mean over the channels of the power over that of each channel's noise: 1 where there is noise alone.
-    threshold : float
-        Power above which a peak is no chance.
-    peak_hz : float
-        Frequency of the source.
-    peak_standard_error_hz : float
-        Its standard error.
-    """
-
-    frequency_hz: FloatArray
-    power: FloatArray
-    threshold: float
-    peak_hz: float
-    peak_standard_error_hz: float
-
-
-def find_frequency(
-    time_s: FloatArray, channels: FloatArray, background: FloatArray, lowest_hz: float, highest_hz: float
-) -> Spectrum:
-    """Return the spectrum of channels, and the frequency of the strongest line in it.
+class Stretch:
+    """Samples of a source that rests in the array frame, or in the world.
 
     Parameters
     ----------
     time_s : (N,) array
-        Times, seconds; a periodogram of evenly spaced samples finds the line, and the times themselves its frequency.
+        Times, in any spacing, seconds.
     channels : (N, D) array
-        Such as the readings of all axes.
+        Readings of all axes, or field and gradient, in any unit.
     background : (N, Q) array
-        Orthonormal columns that are taken off: see ``background_of``.
-    lowest_hz, highest_hz : float
-        Where to search.
-
-    Raises
-    ------
-    InputError
-        When there is nothing to search between the two, or the record is too short or too sparse.
-    Refused
-        When no line exceeds the noise.
+        Background of each channel, in any proportion: orthonormal columns, see ``background_of``.
+    turning : (N, D, D) array, optional
+        From amplitudes that rest in the world to those of the channels, for a platform that turns: see ``turning_of``.
     """
-    from scipy.optimize import minimize_scalar
-    from scipy.stats import gamma
 
-    rest = without(background, channels)
-    frequency, power = _periodogram(time_s, rest, lowest_hz, highest_hz)
-    threshold = float(gamma.isf(_CHANCE / len(frequency), rest.shape[1]) / rest.shape[1])
-    best = int(power.argmax())
-    if power[best] < threshold:
-        raise Refused(
-            f"no line exceeds the noise between {lowest_hz:g} and {highest_hz:g} Hz: the strongest, at "
-            f"{frequency[best]:.4g} Hz, has {power[best]:.3g} times its power, and chance reaches {threshold:.3g}"
-        )
-    near_hz, resolution_hz = float(frequency[best]), float(1 / np.ptp(time_s))
-    rest = rest / _line(near_hz, time_s, rest, background)[1]
+    time_s: FloatArray
+    channels: FloatArray
+    background: FloatArray
+    turning: FloatArray | None = None
 
-    def energy(hertz: float) -> float:
-        orthonormal, _ = np.linalg.qr(without(background, _carrier(hertz, time_s)))
-        return -float(np.sum((orthonormal.T @ rest) ** 2))
+    @classmethod
+    def of(cls, recording: Recording, attitude: FloatArray | None = None) -> "Stretch":
+        """Return the raw readings of a recording; with an attitude (N, 4) the array may turn in a uniform field."""
+        channels = recording.readings_T.reshape(recording.sample_count, -1)
+        return cls(recording.time_s, channels, background_of(recording.time_s, attitude))
 
-    bounds = (near_hz - 0.7 * resolution_hz, near_hz + 0.7 * resolution_hz)
-    peak_hz = float(minimize_scalar(energy, bounds=bounds, method="bounded", options={"xatol": 1e-9 * near_hz}).x)
-    amplitudes, noise = _line(peak_hz, time_s, rest, background)
-    # Cramér and Rao: the information of 2πf is T² N Σ (A/σ)²/24 over all channels.
-    information = np.ptp(time_s) ** 2 * len(time_s) * np.sum((amplitudes / noise) ** 2) / 24
-    return Spectrum(frequency, power, threshold, peak_hz, float(1 / (2 * np.pi * np.sqrt(information))))
+    @property
+    def span_s(self) -> float:
+        """Seconds from the first to the last sample."""
+        return float(np.ptp(self.time_s))
 
+    @property
+    def rate_hz(self) -> float:
+        """Samples per second."""
+        return (len(self.time_s) - 1) / self.span_s
 
-def _periodogram(
-    time: FloatArray, rest: FloatArray, lowest_hz: float, highest_hz: float
-) -> tuple[FloatArray, FloatArray]:
-    count = len(time)
-    even = np.linspace(time[0], time[-1], count)
-    values = np.stack([np.interp(even, time, channel) for channel in rest.T], axis=1)
-    frequency = np.fft.rfftfreq(_PADDING * count, even[1] - even[0])
-    searched = (frequency >= lowest_hz) & (frequency <= min(highest_hz, 0.5 / (even[1] - even[0])))
-    if np.ptp(time) * lowest_hz < 1 or searched.sum() < _PADDING:
-        raise InputError(
-            f"between {lowest_hz:g} and {highest_hz:g} Hz a record of {np.ptp(time):g} s at "
-            f"{(count - 1) / np.ptp(time):g} samples per second contains no frequency: change the bounds or the record"
-        )
-    power = np.abs(np.fft.rfft(values * np.hanning(count)[:, None], _PADDING * count, axis=0)[searched]) ** 2
-    # The median of an exponential distribution is ln 2 times its mean.
-    noise = np.median(power, axis=0) / np.log(2)
-    alive = noise > 0
-    if not alive.any():
-        raise Refused("the channels hold nothing but the background: there is no source to be found")
-    return frequency[searched], (power[:, alive] / noise[alive]).mean(axis=1)
+    @property
+    def rest(self) -> FloatArray:
+        """(N, D) channels less their background."""
+        return without(self.background, self.channels)
+
+    def carrier(self, frequency_hz: float, phase: float = 0.0) -> FloatArray:
+        """Return sine and cosine (N, 2), their phase counted from the middle of the stretch."""
+        angle = 2 * np.pi * frequency_hz * (self.time_s - self.time_s[[0, -1]].mean()) + phase
+        return np.stack([np.sin(angle), np.cos(angle)], axis=1)
 
 
-def _carrier(frequency_hz: float, time: FloatArray) -> FloatArray:
-    """Return sine and cosine (N, 2), their phase counted from the middle of the record."""
-    angle = 2 * np.pi * frequency_hz * (time - time[[0, -1]].mean())
-    return np.stack([np.sin(angle), np.cos(angle)], axis=1)
+def without(background: FloatArray, channels: FloatArray) -> FloatArray:
+    """Return channels (N, D) less what orthonormal columns (N, Q) make of them.
 
-
-def _line(
-    frequency_hz: float, time: FloatArray, rest: FloatArray, background: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the amplitudes (2, D) of sine and cosine, and the noise (D,) that they leave."""
-    carrier = without(background, _carrier(frequency_hz, time))
-    amplitudes = np.linalg.lstsq(carrier, rest, rcond=None)[0]
-    noise = np.sqrt(np.mean((rest - carrier @ amplitudes) ** 2, axis=0))
-    return amplitudes, np.maximum(noise, 1e-12 * norm(rest, axis=0))
+    Parameters
+    ----------
+    background : (N, Q) array
+        Orthonormal columns, as of ``background_of``.
+    channels : (N, D) array
+        Samples of D channels, in any unit.
+    """
+    return channels - background @ (background.T @ channels)
 
 
 def background_of(time_s: FloatArray, attitude: FloatArray | None = None) -> FloatArray:
@@ -162,19 +111,6 @@ def background_of(time_s: FloatArray, attitude: FloatArray | None = None) -> Flo
     return np.asarray(left[:, size > 1e-9 * size[0]])
 
 
-def without(background: FloatArray, channels: FloatArray) -> FloatArray:
-    """Return channels (N, D) less what orthonormal columns (N, Q) make of them.
-
-    Parameters
-    ----------
-    background : (N, Q) array
-        Orthonormal columns, as of ``background_of``.
-    channels : (N, D) array
-        Samples of D channels, in any unit.
-    """
-    return channels - background @ (background.T @ channels)
-
-
 def turning_of(attitude: FloatArray) -> FloatArray:
     """Return the (N, 8, 8) matrices from field and gradient that rest in the world to those in the array frame.
 
@@ -191,6 +127,104 @@ def turning_of(attitude: FloatArray) -> FloatArray:
     turned = back[:, None] @ UNIT_TENSORS @ matrix[:, None]
     turning[:, 3:, 3:] = np.swapaxes(turned[..., TENSOR_ROWS, TENSOR_COLUMNS], 1, 2)
     return turning
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """The power of all channels over frequency, and the line that exceeds it.
+
+    Parameters
+    ----------
+    frequency_hz : (F,) array
+        From the lowest to the highest that was searched, hertz.
+    power : (F,) array
+        Mean over the channels of the power over that of each channel's noise: 1 where there is noise alone.
+    threshold : float
+        Power above which a peak is no chance.
+    peak_hz : float
+        Frequency of the source.
+    peak_standard_error_hz : float
+        Its standard error.
+    """
+
+    frequency_hz: FloatArray
+    power: FloatArray
+    threshold: float
+    peak_hz: float
+    peak_standard_error_hz: float
+
+
+def find_frequency(stretch: Stretch, lowest_hz: float, highest_hz: float) -> Spectrum:
+    """Return the spectrum of channels, and the frequency of the strongest line in it.
+
+    A periodogram of evenly spaced samples finds the line, and the times themselves its frequency.
+
+    Parameters
+    ----------
+    stretch : Stretch
+        In which the source is heard.
+    lowest_hz, highest_hz : float
+        Where to search.
+
+    Raises
+    ------
+    InputError
+        When there is nothing to search between the two, or the record is too short or too sparse.
+    Refused
+        When no line exceeds the noise.
+    """
+    from scipy.optimize import minimize_scalar
+    from scipy.stats import gamma
+
+    rest, span_s = stretch.rest, stretch.span_s
+    frequency, power = _periodogram(stretch, lowest_hz, highest_hz)
+    threshold = float(gamma.isf(_CHANCE / len(frequency), rest.shape[1]) / rest.shape[1])
+    best = int(power.argmax())
+    if power[best] < threshold:
+        raise Refused(
+            f"no line exceeds the noise between {lowest_hz:g} and {highest_hz:g} Hz: the strongest, at "
+            f"{frequency[best]:.4g} Hz, has {power[best]:.3g} times its power, and chance reaches {threshold:.3g}"
+        )
+
+    def line(hertz: float) -> tuple[FloatArray, FloatArray]:
+        """Return the amplitudes (2, D) of sine and cosine, and the noise (D,) that they leave."""
+        carrier = without(stretch.background, stretch.carrier(hertz))
+        amplitudes = np.linalg.lstsq(carrier, rest, rcond=None)[0]
+        noise = np.sqrt(np.mean((rest - carrier @ amplitudes) ** 2, axis=0))
+        return amplitudes, np.maximum(noise, 1e-12 * norm(rest, axis=0))
+
+    def energy(hertz: float) -> float:
+        orthonormal, _ = np.linalg.qr(without(stretch.background, stretch.carrier(hertz)))
+        return -float(np.sum((orthonormal.T @ rest) ** 2))
+
+    near_hz = float(frequency[best])
+    rest = rest / line(near_hz)[1]
+    bounds = (near_hz - 0.7 / span_s, near_hz + 0.7 / span_s)
+    peak_hz = float(minimize_scalar(energy, bounds=bounds, method="bounded", options={"xatol": 1e-9 * near_hz}).x)
+    amplitudes, noise = line(peak_hz)
+    # Cramér and Rao: the information of 2πf is T² N Σ (A/σ)²/24 over all channels.
+    information = span_s**2 * len(rest) * np.sum((amplitudes / noise) ** 2) / 24
+    return Spectrum(frequency, power, threshold, peak_hz, float(1 / (2 * np.pi * np.sqrt(information))))
+
+
+def _periodogram(stretch: Stretch, lowest_hz: float, highest_hz: float) -> tuple[FloatArray, FloatArray]:
+    time, count = stretch.time_s, len(stretch.time_s)
+    even = np.linspace(time[0], time[-1], count)
+    values = np.stack([np.interp(even, time, channel) for channel in stretch.rest.T], axis=1)
+    frequency = np.fft.rfftfreq(_PADDING * count, even[1] - even[0])
+    searched = (frequency >= lowest_hz) & (frequency <= min(highest_hz, 0.5 / (even[1] - even[0])))
+    if stretch.span_s * lowest_hz < 1 or searched.sum() < _PADDING:
+        raise InputError(
+            f"between {lowest_hz:g} and {highest_hz:g} Hz a record of {stretch.span_s:g} s at "
+            f"{stretch.rate_hz:g} samples per second contains no frequency: change the bounds or the record"
+        )
+    power = np.abs(np.fft.rfft(values * np.hanning(count)[:, None], _PADDING * count, axis=0)[searched]) ** 2
+    # The median of an exponential distribution is ln 2 times its mean.
+    noise = np.median(power, axis=0) / np.log(2)
+    alive = noise > 0
+    if not alive.any():
+        raise Refused("the channels hold nothing but the background: there is no source to be found")
+    return frequency[searched], (power[:, alive] / noise[alive]).mean(axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,33 +261,20 @@ class Demodulated:
         return np.sqrt(np.diag(self.covariance))
 
 
-def demodulate(
-    time_s: FloatArray,
-    channels: FloatArray,
-    frequency_hz: float,
-    background: FloatArray,
-    turning: FloatArray | None = None,
-) -> Demodulated:
+def demodulate(stretch: Stretch, frequency_hz: float) -> Demodulated:
     """Return the amplitudes of an alternating field of known frequency.
 
     Parameters
     ----------
-    time_s : (N,) array
-        Times, in any spacing, seconds.
-    channels : (N, D) array
-        Such as the readings of all axes, or field and gradient, in any unit.
+    stretch : Stretch
+        In which the source is heard.
     frequency_hz : float
         Of the source.
-    background : (N, Q) array
-        Background of each channel, in any proportion: see ``background_of``.
-    turning : (N, D, D) array, optional
-        From amplitudes that rest in the world to those of the channels, for a platform that turns: see
-        ``turning_of``. The amplitudes are then those in the world.
 
     Returns
     -------
     Demodulated
-        Amplitudes at the common phase.
+        Amplitudes at the common phase; of a platform that turns those in the world.
 
     Raises
     ------
@@ -262,50 +283,47 @@ def demodulate(
     Refused
         When the background explains all of the signal.
     """
-    span_s = np.ptp(time_s)
-    if not (np.isfinite(frequency_hz) and frequency_hz > 0) or span_s * frequency_hz < 1:
-        raise InputError(f"{frequency_hz:g} Hz needs a record of one period at least, not of {span_s:g} s")
-    rate_hz = (len(time_s) - 1) / span_s
-    if rate_hz < 2 * frequency_hz:
-        raise InputError(f"{frequency_hz:g} Hz cannot be told from another frequency at {rate_hz:g} samples per second")
-    rest, carrier = without(background, channels), _carrier(frequency_hz, time_s)
-    if turning is None:
-        return _in_phase(frequency_hz, *_solve_apart(rest, carrier, background))
-    return _in_phase(frequency_hz, *_solve_together(rest, carrier, background, turning))
+    if not (np.isfinite(frequency_hz) and frequency_hz > 0) or stretch.span_s * frequency_hz < 1:
+        raise InputError(f"{frequency_hz:g} Hz needs a record of one period at least, not of {stretch.span_s:g} s")
+    if stretch.rate_hz < 2 * frequency_hz:
+        raise InputError(
+            f"{frequency_hz:g} Hz cannot be told from another frequency at {stretch.rate_hz:g} samples per second"
+        )
+    solve = _solve_apart if stretch.turning is None else _solve_together
+    return _in_phase(frequency_hz, *solve(stretch, stretch.carrier(frequency_hz)))
 
 
-def _solve_apart(
-    rest: FloatArray, carrier: FloatArray, background: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _solve_apart(stretch: Stretch, carrier: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the amplitudes (2 D,) of sine and cosine, their covariance, and the noise (D,) of each channel."""
-    design = without(background, carrier)
+    design, rest = without(stretch.background, carrier), stretch.rest
     inverse = _inverse(design.T @ design, len(rest))
     found = inverse @ design.T @ rest
-    freedom = len(rest) - background.shape[1] - 2
-    noise = norm(rest - design @ found, axis=0) / np.sqrt(max(freedom, 1))
+    noise = norm(rest - design @ found, axis=0) / np.sqrt(_freedom(stretch))
     return found.ravel(), np.kron(inverse, np.diag(noise**2)), noise
 
 
-def _solve_together(
-    rest: FloatArray, carrier: FloatArray, background: FloatArray, turning: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _solve_together(stretch: Stretch, carrier: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Do the same where all channels share amplitudes, each channel weighed by its noise."""
+    rest, turning = stretch.rest, stretch.turning
+    assert turning is not None
     count, channels = rest.shape
     design = np.concatenate([turning * carrier[:, part, None, None] for part in (0, 1)], axis=2)
-    design = without(background, design.reshape(count, -1)).reshape(design.shape)
+    design = without(stretch.background, design.reshape(count, -1)).reshape(design.shape)
     noise = norm(rest, axis=0) / np.sqrt(count)
-    freedom = count - background.shape[1] - 2
     for _ in range(3):
-        weighed = design / noise[:, None]
         # The unknowns have the units of the channels: the noise scales them, too.
         scale = np.tile(noise, 2)
-        unit = (weighed * scale).reshape(-1, 2 * channels)
+        unit = (design / noise[:, None] * scale).reshape(-1, 2 * channels)
         inverse = _inverse(unit.T @ unit, count)
         found = scale * (inverse @ (unit.T @ (rest / noise).ravel()))
-        noise = norm(rest - design @ found, axis=0) / np.sqrt(max(freedom, 1))
+        noise = norm(rest - design @ found, axis=0) / np.sqrt(_freedom(stretch))
         if not (noise > 0).all():
             break
     return found, inverse * np.outer(scale, scale), noise
+
+
+def _freedom(stretch: Stretch) -> int:
+    return max(len(stretch.time_s) - stretch.background.shape[1] - 2, 1)
 
 
 def _inverse(information: FloatArray, count: int) -> FloatArray:

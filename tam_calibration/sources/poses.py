@@ -8,7 +8,7 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.mounting import matrices_of
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, from_degrees
-from tam_calibration.sources.demodulation import background_of, demodulate
+from tam_calibration.sources.demodulation import Stretch, demodulate
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,12 +88,7 @@ def amplitudes_of(recording: Recording, frequency_hz: float) -> PoseAmplitudes:
             f"source at {frequency_hz:g} Hz: let it rest in each heading"
         )
     middles = [(part.start + part.stop) // 2 for part in stretches]
-    found = [
-        demodulate(
-            pose.time_s, pose.readings_T.reshape(pose.sample_count, -1), frequency_hz, background_of(pose.time_s)
-        )
-        for pose in map(recording.take, stretches)
-    ]
+    found = [demodulate(Stretch.of(recording.take(part)), frequency_hz) for part in stretches]
     amplitudes, noise = (
         np.array(values).reshape(len(found), -1, 3)
         for values in ([each.amplitude for each in found], [each.standard_errors for each in found])

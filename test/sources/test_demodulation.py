@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.simulation.attitude import Manoeuvre
-from tam_calibration.sources.demodulation import background_of, demodulate, turning_of, without
+from tam_calibration.sources.demodulation import Stretch, background_of, demodulate, turning_of, without
 
 TIME_S = np.arange(2000) / 100
 ATTITUDE = Manoeuvre(0.5, 0.5, 20.0).attitudes(TIME_S, np.random.default_rng(0))
@@ -26,7 +26,7 @@ def earth():
 
 def test_amplitudes_have_their_signs_and_nothing_of_the_background():
     """Without noise they come out to a thousandth of a picotesla under 50 µT that turn."""
-    found = demodulate(TIME_S, earth() + np.outer(CARRIER, AMPLITUDE), 10.0, background_of(TIME_S, ATTITUDE))
+    found = demodulate(Stretch(TIME_S, earth() + np.outer(CARRIER, AMPLITUDE), background_of(TIME_S, ATTITUDE)), 10.0)
     sign = np.sign(found.amplitude[0])
     assert_allclose(sign * found.amplitude, AMPLITUDE, atol=1e-13)
     assert found.phase == pytest.approx(0.7, abs=1e-4)
@@ -40,9 +40,8 @@ def test_error_is_the_standard_error_and_that_of_the_noise_alone(rests_in):
     signal = CARRIER[:, None] * (AMPLITUDE if turning is None else turning @ AMPLITUDE)
     pulls, coherence = [], []
     for _ in range(100):
-        found = demodulate(
-            TIME_S, earth() + signal + NOISE * generator.normal(size=(2000, 8)), 10.0, BACKGROUND, turning
-        )
+        channels = earth() + signal + NOISE * generator.normal(size=(2000, 8))
+        found = demodulate(Stretch(TIME_S, channels, BACKGROUND, turning), 10.0)
         pulls.append((found.amplitude - AMPLITUDE) / found.standard_errors)
         coherence.append(found.out_of_phase)
     assert np.mean(np.square(pulls)) == pytest.approx(1, abs=0.15)
@@ -57,7 +56,7 @@ def test_uneven_times_are_no_trouble():
     kept = np.random.default_rng(43).random(2000) > 1 / 3
     time = TIME_S[kept]
     carrier = np.sin(2 * np.pi * 10 * (time - time[[0, -1]].mean()) + 0.7)
-    found = demodulate(time, np.outer(carrier, AMPLITUDE), 10.0, background_of(time))
+    found = demodulate(Stretch(time, np.outer(carrier, AMPLITUDE), background_of(time)), 10.0)
     assert_allclose(found.amplitude, AMPLITUDE, atol=1e-18)
 
 
@@ -76,7 +75,7 @@ def test_two_sources_out_of_phase_are_told():
     second = np.cos(2 * np.pi * 10 * (TIME_S - TIME_S[[0, -1]].mean()))
     noise = NOISE * np.random.default_rng(44).normal(size=(2000, 8))
     channels = np.outer(CARRIER, AMPLITUDE) + np.outer(second, AMPLITUDE[::-1]) + noise
-    assert demodulate(TIME_S, channels, 10.0, background_of(TIME_S)).out_of_phase > 100
+    assert demodulate(Stretch(TIME_S, channels, background_of(TIME_S)), 10.0).out_of_phase > 100
 
 
 def test_background_is_orthonormal_and_takes_cubics_and_rotation():
@@ -88,16 +87,21 @@ def test_background_is_orthonormal_and_takes_cubics_and_rotation():
     assert_allclose(BACKGROUND.T @ BACKGROUND, np.eye(BACKGROUND.shape[1]), atol=1e-12)
 
 
+def silent(background):
+    """Return channels of nothing."""
+    return Stretch(TIME_S, np.zeros((2000, 3)), background)
+
+
 TURNING_AT_1_HZ = Rotation.from_euler("z", 2 * np.pi * TIME_S[:, None]).as_quat()
 
 
 @pytest.mark.parametrize(
     ("call", "error", "message"),
     [
-        (lambda: demodulate(TIME_S, np.zeros((2000, 3)), 0.01, BACKGROUND), InputError, "one period"),
-        (lambda: demodulate(TIME_S, np.zeros((2000, 3)), 60.0, BACKGROUND), InputError, "cannot be told"),
+        (lambda: demodulate(silent(BACKGROUND), 0.01), InputError, "one period"),
+        (lambda: demodulate(silent(BACKGROUND), 60.0), InputError, "cannot be told"),
         (
-            lambda: demodulate(TIME_S, np.zeros((2000, 3)), 1.0, background_of(TIME_S, TURNING_AT_1_HZ)),
+            lambda: demodulate(silent(background_of(TIME_S, TURNING_AT_1_HZ)), 1.0),
             Refused,
             "the signal itself",
         ),
