@@ -10,6 +10,12 @@ from tam_calibration.model.units import FloatArray
 
 State = TypeVar("State")
 
+Predict = Callable[[FloatArray, np.ndarray], tuple[FloatArray, FloatArray]]
+"""From unknowns (m, P) of the problems at an index (m,) to their data (m, D) and these' derivatives (m, D, P)."""
+
+IsSmall = Callable[[FloatArray, FloatArray], np.ndarray]
+"""From unknowns (m, P) and the steps (m, P) to them to which (m,) of these are the last."""
+
 _MOST_STEPS = 60
 """Damped steps after which a problem that has not settled is left where it is."""
 
@@ -99,24 +105,20 @@ class Solution:
 
 
 def solve_damped(
-    predict: Callable[[FloatArray, np.ndarray], tuple[FloatArray, FloatArray]],
-    data: FloatArray,
-    start: FloatArray,
-    is_small: Callable[[FloatArray, FloatArray], np.ndarray],
-    most_steps: int = _MOST_STEPS,
+    predict: Predict, data: FloatArray, start: FloatArray, is_small: IsSmall, most_steps: int = _MOST_STEPS
 ) -> Solution:
     """Return the solutions of M problems by steps of Levenberg and Marquardt; none depends on its neighbours.
 
     Parameters
     ----------
-    predict : callable
-        From unknowns (m, P) of the problems at an index (m,) to their data (m, D) and these' derivatives (m, D, P).
+    predict : Predict
+        What makes the data.
     data : (M, D) array
         Whitened.
     start : (M, P) array
         Where to begin.
-    is_small : callable
-        From unknowns (m, P) and the steps (m, P) to them to which (m,) of these are the last.
+    is_small : IsSmall
+        When the steps end.
     most_steps : int
         After which a problem that has not settled is left where it is.
     """
@@ -152,10 +154,7 @@ def solve_damped(
 
 
 def _linearize(
-    predict: Callable[[FloatArray, np.ndarray], tuple[FloatArray, FloatArray]],
-    data: FloatArray,
-    unknowns: FloatArray,
-    at: np.ndarray,
+    predict: Predict, data: FloatArray, unknowns: FloatArray, at: np.ndarray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return χ² (M,), infinite where it is not finite, normal matrix (M, P, P) and right-hand side (M, P)."""
     predicted, derivative = predict(unknowns, at)

@@ -11,13 +11,12 @@ projection, Kaufman 1975). What is left are five numbers of each sample for a di
 are shared: they see a second source, or a gradient of the regional field, far better than each sample by itself.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.core.least_squares import Solution, root_of, solve_damped
+from tam_calibration.core.least_squares import Predict, Solution, root_of, solve_damped
 from tam_calibration.localization.euler import DIPOLE_INDEX
 from tam_calibration.localization.line_fit import Lines
 from tam_calibration.localization.solutions import EulerSolutions
@@ -99,10 +98,6 @@ def fit_shared(samples: Samples, own: EulerSolutions, near: Regional, prior: Reg
     return SharedSource(solution, position_m, run.across, regional, residuals, slopes, 8 - places.shape[1])
 
 
-Own = Callable[[FloatArray, np.ndarray], tuple[FloatArray, FloatArray]]
-"""From the unknowns (n, P) of the samples at an index (n,) to their whitened outputs (n, 8), and the derivatives."""
-
-
 @dataclass(frozen=True, eq=False)
 class _Run:
     """A run of N samples as a problem in what they share.
@@ -116,7 +111,7 @@ class _Run:
     data: FloatArray
     by_field: FloatArray
     expected: FloatArray
-    own: Own
+    own: Predict
     near: FloatArray
     by_shared: FloatArray
     shared: FloatArray
