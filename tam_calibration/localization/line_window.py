@@ -37,6 +37,9 @@ _KNOWN_M, _KNOWN = 2.0, 0.5
 """Standard deviations between two windows of a neighbour's place, metres, and of its moment, as a part of that: a drift
 of the path is less. A window sees its neighbours from the side alone, where they would move to anywhere."""
 
+_REGIONAL, _GRADIENT = 7, 10
+"""Which basis of a window is the first of the regional field, and the first of its gradient."""
+
 _CROSSING = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2).reshape(3, 9)
 """Matrices of the cross product with unit vectors from the left, row by row."""
 
@@ -102,7 +105,7 @@ class Window:
     @property
     def unit_count(self) -> int:
         """Number of errors, which are first and of which one is expected: calibration, path, tilts and turns."""
-        return int(self.edges[7])
+        return int(self.edges[_REGIONAL])
 
     @property
     def nuisance_count(self) -> int:
@@ -117,7 +120,7 @@ class Window:
     @cached_property
     def prior(self) -> FloatArray:
         """Root (R, n) of the precision of all unknowns but the dipoles."""
-        regional, gradient = (np.eye(self.bases[place].shape[1]) for place in (7, 10))
+        regional, gradient = (np.eye(self.bases[place].shape[1]) for place in (_REGIONAL, _GRADIENT))
         size = float(np.median(norm(self.data.fields_T.mean(axis=1), axis=1)))
         level_T = size * np.hypot(self.data.attitude_error, _DIRECTION)
         bend_T, change_T_per_m = self.roughness * _BEND_T, self.roughness * _CHANGE_T_PER_M
@@ -156,7 +159,7 @@ class Window:
         """Return the (n,) unknowns of no dipole: the median field and no error."""
         unknowns, mean = np.zeros(self.nuisance_count), self.data.fields_T.mean(axis=1)
         uniform = np.median(mean / norm(mean, axis=1, keepdims=True), axis=0) * np.median(norm(mean, axis=1))
-        unknowns[self.unit_count : self.edges[10]] = np.repeat(uniform, self.bases[7].shape[1])
+        unknowns[self.unit_count : self.edges[_GRADIENT]] = np.repeat(uniform, self.bases[_REGIONAL].shape[1])
         return unknowns
 
     def linearized(self, unknowns: FloatArray, with_slopes: bool = True) -> tuple[FloatArray, FloatArray]:
@@ -168,7 +171,8 @@ class Window:
         place, aside = self.place_m + values[:, :3], self._aside_m + values[:, :3]
         theta = values[:, 3:6] + values[:, 6:7] * data.direction
         turned = Rotation.from_rotvec(theta)
-        uniform, tensor = turned.inv().apply(values[:, 7:10]), np.tensordot(values[:, 10:], UNIT_TENSORS, 1)
+        uniform = turned.inv().apply(values[:, _REGIONAL:_GRADIENT])
+        tensor = np.tensordot(values[:, _GRADIENT:], UNIT_TENSORS, 1)
         every = np.concatenate([sources, self.fixed])
         added = (data.errors_T @ errors).reshape(data.fields_T.shape)
 
