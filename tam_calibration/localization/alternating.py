@@ -190,5 +190,6 @@ def _of_turning(stretch: Stretch, found: Demodulated, recording: Recording, cali
 
 def _overall(fit: AmplitudeFit, index: float) -> Overall:
     found = EulerSolutions.of_fits(np.array([Status.LOCATED]), fit.solution, index == DIPOLE_INDEX)
-    names = ("position_m", "position_covariance_m2", "moment_Am2", "moment_covariance_A2m4")
-    return Overall(*(getattr(found, name)[0] for name in names), float(found.chi_square[0]), fit.degrees_of_freedom)
+    place, moment = found.position_m[0], found.moment_Am2[0]
+    of_place, of_moment = found.position_covariance_m2[0], found.moment_covariance_A2m4[0]
+    return Overall(place, of_place, moment, of_moment, float(found.chi_square[0]), fit.degrees_of_freedom)

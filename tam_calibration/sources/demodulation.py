@@ -323,7 +323,7 @@ def _solve_together(stretch: Stretch, carrier: FloatArray) -> tuple[FloatArray, 
 
 
 def _freedom(stretch: Stretch) -> int:
-    return max(len(stretch.time_s) - stretch.background.shape[1] - 2, 1)
+    return max(len(stretch.time_s) - int(stretch.background.shape[1]) - 2, 1)
 
 
 def _inverse(information: FloatArray, count: int) -> FloatArray:
