@@ -102,7 +102,7 @@ def background_of(time_s: FloatArray, attitude: FloatArray | None = None) -> Flo
     InputError
         When there are fewer samples than columns.
     """
-    columns = legvander(2 * (time_s - time_s[0]) / np.ptp(time_s) - 1, 3)
+    columns = legvander(2 * (time_s - time_s[0]) / (np.ptp(time_s) or 1.0) - 1, 3)
     if attitude is not None:
         columns = np.concatenate([columns, matrices_of(attitude).reshape(len(time_s), 9)], axis=1)
     if columns.shape[1] >= len(time_s):

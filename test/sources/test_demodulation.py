@@ -106,6 +106,7 @@ TURNING_AT_1_HZ = Rotation.from_euler("z", 2 * np.pi * TIME_S[:, None]).as_quat(
             "the signal itself",
         ),
         (lambda: background_of(TIME_S[:4]), InputError, "too few"),
+        (lambda: background_of(TIME_S[:1]), InputError, "too few"),
     ],
 )
 def test_what_cannot_be_demodulated_is_refused(call, error, message):
