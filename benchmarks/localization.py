@@ -32,8 +32,9 @@ from scipy.optimize import minimize
 
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.localization.euler import locate, locate_with_baselines
+from tam_calibration.localization.euler import locate
 from tam_calibration.localization.solutions import EulerSolutions
+from tam_calibration.localization.source_fit import locate_with_baselines
 from tam_calibration.model.units import FloatArray
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate

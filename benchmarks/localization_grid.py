@@ -33,7 +33,7 @@ from tam_calibration.localization.euler import DIPOLE_INDEX
 from tam_calibration.localization.line_fit import DIPOLES_INDEX
 from tam_calibration.localization.one_source import locate_run
 from tam_calibration.localization.targets import find_targets, path_in
-from tam_calibration.localization.turned_samples import Regional, regional_of
+from tam_calibration.localization.turned_samples import Regional, Samples, regional_of
 from tam_calibration.model.array import UNIT_TENSORS, Array
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.geomagnetic_field import LOCAL_VARIANCE_T2
@@ -193,7 +193,7 @@ class Pass:
         reported = sway * Rotation.from_rotvec(attitude_noise * generator.standard_normal((len(_TIME_S), 3)))
         stated_T = _REGIONAL_T + generator.multivariate_normal(np.zeros(3), 1e18 * LOCAL_VARIANCE_T2) / 1e9
         known = Regional(stated_T, attitude_noise, LOCAL_VARIANCE_T2)
-        poses = Poses(reported.as_quat(), reckoned, attitude_noise)
+        poses = Poses(reported.as_quat(), reckoned)
         return cls(fields, array, poses, path, sources, cell.index, known)
 
     def together(self) -> FloatArray:
@@ -206,7 +206,7 @@ class Pass:
         )
         recording = Recording(_TIME_S, self.fields_T, attitude=self.poses.attitude)
         path = path_in(recording, np.array([1.0, 0.0, 0.0]))
-        targets = find_targets(recording, exact, path, self.poses.attitude_noise).targets
+        targets = find_targets(recording, exact, path, self.known.attitude_noise).targets
         if not targets:
             raise Refused("no target")
         places = np.array([each.position_m for each in targets])
@@ -215,7 +215,7 @@ class Pass:
 
     def one_by_one(self) -> FloatArray:
         """Return the pulls (n, 3) of the samples that are located by themselves, at the true places."""
-        attitude, noise = self.poses.attitude, self.poses.attitude_noise
+        attitude, noise = self.poses.attitude, self.known.attitude_noise
         outputs = self.fields_T.reshape(len(self.fields_T), -1) @ self.array.operator.T
         assert self.array.vector_noise_T is not None
         covariance = self.array.operator * np.repeat(self.array.vector_noise_T**2, 3) @ self.array.operator.T
@@ -224,7 +224,7 @@ class Pass:
             raise Refused("lines are located with an exact attitude alone")
         if self.index != DIPOLES_INDEX:
             prior = regional_of(outputs, attitude, noise)
-        world, _ = locate_run(outputs, self.array, covariance, attitude, prior, self.index)
+        world, _ = locate_run(Samples(outputs, self.array, covariance, attitude, self.index), prior)
         at = world.is_located
         errors = np.sqrt(np.diagonal(world.position_covariance_m2[at], axis1=1, axis2=2))
         return self._pulls(world.position_m[at] + self.path_m[at], errors, self.path_m[at])

@@ -23,7 +23,7 @@ from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation.attitude import Manoeuvre
-from tam_calibration.sources.demodulation import background_of, demodulate, turning_of
+from tam_calibration.sources.demodulation import Stretch, background_of, demodulate, turning_of
 from tam_calibration.sources.dipole import Loop
 from tam_validation.papers.wu2025_coil import POSITION_M, RADIUS_M
 
@@ -60,7 +60,7 @@ def demodulation(generator: np.random.Generator, runs: int) -> Iterable[Figure]:
     """Yield the errors of amplitudes at 10 Hz over σ √(2/N), which takes phase and background for known."""
     time = np.arange(2000) / 100
     attitude = Manoeuvre(from_degrees(25), from_degrees(25), 20.0).attitudes(time, generator)
-    background, turning = background_of(time, attitude), turning_of(attitude, 3)
+    background, turning = background_of(time, attitude), turning_of(attitude)[:, :3, :3]
     site = Rotation.from_quat(attitude).inv().apply(read_scenario("wu_turntable").site_field_T)
     drift = np.outer(np.sin(2 * np.pi * time / 300), from_nanotesla(np.array([8.0, 5.0, -6.0])))
     carrier = np.sin(2 * np.pi * 10 * (time - time[[0, -1]].mean()) + 0.4)[:, None]
@@ -70,7 +70,8 @@ def demodulation(generator: np.random.Generator, runs: int) -> Iterable[Figure]:
         amplitude = from_nanotesla(np.array(generator.uniform(10, 1000))) * directions(generator, 1)[0]
         for rests, signal in (("array", carrier * amplitude), ("world", carrier * (turning @ amplitude))):
             noisy = site + drift + signal + SENSOR_NOISE_T * generator.standard_normal(signal.shape)
-            found = demodulate(time, noisy, 10.0, background, turning if rests == "world" else None).amplitude
+            heard = Stretch(time, noisy, background, turning if rests == "world" else None)
+            found = demodulate(heard, 10.0).amplitude
             ratios.setdefault((rests, "synchronous least squares"), []).append(_square(found, amplitude, bound))
             if rests == "array":
                 passed = band_pass_amplitude(time, noisy)

@@ -25,7 +25,7 @@ from spread import machine
 from std_msgs.msg import Header
 
 from tam_calibration.files.text_files import configuration_folder, write_whole
-from tam_calibration.localization.turned_samples import Regional, locate_samples
+from tam_calibration.localization.turned_samples import Regional, Samples, locate_samples
 from tam_calibration.messages.point_cloud import FIELD_GRADIENT_COLUMNS, SampleLayout
 from tam_calibration.model.array import Array
 from tam_calibration.model.geomagnetic_field import field_at
@@ -143,7 +143,7 @@ def show(bench: Bench, array: Array, attitude: FloatArray, outputs: FloatArray, 
     answered = sorted(bench.rows)
     latency_ms = 1e3 * np.array([bench.answered_s[index] - bench.published_s[index] for index in answered])
     regional = Regional(field_at(PLACE))
-    offline = source_rows(locate_samples(outputs, array, np.diag(errors**2), regional=regional, attitude=attitude))
+    offline = source_rows(locate_samples(Samples(outputs, array, np.diag(errors**2), attitude), regional))
     expected, live = offline[answered], np.array([bench.rows[index] for index in answered])
     off = np.nanmax(np.abs(live - expected) / np.abs(np.where(expected == 0, 1, expected)))
     case = f"{len(outputs)} samples at {RATE_HZ:g} Hz"

@@ -47,7 +47,7 @@ from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import Scenario, simulate
 from tam_calibration.simulation.attitude import Manoeuvre
-from tam_calibration.simulation.instruments import AttitudeChannel
+from tam_calibration.simulation.surroundings import AttitudeChannel
 
 RESULTS = Path(__file__).parent / "results" / "mission.csv"
 TILTS_DEG = (5.0, 10.0, 20.0, 30.0)

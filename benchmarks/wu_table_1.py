@@ -27,7 +27,7 @@ from tam_calibration.model.residuals import measure_residuals
 from tam_calibration.model.units import FloatArray, to_nanotesla
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import Simulation, simulate
-from tam_calibration.simulation.sources import SinusoidDrift
+from tam_calibration.simulation.surroundings import SinusoidDrift
 
 DRIFT_T = 8.26e-9
 METHODS = {

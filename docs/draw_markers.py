@@ -22,7 +22,7 @@ from tam_calibration.files.text_files import configuration_folder
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.live_coverage import LiveCoverage
 from tam_calibration.localization.solutions import EulerSolutions
-from tam_calibration.localization.turned_samples import Regional, locate_samples, turned
+from tam_calibration.localization.turned_samples import Regional, Samples, locate_samples, turned
 from tam_calibration.messages.point_cloud import GRADIENT_ROW_MAJOR
 from tam_calibration.model.recording import Recording
 from tam_calibration.nodes.markers import coverage_markers, field_marker, source_markers
@@ -84,10 +84,8 @@ def located(recording: Recording, calibration: Calibration) -> tuple[np.ndarray,
     """Return the corrected outputs of a pass, and the source of each sample in a level frame."""
     corrected = calibration.correct(recording)
     regional = Regional(EARTH_T, 1e-4)
-    covariance = calibration.output_covariance
-    solutions = locate_samples(
-        corrected.outputs, calibration.array, covariance, regional=regional, attitude=recording.attitude
-    )
+    samples = Samples(corrected.outputs, calibration.array, calibration.output_covariance, recording.attitude)
+    solutions = locate_samples(samples, regional)
     return corrected.outputs, turned(solutions, recording.attitude)
 
 

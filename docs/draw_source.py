@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit import calibrate
-from tam_calibration.localization.steady import locate_steady
+from tam_calibration.localization.locate import locate_steady
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.report.survey_report import plot_survey_map

@@ -15,11 +15,11 @@ from numpy.linalg import norm
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.model.array import Array
-from tam_calibration.model.extras import require
+from tam_calibration.model.libraries import require
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
-from tam_calibration.simulation.instruments import Current, Temperature
+from tam_calibration.simulation.surroundings import Current, Temperature
 
 VEHICLE = Path(__file__).with_name("vehicle.xml")
 

@@ -7,8 +7,13 @@ from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, Fitte
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.simulation import Scenario, simulate
 from tam_calibration.simulation.attitude import Tumble
-from tam_calibration.simulation.instruments import AttitudeChannel, Current, ScalarReference, Temperature
-from tam_calibration.simulation.sources import field_from_elements
+from tam_calibration.simulation.surroundings import (
+    AttitudeChannel,
+    Current,
+    ScalarReference,
+    Temperature,
+    field_from_elements,
+)
 
 RATE_HZ = 20.0
 

@@ -13,7 +13,7 @@ import setuptools
 from core_only import CORE_ONLY
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.model.extras import EXTRAS
+from tam_calibration.model.libraries import EXTRAS
 from tam_calibration.recordings import write_array
 from tam_calibration.results import write_recording
 from tam_calibration.results.scenario import read_scenario

@@ -15,7 +15,7 @@ from tam_calibration.cli.streams import say
 from tam_calibration.cli.terminal import NamedPath, print_blocks
 from tam_calibration.model.array import TENSOR_OUTPUTS
 from tam_calibration.model.exceptions import Refused
-from tam_calibration.model.extras import require
+from tam_calibration.model.libraries import require
 from tam_calibration.model.residuals import noise_floor
 from tam_calibration.model.units import FloatArray, to_nanotesla
 from tam_calibration.nodes.children import NODES, Children, node_commands

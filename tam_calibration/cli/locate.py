@@ -12,10 +12,10 @@ from tam_calibration.cli.locate_options import Wanted
 from tam_calibration.cli.streams import say
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.localization.alternating import locate_alternating
-from tam_calibration.localization.steady import locate_steady
+from tam_calibration.localization.locate import locate_steady
 from tam_calibration.localization.survey import Survey
-from tam_calibration.localization.target_list import merged
-from tam_calibration.localization.targets import find_targets, path_in
+from tam_calibration.localization.target import merged
+from tam_calibration.localization.targets import field_map, find_targets, path_in, require_area
 from tam_calibration.model.array import Array
 from tam_calibration.model.geomagnetic_field import LOCAL_VARIANCE_T2
 from tam_calibration.model.recording import Recording
@@ -126,8 +126,6 @@ def _give_targets(
     error_m, drift_m = wanted.position_error_m, wanted.position_drift_m or 0.0
     paths = [path_in(each, wanted.speed, wanted.velocity_error, error_m, drift_m) for each in data]
     if "grid" in places:
-        from tam_calibration.localization.field_map import require_area
-
         require_area([path.at(each.time_s) for path, each in zip(paths, data, strict=True)])
     lines = [
         find_targets(each, calibration, path, wanted.attitude_noise) for path, each in zip(paths, data, strict=True)
@@ -136,8 +134,6 @@ def _give_targets(
     if "table" in places:
         targets_file.write_targets(places["table"], targets, wanted.begin, suffix=suffix)
     if "grid" in places:
-        from tam_calibration.localization.field_map import field_map
-
         targets_file.write_map(places["grid"], field_map(lines), wanted.begin)
     if "report" in places:
         from tam_calibration.report.survey_report import write_targets_report

@@ -16,7 +16,7 @@ from click.shell_completion import CompletionItem
 from tam_calibration import __version__
 from tam_calibration.cli.streams import GradedBad, on_one_line, say, tell, usable_streams
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.model.processors import use_one_thread
+from tam_calibration.model.libraries import use_one_thread
 from tam_calibration.model.signals import Ending
 
 

@@ -9,7 +9,7 @@ import click
 from tam_calibration.cli.streams import say
 from tam_calibration.cli.terminal import MAP_HELP, PATH, Number
 from tam_calibration.files.text_files import in_file
-from tam_calibration.model.extras import require
+from tam_calibration.model.libraries import require
 from tam_calibration.nodes.session import ros_session
 from tam_calibration.recordings.channel_map import read_map
 from tam_calibration.recordings.formats import open_source

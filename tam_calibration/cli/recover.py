@@ -7,7 +7,7 @@ import click
 from tam_calibration.cli.answer import Answer, answering
 from tam_calibration.cli.terminal import PATH
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.extras import require
+from tam_calibration.model.libraries import require
 from tam_calibration.recordings.bag_storages import is_bag
 from tam_calibration.results.overwriting import require_separate
 

@@ -20,7 +20,7 @@ from tam_calibration.files.whole_files import write_set
 from tam_calibration.integrity.fault import ACCEPTABLE
 from tam_calibration.messages.samples import Progress as ProgressCallback
 from tam_calibration.model.exceptions import InputError, Refused, printable
-from tam_calibration.model.extras import require
+from tam_calibration.model.libraries import require
 from tam_calibration.recordings.channel_map import read_map
 from tam_calibration.recordings.reading import TOLERANCE_S, Moment, Reading, Window
 from tam_calibration.report.blocks import Block, Points, Table, Text

@@ -16,7 +16,7 @@ from tam_calibration.comparison.result import NoiseDifference, SourceError
 from tam_calibration.comparison.side import Side
 from tam_calibration.effects.states import WINDOW_UNITS
 from tam_calibration.gap.noise import field_of
-from tam_calibration.localization.turned_samples import Regional, locate_each, regional_of, turned
+from tam_calibration.localization.turned_samples import Regional, Samples, locate_each, regional_of, turned
 from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
@@ -158,9 +158,8 @@ def source_error(recording: Recording, side: Side, source: Dipole) -> SourceErro
     in_array = np.einsum("nji,nkj->nki", turns, world)
     added = np.einsum("kij,nkj->nki", calibration.errors.matrix, in_array)
     outputs = calibration.correct(replace(chosen, readings_T=chosen.readings_T + added)).outputs
-    in_array_m = locate_each(
-        outputs, calibration.array, calibration.output_covariance, regional=regional, attitude=chosen.attitude
-    )
+    samples = Samples(outputs, calibration.array, calibration.output_covariance, chosen.attitude)
+    in_array_m = locate_each(samples, regional)
     distance = norm(turned(in_array_m, chosen.attitude).position_m - source.position_m, axis=1)
     return _error(distance) if np.isfinite(distance).mean() > 0.5 else None
 

@@ -1,14 +1,20 @@
 """Nonlinear least squares: the iteration that all fits share, and damped steps for many small problems side by side."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TypeVar
+from dataclasses import dataclass, replace
+from typing import Self, TypeVar
 
 import numpy as np
 
 from tam_calibration.model.units import FloatArray
 
 State = TypeVar("State")
+
+Predict = Callable[[FloatArray, np.ndarray], tuple[FloatArray, FloatArray]]
+"""From unknowns (m, P) of the problems at an index (m,) to their data (m, D) and these' derivatives (m, D, P)."""
+
+IsSmall = Callable[[FloatArray, FloatArray], np.ndarray]
+"""From unknowns (m, P) and the steps (m, P) to them to which (m,) of these are the last."""
 
 _MOST_STEPS = 60
 """Damped steps after which a problem that has not settled is left where it is."""
@@ -65,6 +71,13 @@ def scaled(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
     return normal / scale[..., :, None] / scale[..., None, :], scale
 
 
+def root_of(covariance: FloatArray) -> FloatArray:
+    """Return a square root (P, P) of a covariance (P, P) whose diagonal may hold zeros."""
+    unit, size = scaled(covariance)
+    values, vectors = np.linalg.eigh(unit)
+    return np.asarray(size[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
 @dataclass(frozen=True, eq=False)
 class Solution:
     """The least-squares solutions of M problems.
@@ -86,26 +99,26 @@ class Solution:
     chi_square: FloatArray
     is_found: np.ndarray
 
+    def take(self, at: np.ndarray) -> Self:
+        """Return those of some problems."""
+        return replace(self, **{name: value[at] for name, value in vars(self).items()})
+
 
 def solve_damped(
-    predict: Callable[[FloatArray, np.ndarray], tuple[FloatArray, FloatArray]],
-    data: FloatArray,
-    start: FloatArray,
-    is_small: Callable[[FloatArray, FloatArray], np.ndarray],
-    most_steps: int = _MOST_STEPS,
+    predict: Predict, data: FloatArray, start: FloatArray, is_small: IsSmall, most_steps: int = _MOST_STEPS
 ) -> Solution:
     """Return the solutions of M problems by steps of Levenberg and Marquardt; none depends on its neighbours.
 
     Parameters
     ----------
-    predict : callable
-        From unknowns (m, P) of the problems at an index (m,) to their data (m, D) and these' derivatives (m, D, P).
+    predict : Predict
+        What makes the data.
     data : (M, D) array
         Whitened.
     start : (M, P) array
         Where to begin.
-    is_small : callable
-        From unknowns (m, P) and the steps (m, P) to them to which (m,) of these are the last.
+    is_small : IsSmall
+        When the steps end.
     most_steps : int
         After which a problem that has not settled is left where it is.
     """
@@ -141,10 +154,7 @@ def solve_damped(
 
 
 def _linearize(
-    predict: Callable[[FloatArray, np.ndarray], tuple[FloatArray, FloatArray]],
-    data: FloatArray,
-    unknowns: FloatArray,
-    at: np.ndarray,
+    predict: Predict, data: FloatArray, unknowns: FloatArray, at: np.ndarray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return χ² (M,), infinite where it is not finite, normal matrix (M, P, P) and right-hand side (M, P)."""
     predicted, derivative = predict(unknowns, at)

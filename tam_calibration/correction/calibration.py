@@ -24,8 +24,8 @@ from tam_calibration.correction.parts import (
 from tam_calibration.effects.removal import added_to, of_sensors, removable
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.extras import require
 from tam_calibration.model.fitted_effect import FittedEffect
+from tam_calibration.model.libraries import require
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.residuals import Residuals, ResidualSeries, residual_series
 from tam_calibration.model.sensor_errors import SensorErrors

@@ -18,8 +18,7 @@ from typing import Any, TypeVar
 from tam_calibration.files.whole_files import remove_unfinished, temporary_place
 from tam_calibration.fleet.task import Task, process
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.extras import require
-from tam_calibration.model.processors import use_one_thread
+from tam_calibration.model.libraries import require, use_one_thread
 from tam_calibration.model.signals import postponed
 
 Given = TypeVar("Given")

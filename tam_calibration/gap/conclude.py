@@ -22,9 +22,9 @@ from tam_calibration.gap.size import measure, noise_variance
 from tam_calibration.gap.steps import LARGEST_REST, LEAST_EVIDENCE, Search, Step
 from tam_calibration.gap.where import locate, placed, sensors_and_axes
 from tam_calibration.gap.whitened_channels import WhitenedChannels
+from tam_calibration.model.exceptions import sensors_in_words
 from tam_calibration.model.fitted_effect import ALL, FittedEffect
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.sensors_in_words import sensors_in_words
 from tam_calibration.model.units import FloatArray, to_nanotesla
 
 

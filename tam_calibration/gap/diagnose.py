@@ -35,7 +35,7 @@ from tam_calibration.integrity import require_sound
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.geomagnetic_field import FieldBounds
-from tam_calibration.model.memory import load_within_limit
+from tam_calibration.model.libraries import load_within_limit
 from tam_calibration.model.recording import Recording, SampleSource
 
 

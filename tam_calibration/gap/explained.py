@@ -10,9 +10,8 @@ from tam_calibration.gap.diagnose import diagnose
 from tam_calibration.gap.result import Gap
 from tam_calibration.gap.search import Progress
 from tam_calibration.model.array import Array
-from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.exceptions import InputError, Refused, sensors_in_words
 from tam_calibration.model.recording import SampleSource
-from tam_calibration.model.sensors_in_words import sensors_in_words
 from tam_calibration.model.units import to_nanotesla
 
 

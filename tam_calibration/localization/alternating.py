@@ -13,15 +13,26 @@ from tam_calibration.localization.amplitude_fit import (
     require_one_source,
 )
 from tam_calibration.localization.calibration_errors import PLACE_ERROR_M, errors_of
-from tam_calibration.localization.euler import DIPOLE_INDEX, elements_of, require_index
-from tam_calibration.localization.stretch import Stretch, frequency_of, require_one_phase
+from tam_calibration.localization.euler import DIPOLE_INDEX
+from tam_calibration.localization.solutions import EulerSolutions, Status
+from tam_calibration.localization.source_fit import SOURCES, elements_of, require_index
+from tam_calibration.localization.stretch import estimator_of, frequency_of, require_one_phase
 from tam_calibration.localization.survey import ARRAY_FRAME, WORLD_FRAME, Line, Overall, Survey
-from tam_calibration.localization.turned_samples import SOURCES, matrices_of, turned
+from tam_calibration.localization.turned_samples import turned
 from tam_calibration.model.array import tensors_of
 from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.mounting import matrices_of
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
-from tam_calibration.sources.demodulation import Demodulated, Spectrum, background_of, find_frequency, turning_of
+from tam_calibration.sources.demodulation import (
+    Demodulated,
+    Spectrum,
+    Stretch,
+    background_of,
+    demodulate,
+    find_frequency,
+    turning_of,
+)
 from tam_calibration.sources.poses import FEWEST_PERIODS, poses_of
 
 _HIGHEST_HZ = 1e6
@@ -73,11 +84,13 @@ def locate_alternating(
     recording = calibration.without_effects(recording)
     if recording.attitude is not None:
         recording = recording.take(np.flatnonzero(np.isfinite(recording.attitude).all(axis=1)))
-    line = _line(recording, frequency_hz)
-    poses = [slice(None)] if recording.attitude is None else poses_of(recording, line.frequency_hz)
-    stretches = [_still(recording.take(pose)) for pose in poses] or [_turning(recording, calibration)]
-    line = _tuned(line, stretches, frequency_hz is not None)
-    found = [stretch.demodulated(line.frequency_hz) for stretch in stretches]
+    spectrum = _spectrum(recording, frequency_hz is None)
+    near_hz = frequency_hz or (spectrum.peak_hz if spectrum else np.nan)
+    poses = [slice(None)] if recording.attitude is None else poses_of(recording, near_hz)
+    stretches = [Stretch.of(recording.take(pose)) for pose in poses] or [_turning(recording, calibration)]
+    hertz = frequency_of(stretches, near_hz, frequency_hz is not None)
+    error_hz = spectrum.peak_standard_error_hz if spectrum and hertz != frequency_hz else np.nan
+    found = [demodulate(stretch, hertz) for stretch in stretches]
     require_one_phase(found)
     parts = _of_poses(found, calibration) if poses else [_of_turning(stretches[0], found[0], recording, calibration)]
     attitude = np.tile([0.0, 0.0, 0.0, 1.0], (len(parts), 1))
@@ -96,44 +109,20 @@ def locate_alternating(
         turned(solutions, attitude),
         np.zeros((len(parts), 3)),
         _overall(together, index) if together and solutions.is_located.sum() > 1 else None,
-        line=line,
+        line=Line(hertz, error_hz, spectrum),
         note=" ".join(remark for remark, holds in remarks.items() if holds),
     )
 
 
-def _line(recording: Recording, frequency_hz: float | None) -> Line:
+def _spectrum(recording: Recording, is_needed: bool) -> Spectrum | None:
+    """Return the spectrum from ten periods in the record to half the sampling rate, if a line stands out of it."""
     try:
-        spectrum = _spectrum(recording)
+        whole = Stretch.of(recording, recording.attitude)
+        return find_frequency(whole, FEWEST_PERIODS / whole.span_s, 0.5 * whole.rate_hz)
     except (Refused, InputError):
-        if frequency_hz is None:
+        if is_needed:
             raise
-        return Line(frequency_hz, np.nan, None)
-    if frequency_hz is not None:
-        return Line(frequency_hz, np.nan, spectrum)
-    return Line(spectrum.peak_hz, spectrum.peak_standard_error_hz, spectrum)
-
-
-def _tuned(line: Line, stretches: Sequence[Stretch], is_stated: bool) -> Line:
-    """Return the line at the frequency that the stretches have."""
-    hertz = frequency_of(stretches, line.frequency_hz, is_stated)
-    if hertz == line.frequency_hz:
-        return line
-    error = np.nan if line.spectrum is None else line.spectrum.peak_standard_error_hz
-    return Line(hertz, error, line.spectrum)
-
-
-def _spectrum(recording: Recording) -> Spectrum:
-    """Return the spectrum from ten periods in the record to half the sampling rate."""
-    channels = recording.readings_T.reshape(recording.sample_count, -1)
-    span = float(np.ptp(recording.time_s))
-    background = background_of(recording.time_s, recording.attitude)
-    highest = 0.5 * (recording.sample_count - 1) / span
-    return find_frequency(recording.time_s, channels, background, FEWEST_PERIODS / span, highest)
-
-
-def _still(pose: Recording) -> Stretch:
-    channels = pose.readings_T.reshape(pose.sample_count, -1)
-    return Stretch(pose.time_s, channels, background_of(pose.time_s))
+        return None
 
 
 def _turning(recording: Recording, calibration: Calibration) -> Stretch:
@@ -141,7 +130,7 @@ def _turning(recording: Recording, calibration: Calibration) -> Stretch:
     assert recording.attitude is not None
     outputs = calibration.apply(recording.readings_T)[:, :8]
     background = background_of(recording.time_s, recording.attitude)
-    return Stretch(recording.time_s, outputs, background, turning_of(recording.attitude, 8))
+    return Stretch(recording.time_s, outputs, background, turning_of(recording.attitude))
 
 
 def _of_poses(found: Sequence[Demodulated], calibration: Calibration) -> list[Amplitudes]:
@@ -178,14 +167,14 @@ def _of_turning(stretch: Stretch, found: Demodulated, recording: Recording, cali
     """Return field and gradient in the world, and what they are linear in: the fields at the sensors all along."""
     assert recording.attitude is not None
     array, rotation = calibration.array, matrices_of(recording.attitude)
-    by_outputs, noise = stretch.estimator(found)
+    carrier, by_outputs, noise = estimator_of(stretch, found)
     back = np.swapaxes(rotation, 1, 2)
     center = back @ found.amplitude[:3]
     tensor = tensors_of(found.amplitude[None])[0]
     fields = center[:, None] + array.positions_m @ (back @ tensor @ rotation)
     errors = array.operator[:8] @ errors_of(calibration, fields, is_alternating=True)
     points, by_points = elements_of(array, array.operator[:8])
-    by_fields = by_outputs * stretch.carrier(found)[:, None]
+    by_fields = by_outputs * carrier[:, None]
     in_world = np.einsum("onp,pqj,nij->onqi", by_fields, by_points.reshape(8, -1, 3), rotation, optimize=True)
     return Amplitudes(
         np.einsum("onp,np->o", by_outputs, stretch.channels),
@@ -200,9 +189,7 @@ def _of_turning(stretch: Stretch, found: Demodulated, recording: Recording, cali
 
 
 def _overall(fit: AmplitudeFit, index: float) -> Overall:
-    unknowns, covariance = fit.solution.unknowns[0], fit.solution.covariance[0]
-    moment, spread = unknowns[3:], covariance[3:, 3:]
-    if index != DIPOLE_INDEX:
-        moment, spread = np.full(3, np.nan), np.full((3, 3), np.nan)
-    chi_square = float(fit.solution.chi_square[0])
-    return Overall(unknowns[:3], covariance[:3, :3], moment, spread, chi_square, fit.degrees_of_freedom)
+    found = EulerSolutions.of_fits(np.array([Status.LOCATED]), fit.solution, index == DIPOLE_INDEX)
+    place, moment = found.position_m[0], found.moment_Am2[0]
+    of_place, of_moment = found.position_covariance_m2[0], found.moment_covariance_A2m4[0]
+    return Overall(place, of_place, moment, of_moment, float(found.chi_square[0]), fit.degrees_of_freedom)

@@ -13,10 +13,10 @@ import numpy as np
 
 from tam_calibration.core.least_squares import Solution
 from tam_calibration.localization.calibration_errors import PLACE_ERROR_M
-from tam_calibration.localization.euler import DIPOLE_INDEX, fit_fields, is_certain, locate, start_of
+from tam_calibration.localization.euler import DIPOLE_INDEX, locate
 from tam_calibration.localization.line_fit import unknowns_of
 from tam_calibration.localization.solutions import CHANCE, EulerSolutions, Status
-from tam_calibration.localization.turned_samples import SOURCES
+from tam_calibration.localization.source_fit import SOURCES, fit_fields, is_certain, start_of
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.units import FloatArray
 from tam_calibration.sources.dipole import dipole_field
@@ -88,16 +88,10 @@ class Amplitudes:
         """Return those of several poses, for sources in one frame."""
         from scipy.linalg import block_diag
 
-        return cls(
-            np.concatenate([part.values for part in parts]),
-            block_diag(*[part.noise for part in parts]),
-            np.concatenate([part.points_m for part in parts]),
-            block_diag(*[part.by_points for part in parts]),
-            np.concatenate([part.by_errors for part in parts]),
-            np.concatenate([part.by_places for part in parts]),
-            np.concatenate([part.gradient for part in parts]),
-            np.zeros((8, 0)),
-        )
+        rows = ("values", "points_m", "by_errors", "by_places", "gradient")
+        joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in rows}
+        noise, by_points = (block_diag(*[getattr(part, name) for part in parts]) for name in ("noise", "by_points"))
+        return cls(**joined, noise=noise, by_points=by_points, to_outputs=np.zeros((8, 0)))
 
     @property
     def outputs(self) -> FloatArray:
@@ -141,6 +135,14 @@ class AmplitudeFit:
         """Whether the source leaves no more than noise and errors."""
         return self.chance >= CHANCE
 
+    @property
+    def status(self) -> Status:
+        """Whether it locates the source."""
+        if not self.is_explaining:
+            return Status.MISFIT
+        is_sure = is_certain(self.solution.unknowns, self.solution.covariance)[0]
+        return Status.LOCATED if is_sure else Status.UNCERTAIN
+
 
 def fit_amplitudes(amplitudes: Amplitudes, start: FloatArray, index: float) -> AmplitudeFit:
     """Return the source that fits amplitudes, with errors of the places only where it leaves too much without.
@@ -157,14 +159,9 @@ def fit_amplitudes(amplitudes: Amplitudes, start: FloatArray, index: float) -> A
     freedom = len(amplitudes.values) - unknowns_of(index)
     gradient = None
     for place_error_m in (0.0, PLACE_ERROR_M):
-        solution = fit_fields(
-            amplitudes.values[None],
-            amplitudes.points_m,
-            amplitudes.by_points,
-            amplitudes.covariance(place_error_m, gradient),
-            start[None],
-            index,
-        ).solution
+        noise = amplitudes.covariance(place_error_m, gradient)
+        values, points, by_points = amplitudes.values[None], amplitudes.points_m, amplitudes.by_points
+        solution = fit_fields(values, points, by_points, noise, start[None], index).solution
         fit = AmplitudeFit(solution, freedom, place_error_m)
         if fit.chance > _DOUBTFUL:
             break
@@ -195,33 +192,16 @@ def locate_amplitudes(
     together : AmplitudeFit, optional
         In the frame in which the source rests; None where no pose shows where to begin.
     """
-    status, own = np.zeros(len(parts), dtype=int), {}
+    each, own = [], {}
     for number, part in enumerate(parts):
-        start, status[number] = _begin(part, index)
-        if status[number] == Status.LOCATED:
-            own[number] = fit_amplitudes(part, start, index)
-            status[number] = _status(own[number])
-    located = [fit.solution for number, fit in own.items() if status[number] == Status.LOCATED]
-    unknowns, covariance, chi_square = (
-        np.array([getattr(one, name)[0] for one in located]).reshape(-1, *shape)
-        for name, shape in (("unknowns", (6,)), ("covariance", (6, 6)), ("chi_square", ()))
-    )
-    solutions = EulerSolutions.of_fits(status, unknowns, covariance, chi_square, index == DIPOLE_INDEX)
-    return solutions, _together(parts, rotation, own, index) if own else None
-
-
-def _begin(part: Amplitudes, index: float) -> tuple[FloatArray, Status]:
-    """Return where a fit begins (6,), and why it has nowhere to."""
-    outputs = part.outputs[None]
-    euler = locate(outputs, part.to_outputs @ part.covariance() @ part.to_outputs.T, index=index)
-    return start_of(euler, outputs, index)[0], Status(int(euler.status[0]))
-
-
-def _status(fit: AmplitudeFit) -> Status:
-    if not fit.is_explaining:
-        return Status.MISFIT
-    is_sure = is_certain(fit.solution.unknowns, fit.solution.covariance)[0]
-    return Status.LOCATED if is_sure else Status.UNCERTAIN
+        outputs = part.outputs[None]
+        euler = locate(outputs, part.to_outputs @ part.covariance() @ part.to_outputs.T, index=index)
+        if euler.is_located[0]:
+            fit = own[number] = fit_amplitudes(part, start_of(euler, outputs, index)[0], index)
+            located = fit.solution.take(np.array([fit.status == Status.LOCATED]))
+            euler = EulerSolutions.of_fits(np.array([fit.status]), located, index == DIPOLE_INDEX)
+        each.append(euler)
+    return EulerSolutions.joined(each), _together(parts, rotation, own, index) if own else None
 
 
 def _together(

@@ -132,14 +132,8 @@ class _Gyroscope:
         state = GyroscopeState.at_rest(np.eye(3), 0.0).of_modes(path.modes)
         fast = float(np.sqrt(np.mean(fast_noise(filled) ** 2)) * np.sqrt(2 * interval_s))
         modes = np.maximum(np.arange(len(state.bias)), 1)
-        spread = np.concatenate(
-            [
-                np.repeat(stated.bias / modes, 3),
-                [_DELAY_S],
-                np.full(3, _MOUNTING),
-                np.full(6, stated.scale_error or _SHAPE),
-            ]
-        )
+        shape = stated.scale_error or _SHAPE
+        spread = np.array([*np.repeat(stated.bias / modes, 3), _DELAY_S, *[_MOUNTING] * 3, *[shape] * 6])
         return cls(path, stated.noise_density or fast, spread**-2, state)
 
     def with_bias_of(self, attitude: Rotation) -> "_Gyroscope":

@@ -8,6 +8,7 @@ all that may be wrong with the readings of a recording, at most as many as there
 import numpy as np
 from numpy.linalg import inv
 
+from tam_calibration.core.least_squares import root_of
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.model.units import FloatArray
 
@@ -56,16 +57,8 @@ def errors_of(calibration: Calibration, fields_T: FloatArray, *, is_alternating:
         return np.zeros((*shape, 0))
     full = np.pad(fields_T, ((0, 0), (0, 0), (0, 1)), constant_values=0.0 if is_alternating else 1.0)
     by_parameter = -inv(calibration.errors.matrix)[:, None] @ np.moveaxis(calibration.errors.jacobian(), 2, 1)
-    root = _root_of(calibration.covariance).reshape(calibration.errors.sensor_count, 12, -1)
+    root = root_of(calibration.covariance).reshape(calibration.errors.sensor_count, 12, -1)
     errors = np.einsum("nkd,kdip,kpq->nkiq", full, by_parameter, root, optimize=True).reshape(*shape, -1)
     seen = errors / np.repeat(calibration.array.vector_noise_T, 3)[:, None]
     squares, vectors = np.linalg.eigh(np.einsum("njp,njq->pq", seen, seen, optimize=True))
     return np.asarray(errors @ vectors[:, squares > _SMALLEST**2])
-
-
-def _root_of(covariance: FloatArray) -> FloatArray:
-    """Return a square root (P, P) of a covariance (P, P) whose diagonal may hold zeros."""
-    size = np.sqrt(np.diag(covariance))
-    unit = covariance / np.outer(*[np.where(size > 0, size, 1.0)] * 2)
-    values, vectors = np.linalg.eigh(unit)
-    return np.asarray(size[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))

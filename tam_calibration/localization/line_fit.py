@@ -13,7 +13,6 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import Solution, solve_damped
-from tam_calibration.localization.source_problem import OutputFit
 from tam_calibration.model.array import tensors_of
 from tam_calibration.model.units import FloatArray
 
@@ -24,6 +23,28 @@ _SMALLEST_STEP = 1e-11
 """Part of a distance, of radians and of a strength below which a step is the last."""
 
 _ACROSS = np.eye(3)[:2]
+
+
+@dataclass(frozen=True, eq=False)
+class OutputFit:
+    """Sources that were fitted to the outputs of N samples, each by itself.
+
+    Parameters
+    ----------
+    solution : Solution
+        Of each sample.
+    field_T : (N, 3) array
+        Of the sources at the array's centre, tesla.
+    residuals : (N, 8) array
+        Whitened.
+    slopes : (N, 8, P) array
+        Derivatives of the whitened outputs by what was fitted.
+    """
+
+    solution: Solution
+    field_T: FloatArray
+    residuals: FloatArray
+    slopes: FloatArray
 
 
 def unknowns_of(index: float) -> int:
@@ -49,7 +70,7 @@ def fit_lines(
         Whitened outputs.
     points_m : (P, 3) array
         Where the field is read, array frame, metres.
-    weights : (8, 3 P) or (N, 8, 3 P) array
+    weights : (N, 8, 3 P) array
         From the stacked fields there to the whitened outputs.
     start : (N, 6) array
         A place on each line [m], and a vector along it.
@@ -61,7 +82,7 @@ def fit_lines(
     OutputFit
         Unknowns (N, 6) are the point of each line that is nearest to the origin, metres, and the unit vector along it.
     """
-    lines = Lines.of(points_m, np.broadcast_to(weights, (len(data), *weights.shape[-2:])), start, index)
+    lines = Lines.of(points_m, weights, start, index)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # where a step leads far away
         own = solve_damped(lines.predict, data, lines.start(data, start), _is_small)
         unknowns, slopes = _nearest(own.unknowns)
@@ -121,9 +142,7 @@ class Lines:
 
 def _field(points_m: FloatArray, unknowns: FloatArray, index: float) -> tuple[FloatArray, FloatArray]:
     """Return fields (n, P, 3) at points (n, P, 3), and their derivatives (n, P, 3, 5 or 6) by the unknowns."""
-    count = len(unknowns)
-    place = np.concatenate([unknowns[:, :2], np.zeros((count, 1))], axis=1)
-    along = np.concatenate([unknowns[:, 2:4], np.ones((count, 1))], axis=1)
+    place, along = _place_and_along(unknowns)
     offset, along, strength = points_m - place[:, None], along[:, None], unknowns[:, None, 4:, None]
     across = np.cross(along, offset)
     moved = [np.broadcast_to(np.cross(along, axis), across.shape) for axis in _ACROSS]
@@ -132,7 +151,7 @@ def _field(points_m: FloatArray, unknowns: FloatArray, index: float) -> tuple[Fl
         slopes = [strength[:, :, 0] * _slope(across, change) for change in [*(-each for each in moved), *tilted]]
         unit = across / _dot(across, across)
         return strength[:, :, 0] * unit, np.stack([*slopes, unit], axis=-1)
-    moment = np.concatenate([strength[..., 0], np.zeros((count, 1, 1))], axis=2)
+    moment = np.concatenate([strength[..., 0], np.zeros((len(unknowns), 1, 1))], axis=2)
     shift = np.cross(along, moment)
     by_place = [-_bend(across, shift, each) for each in moved]
     by_along = [
@@ -141,6 +160,12 @@ def _field(points_m: FloatArray, unknowns: FloatArray, index: float) -> tuple[Fl
     ]
     by_moment = [_slope(across, each) for each in moved]
     return _slope(across, shift), np.stack([*by_place, *by_along, *by_moment], axis=-1)
+
+
+def _place_and_along(unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return a point q (n, 3) of each line, and the vector T (n, 3) along it."""
+    none = np.zeros((len(unknowns), 1))
+    return np.concatenate([unknowns[:, :2], none], axis=1), np.concatenate([unknowns[:, 2:4], none + 1.0], axis=1)
 
 
 def _dot(one: FloatArray, other: FloatArray) -> FloatArray:
@@ -162,9 +187,7 @@ def _bend(vectors: FloatArray, one: FloatArray, other: FloatArray) -> FloatArray
 
 def _nearest(unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the nearest points and directions (N, 6) of lines, and their derivatives (N, 6, 4)."""
-    count = len(unknowns)
-    place = np.concatenate([unknowns[:, :2], np.zeros((count, 1))], axis=1)
-    along = np.concatenate([unknowns[:, 2:4], np.ones((count, 1))], axis=1)
+    place, along = _place_and_along(unknowns)
     length = norm(along, axis=1, keepdims=True)
     unit = along / length
     part = _dot(place, unit)
@@ -172,13 +195,16 @@ def _nearest(unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
     by_unit = -(unit[:, :, None] * place[:, None, :] + part[..., None] * np.eye(3))
     turned = across / length[..., None]
     by_place = np.concatenate([across, by_unit @ turned], axis=2)
-    by_along = np.concatenate([np.zeros((count, 3, 3)), turned], axis=2)
+    by_along = np.concatenate([np.zeros_like(turned), turned], axis=2)
     slopes = np.concatenate([by_place, by_along], axis=1)[..., [0, 1, 3, 4]]
     return np.concatenate([place - part * unit, unit], axis=1), slopes
 
 
 def _is_small(unknowns: FloatArray, step: FloatArray) -> np.ndarray:
     """Return whether steps (N, 5 or 6) hardly change places, directions and strengths."""
-    size = [norm(unknowns[:, :2], axis=1), np.ones(len(unknowns)), norm(unknowns[:, 4:], axis=1)]
-    change = [norm(step[:, :2], axis=1), norm(step[:, 2:4], axis=1), norm(step[:, 4:], axis=1)]
-    return np.asarray(np.all(np.array(change) <= _SMALLEST_STEP * np.array(size), axis=0))
+    across, along, strength = (norm(each, axis=1) for each in np.split(step, (2, 4), axis=1))
+    return np.asarray(
+        (across <= _SMALLEST_STEP * norm(unknowns[:, :2], axis=1))
+        & (along <= _SMALLEST_STEP)
+        & (strength <= _SMALLEST_STEP * norm(unknowns[:, 4:], axis=1))
+    )

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from tam_calibration.localization.line_data import LineData
 from tam_calibration.localization.line_path import Basis, Path
 from tam_calibration.model.array import UNIT_TENSORS
-from tam_calibration.model.units import FloatArray
+from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.sources.dipole import dipole_field, field_alone, field_by_moment
 
 OF_SOURCE = 6
@@ -36,6 +36,9 @@ _DIRECTION, _GRADIENT_T_PER_M = 3e-3, 1e-6
 _KNOWN_M, _KNOWN = 2.0, 0.5
 """Standard deviations between two windows of a neighbour's place, metres, and of its moment, as a part of that: a drift
 of the path is less. A window sees its neighbours from the side alone, where they would move to anywhere."""
+
+_REGIONAL, _GRADIENT = 7, 10
+"""Which basis of a window is the first of the regional field, and the first of its gradient."""
 
 _CROSSING = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2).reshape(3, 9)
 """Matrices of the cross product with unit vectors from the left, row by row."""
@@ -66,13 +69,6 @@ class Window:
     known: FloatArray = field(default_factory=lambda: np.zeros((0, OF_SOURCE)))
 
     @cached_property
-    def _path_error(self) -> list[FloatArray]:
-        """The three (M, n) effects of errors of size one on each coordinate of the path, metres."""
-        own, roots = self.path.error(float(self.data.time_s[0]), float(self.data.time_s[-1]))
-        rows = self.path.basis.matrix(self.data.time_s)[:, own]
-        return [rows @ root for root in roots]
-
-    @cached_property
     def place_m(self) -> FloatArray:
         """(M, 3) path of the array's centre, metres."""
         return self.path.at(self.data.time_s)
@@ -84,28 +80,53 @@ class Window:
         return np.asarray(self.place_m - rows @ np.linalg.lstsq(rows, self.place_m, rcond=None)[0])
 
     @cached_property
-    def bases(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """(M, n) bases of the regional field, of its gradient, and of the turns."""
-        way, times = self.data.along_m, self.data.time_s
-        ends = float(way.min()), float(way.max())
-        regional = Basis.over(*ends, _REGIONAL_STEP_M).matrix(way)
-        gradient = Basis.over(*ends, _GRADIENT_STEP_M).matrix(way)
+    def bases(self) -> list[FloatArray]:
+        """(M, n) bases of what errors and the regional field add at a moment, each with unknowns of its own.
+
+        Of the path's three coordinates, three tilts, the turn about the regional field, the three components of this
+        field and the five of its gradient.
+        """
+        way, times, error = self.data.along_m, self.data.time_s, self.data.attitude_error
+        own, roots = self.path.error(float(times[0]), float(times[-1]))
+        rows = self.path.basis.matrix(times)[:, own]
         turns = Basis.over(float(times[0]), float(times[-1]), _TURN_STEP_S).matrix(times)
-        return regional, gradient, self.data.attitude_error * turns
+        regional, gradient = (
+            Basis.over(float(way.min()), float(way.max()), step).matrix(way)
+            for step in (_REGIONAL_STEP_M, _GRADIENT_STEP_M)
+        )
+        tilt = np.full((len(times), 1), error)
+        return [*(rows @ root for root in roots), *[tilt] * 3, error * turns, *[regional] * 3, *[gradient] * 5]
+
+    @cached_property
+    def edges(self) -> IntArray:
+        """(16,) where the unknowns of each basis begin, behind the errors of the calibration, and the last end."""
+        return np.cumsum([self.data.errors_T.shape[2], *(each.shape[1] for each in self.bases)])
+
+    @property
+    def unit_count(self) -> int:
+        """Number of errors, which are first and of which one is expected: calibration, path, tilts and turns."""
+        return int(self.edges[_REGIONAL])
+
+    @property
+    def nuisance_count(self) -> int:
+        """Number of unknowns beside the dipoles."""
+        return int(self.edges[-1])
+
+    def divided(self, unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the dipoles (S, 6), and the other unknowns."""
+        sources, others = np.split(unknowns, [len(unknowns) - self.nuisance_count])
+        return sources.reshape(-1, OF_SOURCE), others
 
     @cached_property
     def prior(self) -> FloatArray:
         """Root (R, n) of the precision of all unknowns but the dipoles."""
-        regional, gradient, turns = (each.shape[1] for each in self.bases)
+        regional, gradient = (np.eye(self.bases[place].shape[1]) for place in (_REGIONAL, _GRADIENT))
         size = float(np.median(norm(self.data.fields_T.mean(axis=1), axis=1)))
         level_T = size * np.hypot(self.data.attitude_error, _DIRECTION)
         bend_T, change_T_per_m = self.roughness * _BEND_T, self.roughness * _CHANGE_T_PER_M
-        bend = np.vstack([np.diff(np.eye(regional), 2, axis=0) / bend_T, np.eye(regional)[[0, -1]] / level_T])
-        change = np.vstack(
-            [np.diff(np.eye(gradient), axis=0) / change_T_per_m, np.eye(gradient)[:1] / _GRADIENT_T_PER_M]
-        )
-        unit = sum(each.shape[1] for each in self._path_error) + turns + 3 + self.data.errors_T.shape[2]
-        return np.asarray(block_diag(np.eye(unit), *[bend] * 3, *[change] * 5))
+        bend = np.vstack([np.diff(regional, 2, axis=0) / bend_T, regional[[0, -1]] / level_T])
+        change = np.vstack([np.diff(gradient, axis=0) / change_T_per_m, gradient[:1] / _GRADIENT_T_PER_M])
+        return np.asarray(block_diag(np.eye(self.unit_count), *[bend] * 3, *[change] * 5))
 
     @cached_property
     def known_precision(self) -> FloatArray:
@@ -126,11 +147,6 @@ class Window:
         rows = self._whitened(made.reshape(*points.shape, -1), self.data.fields_T)
         return rows.reshape(*rows.shape[:2], -1, 3)
 
-    @property
-    def nuisance_count(self) -> int:
-        """Number of unknowns beside the dipoles."""
-        return int(self.prior.shape[1])
-
     @cached_property
     def _contrasts(self) -> FloatArray:
         """(K, K) rotation of the sensors' whitened readings, whose first row is their mean."""
@@ -141,36 +157,24 @@ class Window:
 
     def start(self) -> FloatArray:
         """Return the (n,) unknowns of no dipole: the median field and no error."""
-        unknowns = np.zeros(self.nuisance_count)
-        mean, size = self.data.fields_T.mean(axis=1), self.bases[0].shape[1]
+        unknowns, mean = np.zeros(self.nuisance_count), self.data.fields_T.mean(axis=1)
         uniform = np.median(mean / norm(mean, axis=1, keepdims=True), axis=0) * np.median(norm(mean, axis=1))
-        unknowns[self.parts[3]] = np.repeat(uniform, size)
+        unknowns[self.unit_count : self.edges[_GRADIENT]] = np.repeat(uniform, self.bases[_REGIONAL].shape[1])
         return unknowns
-
-    @cached_property
-    def parts(self) -> tuple[slice, ...]:
-        """Where the unknowns beside the dipoles are: path, tilt and turns, calibration, regional, gradient."""
-        regional, gradient, turns = (each.shape[1] for each in self.bases)
-        sizes = [sum(each.shape[1] for each in self._path_error), 3 + turns, self.data.errors_T.shape[2]]
-        edges = np.cumsum([0, *sizes, 3 * regional, 5 * gradient])
-        return tuple(slice(int(low), int(high)) for low, high in pairwise(edges))
 
     def linearized(self, unknowns: FloatArray, with_slopes: bool = True) -> tuple[FloatArray, FloatArray]:
         """Return the residuals (M, 3 K - 2), data less model in units of their noise, and the model's derivatives."""
         data = self.data
-        split = len(unknowns) - self.nuisance_count
-        sources, rest = unknowns[:split].reshape(-1, OF_SOURCE), unknowns[split:]
-        path, turn, calibration, regional, gradient = (rest[part] for part in self.parts)
-        of_regional, of_gradient, of_turns = self.bases
-        moved = np.split(path, np.cumsum([each.shape[1] for each in self._path_error])[:-1])
-        shift = np.column_stack([rows @ each for rows, each in zip(self._path_error, moved, strict=True)])
-        place, aside = self.place_m + shift, self._aside_m + shift
-        theta = data.attitude_error * turn[:3] + (of_turns @ turn[3:])[:, None] * data.direction
+        sources, others = self.divided(unknowns)
+        errors, *parts = np.split(others, self.edges[:-1])
+        values = np.column_stack([basis @ part for basis, part in zip(self.bases, parts, strict=True)])
+        place, aside = self.place_m + values[:, :3], self._aside_m + values[:, :3]
+        theta = values[:, 3:6] + values[:, 6:7] * data.direction
         turned = Rotation.from_rotvec(theta)
-        tensor = np.tensordot(of_gradient @ gradient.reshape(5, -1).T, UNIT_TENSORS, 1)
-        uniform = turned.inv().apply(of_regional @ regional.reshape(3, -1).T)
+        uniform = turned.inv().apply(values[:, _REGIONAL:_GRADIENT])
+        tensor = np.tensordot(values[:, _GRADIENT:], UNIT_TENSORS, 1)
         every = np.concatenate([sources, self.fixed])
-        added = (data.errors_T @ calibration).reshape(data.fields_T.shape)
+        added = (data.errors_T @ errors).reshape(data.fields_T.shape)
 
         def field_at(arms: FloatArray) -> FloatArray:
             points = place[:, None] + arms
@@ -186,12 +190,12 @@ class Window:
         made, grad, by_moment = dipole_field((place[:, None] + arms)[:, :, None] - every[:, :3], every[:, 3:])
         slope = tensor[:, None] + grad.sum(axis=2)
         own = np.concatenate([-grad[:, :, : len(sources)], by_moment[:, :, : len(sources)]], axis=4)
-        columns = np.moveaxis(own, 2, 3).reshape(*made.shape[:2], 3, split)
+        columns = np.moveaxis(own, 2, 3).reshape(*made.shape[:2], 3, sources.size)
         by_turn = np.broadcast_to(_crossing(uniform)[:, None], slope.shape)
         by_regional = np.broadcast_to(turned.inv().as_matrix()[:, None], slope.shape)
         by_tensor = np.einsum("qij,nkj->nkiq", UNIT_TENSORS, arms + aside[:, None])
         by_errors = data.errors_T.reshape(*made.shape[:2], 3, -1)
-        local = np.concatenate([columns, slope, by_turn, by_errors, by_regional, by_tensor], axis=3)
+        local = np.concatenate([columns, by_errors, slope, by_turn, by_regional, by_tensor], axis=3)
         # A change of the expected mean turns the readings and the arms after it.
         turning = _crossing(readings) - slope @ _crossing(arms)
         along = expected / norm(expected, axis=1, keepdims=True)
@@ -199,12 +203,13 @@ class Window:
         twist = np.cross(meant, along) / (1 + np.sum(meant * along, axis=1, keepdims=True))
         by_mean = (_crossing(along) - along[:, :, None] * twist[:, None]) / norm(expected, axis=1)[:, None, None]
         turns = by_mean @ self._mean(local)
-        by_theta = slice(split + 3, split + 6)
+        first = sources.size + len(errors)
+        by_theta = slice(first + 3, first + 6)
         turns[..., by_theta] -= along[:, :, None] * (along + np.cross(along, twist))[:, None]
         local += turning @ turns[:, None]
         local[..., by_theta] = local[..., by_theta] @ (np.eye(3) - _crossing(theta) / 2)[:, None]
         rows = self._whitened(np.concatenate([residual, local], axis=3), readings)
-        return rows[..., 0], self._expanded(rows[..., 1:], split)
+        return rows[..., 0], self._expanded(rows[..., 1:], first)
 
     def _mean(self, values: FloatArray) -> FloatArray:
         """Return the mean (M, 3, …) of values (M, K, 3, …) of the sensors, weighted by their precision."""
@@ -227,27 +232,19 @@ class Window:
         along = (turned * shrink[:, None])[:, None] @ others
         return np.concatenate([first, others - turned[..., None] * along], axis=1)
 
-    def _expanded(self, local: FloatArray, split: int) -> FloatArray:
-        """Return derivatives (M, 3 K - 2, P) by all unknowns from those by what they make at each moment."""
-        of_regional, of_gradient, of_turns = self.bases
-        by_path, by_turn, by_errors, by_regional, by_tensor = np.split(
-            local[..., split:], np.cumsum([3, 3, self.data.errors_T.shape[2], 3]), axis=2
-        )
-        about = np.einsum("nrj,nj->nr", by_turn, self.data.direction)
-        expanded = np.empty((*local.shape[:2], split + self.nuisance_count))
-        expanded[..., :split] = local[..., :split]
-        path, turn, errors, regional, gradient = (
-            expanded[..., split + part.start : split + part.stop] for part in self.parts
-        )
-        of_path = np.split(path, np.cumsum([each.shape[1] for each in self._path_error])[:-1], axis=2)
-        for axis in range(3):
-            np.multiply(by_path[..., axis, None], self._path_error[axis][:, None], out=of_path[axis])
-        np.multiply(self.data.attitude_error, by_turn, out=turn[..., :3])
-        np.multiply(about[..., None], of_turns[:, None], out=turn[..., 3:])
-        errors[...] = by_errors
-        for whole, by, basis in ((regional, by_regional, of_regional), (gradient, by_tensor, of_gradient)):
-            for part, own in zip(np.split(whole, by.shape[2], axis=2), np.moveaxis(by, 2, 0), strict=True):
-                np.multiply(own[..., None], basis[:, None], out=part)
+    def _expanded(self, local: FloatArray, first: int) -> FloatArray:
+        """Return derivatives (M, 3 K - 2, P) by all unknowns from those by what they make at each moment.
+
+        Those by the first unknowns, dipoles and errors of the calibration, are the same.
+        """
+        same, by_shift, by_turn, others = np.split(local, (first, first + 3, first + 6), axis=2)
+        about = by_turn @ self.data.direction[..., None]
+        columns = np.moveaxis(np.concatenate([by_shift, by_turn, about, others], axis=2), 2, 0)
+        edges = self.edges + first - self.edges[0]
+        expanded = np.empty((*local.shape[:2], edges[-1]))
+        expanded[..., :first] = same
+        for column, basis, (low, high) in zip(columns, self.bases, pairwise(edges.tolist()), strict=True):
+            np.multiply(column[..., None], basis[:, None], out=expanded[..., low:high])
         return expanded
 
 

@@ -17,12 +17,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from tam_calibration.localization.euler import DIPOLE_INDEX, fit_outputs, is_certain, locate, start_of, whitening_of
-from tam_calibration.localization.line_fit import CURRENT_INDEX, unknowns_of
+from tam_calibration.localization.euler import locate
+from tam_calibration.localization.line_fit import CURRENT_INDEX
 from tam_calibration.localization.shared_source import SharedSource, fit_shared
 from tam_calibration.localization.solutions import CHANCE, EulerSolutions, Status
-from tam_calibration.localization.turned_samples import SOURCES, Regional, locate_each, matrices_of, turned
-from tam_calibration.model.array import Array
+from tam_calibration.localization.source_fit import SOURCES, fit_outputs, is_certain, start_of, whitening_of
+from tam_calibration.localization.turned_samples import Regional, Samples, locate_each, turned
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.units import FloatArray
 
@@ -30,21 +30,16 @@ _MOST_STEPS, _SMALL_STEP = 30, 1e-3
 """Steps to the regional field, and the part of its standard errors below which one is the last."""
 
 
-def regional_beside_current(
-    outputs: FloatArray, array: Array, covariance: FloatArray, attitude: FloatArray, prior: Regional
-) -> Regional:
+_NO_LINE = "the samples are not those of a line of current beside a uniform regional field"
+
+
+def regional_beside_current(samples: Samples, prior: Regional) -> Regional:
     """Return the regional field with which the samples of a run are best explained, each by a line of current.
 
     Parameters
     ----------
-    outputs : (N, 9) array
-        Field and gradient, array frame, tesla and T/m.
-    array : Array
-        Whose outputs they are.
-    covariance : (9, 9) array
-        Of the outputs.
-    attitude : (N, 4) array
-        Exact: quaternions x, y, z, w from the array frame to the world; NaN where unknown.
+    samples : Samples
+        With an exact attitude.
     prior : Regional
         What is known of the field beforehand, with variances.
 
@@ -54,10 +49,10 @@ def regional_beside_current(
         When no sample can be located, or the steps do not settle.
     """
     assert prior.covariance_T2 is not None
-    error = np.sqrt(np.maximum(np.diag(prior.covariance_T2), np.diag(covariance)[:3]))
-    field_T, matrix = prior.field_T, matrices_of(attitude)
+    error = np.sqrt(np.maximum(np.diag(prior.covariance_T2), np.diag(samples.covariance)[:3]))
+    field_T = prior.field_T
     for _ in range(_MOST_STEPS):
-        residuals, by_field = _left(outputs, array, covariance[:8, :8], matrix, field_T)
+        residuals, by_field = _left(samples, field_T)
         slopes = by_field * error
         normal = np.einsum("nij,nik->jk", slopes, slopes) + np.eye(3)
         away = np.einsum("nij,ni->j", slopes, residuals) + (prior.field_T - field_T) / error
@@ -68,26 +63,22 @@ def regional_beside_current(
     raise Refused(f"{_NO_LINE}: the steps to the regional field do not settle")
 
 
-_NO_LINE = "the samples are not those of a line of current beside a uniform regional field"
-_NONE_LOCATED = f"{_NO_LINE}: none can be located. Go nearer, or average longer"
-
-
-def _left(
-    outputs: FloatArray, array: Array, covariance: FloatArray, matrix: FloatArray, field_T: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _left(samples: Samples, field_T: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return what lines leave of n samples (n, 8), whitened, and its derivatives (n, 8, 3) by the regional field."""
-    source = outputs[:, :8].copy()
-    source[:, :3] -= np.einsum("nji,j->ni", matrix, field_T)
+    source, covariance = samples.outputs[:, :8].copy(), samples.covariance[:8, :8]
+    back = np.swapaxes(samples.rotation, 1, 2)
+    source[:, :3] -= back @ field_T
     euler = locate(source, covariance, index=CURRENT_INDEX)
+    start = start_of(euler, source, CURRENT_INDEX)
     at = np.flatnonzero(euler.is_located)
+    none = Refused(f"{_NO_LINE}: none can be located. Go nearer, or average longer")
     if not len(at):
-        raise Refused(_NONE_LOCATED)
-    start = start_of(euler, source, CURRENT_INDEX)[at]
-    fit = fit_outputs(source[at], array, covariance, start, CURRENT_INDEX)
+        raise none
+    fit = fit_outputs(source[at], samples.array, covariance, start[at], CURRENT_INDEX)
     is_kept = fit.solution.is_found & is_certain(fit.solution.unknowns, fit.solution.covariance)
     if not is_kept.any():
-        raise Refused(_NONE_LOCATED)
-    by_field = whitening_of(covariance)[:, :3] @ np.swapaxes(matrix[at[is_kept]], 1, 2)
+        raise none
+    by_field = whitening_of(covariance)[:, :3] @ back[at[is_kept]]
     basis = np.linalg.qr(fit.slopes[is_kept])[0]
     return fit.residuals[is_kept], by_field - basis @ (np.swapaxes(basis, 1, 2) @ by_field)
 
@@ -109,14 +100,7 @@ _MEND = (
 )
 
 
-def locate_run(
-    outputs: FloatArray,
-    array: Array,
-    covariance: FloatArray,
-    attitude: FloatArray,
-    prior: Regional,
-    index: float = DIPOLE_INDEX,
-) -> tuple[EulerSolutions, Regional]:
+def locate_run(samples: Samples, prior: Regional) -> tuple[EulerSolutions, Regional]:
     """Locate the source of each sample of a run beside the regional field that all of them need.
 
     The samples that are located beside the field as it is known tell it better, with which more are located, until it
@@ -124,18 +108,10 @@ def locate_run(
 
     Parameters
     ----------
-    outputs : (N, 9) array
-        Field and gradient, array frame, tesla and T/m.
-    array : Array
-        Whose outputs they are.
-    covariance : (9, 9) array
-        Of the outputs.
-    attitude : (N, 4) array
-        Quaternions x, y, z, w from the array frame to the world; NaN where unknown.
+    samples : Samples
+        With an attitude.
     prior : Regional
         What is known of the field beside the source.
-    index : float
-        Structural index.
 
     Returns
     -------
@@ -150,16 +126,12 @@ def locate_run(
         When all samples together leave more than noise beside one source and a uniform regional field, or too few are
         located to tell.
     """
-
-    def share(at: np.ndarray, world: EulerSolutions, near: Regional) -> SharedSource:
-        return fit_shared(outputs[at], array, covariance, attitude[at], world.take(at), near, prior, index)
-
+    assert samples.attitude is not None
     regional, part = prior, np.zeros(0, dtype=int)
-    if index == CURRENT_INDEX and prior.covariance_T2 is not None:
-        regional = regional_beside_current(outputs, array, covariance, attitude, prior)
+    if samples.index == CURRENT_INDEX and prior.covariance_T2 is not None:
+        regional = regional_beside_current(samples, prior)
     for number in range(_MOST_ROUNDS):
-        own = locate_each(outputs, array, covariance, index=index, regional=regional, attitude=attitude)
-        world = turned(own, attitude, prior.attitude_noise)
+        world = turned(locate_each(samples, regional), samples.attitude, prior.attitude_noise)
         at = np.flatnonzero(world.is_located)
         if not len(at) and not number:
             return world, regional
@@ -169,18 +141,17 @@ def locate_run(
                 f"needed. {_MEND}"
             )
         part = _part_of(at, part)
-        shared = share(part, world, regional)
+        shared = fit_shared(samples.take(part), world.take(part), regional, prior)
         is_settled, regional = _is_near(regional, shared.regional), shared.regional
         if is_settled and shared.solution.is_found[0]:
             break
     else:
-        raise Refused(f"{_not_of_one(index)}: no source explains all of them. {_MEND}")
-    _require_noise(shared, index)
+        raise Refused(f"{_not_of_one(samples.index)}: no source explains all of them. {_MEND}")
+    _require_noise(shared, samples.index)
     if len(part) < len(at):
-        shared = share(at, world, regional)
-    status = world.status.copy()
-    status[at[_is_apart(world.take(at), shared)]] = Status.APART
-    return replace(world, status=status).tested(8 - unknowns_of(index)), regional
+        shared = fit_shared(samples.take(at), world.take(at), regional, prior)
+    world.status[at[_is_apart(world.take(at), shared)]] = Status.APART
+    return world.tested(samples.freedom), regional
 
 
 def _part_of(at: np.ndarray, before: np.ndarray) -> np.ndarray:
@@ -209,21 +180,14 @@ def _require_noise(shared: SharedSource, index: float) -> None:
     energy = np.sum(dct(shared.residuals, axis=0, norm="ortho") ** 2, axis=1)
     waves = dct(shared.slopes, axis=0, norm="ortho")
     taken = np.einsum("ndp,pq,ndq->n", waves, shared.solution.covariance[0], waves, optimize=True)
-    freedom = shared.freedom - taken
-    bands = _bands_of(len(energy))
-    for band in bands:
-        left, own = float(energy[band].sum()), float(freedom[band].sum())
-        if chdtrc(own, left) * len(bands) < CHANCE:
+    edges = [0, *(_WIDER**power for power in range(1, 20) if _WIDER**power < len(energy))]
+    for low, high in pairwise([*edges, len(energy)]):
+        left, own = float(energy[low:high].sum()), float((shared.freedom - taken)[low:high].sum())
+        if chdtrc(own, left) * len(edges) < CHANCE:
             raise Refused(
                 f"{_not_of_one(index)}: what is left is {np.sqrt(left / own):.3g} times the noise, where it is "
-                f"{'slow' if band.start == 0 else 'fast'}. {_MEND}"
+                f"{'slow' if low == 0 else 'fast'}. {_MEND}"
             )
-
-
-def _bands_of(count: int) -> list[slice]:
-    """Return the bands of the slowest ``count`` cosines, each four times as wide as the one before."""
-    edges = [0, *(_WIDER**power for power in range(1, 20) if _WIDER**power < count), count]
-    return [slice(low, high) for low, high in pairwise(edges)]
 
 
 def _not_of_one(index: float) -> str:
@@ -231,7 +195,7 @@ def _not_of_one(index: float) -> str:
 
 
 _WIDER = 4
-"""Ratio of the width of a band of cosines to that of the one before."""
+"""Ratio of the width of a band of cosines to that of the one before; the first holds the four slowest."""
 
 _FAR = 1e-3
 """Probability with which noise alone leaves the place of a sample further from that of all samples."""

@@ -11,19 +11,17 @@ projection, Kaufman 1975). What is left are five numbers of each sample for a di
 are shared: they see a second source, or a gradient of the regional field, far better than each sample by itself.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.core.least_squares import Solution, solve_damped
-from tam_calibration.localization.euler import DIPOLE_INDEX, elements_of, whitening_of
+from tam_calibration.core.least_squares import Predict, Solution, root_of, solve_damped
+from tam_calibration.localization.euler import DIPOLE_INDEX
 from tam_calibration.localization.line_fit import Lines
 from tam_calibration.localization.solutions import EulerSolutions
-from tam_calibration.localization.source_problem import Problem
-from tam_calibration.localization.turned_samples import Regional, less_turned, matrices_of
-from tam_calibration.model.array import Array
+from tam_calibration.localization.source_fit import Dipoles, elements_of, whitening_of
+from tam_calibration.localization.turned_samples import Regional, Samples, less_turned
 from tam_calibration.model.units import FloatArray
 from tam_calibration.sources.dipole import dipole_field
 
@@ -66,69 +64,38 @@ class SharedSource:
     freedom: int
 
 
-def fit_shared(
-    outputs: FloatArray,
-    array: Array,
-    covariance: FloatArray,
-    attitude: FloatArray,
-    own: EulerSolutions,
-    near: Regional,
-    prior: Regional,
-    index: float,
-) -> SharedSource:
+def fit_shared(samples: Samples, own: EulerSolutions, near: Regional, prior: Regional) -> SharedSource:
     """Fit what N samples share.
 
     Parameters
     ----------
-    outputs : (N, 9) array
-        Field and gradient, array frame, tesla and T/m.
-    array : Array
-        Whose outputs they are.
-    covariance : (9, 9) array
-        Of the outputs.
-    attitude : (N, 4) array
-        Quaternions x, y, z, w from the array frame to the world.
+    samples : Samples
+        With an attitude.
     own : EulerSolutions
         Of each sample by itself, all located, along the axes of the world.
     near : Regional
         The regional field with which they were located.
     prior : Regional
         What is known of it beforehand.
-    index : float
-        Structural index.
     """
-    matrix = matrices_of(attitude)
-    back = np.swapaxes(matrix, 1, 2)
-    own_T = _own_field(own, back)
-    seen, noise = less_turned(outputs, (back @ near.field_T), own_T, covariance, near.attitude_noise)
-    whitening = np.broadcast_to(whitening_of(noise), (len(outputs), 8, 8))
-    root = _root(prior.covariance_T2)
-    run = _run_of(seen, whitening, array, back, own, root, index)
-    run = replace(run, expected=np.linalg.pinv(root) @ (prior.field_T - near.field_T))
+    root = np.zeros((3, 0)) if prior.covariance_T2 is None else root_of(prior.covariance_T2)
+    run = _run_of(samples, own, near, root, np.linalg.pinv(root) @ (prior.field_T - near.field_T))
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # where a step leads far away
-        solution = solve_damped(run.predict, run.target, run.start, run.is_small)
+        start = np.concatenate([run.shared, np.zeros(root.shape[1])])[None]
+        solution = solve_damped(run.predict, run.target, start, run.is_small)
         predicted, slopes = run.predict(solution.unknowns, np.arange(1))
         places = run.places(solution.unknowns[0])
-    count, shared = seen.size, len(run.shared)
+    shared, count = len(run.shared), run.data.size
     spread = solution.covariance[0, shared:, shared:]
     regional = replace(
         prior,
         field_T=near.field_T + root @ solution.unknowns[0, shared:],
         covariance_T2=None if prior.covariance_T2 is None else root @ spread @ root.T,
     )
-    return SharedSource(
-        solution,
-        run.position_m(places, solution.unknowns[0], matrix),
-        run.across,
-        regional,
-        (run.target - predicted)[0, :count].reshape(seen.shape),
-        slopes[0, :count].reshape(*seen.shape, -1),
-        8 - places.shape[1],
-    )
-
-
-Own = Callable[[FloatArray, np.ndarray], tuple[FloatArray, FloatArray]]
-"""From the unknowns (n, P) of the samples at an index (n,) to their whitened outputs (n, 8), and the derivatives."""
+    position_m = run.position_m(places, solution.unknowns[0], samples.rotation)
+    residuals = (run.target - predicted)[0, :count].reshape(run.data.shape)
+    slopes = slopes[0, :count].reshape(*run.data.shape, -1)
+    return SharedSource(solution, position_m, run.across, regional, residuals, slopes, 8 - places.shape[1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,22 +110,17 @@ class _Run:
 
     data: FloatArray
     by_field: FloatArray
-    own: Own
+    expected: FloatArray
+    own: Predict
     near: FloatArray
     by_shared: FloatArray
     shared: FloatArray
     across: FloatArray
-    expected: FloatArray
 
     @property
     def target(self) -> FloatArray:
         """(1, 8 N + Q) whitened outputs, and what is expected of the regional field."""
         return np.concatenate([self.data.ravel(), self.expected])[None]
-
-    @property
-    def start(self) -> FloatArray:
-        """(1, P) where the fit begins."""
-        return np.concatenate([self.shared, np.zeros(self.by_field.shape[2])])[None]
 
     def is_small(self, unknowns: FloatArray, step: FloatArray) -> np.ndarray:
         """Return whether a step (1, P) hardly changes the source."""
@@ -204,50 +166,30 @@ class _Run:
         return np.asarray(world - np.outer(world @ along, along) / (along @ along))
 
 
-def _run_of(
-    seen: FloatArray,
-    whitening: FloatArray,
-    array: Array,
-    back: FloatArray,
-    own: EulerSolutions,
-    root: FloatArray,
-    index: float,
-) -> _Run:
+def _run_of(samples: Samples, own: EulerSolutions, near: Regional, root: FloatArray, expected: FloatArray) -> _Run:
     """Return the run that begins with the sources of each sample."""
+    back, outputs, array = np.swapaxes(samples.rotation, 1, 2), samples.outputs, samples.array
+    field_T = turned_T = back @ near.field_T
+    if near.attitude_noise:
+        own_T = dipole_field(-own.position_m, own.moment_Am2)[0]
+        turned_T = outputs[:, :3] - (back @ own_T[..., None])[..., 0]
+    noise = np.broadcast_to(samples.covariance[:8, :8], (len(outputs), 8, 8))
+    seen, noise = less_turned(outputs, field_T, turned_T, noise, np.zeros((3, 3)), near.attitude_noise)
+    whitening = whitening_of(noise)
     points, by_points = elements_of(array, array.operator[:8])
     data, weights = (whitening @ seen[..., None])[..., 0], whitening @ by_points
     by_field = whitening[..., :3] @ back @ root
     places = (back @ own.position_m[..., None])[..., 0]
-    nothing = np.zeros(root.shape[1])
-    if index == DIPOLE_INDEX:
-
-        def of_dipoles(unknowns: FloatArray, at: np.ndarray) -> tuple[FloatArray, FloatArray]:
-            problem = Problem(dipole_field, points[None], weights[at, None], np.zeros((1, 8, 0)))
-            return problem.predict(unknowns)
-
+    if samples.index == DIPOLE_INDEX:
         weight = np.linalg.inv(own.moment_covariance_A2m4)
         mean = np.linalg.solve(weight.sum(axis=0), np.einsum("nij,nj->i", weight, own.moment_Am2))
-        return _Run(data, by_field, of_dipoles, places, back, mean, np.eye(3), nothing)
+        return _Run(data, by_field, expected, Dipoles(points, weights).predict, places, back, mean, np.eye(3))
     _, axes = np.linalg.eigh(own.along.T @ own.along)
     axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
     turned = back @ axes
-    lines = Lines.seen_along(turned, points, weights, index)
+    lines = Lines.seen_along(turned, points, weights, samples.index)
     strengths = np.median(lines.start(data, np.concatenate([places, turned[..., 2]], axis=1))[:, 4:], axis=0)
     shared = np.concatenate([np.zeros(2), strengths])
-    near = (np.swapaxes(turned, 1, 2) @ places[..., None])[:, :2, 0]
+    nearest = (np.swapaxes(turned, 1, 2) @ places[..., None])[:, :2, 0]
     by_shared = np.broadcast_to(np.eye(len(shared)), (len(data), len(shared), len(shared)))
-    return _Run(data, by_field, lines.predict, near, by_shared, shared, axes[:, :2], nothing)
-
-
-def _own_field(own: EulerSolutions, back: FloatArray) -> FloatArray:
-    """Return the fields (N, 3) of dipoles at the array's centre, array frame; NaN of lines."""
-    field = dipole_field(-own.position_m, own.moment_Am2)[0]
-    return (back @ field[..., None])[..., 0]
-
-
-def _root(covariance: FloatArray | None) -> FloatArray:
-    """Return a square root (3, 3) of a covariance (3, 3), or (3, 0) where nothing is uncertain."""
-    if covariance is None:
-        return np.zeros((3, 0))
-    values, vectors = np.linalg.eigh(covariance)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+    return _Run(data, by_field, expected, lines.predict, nearest, by_shared, shared, axes[:, :2])

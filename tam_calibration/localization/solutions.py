@@ -3,14 +3,15 @@
 Generic tools show a position and a moment with their covariances as poses and ellipsoids.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from functools import partial
 
 import numpy as np
 from numpy.linalg import norm
 
+from tam_calibration.core.least_squares import Solution
 from tam_calibration.model.units import FloatArray
 
 CHANCE = 1e-3
@@ -117,33 +118,38 @@ class EulerSolutions:
         return cls(vectors[0], matrices[0], vectors[1], matrices[1], np.full(count, status, dtype=int))
 
     @classmethod
-    def of_fits(
-        cls, status: np.ndarray, unknowns: FloatArray, covariance: FloatArray, chi_square: FloatArray, is_dipole: bool
-    ) -> "EulerSolutions":
+    def of_fits(cls, status: np.ndarray, solution: Solution, is_dipole: bool) -> "EulerSolutions":
         """Return those of N samples, of which M were located by fits to their outputs.
 
         Parameters
         ----------
         status : (N,) array of int
             A ``Status`` for each sample; M of them are ``LOCATED``.
-        unknowns : (M, 6) array
-            Place, and the moment of a dipole or the direction of a line.
-        covariance : (M, 6, 6) array
-            Of the unknowns.
-        chi_square : (M,) array
-            As in the class.
+        solution : Solution
+            Of these: place, and the moment of a dipole or the direction of a line, (M, 6).
         is_dipole : bool
             Whether the sources are dipoles.
         """
         at = status == Status.LOCATED
         result = cls.refused(len(status), Status.UNCERTAIN)
-        result.status[:], result.chi_square[at] = status, chi_square
-        result.position_m[at], result.position_covariance_m2[at] = unknowns[:, :3], covariance[:, :3, :3]
+        result.status[:], result.chi_square[at] = status, solution.chi_square
+        result.position_m[at], vectors = np.split(solution.unknowns, 2, axis=1)
+        result.position_covariance_m2[at] = solution.covariance[:, :3, :3]
         if is_dipole:
-            result.moment_Am2[at], result.moment_covariance_A2m4[at] = unknowns[:, 3:], covariance[:, 3:, 3:]
+            result.moment_Am2[at], result.moment_covariance_A2m4[at] = vectors, solution.covariance[:, 3:, 3:]
         else:
-            result.along[at] = unknowns[:, 3:]
+            result.along[at] = vectors
         return result
+
+    @classmethod
+    def joined(cls, parts: Sequence["EulerSolutions"]) -> "EulerSolutions":
+        """Return those of all samples of some parts, one after the other."""
+        return cls(**{name: np.concatenate([vars(part)[name] for part in parts]) for name in vars(parts[0])})
+
+    def without_covariance(self) -> "EulerSolutions":
+        """Return the same where the noise of the outputs is not known."""
+        names = ("position_covariance_m2", "moment_covariance_A2m4", "chi_square")
+        return replace(self, **{name: np.full_like(getattr(self, name), np.nan) for name in names})
 
     def misfits(self, freedom: int) -> np.ndarray:
         """Return the located samples (n,) of which the source leaves more than noise and errors with a χ² so free."""
@@ -153,10 +159,10 @@ class EulerSolutions:
 
     def put(self, at: np.ndarray, others: "EulerSolutions") -> "EulerSolutions":
         """Return the same with other solutions for some samples."""
-        values = [getattr(self, each.name).copy() for each in fields(self)]
-        for value, each in zip(values, fields(self), strict=True):
-            value[at] = getattr(others, each.name)
-        return EulerSolutions(*values)
+        copied = {name: value.copy() for name, value in vars(self).items()}
+        for name, value in copied.items():
+            value[at] = getattr(others, name)
+        return EulerSolutions(**copied)
 
     def tested(self, freedom: int) -> "EulerSolutions":
         """Return the same with ``MISFIT`` for all misfits."""
@@ -165,7 +171,7 @@ class EulerSolutions:
 
     def take(self, at: np.ndarray) -> "EulerSolutions":
         """Return those of some samples."""
-        return EulerSolutions(*(getattr(self, each.name)[at] for each in fields(self)))
+        return EulerSolutions(**{name: value[at] for name, value in vars(self).items()})
 
     @property
     def is_located(self) -> np.ndarray:
@@ -203,8 +209,7 @@ def in_pieces(locate: Locate, outputs: FloatArray, covariance: FloatArray | None
         part = slice(start, start + _PIECE)
         own = covariance if covariance is None or np.ndim(covariance) == 2 else covariance[part]
         parts.append(locate(outputs[part], own))
-    names = [field.name for field in fields(EulerSolutions)]
-    return EulerSolutions(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+    return EulerSolutions.joined(parts)
 
 
 def ellipsoid(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -1,14 +1,13 @@
 """A stretch of a recording in which an alternating source is heard, and whether it has one frequency and one phase."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from tam_calibration.localization.solutions import CHANCE
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.units import FloatArray
-from tam_calibration.sources.demodulation import Demodulated, demodulate, without
+from tam_calibration.sources.demodulation import Demodulated, Stretch, demodulate, without
 
 _SEARCHED = 0.7
 """Part of the resolution, one over the length of a stretch, within which the frequency is sought."""
@@ -31,63 +30,42 @@ _MEDIAN = 0.4549
 """Of χ² with one degree of freedom."""
 
 
-@dataclass(frozen=True, eq=False)
-class Stretch:
-    """Samples of a source that rests in the array frame, or in the world.
+def estimator_of(stretch: Stretch, found: Demodulated) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the sinusoid (N,) of a source whose channels turn, and what makes its amplitudes.
+
+    The noise is the median of what is left at all frequencies: beside the source is also what bends over the array,
+    which the amplitudes do not hold.
 
     Parameters
     ----------
-    time_s : (N,) array
-        Seconds.
-    channels : (N, D) array
-        Readings, or field and gradient.
-    background : (N, Q) array
-        As of ``demodulate``.
-    turning : (N, D, D) array, optional
-        As of ``demodulate``.
+    stretch : Stretch
+        In which the source is heard.
+    found : Demodulated
+        Its amplitudes.
+
+    Returns
+    -------
+    carrier : (N,) array
+        Of the source, its amplitude one.
+    estimator : (D, N, D) array
+        From the channels to the amplitudes.
+    covariance : (D, D) array
+        Of the amplitudes.
     """
+    from scipy.fft import dct
 
-    time_s: FloatArray
-    channels: FloatArray
-    background: FloatArray
-    turning: FloatArray | None = None
-
-    @property
-    def span_s(self) -> float:
-        """Seconds from the first to the last sample."""
-        return float(np.ptp(self.time_s))
-
-    def demodulated(self, frequency_hz: float) -> Demodulated:
-        """Return the amplitudes at a frequency."""
-        return demodulate(self.time_s, self.channels, frequency_hz, self.background, self.turning)
-
-    def carrier(self, found: Demodulated) -> FloatArray:
-        """Return the sinusoid (N,) of the source."""
-        angle = 2 * np.pi * found.frequency_hz * (self.time_s - self.time_s[[0, -1]].mean()) + found.phase
-        return np.asarray(np.sin(angle))
-
-    def estimator(self, found: Demodulated) -> tuple[FloatArray, FloatArray]:
-        """Return what makes the amplitudes of channels that turn, (D, N, D), and their covariance (D, D).
-
-        The noise is the median of what is left at all frequencies: beside the source is also what bends over the array,
-        which the amplitudes do not hold.
-        """
-        from scipy.fft import dct
-
-        assert self.turning is not None
-        count, channels = self.channels.shape
-        turning = self.carrier(found)[:, None, None] * self.turning
-        design = without(self.background, turning.reshape(count, -1))
-        design = design.reshape(count, channels, channels)
-        left = without(self.background, self.channels) - design @ found.amplitude
-        window = np.hanning(count)[:, None]
-        power = dct(window * left, axis=0, norm="ortho") ** 2 / np.mean(window**2)
-        noise = np.sqrt(np.median(power, axis=0) / _MEDIAN)
-        weighed = design / noise[:, None]
-        unit = weighed * noise  # the unknowns have the units of the channels: the noise scales them too
-        covariance = np.linalg.inv(np.einsum("npa,npb->ab", unit, unit))
-        estimator = np.einsum("a,ab,npb,p->anp", noise, covariance, unit, 1 / noise, optimize=True)
-        return np.asarray(estimator), covariance * np.outer(noise, noise)
+    assert stretch.turning is not None
+    count, channels = stretch.channels.shape
+    carrier = stretch.carrier(found.frequency_hz, found.phase)[:, 0]
+    design = without(stretch.background, (carrier[:, None, None] * stretch.turning).reshape(count, -1))
+    design = design.reshape(count, channels, channels)
+    window = np.hanning(count)[:, None]
+    power = dct(window * (stretch.rest - design @ found.amplitude), axis=0, norm="ortho") ** 2 / np.mean(window**2)
+    noise = np.sqrt(np.median(power, axis=0) / _MEDIAN)
+    unit = design / noise[:, None] * noise  # the unknowns have the units of the channels: the noise scales them too
+    covariance = np.linalg.inv(np.einsum("npa,npb->ab", unit, unit))
+    estimator = np.einsum("a,ab,npb,p->anp", noise, covariance, unit, 1 / noise, optimize=True)
+    return carrier, estimator, covariance * np.outer(noise, noise)
 
 
 def frequency_of(stretches: Sequence[Stretch], frequency_hz: float, is_stated: bool) -> float:
@@ -110,24 +88,20 @@ def frequency_of(stretches: Sequence[Stretch], frequency_hz: float, is_stated: b
     from scipy.optimize import minimize_scalar
     from scipy.special import chdtri
 
-    size = [stretch.demodulated(frequency_hz).noise for stretch in stretches]
+    size = [demodulate(stretch, frequency_hz).noise for stretch in stretches]
     if not all((noise > 0).all() for noise in size):
         return frequency_hz
 
     def energy(offset_hz: float) -> float:
-        each = [stretch.demodulated(frequency_hz + offset_hz).noise for stretch in stretches]
+        each = [demodulate(stretch, frequency_hz + offset_hz).noise for stretch in stretches]
         parts = zip(stretches, each, size, strict=True)
         return float(sum(len(own.time_s) * np.sum((now / before) ** 2) for own, now, before in parts))
 
     longest_s = max(stretch.span_s for stretch in stretches)
-    found = minimize_scalar(
-        energy,
-        bounds=(-_SEARCHED / longest_s, _SEARCHED / longest_s),
-        method="bounded",
-        options={"xatol": _PRECISE / longest_s},
-    )
+    widest_hz, options = _SEARCHED / longest_s, {"xatol": _PRECISE / longest_s}
+    found = minimize_scalar(energy, bounds=(-widest_hz, widest_hz), method="bounded", options=options)
     hertz = frequency_hz + float(found.x)
-    heard = [stretch.demodulated(hertz) for stretch in stretches]
+    heard = [demodulate(stretch, hertz) for stretch in stretches]
     signal = np.mean([np.mean((each.amplitude / each.standard_errors) ** 2) for each in heard])
     # All channels have the noise that is left at the frequency that is found.
     count = sum(stretch.channels.size for stretch in stretches)

@@ -125,11 +125,6 @@ class Survey:
         """(N, 3) standard errors of the positions, metres."""
         return standard_errors(self.solutions.position_covariance_m2)
 
-    @property
-    def moment_standard_errors_Am2(self) -> FloatArray:
-        """(N, 3) standard errors of the moments, A m²."""
-        return standard_errors(self.solutions.moment_covariance_A2m4)
-
 
 def standard_errors(covariance: FloatArray) -> FloatArray:
     """Return the square roots (…, D) of the diagonals of covariances (…, D, D)."""

@@ -88,7 +88,13 @@ def search(data: LineData, path: Path) -> tuple[list[Found], FloatArray]:
     sources: FloatArray = np.zeros((0, OF_SOURCE))
     for middle in line.middles():
         sources, _ = line.fit_window(middle, sources)
-    _require_explained(line.left)
+    ratio = float(np.median(line.left))
+    if ratio > _MOST_LEFT:  # of most moments: what is wrong there is not at single places
+        raise Refused(
+            f"the readings are not those of dipoles: what is left along the line is {ratio:.3g} times the noise. "
+            "Calibrate the array anew, by --method integrated if its sensors may have turned; or state errors of the "
+            "velocity, the positions or the attitude"
+        )
     sources = line.choose_roughness(sources)
     for section in line.sections(sources):
         sources = line.restart(section, sources)
@@ -101,17 +107,6 @@ def search(data: LineData, path: Path) -> tuple[list[Found], FloatArray]:
         _, solved = line.fit_window(section.middle, sources, np.inf)
         found += line.dipoles_in(section, solved)
     return found, line.left
-
-
-def _require_explained(left: FloatArray) -> None:
-    """Refuse a line of which most moments are not explained: what is wrong there is not at single places."""
-    ratio = float(np.median(left))
-    if ratio > _MOST_LEFT:
-        raise Refused(
-            f"the readings are not those of dipoles: what is left along the line is {ratio:.3g} times the noise. "
-            "Calibrate the array anew, by --method integrated if its sensors may have turned; or state errors of the "
-            "velocity, the positions or the attitude"
-        )
 
 
 @dataclass(frozen=True)
@@ -215,16 +210,13 @@ class _Line:
     def dipoles_in(self, section: _Section, rough: Solved) -> Iterator[Found]:
         """Yield the dipoles of a window that are passed in a section of the line."""
         solved = solve(rough.window, rough.unknowns, _LAST_STEPS)
-        covariance, data = solved.covariance, solved.window.data
-        ways, distances = self._way(solved.sources)
-        worth = evidence_of(solved)
-        for number, (source, way, distance) in enumerate(zip(solved.sources, ways, distances, strict=True)):
-            if not section.first < way <= section.last:
-                continue
-            own = slice(OF_SOURCE * number, OF_SOURCE * (number + 1))
-            near = np.abs(data.along_m - way) <= max(4.0, 1.5 * distance)
-            misfit = float(np.mean(solved.residual[near] ** 2))
-            yield Found(source, covariance[own, own], misfit, worth[number], float(distance))
+        data = solved.window.data
+        every = zip(solved.sources, solved.covariances, evidence_of(solved), *self._way(solved.sources), strict=True)
+        for source, covariance, gain, way, distance in every:
+            if section.first < way <= section.last:
+                near = np.abs(data.along_m - way) <= max(4.0, 1.5 * distance)
+                misfit = float(np.mean(solved.residual[near] ** 2))
+                yield Found(source, covariance, misfit, float(gain), float(distance))
 
 
 def _divided(ways: FloatArray, first: float, last: float) -> list[_Section]:

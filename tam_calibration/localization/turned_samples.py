@@ -12,24 +12,20 @@ dipole itself is not turned: its place and moment are sought in the axes of the 
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import Solution
 from tam_calibration.localization.calibration_errors import PLACE_ERROR_M, places_of
-from tam_calibration.localization.euler import (
-    DIPOLE_INDEX,
-    fit_outputs,
-    is_certain,
-    locate,
-    locate_with_baselines,
-    start_of,
-)
-from tam_calibration.localization.line_fit import CURRENT_INDEX, DIPOLES_INDEX, unknowns_of
+from tam_calibration.localization.euler import DIPOLE_INDEX, locate
+from tam_calibration.localization.line_fit import unknowns_of
 from tam_calibration.localization.solutions import EulerSolutions, Status
+from tam_calibration.localization.source_fit import fit_outputs, is_certain, locate_with_baselines, start_of
 from tam_calibration.model.array import Array, tensors_of
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.mounting import matrices_of
 from tam_calibration.model.units import FloatArray
 
 _TENTHS = 10
@@ -38,7 +34,49 @@ _TENTHS = 10
 _TO_DEVIATION = 1.4826
 """Standard deviation of normal numbers over their median absolute deviation."""
 
-SOURCES = {CURRENT_INDEX: "line of current", DIPOLES_INDEX: "line of dipoles", DIPOLE_INDEX: "dipole"}
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """What is known of N samples, the source of each of which is sought.
+
+    Parameters
+    ----------
+    outputs : (N, 9) array
+        Field and gradient, array frame, tesla and T/m.
+    array : Array
+        Whose outputs they are.
+    covariance : (9, 9) or (N, 9, 9) array
+        Of the outputs, for all samples or each.
+    attitude : (N, 4) array, optional
+        Quaternions x, y, z, w from the array frame to the world, needed where there is a regional field; NaN where
+        unknown, which refuses the sample.
+    index : float
+        Structural index.
+    """
+
+    outputs: FloatArray
+    array: Array
+    covariance: FloatArray
+    attitude: FloatArray | None = None
+    index: float = DIPOLE_INDEX
+
+    @property
+    def freedom(self) -> int:
+        """Outputs of a sample beyond the unknowns of its source."""
+        return 8 - unknowns_of(self.index)
+
+    @cached_property
+    def rotation(self) -> FloatArray:
+        """(N, 3, 3) rotations from the array frame to the world, NaN where they are unknown."""
+        if self.attitude is None:
+            raise InputError("without an attitude the regional field cannot be taken off")
+        return matrices_of(self.attitude)
+
+    def take(self, at: np.ndarray) -> "Samples":
+        """Return some of the samples."""
+        covariance = self.covariance if self.covariance.ndim == 2 else self.covariance[at]
+        attitude = None if self.attitude is None else self.attitude[at]
+        return replace(self, outputs=self.outputs[at], covariance=covariance, attitude=attitude)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,15 +131,7 @@ def regional_of(outputs: FloatArray, attitude: FloatArray, attitude_noise: float
     return Regional(field, attitude_noise, np.diag(spread**2))
 
 
-def locate_samples(
-    outputs: FloatArray,
-    array: Array,
-    covariance: FloatArray,
-    *,
-    index: float = DIPOLE_INDEX,
-    regional: Regional | None = None,
-    attitude: FloatArray | None = None,
-) -> EulerSolutions:
+def locate_samples(samples: Samples, regional: Regional | None = None) -> EulerSolutions:
     """Locate the source of each sample; a sample's result does not depend on its neighbours.
 
     It is located with the array's true baselines. Where the source leaves too much of the outputs, the places of the
@@ -109,19 +139,10 @@ def locate_samples(
 
     Parameters
     ----------
-    outputs : (N, 9) array
-        Field and gradient, array frame, tesla and T/m.
-    array : Array
-        Whose outputs they are.
-    covariance : (9, 9) or (N, 9, 9) array
-        Of the outputs, for all samples or each.
-    index : float
-        Structural index.
+    samples : Samples
+        Their outputs.
     regional : Regional, optional
         What is taken off the field; without it the outputs are those of the source alone.
-    attitude : (N, 4) array, optional
-        Quaternions x, y, z, w from the array frame to the world, needed where there is a regional field; NaN where
-        unknown, which refuses the sample.
 
     Returns
     -------
@@ -133,44 +154,34 @@ def locate_samples(
     InputError
         When a shape or the structural index is wrong, the covariance is none, or there is no attitude.
     """
-    found = locate_each(outputs, array, covariance, index=index, regional=regional, attitude=attitude)
-    freedom = 8 - unknowns_of(index)
-    at = found.misfits(freedom)
+    found = locate_each(samples, regional)
+    at = found.misfits(samples.freedom)
     if not len(at):
         return found
-    by_places = PLACE_ERROR_M * array.operator @ places_of(tensors_of(outputs[at]), array.sensor_count)
-    widened = (covariance if covariance.ndim == 2 else covariance[at]) + by_places @ np.swapaxes(by_places, 1, 2)
-    own = None if attitude is None else attitude[at]
-    again = locate_each(outputs[at], array, widened, index=index, regional=regional, attitude=own)
-    return found.put(at, again.tested(freedom))
+    some = samples.take(at)
+    by_places = PLACE_ERROR_M * some.array.operator @ places_of(tensors_of(some.outputs), some.array.sensor_count)
+    widened = replace(some, covariance=some.covariance + by_places @ np.swapaxes(by_places, 1, 2))
+    return found.put(at, locate_each(widened, regional).tested(samples.freedom))
 
 
-def locate_each(
-    outputs: FloatArray,
-    array: Array,
-    covariance: FloatArray,
-    *,
-    index: float = DIPOLE_INDEX,
-    regional: Regional | None = None,
-    attitude: FloatArray | None = None,
-) -> EulerSolutions:
+def locate_each(samples: Samples, regional: Regional | None = None) -> EulerSolutions:
     """Do the same, whatever the source leaves: see ``EulerSolutions.chi_square``."""
+    outputs, array, covariance, index = samples.outputs, samples.array, samples.covariance, samples.index
     if not array.has_gradient:
         return EulerSolutions.refused(len(outputs), Status.NOT_FINITE)
     if regional is None:
         return locate_with_baselines(outputs, array, covariance, index=index)
-    if attitude is None:
-        raise InputError("without an attitude the regional field cannot be taken off")
-    matrices = matrices_of(attitude)
-    field_T = np.einsum("nji,j->ni", matrices, regional.field_T)
-    spread = np.zeros((3, 3)) if regional.covariance_T2 is None else regional.covariance_T2
-    own = np.swapaxes(matrices, 1, 2) @ spread @ matrices
+    back = np.swapaxes(samples.rotation, 1, 2)
+    field_T = back @ regional.field_T
     if regional.attitude_noise or regional.covariance_T2 is not None:
-        solutions = locate_turned(outputs, field_T, array, covariance, own, regional.attitude_noise, index)
+        spread = np.zeros((3, 3)) if regional.covariance_T2 is None else regional.covariance_T2
+        noise = np.broadcast_to(covariance, (len(outputs), 9, 9))[:, :8, :8]
+        own = back @ spread @ samples.rotation
+        solutions = _Beside(outputs, field_T, noise, own, array, index, regional.attitude_noise).located()
     else:
         source = np.concatenate([outputs[:, :3] - field_T, outputs[:, 3:]], axis=1)
         solutions = locate_with_baselines(source, array, covariance, index=index)
-    return _unless_unknown(solutions, attitude)
+    return _unless_unknown(solutions, samples.rotation)
 
 
 def turned(solutions: EulerSolutions, attitude: FloatArray, attitude_noise: float = 0.0) -> EulerSolutions:
@@ -189,16 +200,14 @@ def turned(solutions: EulerSolutions, attitude: FloatArray, attitude_noise: floa
     """
     matrix, variance = matrices_of(attitude), attitude_noise**2
     back = np.swapaxes(matrix, 1, 2)
-    world = EulerSolutions(
-        (matrix @ solutions.position_m[..., None])[..., 0],
-        matrix @ _turning(solutions.position_covariance_m2, solutions.position_m, variance) @ back,
-        (matrix @ solutions.moment_Am2[..., None])[..., 0],
-        matrix @ _turning(solutions.moment_covariance_A2m4, solutions.moment_Am2, variance) @ back,
-        solutions.status,
-        solutions.chi_square,
-        (matrix @ solutions.along[..., None])[..., 0],
+    position, moment, along = (
+        (matrix @ vectors[..., None])[..., 0]
+        for vectors in (solutions.position_m, solutions.moment_Am2, solutions.along)
     )
-    return _unless_unknown(world, attitude)
+    of_position = matrix @ _turning(solutions.position_covariance_m2, solutions.position_m, variance) @ back
+    of_moment = matrix @ _turning(solutions.moment_covariance_A2m4, solutions.moment_Am2, variance) @ back
+    world = EulerSolutions(position, of_position, moment, of_moment, solutions.status, solutions.chi_square, along)
+    return _unless_unknown(world, matrix)
 
 
 def _turning(covariance: FloatArray, vectors: FloatArray, variance: float) -> FloatArray:
@@ -208,21 +217,10 @@ def _turning(covariance: FloatArray, vectors: FloatArray, variance: float) -> Fl
     return np.asarray(covariance + variance * (size * np.eye(3) - along))
 
 
-def _unless_unknown(solutions: EulerSolutions, attitude: FloatArray) -> EulerSolutions:
+def _unless_unknown(solutions: EulerSolutions, rotation: FloatArray) -> EulerSolutions:
     """Name the attitude as the reason where it is unknown."""
-    status = np.where(np.isfinite(attitude).all(axis=1), solutions.status, Status.NO_ATTITUDE)
+    status = np.where(np.isfinite(rotation).all(axis=(1, 2)), solutions.status, Status.NO_ATTITUDE)
     return replace(solutions, status=status)
-
-
-def matrices_of(attitude: FloatArray) -> FloatArray:
-    """Return the rotations (N, 3, 3) of quaternions (N, 4), NaN where they are unknown."""
-    from scipy.spatial.transform import Rotation
-
-    known = np.isfinite(attitude).all(axis=1)
-    matrices = np.full((len(attitude), 3, 3), np.nan)
-    if known.any():
-        matrices[known] = Rotation.from_quat(attitude[known]).as_matrix()
-    return matrices
 
 
 _ANGLES = np.pi / 4 * np.arange(8)
@@ -249,76 +247,15 @@ _AS_GOOD = 9.0
 """χ² by which another dipole may be worse and still explain the sample: three standard deviations."""
 
 
-def across_field(covariance: FloatArray, own: FloatArray, direction: FloatArray, attitude_noise: float) -> FloatArray:
-    """Return covariances (N, 9, 9) of outputs less a regional field that is known but for a turn.
-
-    Parameters
-    ----------
-    covariance : (9, 9) or (N, 9, 9) array
-        Of the outputs, for all samples or each.
-    own : (N, 3, 3) array
-        Of the regional field in the array frame, T².
-    direction : (N, 3) array
-        Field that is turned, array frame, tesla: an error of the attitude goes across it.
-    attitude_noise : float
-        Standard deviation of the attitude about each axis, radians.
-    """
-    widened = np.broadcast_to(covariance, (len(direction), *covariance.shape[-2:])).copy()
-    widened[:, :3, :3] += _beside(own, direction, attitude_noise)
-    return widened
-
-
 def less_turned(
-    outputs: FloatArray, field_T: FloatArray, source_T: FloatArray, covariance: FloatArray, attitude_noise: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return outputs (N, 8) less a regional field that is exact, or known but for a turn, and their covariances.
-
-    Parameters
-    ----------
-    outputs : (N, 9) array
-        Field and gradient, array frame, tesla and T/m.
-    field_T : (N, 3) array
-        The regional field as the reported attitude has it in the array frame, tesla.
-    source_T : (N, 3) array
-        Nearly the source's field, array frame, tesla: the rest is the field that was turned.
-    covariance : (9, 9) array
-        Of the outputs.
-    attitude_noise : float
-        Standard deviation of the attitude about each axis, radians.
-
-    Returns
-    -------
-    seen : (N, 8) array
-        Field and gradient of the source.
-    covariance : (8, 8) or (N, 8, 8) array
-        Theirs.
-    """
-    seen = outputs[:, :8].copy()
-    seen[:, :3] -= field_T
-    if not attitude_noise:
-        return seen, covariance[:8, :8]
-    left = outputs[:, :3] - source_T
-    seen[:, :3] -= _longer(left, field_T)
-    exact = np.zeros((len(outputs), 3, 3))
-    return seen, across_field(covariance, exact, left, attitude_noise)[:, :8, :8]
-
-
-def _beside(own: FloatArray, direction: FloatArray, attitude_noise: float) -> FloatArray:
-    along = direction[:, :, None] * direction[:, None, :]
-    size = np.einsum("ni,ni->n", direction, direction)[:, None, None]
-    return np.asarray(own + attitude_noise**2 * (size * np.eye(3) - along))
-
-
-def locate_turned(
     outputs: FloatArray,
     field_T: FloatArray,
-    array: Array,
+    turned_T: FloatArray,
     covariance: FloatArray,
     own: FloatArray,
     attitude_noise: float,
-    index: float = DIPOLE_INDEX,
-) -> EulerSolutions:
-    """Locate the source of each sample beside a field that is uncertain, or known but for a turn.
+) -> tuple[FloatArray, FloatArray]:
+    """Return outputs (N, 8) less a regional field that is known but for a turn, and their covariances (N, 8, 8).
 
     Parameters
     ----------
@@ -326,135 +263,113 @@ def locate_turned(
         Field and gradient, array frame, tesla and T/m.
     field_T : (N, 3) array
         The regional field as the reported attitude has it in the array frame, tesla.
-    array : Array
-        Whose outputs they are.
-    covariance : (9, 9) or (N, 9, 9) array
-        Of the outputs, for all samples or each.
+    turned_T : (N, 3) array
+        Nearly what it was turned to, array frame, tesla; the field itself where the attitude is exact.
+    covariance : (N, 8, 8) array
+        Of the outputs.
     own : (N, 3, 3) array
         Of the regional field in the array frame, T².
     attitude_noise : float
-        Standard deviation of the attitude about each axis, radians.
-    index : float
-        Structural index.
-
-    Returns
-    -------
-    EulerSolutions
-        With the reason of each sample that was not located.
+        Standard deviation of the attitude about each axis, radians: its error goes across the turned field.
     """
-    source = np.concatenate([outputs[:, :3] - field_T, outputs[:, 3:]], axis=1)
-    euler = locate(source, across_field(covariance, own, field_T, attitude_noise), index=index)
-    at, status = np.flatnonzero(euler.is_located), euler.status.copy()
-    if not len(at):
-        return euler
-    noise = np.broadcast_to(covariance, (len(outputs), *covariance.shape[-2:]))[at]
-    found, status[at] = _Samples(outputs[at], field_T[at], array, noise, own[at], attitude_noise, index).told()
-    kept = status[at] == Status.LOCATED
-    return EulerSolutions.of_fits(
-        status, found.unknowns[kept], found.covariance[kept], found.chi_square[kept], index == DIPOLE_INDEX
-    )
+    size = norm(turned_T, axis=1, keepdims=True)
+    unit = np.divide(turned_T, size, out=np.zeros_like(turned_T), where=size > 0)
+    longer = norm(field_T, axis=1) - np.einsum("ni,ni->n", unit, field_T)
+    seen, widened = outputs[:, :8].copy(), covariance.copy()
+    seen[:, :3] -= field_T + unit * longer[:, None]
+    widened[:, :3, :3] += _turning(own, turned_T, attitude_noise**2)
+    return seen, widened
 
 
 @dataclass(frozen=True, eq=False)
-class _Found:
-    """Sources (N, 6), their fields (N, 3) and covariances (N, 6, 6), which samples settled, which have other ones."""
+class _Found(Solution):
+    """The best of several fits, χ² infinite where none settled; its field (N, 3), and which samples have other ones."""
 
-    unknowns: FloatArray
     field_T: FloatArray
-    covariance: FloatArray
-    chi_square: FloatArray
-    is_settled: np.ndarray
     is_ambiguous: np.ndarray
 
     def put(self, at: np.ndarray, other: "_Found") -> None:
         """Take those of some samples from another."""
-        for name in ("unknowns", "field_T", "covariance", "chi_square", "is_settled", "is_ambiguous"):
-            getattr(self, name)[at] = getattr(other, name)
+        for name, value in vars(self).items():
+            value[at] = getattr(other, name)
 
 
 @dataclass(frozen=True, eq=False)
-class _Samples:
-    """What ``locate_turned`` was given, of the samples that Euler's equation locates."""
+class _Beside:
+    """Samples beside a field ``field_T`` that is uncertain by ``own``, or known but for a turn: see ``less_turned``."""
 
     outputs: FloatArray
     field_T: FloatArray
-    array: Array
     covariance: FloatArray
     own: FloatArray
-    attitude_noise: float
+    array: Array
     index: float
+    attitude_noise: float
 
-    def take(self, at: np.ndarray) -> "_Samples":
+    def take(self, at: np.ndarray) -> "_Beside":
         """Return some of the samples."""
         names = ("outputs", "field_T", "covariance", "own")
         return replace(self, **{name: getattr(self, name)[at] for name in names})
 
-    def told(self) -> tuple[_Found, np.ndarray]:
-        """Return the sources that were found, and a ``Status`` for each."""
-        found = self.best(_SHIFTS[:1])
-        is_seen, is_alone = (self.is_above(times, found.field_T) for times in (_LEAST_FIELD, _SURE_FIELD))
-        doubtful = np.flatnonzero(~found.is_settled | is_seen & ~is_alone)
-        if len(doubtful):
-            found.put(doubtful, self.take(doubtful).best(_SHIFTS))
-        is_sure = is_certain(found.unknowns, found.covariance)
-        status = np.where(found.is_ambiguous, Status.AMBIGUOUS, Status.LOCATED)
-        status = np.where(found.is_settled & is_sure, status, Status.UNCERTAIN)
-        is_hidden = (status == Status.LOCATED) & ~self.is_above(_LEAST_FIELD, found.field_T)
-        return found, np.where(is_hidden, Status.NO_FIELD, status)
+    def less(self, turned_T: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the outputs less the field, turned, and their covariances."""
+        return less_turned(self.outputs, self.field_T, turned_T, self.covariance, self.own, self.attitude_noise)
 
-    def is_above(self, times: float, source_T: FloatArray) -> np.ndarray:
-        """Return whether fields (N, 3) are more than so many of the largest standard errors of the field beside."""
-        largest = np.linalg.eigvalsh(_beside(self.own, self.field_T, self.attitude_noise))[:, -1]
-        return np.asarray(norm(source_T, axis=1) ** 2 > times**2 * largest)
+    @property
+    def spread(self) -> FloatArray:
+        """(N, 3, 3) covariance of the field, T²."""
+        return _turning(self.own, self.field_T, self.attitude_noise**2)
+
+    def located(self) -> EulerSolutions:
+        """Return the sources of those samples that Euler's equation locates, and the reason of each that was not."""
+        euler = locate(*self.less(self.field_T), index=self.index)
+        at = np.flatnonzero(euler.is_located)
+        if not len(at):
+            return euler
+        seen = self.take(at)
+        found, least_T2 = seen.best(_SHIFTS[:1]), np.linalg.eigvalsh(seen.spread)[:, -1]
+
+        def is_above(times: float) -> np.ndarray:
+            return np.asarray(norm(found.field_T, axis=1) ** 2 > times**2 * least_T2)
+
+        doubtful = np.flatnonzero(~found.is_found | is_above(_LEAST_FIELD) & ~is_above(_SURE_FIELD))
+        if len(doubtful):
+            found.put(doubtful, seen.take(doubtful).best(_SHIFTS))
+        is_sure = found.is_found & is_certain(found.unknowns, found.covariance)
+        status, reasons = euler.status.copy(), (Status.UNCERTAIN, Status.AMBIGUOUS, Status.NO_FIELD)
+        status[at] = np.select([~is_sure, found.is_ambiguous, ~is_above(_LEAST_FIELD)], reasons, Status.LOCATED)
+        return EulerSolutions.of_fits(status, found.take(status[at] == Status.LOCATED), self.index == DIPOLE_INDEX)
 
     def best(self, shifts: FloatArray) -> _Found:
-        """Return the best of the fits that begin with a field that is off by some shifts (S, 2)."""
-        (solution, field_T), shape = self._fit(shifts), (len(shifts), len(self.outputs))
-        is_settled = _is_near(solution)
-        chi_square = np.where(is_settled, solution.chi_square, np.inf).reshape(shape)
-        unknowns = np.where(is_settled[:, None], solution.unknowns, 1.0).reshape(*shape, 6)
-        at = np.argmin(chi_square, axis=0), np.arange(shape[1])
-        covariance = solution.covariance.reshape(*shape, 6, 6)[at]
-        apart = np.sum((unknowns[..., :3] - unknowns[at][:, :3]) ** 2, axis=2)
-        is_other = apart > _AS_GOOD * np.trace(covariance[:, :3, :3], axis1=1, axis2=2)
-        is_as_good = chi_square < chi_square[at] + _AS_GOOD
-        own = field_T.reshape(*shape, 3)[at]
-        is_ambiguous = (is_other & is_as_good).any(axis=0)
-        return _Found(unknowns[at], own, covariance, chi_square[at], np.isfinite(chi_square[at]), is_ambiguous)
-
-    def _fit(self, shifts: FloatArray) -> tuple[Solution, FloatArray]:
-        """Return the sources (S N), and their fields, that are found after each shift: all are fitted side by side."""
-        values, vectors = np.linalg.eigh(_beside(self.own, self.field_T, self.attitude_noise))
+        """Return the best of the fits that begin with a field that is off by some shifts (S, 2): all side by side."""
+        count, shape = len(self.outputs), (len(shifts), len(self.outputs))
+        values, vectors = np.linalg.eigh(self.spread)
         errors = np.sqrt(np.maximum(values[:, 1:], 0.0))
         shifted = np.einsum("ta,na,nia->tni", shifts, errors, vectors[:, :, 1:]).reshape(-1, 3)
-        outputs, field_T, own, covariance = (
-            np.tile(each, (len(shifts), *[1] * (each.ndim - 1)))
-            for each in (self.outputs, self.field_T, self.own, self.covariance)
-        )
-        source = np.concatenate([outputs[:, :3] - field_T, outputs[:, 3:]], axis=1)
-        seen = np.concatenate([source[:, :3] - shifted, source[:, 3:]], axis=1)
+        solution, field_T = self.take(np.tile(np.arange(count), len(shifts))).fitted(shifted)
+        chi_square = np.where(solution.is_found, solution.chi_square, np.inf).reshape(shape)
+        unknowns = np.where(solution.is_found[:, None], solution.unknowns, 1.0).reshape(*shape, 6)
+        at = np.argmin(chi_square, axis=0), np.arange(count)
+        covariance, least = solution.covariance.reshape(*shape, 6, 6)[at], chi_square[at]
+        apart = np.sum((unknowns[..., :3] - unknowns[at][:, :3]) ** 2, axis=2)
+        is_other = apart > _AS_GOOD * np.trace(covariance[:, :3, :3], axis1=1, axis2=2)
+        is_ambiguous = (is_other & (chi_square < least + _AS_GOOD)).any(axis=0)
+        own = field_T.reshape(*shape, 3)[at]
+        return _Found(unknowns[at], covariance, least, np.isfinite(least), own, is_ambiguous)
+
+    def fitted(self, shifted: FloatArray) -> tuple[Solution, FloatArray]:
+        """Return the sources, and their fields (N, 3), that are found after a shift (N, 3) of the field."""
+        seen = self.outputs[:, :8].copy()
+        seen[:, :3] -= self.field_T + shifted
         start = np.nan_to_num(start_of(locate(seen, index=self.index), seen, self.index), nan=1.0)
-        left, source_T = field_T, np.zeros_like(field_T)
+        turned_T, source_T = self.field_T, np.zeros_like(self.field_T)
         for _ in range(_ROUNDS if self.attitude_noise else 1):
-            seen = source[:, :8].copy()
-            seen[:, :3] -= _longer(left, field_T)
-            noise = across_field(covariance, own, left, self.attitude_noise)[:, :8, :8]
+            seen, noise = self.less(turned_T)
             fit = fit_outputs(seen, self.array, noise, start, self.index)
-            is_near = _is_near(fit.solution)[:, None]
-            start = np.where(is_near, fit.solution.unknowns, start)
-            source_T = np.where(is_near, fit.field_T, source_T)
-            left = outputs[:, :3] - source_T
-            is_turn = norm(left - field_T, axis=1) < _LARGEST_TURN * norm(field_T, axis=1)
-            left = np.where(is_turn[:, None], left, field_T)
-        return fit.solution, source_T
-
-
-def _is_near(solution: Solution) -> np.ndarray:
-    """Return which fits settled somewhere."""
-    return np.asarray(solution.is_found & (np.abs(solution.unknowns[:, :3]).max(axis=1) < _FARTHEST_M))
-
-
-def _longer(turned: FloatArray, field_T: FloatArray) -> FloatArray:
-    """Return by how much fields (N, 3) are longer along what they are turned to than their part along it."""
-    unit = turned / norm(turned, axis=1, keepdims=True)
-    return np.asarray(unit * (norm(field_T, axis=1) - np.einsum("ni,ni->n", unit, field_T))[:, None])
+            is_near = fit.solution.is_found & (np.abs(fit.solution.unknowns[:, :3]).max(axis=1) < _FARTHEST_M)
+            start = np.where(is_near[:, None], fit.solution.unknowns, start)
+            source_T = np.where(is_near[:, None], fit.field_T, source_T)
+            left = self.outputs[:, :3] - source_T
+            is_turn = norm(left - self.field_T, axis=1) < _LARGEST_TURN * norm(self.field_T, axis=1)
+            turned_T = np.where(is_turn[:, None], left, self.field_T)
+        return replace(fit.solution, is_found=is_near), source_T

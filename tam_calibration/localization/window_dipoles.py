@@ -7,7 +7,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.localization.line_window import OF_SOURCE, Window
+from tam_calibration.core.least_squares import scaled
+from tam_calibration.localization.line_window import Window
 from tam_calibration.localization.window_fit import ROUGH_FALL, ROUGH_STEPS, Solved, annealed, solve
 from tam_calibration.model.units import FloatArray
 
@@ -56,14 +57,9 @@ def evidence_of(solved: Solved) -> FloatArray:
 
     Its place counts as known: without a moment, no other place makes up for it.
     """
-    worth = []
-    for number, source in enumerate(solved.sources):
-        own = slice(OF_SOURCE * number, OF_SOURCE * (number + 1))
-        scale = np.sqrt(np.diag(solved.covariance)[own])
-        unit = np.linalg.pinv(solved.covariance[own, own] / scale[:, None] / scale, hermitian=True)[3:, 3:]
-        size = source[3:] / scale[3:]
-        worth.append(float(size @ unit @ size))
-    return np.array(worth)
+    unit, scale = scaled(solved.covariances)
+    size = solved.sources[:, 3:] / scale[:, 3:]
+    return np.asarray(np.einsum("si,sij,sj->s", size, np.linalg.pinv(unit, hermitian=True)[:, 3:, 3:], size))
 
 
 def mean_square(solved: Solved) -> float:
@@ -139,15 +135,14 @@ def _gains(solved: Solved) -> tuple[FloatArray, FloatArray, FloatArray]:
     precision = np.zeros((rows.shape[1],) * 2)
     precision[count:, count:] = thin.precision
     normal = rows.T @ rows + precision + 1e-12 * np.diag(np.diag(rows.T @ rows))
-    scale = np.sqrt(np.diag(normal))
-    root = np.linalg.cholesky(normal / scale[:, None] / scale + 1e-12 * np.eye(len(normal)))
+    unit, scale = scaled(normal)
+    root = np.linalg.cholesky(unit + 1e-12 * np.eye(len(normal)))
     basis = np.linalg.solve(root, (rows / scale).T)
     left = residual.ravel() - basis.T @ (basis @ residual.ravel())
     seen = (basis @ columns).reshape(len(basis), -1, 3)
     cube = columns.reshape(len(rows), -1, 3)
-    information = np.einsum("rpi,rpj->pij", cube, cube, optimize=True) - np.einsum(
-        "rpi,rpj->pij", seen, seen, optimize=True
-    )
+    every, taken = (np.einsum("rpi,rpj->pij", each, each, optimize=True) for each in (cube, seen))
+    information = every - taken
     slope = (columns.T @ left).reshape(-1, 3)
     size = np.trace(information, axis1=1, axis2=2)[:, None, None]
     moments = np.linalg.solve(information + 1e-6 * size * np.eye(3), slope[..., None])[..., 0]

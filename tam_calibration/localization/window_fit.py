@@ -7,7 +7,8 @@ import numpy as np
 from numpy.linalg import norm
 from scipy.linalg import cho_factor, cho_solve
 
-from tam_calibration.localization.line_window import OF_SOURCE, Window
+from tam_calibration.core.least_squares import scaled
+from tam_calibration.localization.line_window import Window
 from tam_calibration.model.units import FloatArray
 
 _MOST_STEPS, ROUGH_STEPS = 25, 8
@@ -65,21 +66,26 @@ class Solved:
     @property
     def sources(self) -> FloatArray:
         """(S, 6) places and moments."""
-        return self.unknowns[: len(self.unknowns) - self.window.nuisance_count].reshape(-1, OF_SOURCE)
+        return self.window.divided(self.unknowns)[0]
 
     @property
     def others(self) -> FloatArray:
         """(n,) the unknowns beside the dipoles."""
-        return self.unknowns[len(self.unknowns) - self.window.nuisance_count :]
+        return self.window.divided(self.unknowns)[1]
 
     @cached_property
     def covariance(self) -> FloatArray:
         """(6 S, 6 S) of the dipoles, with all else marginalised."""
-        scale = np.sqrt(np.diag(self.normal))
-        unit = self.normal / scale[:, None] / scale
+        unit, scale = scaled(self.normal)
         count = self.sources.size
         inverse = np.linalg.solve(unit + 1e-13 * np.eye(len(unit)), np.eye(len(unit))[:, :count])[:count]
         return np.asarray(inverse / scale[:count, None] / scale[:count])
+
+    @property
+    def covariances(self) -> FloatArray:
+        """(S, 6, 6) of each dipole."""
+        every = np.arange(len(self.sources))
+        return self.covariance.reshape(len(every), 6, len(every), 6)[every, :, every]
 
     @cached_property
     def residual(self) -> FloatArray:
@@ -108,9 +114,8 @@ def _limited(window: Window, unknowns: FloatArray, step: FloatArray) -> FloatArr
 
     Else one dipole that tells little, and flies off, holds up all the others.
     """
-    split = len(unknowns) - window.nuisance_count
     limited = step.copy()
-    sources, own = unknowns[:split].reshape(-1, OF_SOURCE), limited[:split].reshape(-1, OF_SOURCE)
+    (sources, _), (own, _) = window.divided(unknowns), window.divided(limited)
     distance = norm(sources[:, None, :3] - window.place_m, axis=2).min(axis=1)
     own *= np.minimum(1.0, _LONGEST * distance / np.maximum(norm(own[:, :3], axis=1), 1e-300))[:, None]
     middle = window.place_m[len(window.place_m) // 2]
@@ -120,13 +125,11 @@ def _limited(window: Window, unknowns: FloatArray, step: FloatArray) -> FloatArr
 
 def _can_be(window: Window, unknowns: FloatArray) -> bool:
     """Return whether dipoles are in reach, and errors small: steps that are not are too long."""
-    split = len(unknowns) - window.nuisance_count
-    sources, others = unknowns[:split].reshape(-1, OF_SOURCE), unknowns[split:]
+    sources, others = window.divided(unknowns)
     middle = window.place_m[len(window.place_m) // 2]
-    unit = slice(0, window.parts[2].stop)
     is_near = norm(sources[:, :3] - middle, axis=1) < _FARTHEST_M
     is_weak = norm(sources[:, 3:], axis=1) < _STRONGEST_AM2
-    return bool(is_near.all() and is_weak.all() and (np.abs(others[unit]) < _LARGEST_ERROR).all())
+    return bool(is_near.all() and is_weak.all() and (np.abs(others[: window.unit_count]) < _LARGEST_ERROR).all())
 
 
 def solve(window: Window, start: FloatArray, most_steps: int = _MOST_STEPS, least_fall: float = LEAST_FALL) -> Solved:
@@ -152,9 +155,8 @@ def solve(window: Window, start: FloatArray, most_steps: int = _MOST_STEPS, leas
     def cost(tried: FloatArray) -> float:
         if not _can_be(window, tried):
             return np.inf
-        total = float(
-            np.sum(window.linearized(tried, False)[0] ** 2) + (tried - expected) @ precision @ (tried - expected)
-        )
+        off, residual = tried - expected, window.linearized(tried, False)[0]
+        total = float(np.sum(residual**2) + off @ precision @ off)
         return total if np.isfinite(total) else np.inf
 
     lowest, stalled = cost(unknowns), 0
@@ -162,13 +164,14 @@ def solve(window: Window, start: FloatArray, most_steps: int = _MOST_STEPS, leas
     for number in range(most_steps):
         residual, slopes = window.linearized(unknowns)
         rows = slopes.reshape(-1, len(start))
-        if not number:
-            free = _telling(window, rows, split)
+        if not number:  # errors that the data hardly see stay what they are
+            seen = np.sum(rows**2, axis=0) > _LEAST_SEEN
+            seen[:split] = seen[split + window.unit_count :] = True
+            free = np.flatnonzero(seen)
         rows, inside = rows[:, free], precision[np.ix_(free, free)]
         normal = rows.T @ rows + inside
         slope = rows.T @ residual.ravel() - (precision @ (unknowns - expected))[free]
-        scale = np.sqrt(np.diag(normal))
-        unit, fall = normal / scale[:, None] / scale, 0.0
+        (unit, scale), fall = scaled(normal), 0.0
         while damping < _LARGEST_DAMPING:
             root = cho_factor(unit + damping * np.eye(len(free)))
             full = np.zeros(len(start))
@@ -193,14 +196,6 @@ def solve(window: Window, start: FloatArray, most_steps: int = _MOST_STEPS, leas
     return Solved(window, unknowns, lowest, normal)
 
 
-def _telling(window: Window, rows: FloatArray, split: int) -> np.ndarray:
-    """Return the unknowns of which derivatives (R, P) tell anything; errors that they hardly see stay."""
-    seen = np.sum(rows**2, axis=0) > _LEAST_SEEN
-    seen[:split] = True
-    seen[split + window.parts[2].stop :] = True
-    return np.flatnonzero(seen)
-
-
 def likeliest_roughness(solved: Solved) -> float:
     """Return the roughness of the regional field at which the data of a window are likeliest, to first order."""
     residual, slopes = solved.window.linearized(solved.unknowns)
@@ -215,8 +210,8 @@ def likeliest_roughness(solved: Solved) -> float:
         total, gradient = normal.copy(), slope.copy()
         total[others, others] += prior.T @ prior
         gradient[others] -= prior.T @ (prior @ off)
-        scale = np.sqrt(np.diag(total))
-        unit = total / scale[:, None] / scale + 1e-13 * np.eye(len(total))
+        unit, scale = scaled(total)
+        unit += 1e-13 * np.eye(len(total))
         fall = gradient / scale @ np.linalg.solve(unit, gradient / scale)
         cost = left @ left + np.sum((prior @ off) ** 2) - fall
         freedom = np.linalg.slogdet(unit)[1] + 2 * np.sum(np.log(scale)) - np.linalg.slogdet(prior.T @ prior)[1]

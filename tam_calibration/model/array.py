@@ -129,15 +129,12 @@ class Array:
             raise InputError("positions_m contains a value that is not finite")
         object.__setattr__(self, "positions_m", positions)
         count = len(positions)
+        for_each = f"for each of {count} sensors"
         for name, shape, needed in (
-            ("vector_noise_T", (count,), f"vector noise needs one value for each of {count} sensors"),
-            ("delay_s", (count,), f"delay_s needs one finite number for each of {count} sensors"),
+            ("vector_noise_T", (count,), f"vector noise needs one value {for_each}"),
+            ("delay_s", (count,), f"delay_s needs one finite number {for_each}"),
             ("scalar_position_m", (3,), "the position of the scalar magnetometer must be three finite numbers x, y, z"),
-            (
-                "axis_offsets_m",
-                (count, 3, 3),
-                f"axis_offsets_m needs three rows of x, y, z for each of {count} sensors",
-            ),
+            ("axis_offsets_m", (count, 3, 3), f"axis_offsets_m needs three rows of x, y, z {for_each}"),
         ):
             if (value := getattr(self, name)) is not None:
                 array = np.asarray(value, dtype=float)
@@ -159,6 +156,7 @@ class Array:
         self._check_sizes()
 
     def _check_sizes(self) -> None:
+        attitude_noise = None if self.attitude_noise == np.inf else self.attitude_noise
         for name, limits, values in (
             ("the position of a sensor", LENGTH, self.positions_m),
             ("the noise of a sensor", NOISE, self.vector_noise_T),
@@ -167,11 +165,7 @@ class Array:
             ("the offset of an axis", LENGTH, self.axis_offsets_m),
             ("the delay of a sensor", DELAY, self.delay_s),
             ("the delay of the scalar magnetometer", DELAY, self.scalar_delay_s),
-            (
-                "the noise of the attitude",
-                ATTITUDE_NOISE,
-                None if self.attitude_noise == np.inf else self.attitude_noise,
-            ),
+            ("the noise of the attitude", ATTITUDE_NOISE, attitude_noise),
             ("the error of the attitude's mounting", MOUNTING_ERROR, self.mounting_error),
         ):
             if values is not None:

@@ -25,26 +25,18 @@ POSITION_COLUMNS = ("x_m", "y_m", "z_m")
 
 _SINGLE_CHANNELS = ("scalar_T", "temperature_C", "current_A")
 
-_DIMENSIONS = {
-    "readings_T": ("time_s", "sensor", "axis"),
-    **dict.fromkeys(_SINGLE_CHANNELS, ("time_s",)),
-    "attitude": ("time_s", "quaternion"),
-    "angular_velocity_rad_s": ("time_s", "axis"),
-    "position_m": ("time_s", "axis"),
-}
-"""Dimensions of each variable of a dataset."""
+_TIME = ("time_s",)
 
-_UNITS = {
-    "time_s": "s",
-    "readings_T": "T",
-    "scalar_T": "T",
-    "temperature_C": "degC",
-    "current_A": "A",
-    "attitude": "1",
-    "angular_velocity_rad_s": "rad/s",
-    "position_m": "m",
+_VARIABLES = {
+    "readings_T": ("T", ("time_s", "sensor", "axis")),
+    "scalar_T": ("T", _TIME),
+    "temperature_C": ("degC", _TIME),
+    "current_A": ("A", _TIME),
+    "attitude": ("1", ("time_s", "quaternion")),
+    "angular_velocity_rad_s": ("rad/s", ("time_s", "axis")),
+    "position_m": ("m", ("time_s", "axis")),
 }
-"""Attribute ``units`` of each variable of a dataset."""
+"""Attribute ``units`` and dimensions of each variable of a dataset."""
 
 _COMPONENTS = {"axis": ["x", "y", "z"], "quaternion": ["x", "y", "z", "w"]}
 """Labels of the dimensions whose order has a meaning."""
@@ -98,11 +90,13 @@ def to_xarray(values: Mapping[str, FloatArray]) -> "xarray.Dataset":
         When xarray is not installed.
     """
     numbers = np.arange(1, values["readings_T"].shape[1] + 1)
-    used = {dimension for name in values if name != "time_s" for dimension in _dimensions(name)}
+    variables = {}
+    for name in filter(values.__contains__, [*_VARIABLES, *filter(is_further, values)]):
+        unit, dimensions = _variable(name)
+        variables[name] = (dimensions, values[name], {"units": unit})
+    used = {dimension for dimensions, _, _ in variables.values() for dimension in dimensions}
     labels = {name: label for name, label in _COMPONENTS.items() if name in used}
-    order = [*_DIMENSIONS, *filter(is_further, values)]
-    variables = {name: (_dimensions(name), values[name], {"units": _unit(name)}) for name in order if name in values}
-    time = ("time_s", values["time_s"], {"units": _UNITS["time_s"]})
+    time = ("time_s", values["time_s"], {"units": "s"})
     dataset: xarray.Dataset = _library("xarray").Dataset(variables, {"time_s": time, "sensor": numbers, **labels})
     return dataset
 
@@ -115,14 +109,14 @@ def from_xarray(dataset: "xarray.Dataset") -> dict[str, FloatArray]:
     InputError
         When a variable, dimension or label is missing, or a variable or unit is another.
     """
-    if others := [name for name in dataset.data_vars if name not in _DIMENSIONS and not is_further(str(name))]:
-        raise InputError(f"variable {others[0]!r} is not known: a recording has {', '.join(_DIMENSIONS)}")
+    if others := [name for name in dataset.data_vars if name not in _VARIABLES and not is_further(str(name))]:
+        raise InputError(f"variable {others[0]!r} is not known: a recording has {', '.join(_VARIABLES)}")
     if missing := [name for name in ("time_s", "readings_T") if name not in dataset.variables]:
-        raise InputError(f"variable {missing[0]!r} is missing: a recording has {', '.join(('time_s', *_DIMENSIONS))}")
+        raise InputError(f"variable {missing[0]!r} is missing: a recording has {', '.join(('time_s', *_VARIABLES))}")
     values = {"time_s": np.asarray(dataset["time_s"], dtype=float)}
     for name in map(str, dataset.data_vars):
         variable = dataset[name]
-        dimensions, own_unit = _dimensions(name), _unit(name)
+        own_unit, dimensions = _variable(name)
         if (unit := variable.attrs.get("units", own_unit)) != own_unit:
             raise InputError(f"variable {name} is in {unit!r} and must be in {own_unit!r}")
         try:
@@ -133,13 +127,9 @@ def from_xarray(dataset: "xarray.Dataset") -> dict[str, FloatArray]:
     return values
 
 
-def _dimensions(name: str) -> tuple[str, ...]:
-    """Return the dimensions of a variable; a further channel is one number for each time."""
-    return _DIMENSIONS.get(name, ("time_s",))
-
-
-def _unit(name: str) -> str:
-    return _UNITS[name] if name in _UNITS else unit_of(name)
+def _variable(name: str) -> tuple[str, tuple[str, ...]]:
+    """Return unit and dimensions of a variable; a further channel is one number for each time."""
+    return _VARIABLES[name] if name in _VARIABLES else (unit_of(name), _TIME)
 
 
 def _library(name: str) -> Any:

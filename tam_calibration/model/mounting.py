@@ -142,6 +142,17 @@ def quaternion_of(roll_pitch_yaw: FloatArray) -> FloatArray:
     return np.asarray(Rotation.from_euler("xyz", roll_pitch_yaw).as_quat())
 
 
+def matrices_of(attitude: FloatArray) -> FloatArray:
+    """Return the rotations (N, 3, 3) of quaternions (N, 4), NaN where they are unknown."""
+    from scipy.spatial.transform import Rotation
+
+    known = np.isfinite(attitude).all(axis=1)
+    matrices = np.full((len(attitude), 3, 3), np.nan)
+    if known.any():
+        matrices[known] = Rotation.from_quat(attitude[known]).as_matrix()
+    return matrices
+
+
 def _unit(quaternion: FloatArray, name: str) -> FloatArray:
     """Return a quaternion of length 1.
 

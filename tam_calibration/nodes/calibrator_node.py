@@ -20,7 +20,7 @@ from tam_calibration.gap.result import Gap
 from tam_calibration.integrity.fault import names_in, require_names
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.model.extras import require
+from tam_calibration.model.libraries import require
 from tam_calibration.nodes.answering import Work
 from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health, TamNode
 from tam_calibration.nodes.calibrated import figures, introduce

@@ -8,7 +8,7 @@ from tam_calibration.comparison import compare
 from tam_calibration.comparison.result import Comparison
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import Refused
-from tam_calibration.model.extras import require
+from tam_calibration.model.libraries import require
 from tam_calibration.model.recording import SampleSource
 from tam_calibration.nodes.base import TamNode
 from tam_calibration.nodes.node_parameters import Rule

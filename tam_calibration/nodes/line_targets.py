@@ -9,7 +9,7 @@ from rclpy.serialization import deserialize_message
 from visualization_msgs.msg import MarkerArray
 
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.localization.sliding_line import SlidingLine
+from tam_calibration.localization.line_data import SlidingLine
 from tam_calibration.localization.targets import SurveyLine, find_targets, path_in
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording

@@ -17,7 +17,7 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.correction.partial import PartialCorrection
 from tam_calibration.localization.euler import DIPOLE_INDEX
 from tam_calibration.localization.solutions import EulerSolutions, Status, pose_rows
-from tam_calibration.localization.turned_samples import Regional, locate_samples, regional_of, turned
+from tam_calibration.localization.turned_samples import Regional, Samples, locate_samples, regional_of, turned
 from tam_calibration.messages.point_cloud import FIELD_GRADIENT_COLUMNS, SOURCE_COLUMNS
 from tam_calibration.model.conversion import ATTITUDE_COLUMNS, RATE_COLUMNS
 from tam_calibration.model.exceptions import InputError
@@ -250,14 +250,14 @@ class Localizer(CalibratedNode):
         unknown = np.full(4, np.nan)
         attitude = np.array([unknown if one.attitude is None else one.attitude for one in joined])
         try:
-            solutions = locate_samples(
+            samples = Samples(
                 outputs[:, :9],
                 self._calibration.array if self._calibration else self._array,
                 self._covariance(outputs[0, 9:]),
-                index=self.value("index"),
-                regional=self._regional,
-                attitude=attitude,
+                attitude,
+                self.value("index"),
             )
+            solutions = locate_samples(samples, self._regional)
         except InputError as problem:
             self._readers["field_gradient"].problem = str(problem)
             return EulerSolutions.refused(len(joined), Status.NOT_FINITE)

@@ -7,7 +7,7 @@ import sys
 from importlib import import_module
 
 from tam_calibration.model.exceptions import InputError, printable
-from tam_calibration.model.processors import use_one_thread
+from tam_calibration.model.libraries import use_one_thread
 from tam_calibration.model.signals import Ending
 
 

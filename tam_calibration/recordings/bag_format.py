@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from tam_calibration.model.extras import require
+from tam_calibration.model.libraries import require
 from tam_calibration.recordings.bag_storages import is_bag
 from tam_calibration.recordings.channel_map import ChannelMap
 from tam_calibration.recordings.tables import Source

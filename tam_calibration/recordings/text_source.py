@@ -171,7 +171,7 @@ class ParquetReader:
         InputError
             When it is damaged.
         """
-        from tam_calibration.model.extras import require
+        from tam_calibration.model.libraries import require
 
         require("tables", "reading Parquet files")
         import pandas

@@ -15,7 +15,7 @@ from tam_calibration.messages.point_cloud import SampleLayout
 from tam_calibration.messages.samples import Progress, stamps_of
 from tam_calibration.model.array import OUTPUT_NAMES, Array
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.extras import require
+from tam_calibration.model.libraries import require
 from tam_calibration.model.recording import BLOCK, Recording
 from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.recordings.bag_storages import DEFAULT, is_bag

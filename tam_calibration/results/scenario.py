@@ -22,7 +22,7 @@ from tam_calibration.recordings.iaga2002 import read_iaga2002
 from tam_calibration.results.calibration_schema import SensorFile, errors_of
 from tam_calibration.results.calibration_yaml import sensors_to_mapping
 from tam_calibration.results.effects_schema import EffectFile, effect_to_mapping
-from tam_calibration.simulation import Scenario, Simulation, attitude, instruments, sources
+from tam_calibration.simulation import Scenario, Simulation, attitude, surroundings
 from tam_calibration.sources.dipole import Dipole
 
 _Intensity = Annotated[float, Bounds(above=0, least=1e-3, most=1e9, unit="nT")]
@@ -47,7 +47,7 @@ class _Site(Document):
 
     def field_T(self) -> FloatArray:
         angles = from_degrees(self.inclination_deg), from_degrees(self.declination_deg)
-        return sources.field_from_elements(from_nanotesla(self.intensity_nT), *angles)
+        return surroundings.field_from_elements(from_nanotesla(self.intensity_nT), *angles)
 
 
 class _Place(Document):
@@ -73,14 +73,14 @@ class _Part(Document):
 
 
 class _Sinusoid(_Part):
-    makes = sources.SinusoidDrift
+    makes = surroundings.SinusoidDrift
     kind: Literal["sinusoid"]
     standard_deviation_nT: _Spread
     period_s: quantities.Period
 
 
 class _Ramp(_Part):
-    makes = sources.RampDrift
+    makes = surroundings.RampDrift
     kind: Literal["ramp"]
     standard_deviation_nT: _Spread
 
@@ -90,12 +90,12 @@ class _Observatory(Document):
     file: str
     start: datetime | None = None
 
-    def build(self, folder: Path) -> sources.Drift:
+    def build(self, folder: Path) -> surroundings.Drift:
         record = read_iaga2002(folder / self.file)
         start = self.start or record.start
         if start.tzinfo is not None:
             start = start.astimezone(UTC).replace(tzinfo=None)
-        return sources.ObservedDrift(record.time_s - (start - record.start).total_seconds(), record.field_T)
+        return surroundings.ObservedDrift(record.time_s - (start - record.start).total_seconds(), record.field_T)
 
 
 class _Dipole(_Part):
@@ -137,20 +137,20 @@ class _Auv(_Part):
 
 
 class _Scalar(_Part):
-    makes = instruments.ScalarReference
+    makes = surroundings.ScalarReference
     rate_hz: quantities.Hertz | None = None
     one_error_per_recording: bool = False
 
 
 class _Temperature(_Part):
-    makes = instruments.Temperature
+    makes = surroundings.Temperature
     start_C: quantities.Celsius
     end_C: quantities.Celsius
     noise_C: _Spread = 0.0
 
 
 class _Current(_Part):
-    makes = instruments.Current
+    makes = surroundings.Current
     low_A: quantities.Ampere
     high_A: quantities.Ampere
     period_s: quantities.Period
@@ -158,7 +158,7 @@ class _Current(_Part):
 
 
 class _Switched(_Part):
-    makes = instruments.Current
+    makes = surroundings.Current
     low: quantities.Ampere
     high: quantities.Ampere
     period_s: quantities.Period
@@ -166,7 +166,7 @@ class _Switched(_Part):
 
 
 class _Attitude(_Part):
-    makes = instruments.AttitudeChannel
+    makes = surroundings.AttitudeChannel
     noise_deg: _Spread = 0.0
 
 

@@ -19,7 +19,7 @@ from tam_calibration.recordings.navigation import geographic
 from tam_calibration.results.results_json import attributes
 
 if TYPE_CHECKING:
-    from tam_calibration.localization.field_map import FieldMap
+    from tam_calibration.localization.targets import FieldMap
 
 _CSV, _GEOJSON = ".csv", ".geojson"
 

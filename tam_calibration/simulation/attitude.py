@@ -10,6 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.mounting import quaternion_of
 from tam_calibration.model.units import FloatArray, from_degrees
 
 _GOLDEN_RATIO = (1 + np.sqrt(5)) / 2
@@ -78,7 +79,7 @@ class RandomEulerAngles:
         generator : numpy.random.Generator
             Draws the angles.
         """
-        return _from_angles(self.standard_deviation * generator.standard_normal((len(time_s), 3)))
+        return quaternion_of(self.standard_deviation * generator.standard_normal((len(time_s), 3)))
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,7 @@ class ThreeAxisTurns:
         angles = np.zeros((len(time_s), 3))
         for axis, part in enumerate(np.array_split(np.arange(len(time_s)), 3)):
             angles[part, axis] = np.linspace(0, 2 * np.pi, len(part), endpoint=False)
-        return _from_angles(angles)
+        return quaternion_of(angles)
 
 
 @dataclass(frozen=True)
@@ -116,7 +117,7 @@ class Turntable:
             Not used.
         """
         z, y, x = np.meshgrid([-90, -60, -30, 0], [0, 60, 120], [0, 60, 120, 180, 240, 300], indexing="ij")
-        poses = _from_angles(from_degrees(np.stack([x, y, z], axis=-1).reshape(-1, 3).astype(float)))
+        poses = quaternion_of(from_degrees(np.stack([x, y, z], axis=-1).reshape(-1, 3).astype(float)))
         return poses[np.arange(len(time_s)) % len(poses)]
 
 
@@ -189,11 +190,4 @@ class Manoeuvre:
         yaw = 2 * np.pi * time_s / self.turn_period_s
         pitch = self.pitch_limit * np.sin(_GOLDEN_RATIO * yaw)
         roll = self.roll_limit * np.sin(_GOLDEN_RATIO**2 * yaw)
-        return _from_angles(np.stack([roll, pitch, yaw], axis=1))
-
-
-def _from_angles(angles: FloatArray) -> FloatArray:
-    """Return the quaternions of Rz Ry Rx of angles (N, 3) about x, y, z, radians."""
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_euler("xyz", angles).as_quat())
+        return quaternion_of(np.stack([roll, pitch, yaw], axis=1))

@@ -3,40 +3,30 @@
 The twin of a calibrated array is what it would have read on the run of a recording if the calibration were all.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
+from tam_calibration.correction.calibration import Calibration
 from tam_calibration.effects.ambient_gradient import gradient_field, turned
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Effect, LinearEffect
 from tam_calibration.effects.library import effect_named
-from tam_calibration.model.data_sheet import Gyroscope
-from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.fitted_effect import FittedEffect
-from tam_calibration.model.further_channels import is_further
-from tam_calibration.model.recording import Recording
-from tam_calibration.model.sensor_errors import SensorErrors
-from tam_calibration.model.units import FloatArray
-
-if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
-
-from collections.abc import Mapping
-from dataclasses import field, replace
-
-from numpy.typing import NDArray
-
-from tam_calibration.correction.calibration import Calibration
 from tam_calibration.effects.noise_excess import LARGEST_NOISE
 from tam_calibration.effects.removal import agreed_field, filled, removable
 from tam_calibration.model.array import Array
-from tam_calibration.model.further_channels import require_further
+from tam_calibration.model.data_sheet import Gyroscope
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.fitted_effect import FittedEffect
+from tam_calibration.model.further_channels import is_further, require_further
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
 from tam_calibration.simulation.attitude import Motion
-from tam_calibration.simulation.instruments import AttitudeChannel, Current, ScalarReference, Temperature
-from tam_calibration.simulation.sources import Drift
+from tam_calibration.simulation.surroundings import AttitudeChannel, Current, Drift, ScalarReference, Temperature
 from tam_calibration.sources.dipole import Dipole
 
 MOST_READINGS = 8_000_000
@@ -269,13 +259,10 @@ def simulate(scenario: Scenario) -> Simulation:
     >>> round(float(1e6 * (made.center_field_T[0] ** 2).sum() ** 0.5), 3)  # µT
     54.956
     """
-    from scipy.spatial.transform import Rotation
-
     time_s = scenario.time_s
     attitude = scenario.motion.attitudes(time_s, _generator(scenario, "motion"))
-    rotation = Rotation.from_quat(attitude)
     at_scalar = np.zeros(3) if scenario.array.scalar_position_m is None else scenario.array.scalar_position_m
-    fields = _field(scenario, rotation, np.vstack([np.zeros(3), at_scalar, scenario.array.positions_m]))
+    fields = _field(scenario, attitude, np.vstack([np.zeros(3), at_scalar, scenario.array.positions_m]))
     center, at_sensors = fields[:, 0], fields[:, 2:]
     readings, scalar = _readings(scenario, _covariates(scenario, center, attitude), at_sensors, fields[:, 1])
     further = {
@@ -292,7 +279,10 @@ def simulate(scenario: Scenario) -> Simulation:
         further,
         angular_velocity_rad_s=_angular_velocity(scenario),
     )
-    return Simulation(scenario, recording, attitude, center, _gradient(scenario, rotation))
+    gradient = np.zeros((3, 3)) if scenario.site_gradient_T_per_m is None else scenario.site_gradient_T_per_m
+    if scenario.dipole is not None:
+        gradient = gradient + scenario.dipole.gradient_T_per_m(np.zeros(3))
+    return Simulation(scenario, recording, attitude, center, turned(gradient[None], attitude)[:, 0])
 
 
 def _channel(scenario: Scenario, name: str, truth: FloatArray) -> FloatArray | None:
@@ -324,8 +314,11 @@ def _generator(scenario: Scenario, part: str, number: int = 0) -> np.random.Gene
     return np.random.default_rng(np.random.SeedSequence(scenario.seed, spawn_key=key))
 
 
-def _field(scenario: Scenario, rotation: "Rotation", positions_m: FloatArray) -> FloatArray:
+def _field(scenario: Scenario, attitude: FloatArray, positions_m: FloatArray) -> FloatArray:
     """Return the (N, P, 3) field in the array frame at positions (P, 3) of that frame."""
+    from scipy.spatial.transform import Rotation
+
+    rotation = Rotation.from_quat(attitude)
     world = np.tile(scenario.site_field_T, (scenario.sample_count, 1))
     if scenario.drift is not None:
         world = world + scenario.drift.variation_T(scenario.time_s, scenario.site_field_T)
@@ -335,64 +328,38 @@ def _field(scenario: Scenario, rotation: "Rotation", positions_m: FloatArray) ->
         dipole_T = scenario.dipole.field_T(np.einsum("nij,pj->npi", matrix, positions_m))
         field += np.einsum("nji,npj->npi", matrix, dipole_T)
     if scenario.site_gradient_T_per_m is not None:
-        field += gradient_field(scenario.site_gradient_T_per_m, rotation.as_quat(), positions_m)
+        field += gradient_field(scenario.site_gradient_T_per_m, attitude, positions_m)
     return field
-
-
-def _gradient(scenario: Scenario, rotation: "Rotation") -> FloatArray:
-    """Return the (N, 3, 3) gradient tensor at the centre in the array frame."""
-    world = np.zeros((3, 3)) if scenario.site_gradient_T_per_m is None else scenario.site_gradient_T_per_m
-    if scenario.dipole is not None:
-        world = world + scenario.dipole.gradient_T_per_m(np.zeros(3))
-    return turned(world[None], rotation.as_quat())[:, 0]
 
 
 def _covariates(scenario: Scenario, center_T: FloatArray, attitude: FloatArray) -> Covariates:
     """Return the truth that effects follow."""
-    temperature, current, time_s = scenario.temperature, scenario.current, scenario.time_s
-    return Covariates(
-        time_s,
-        center_T,
-        scenario.errors,
-        scenario.array,
-        None if temperature is None else temperature.course(time_s),
-        None if current is None else current.course(time_s),
-        attitude,
-        further={name: channel.course(time_s) for name, channel in scenario.further.items()},
-    )
+    time_s, channels = scenario.time_s, (scenario.temperature, scenario.current)
+    temperature, current = (None if channel is None else channel.course(time_s) for channel in channels)
+    further = {name: channel.course(time_s) for name, channel in scenario.further.items()}
+    errors, array = scenario.errors, scenario.array
+    return Covariates(time_s, center_T, errors, array, temperature, current, attitude, further=further)
 
 
 def _readings(
     scenario: Scenario, covariates: Covariates, at_sensors_T: FloatArray, at_scalar_T: FloatArray
 ) -> tuple[FloatArray, FloatArray | None]:
     """Return what the sensors (N, K, 3) and the scalar magnetometer (N,) read, with effects and noise, tesla."""
-    count = scenario.sample_count
+    count, array, scalar = scenario.sample_count, scenario.array, scenario.scalar
     generators = [_generator(scenario, "effect", number) for number in range(len(scenario.effects))]
     vectors = scenario.errors.distort(at_sensors_T).reshape(count, -1)
     rows = np.column_stack([vectors, np.linalg.norm(at_scalar_T, axis=1)])
     rows = add_effects(rows, covariates, scenario.effects, generators, "field")
-    rows[:, :-1] += _vector_noise(scenario).reshape(-1, 3 * covariates.sensor_count)
-    scalar = _scalar(scenario, rows[:, -1])
-    rows[:, -1] = np.nan if scalar is None else scalar
+    for sensor, size in enumerate(() if array.vector_noise_T is None else array.vector_noise_T):
+        own = slice(3 * sensor, 3 * sensor + 3)
+        rows[:, own] += _generator(scenario, "vector", sensor).normal(0, size, (count, 3))
+    if scalar is None:
+        rows[:, -1] = np.nan
+    else:
+        noise, generator = array.scalar_noise_T or 0.0, _generator(scenario, "scalar")
+        rows[:, -1] = scalar.readings(scenario.time_s, rows[:, -1], noise, generator)
     rows = add_effects(rows, covariates, scenario.effects, generators, "reading")
     return rows[:, :-1].reshape(at_sensors_T.shape), None if scalar is None else rows[:, -1]
-
-
-def _vector_noise(scenario: Scenario) -> FloatArray:
-    """Return the (N, K, 3) white noise of the sensors, each from its own generator."""
-    noise = scenario.array.vector_noise_T
-    if noise is None:
-        return np.zeros((1, scenario.array.sensor_count, 3))
-    shape = (scenario.sample_count, 3)
-    drawn = [_generator(scenario, "vector", sensor).normal(0, size, shape) for sensor, size in enumerate(noise)]
-    return np.stack(drawn, axis=1)
-
-
-def _scalar(scenario: Scenario, intensity_T: FloatArray) -> FloatArray | None:
-    if scenario.scalar is None:
-        return None
-    noise = scenario.array.scalar_noise_T or 0.0
-    return scenario.scalar.readings(scenario.time_s, intensity_T, noise, _generator(scenario, "scalar"))
 
 
 def twin(calibration: Calibration, recording: Recording, seed: int) -> Recording:

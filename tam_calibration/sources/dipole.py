@@ -234,60 +234,39 @@ def loop_field(
     across = offset_m - z[..., 0] * axis
     rho = norm(across, axis=-1)[..., None, None]
     outwards = np.divide(across, rho[..., 0], out=np.zeros_like(across), where=rho[..., 0] > 0)
-    ring = _Ring.of(rho, z, radius_m)
+    j0, j1, l1, l2, difference = _ring_integrals(rho, z, radius_m)
     unit = VACUUM_PERMEABILITY * strength / (2 * np.pi**2 * radius_m)
-    along = (unit * (radius_m * ring.J0 - rho * ring.J1))[..., 0]
-    field = (unit * z * ring.J1)[..., 0] * outwards + along * axis
-    gradient = unit * _gradient(
-        ring, rho, z, radius_m, outwards[..., None], np.broadcast_to(axis, across.shape)[..., None]
+    along = (unit * (radius_m * j0 - rho * j1))[..., 0]
+    field = (unit * z * j1)[..., 0] * outwards + along * axis
+    # Of ∂B_ρ/∂ρ, B_ρ/ρ and ∂B_ρ/∂z; trace and curl give the others.
+    along_rho, around, along_z = 3 * z * (radius_m * l2 - rho * l1), 3 * radius_m * z * difference, j1 - 3 * z**2 * l1
+    mixed = outwards[..., :, None] * axis[..., None, :]
+    gradient = unit * (
+        (along_rho - around) * outwards[..., :, None] * outwards[..., None, :]
+        + around * np.eye(3)
+        - (along_rho + 2 * around) * axis[..., :, None] * axis[..., None, :]
+        + along_z * (mixed + np.swapaxes(mixed, -1, -2))
     )
     # A turn ω of the loop turns its field and moves the point in its frame: dB = ω × B - G (ω × offset).
     turned = (gradient @ _cross(offset_m) - _cross(field)) @ _cross(moment) / strength**2
     return field, gradient, field[..., :, None] * axis[..., None, :] / strength + turned
 
 
-@dataclass(frozen=True, eq=False)
-class _Ring:
-    """The ring integrals, and the difference L₀ - L₂ of two of them."""
+def _ring_integrals(rho: FloatArray, z: FloatArray, radius: float) -> tuple[FloatArray, ...]:
+    """Return the ring integrals J₀, J₁, L₁ and L₂, and the difference L₀ - L₂."""
+    from scipy.special import ellipe, ellipkm1, hyp2f1
 
-    J0: FloatArray
-    J1: FloatArray
-    L1: FloatArray
-    L2: FloatArray
-    difference: FloatArray
-
-    @classmethod
-    def of(cls, rho: FloatArray, z: FloatArray, radius: float) -> "_Ring":
-        from scipy.special import ellipe, ellipkm1, hyp2f1
-
-        far, near = (radius + rho) ** 2 + z**2, (radius - rho) ** 2 + z**2
-        m, rest = 4 * radius * rho / far, near / far
-        k, e = ellipkm1(rest), ellipe(m)
-        # (K - E)/m - C, with C the complete integral of sin² cos² over (1 - m sin²)^(3/2)
-        part = np.pi * (hyp2f1(0.5, 1.5, 2, m) / 4 - hyp2f1(1.5, 1.5, 3, m) / 16)
-        J0 = 2 * e / (np.sqrt(far) * near)
-        J1 = 2 * m * part / (np.sqrt(far) * near)
-        difference = 8 * part / (3 * far**1.5 * near)
-        L2 = 2 / (3 * far**2.5 * rest) * (2 * (2 - m) * e / rest - k) - difference
-        L1 = (J1 + 2 * radius * rho * L2) / (radius**2 + rho**2 + z**2)
-        return cls(J0, J1, L1, L2, difference)
-
-
-def _gradient(
-    ring: _Ring, rho: FloatArray, z: FloatArray, radius: float, outwards: FloatArray, axis: FloatArray
-) -> FloatArray:
-    """Return the gradient from its components ∂B_ρ/∂ρ, B_ρ/ρ and ∂B_ρ/∂z; trace and curl give the others."""
-    along_rho = 3 * z * (radius * ring.L2 - rho * ring.L1)
-    around = 3 * radius * z * ring.difference
-    along_z = ring.J1 - 3 * z**2 * ring.L1
-    outwards_row, axis_row = np.swapaxes(outwards, -1, -2), np.swapaxes(axis, -1, -2)
-    outside = outwards @ outwards_row
-    return (
-        (along_rho - around) * outside
-        + around * np.eye(3)
-        - (along_rho + 2 * around) * axis @ axis_row
-        + along_z * (outwards @ axis_row + axis @ outwards_row)
-    )
+    far, near = (radius + rho) ** 2 + z**2, (radius - rho) ** 2 + z**2
+    m, rest = 4 * radius * rho / far, near / far
+    k, e = ellipkm1(rest), ellipe(m)
+    # (K - E)/m - C, with C the complete integral of sin² cos² over (1 - m sin²)^(3/2)
+    part = np.pi * (hyp2f1(0.5, 1.5, 2, m) / 4 - hyp2f1(1.5, 1.5, 3, m) / 16)
+    j0 = 2 * e / (np.sqrt(far) * near)
+    j1 = 2 * m * part / (np.sqrt(far) * near)
+    difference = 8 * part / (3 * far**1.5 * near)
+    l2 = 2 / (3 * far**2.5 * rest) * (2 * (2 - m) * e / rest - k) - difference
+    l1 = (j1 + 2 * radius * rho * l2) / (radius**2 + rho**2 + z**2)
+    return j0, j1, l1, l2, difference
 
 
 def _cross(vector: FloatArray) -> FloatArray:

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.mounting import matrices_of
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, from_degrees
-from tam_calibration.sources.demodulation import background_of, demodulate
+from tam_calibration.sources.demodulation import Stretch, demodulate
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,42 +21,20 @@ class Poses:
         Quaternions x, y, z, w that turn vectors of the array frame into the world's.
     position_m : (N, 3) array
         Of the array's centre in the world, metres.
-    attitude_noise : float
-        Standard deviation of the attitude's error about each axis, radians; it is common to all sensors of a pose and
-        turns the whole field.
-
-    Raises
-    ------
-    InputError
-        When a shape is wrong or a value is not finite.
     """
 
     attitude: FloatArray
     position_m: FloatArray
-    attitude_noise: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Check shapes and values."""
-        count = len(self.attitude)
-        if np.shape(self.attitude) != (count, 4) or np.shape(self.position_m) != (count, 3):
-            raise InputError(
-                "poses need N quaternions x, y, z, w and N positions x, y, z, not the shapes "
-                f"{np.shape(self.attitude)} and {np.shape(self.position_m)}"
-            )
-        if not (np.isfinite(self.attitude).all() and np.isfinite(self.position_m).all()):
-            raise InputError("a pose is not finite: leave out the samples without attitude or position")
 
     @classmethod
     def headings(cls, attitude: FloatArray) -> "Poses":
         """Return the poses of an array that was turned about its centre, which is the origin of the world."""
-        return cls(np.asarray(attitude, dtype=float), np.zeros((len(attitude), 3)))
+        return cls(attitude, np.zeros((len(attitude), 3)))
 
     @property
     def matrix(self) -> FloatArray:
         """(N, 3, 3) rotations from the array frame to the world."""
-        from scipy.spatial.transform import Rotation
-
-        return np.asarray(Rotation.from_quat(self.attitude).as_matrix())
+        return matrices_of(self.attitude)
 
 
 _STILL = from_degrees(0.2)
@@ -70,8 +49,6 @@ class PoseAmplitudes:
 
     Parameters
     ----------
-    time_s : (N,) array
-        Middles of the poses, seconds.
     poses : Poses
         Of the array, its centre at the origin of the world.
     amplitudes_T : (N, K, 3) array
@@ -80,7 +57,6 @@ class PoseAmplitudes:
         Their standard errors.
     """
 
-    time_s: FloatArray
     poses: Poses
     amplitudes_T: FloatArray
     noise_T: FloatArray
@@ -111,11 +87,13 @@ def amplitudes_of(recording: Recording, frequency_hz: float) -> PoseAmplitudes:
             f"the array stood still nowhere for {FEWEST_PERIODS / frequency_hz:g} s, {FEWEST_PERIODS:g} periods of the "
             f"source at {frequency_hz:g} Hz: let it rest in each heading"
         )
-    found = [_demodulate(recording.take(part), frequency_hz) for part in stretches]
     middles = [(part.start + part.stop) // 2 for part in stretches]
-    amplitudes, noise = (np.array(values) for values in zip(*found, strict=True))
-    poses = Poses.headings(recording.attitude[middles])
-    return PoseAmplitudes(recording.time_s[middles], poses, amplitudes, noise)
+    found = [demodulate(Stretch.of(recording.take(part)), frequency_hz) for part in stretches]
+    amplitudes, noise = (
+        np.array(values).reshape(len(found), -1, 3)
+        for values in ([each.amplitude for each in found], [each.standard_errors for each in found])
+    )
+    return PoseAmplitudes(Poses.headings(recording.attitude[middles]), amplitudes, noise)
 
 
 def poses_of(recording: Recording, frequency_hz: float) -> list[slice]:
@@ -143,10 +121,3 @@ def _still(attitude: FloatArray) -> list[slice]:
         stretches.append(slice(start, start + length))
         start += length
     return stretches
-
-
-def _demodulate(pose: Recording, frequency_hz: float) -> tuple[FloatArray, FloatArray]:
-    shape = (pose.sensor_count, 3)
-    channels = pose.readings_T.reshape(pose.sample_count, -1)
-    found = demodulate(pose.time_s, channels, frequency_hz, background_of(pose.time_s))
-    return found.amplitude.reshape(shape), found.standard_errors.reshape(shape)

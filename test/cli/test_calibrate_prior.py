@@ -16,7 +16,7 @@ from tam_calibration.recordings import read_recording, write_array
 from tam_calibration.results import read_calibration, write_calibration, write_recording
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.attitude import Manoeuvre
-from tam_calibration.simulation.instruments import AttitudeChannel
+from tam_calibration.simulation.surroundings import AttitudeChannel
 
 PIER_S = 1.7e9
 

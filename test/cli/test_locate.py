@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from tam_calibration.cli.main import main
 from tam_calibration.fit import calibrate
 from tam_calibration.localization.one_source import locate_run
-from tam_calibration.localization.turned_samples import regional_of
+from tam_calibration.localization.turned_samples import Samples, regional_of
 from tam_calibration.model.recording import Recording
 from tam_calibration.results import read_calibration, write_calibration, write_recording
 from tam_calibration.sources.dipole import Dipole
@@ -127,7 +127,9 @@ def test_each_sample_of_a_pass_counts_from_the_array(folder, passing):
     calibration = read_calibration(folder / "c.yaml")
     outputs = calibration.correct(passing).outputs
     prior = regional_of(outputs, passing.attitude, np.pi / 180e3)
-    offline, regional = locate_run(outputs, calibration.array, calibration.output_covariance, passing.attitude, prior)
+    offline, regional = locate_run(
+        Samples(outputs, calibration.array, calibration.output_covariance, passing.attitude), prior
+    )
     assert_allclose(found["regional_field_T"], regional.field_T, rtol=1e-6)
     assert np.abs(regional.field_T - EARTH_T).max() < np.abs(prior.field_T - EARTH_T).max()
     assert [sample["status"] == "located" for sample in found["samples"]] == offline.is_located.tolist()

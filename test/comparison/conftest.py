@@ -19,7 +19,7 @@ def run():
     Of a seed, a drift of one sensor with temperature [nT/K], noise of so many times that of the sheet, and the sensor.
     """
     from tam_calibration import read_scenario, simulate
-    from tam_calibration.simulation.instruments import AttitudeChannel, Temperature
+    from tam_calibration.simulation.surroundings import AttitudeChannel, Temperature
 
     scenario = replace(
         read_scenario("tumble_100_hz"),

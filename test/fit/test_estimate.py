@@ -15,7 +15,7 @@ from tam_calibration.fit.scale import normalize
 from tam_calibration.model.array import Array
 from tam_calibration.model.residuals import residual_series
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.instruments import AttitudeChannel
+from tam_calibration.simulation.surroundings import AttitudeChannel
 
 
 @pytest.fixture(params=[1, 3], ids=["every scalar", "every third scalar"])

@@ -20,7 +20,7 @@ from tam_calibration.model.fitted_effect import SCALAR, Contribution, FittedEffe
 from tam_calibration.model.units import from_degrees
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.attitude import Manoeuvre
-from tam_calibration.simulation.instruments import AttitudeChannel
+from tam_calibration.simulation.surroundings import AttitudeChannel
 
 PIER_S = 1.7e9
 

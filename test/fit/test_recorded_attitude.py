@@ -23,7 +23,7 @@ from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import from_degrees
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.attitude import Manoeuvre, Tumble
-from tam_calibration.simulation.instruments import AttitudeChannel, ScalarReference
+from tam_calibration.simulation.surroundings import AttitudeChannel, ScalarReference
 from tam_validation.papers import chi2017
 
 SHAPE = np.array([[120, -80, 60], [-80, -200, 90], [60, 90, 80]])

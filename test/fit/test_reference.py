@@ -10,8 +10,7 @@ from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.reference import interpolate, is_worth_interpolating
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.attitude import Tumble
-from tam_calibration.simulation.instruments import ScalarReference
-from tam_calibration.simulation.sources import SinusoidDrift
+from tam_calibration.simulation.surroundings import ScalarReference, SinusoidDrift
 
 
 def interpolated(time, scalar, noise):

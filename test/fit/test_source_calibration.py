@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.source_calibration import SourceCalibration, calibrate_by_source, complete
-from tam_calibration.localization.euler import locate_with_baselines
+from tam_calibration.localization.source_fit import locate_with_baselines
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording

@@ -12,7 +12,7 @@ from tam_calibration.gap.search import search
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.instruments import Temperature
+from tam_calibration.simulation.surroundings import Temperature
 
 PLAN = replace(read_scenario("warming_up"), effects=(), temperature=None, sample_count=500, rate_hz=2.5)
 

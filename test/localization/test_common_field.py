@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 from tam_calibration.localization.one_source import locate_run, regional_beside_current
 from tam_calibration.localization.turned_samples import (
     Regional,
+    Samples,
     locate_samples,
     regional_of,
     turned,
@@ -37,8 +38,9 @@ def passed(seed, places_m=(0.0,), gradient_T_per_m=0.0):
 def located(outputs):
     """Return the regional field beside a current, and the samples with it."""
     attitude = SWAY.as_quat()
-    regional = regional_beside_current(outputs, ARRAY, NOISE, attitude, regional_of(outputs, attitude))
-    own = locate_samples(outputs, ARRAY, NOISE, index=1, regional=regional, attitude=attitude)
+    samples = Samples(outputs, ARRAY, NOISE, attitude, 1)
+    regional = regional_beside_current(samples, regional_of(outputs, attitude))
+    own = locate_samples(samples, regional)
     return regional, turned(own, attitude)
 
 
@@ -65,7 +67,7 @@ def test_what_is_no_single_current_in_a_uniform_field_is_refused(places, gradien
     """A gradient of the regional field, and a second current."""
     outputs, attitude = passed(3, places, gradient), SWAY.as_quat()
     with pytest.raises(Refused, match=r"line of current (at rest )?beside a uniform regional field|too few to tell"):
-        locate_run(outputs, ARRAY, NOISE, attitude, regional_of(outputs, attitude), 1)
+        locate_run(Samples(outputs, ARRAY, NOISE, attitude, 1), regional_of(outputs, attitude))
 
 
 def test_a_run_without_a_current_is_refused():
@@ -73,4 +75,4 @@ def test_a_run_without_a_current_is_refused():
     outputs, attitude = passed(4, ()), SWAY.as_quat()
     prior = Regional(EARTH_T, covariance_T2=1e-16 * np.eye(3))
     with pytest.raises(Refused, match="none can be located"):
-        regional_beside_current(outputs, ARRAY, NOISE, attitude, prior)
+        regional_beside_current(Samples(outputs, ARRAY, NOISE, attitude, 1), prior)

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from tam_calibration.localization.field_map import field_map, require_area
-from tam_calibration.localization.targets import SurveyLine
+from tam_calibration.localization.targets import SurveyLine, field_map, require_area
 from tam_calibration.model.exceptions import InputError
 
 

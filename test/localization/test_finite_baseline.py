@@ -6,8 +6,9 @@ from numpy.linalg import norm
 from numpy.testing import assert_allclose
 
 from tam_calibration.localization import solutions
-from tam_calibration.localization.euler import locate, locate_with_baselines, whitening_of
+from tam_calibration.localization.euler import locate
 from tam_calibration.localization.solutions import Status
+from tam_calibration.localization.source_fit import locate_with_baselines, whitening_of
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.sources.dipole import dipole_field

@@ -6,8 +6,9 @@ from numpy.linalg import norm
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.localization.euler import locate, locate_with_baselines
+from tam_calibration.localization.euler import locate
 from tam_calibration.localization.line_fit import _field, _nearest
+from tam_calibration.localization.source_fit import locate_with_baselines
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 

@@ -10,7 +10,7 @@ from tam_calibration.localization import one_source, shared_source
 from tam_calibration.localization.one_source import _is_apart, locate_run
 from tam_calibration.localization.shared_source import SharedSource
 from tam_calibration.localization.solutions import EulerSolutions, Status
-from tam_calibration.localization.turned_samples import Regional, locate_each, locate_samples, regional_of
+from tam_calibration.localization.turned_samples import Regional, Samples, locate_each, locate_samples, regional_of
 from tam_calibration.model.exceptions import Refused
 
 KNOWN = Regional(TRUE_T + 60e-9, covariance_T2=100e-9**2 * np.eye(3))
@@ -22,7 +22,7 @@ def located(sources, index=3, seed=1, known=None, attitude_noise=0.0, gradient_T
     """Return the samples of a run, and the field beside them."""
     outputs, attitude = passed(seed, sources, attitude_noise, gradient_T_per_m)
     prior = regional_of(outputs, attitude, attitude_noise) if known is None else known
-    return locate_run(outputs, ARRAY, NOISE, attitude, prior, index)
+    return locate_run(Samples(outputs, ARRAY, NOISE, attitude, index), prior)
 
 
 @pytest.mark.parametrize(("source", "index"), [(dipole(), 3), (line(1), 1), (line(2), 2)])
@@ -46,8 +46,8 @@ def test_the_samples_tell_the_field_beside_their_source(source, index):
 def test_more_samples_are_located_beside_the_field_that_is_found():
     """Than beside a field that is known to 100 nT."""
     outputs, attitude = passed(1, [line(2)])
-    before = locate_samples(outputs, ARRAY, NOISE, index=2, regional=KNOWN, attitude=attitude)
-    world, _ = locate_run(outputs, ARRAY, NOISE, attitude, KNOWN, 2)
+    before = locate_samples(Samples(outputs, ARRAY, NOISE, attitude, 2), KNOWN)
+    world, _ = locate_run(Samples(outputs, ARRAY, NOISE, attitude, 2), KNOWN)
     assert world.is_located.sum() > before.is_located.sum() + 10
 
 
@@ -93,7 +93,7 @@ def test_few_samples_tell_no_source_from_several():
     outputs, attitude = passed(5, [dipole()])
     for count, is_told in ((10, True), (9, False)):
         near = slice(30 - count // 2, 30 - count // 2 + count)
-        run = (outputs[near], ARRAY, NOISE, attitude[near], Regional(TRUE_T))
+        run = (Samples(outputs[near], ARRAY, NOISE, attitude[near]), Regional(TRUE_T))
         if is_told:
             assert locate_run(*run)[0].is_located.all()
             continue
@@ -145,8 +145,8 @@ def test_a_field_that_does_not_settle_is_refused(monkeypatch):
 def test_a_sample_with_another_solution_is_refused_in_its_run(monkeypatch):
     """Its place is six standard errors from where all samples have it; the others stay what they are."""
 
-    def elsewhere(*given, **named):
-        found = locate_each(*given, **named)
+    def elsewhere(*given):
+        found = locate_each(*given)
         found.position_m[30] += 6 * np.sqrt(np.diag(found.position_covariance_m2[30]))
         return found
 
@@ -160,16 +160,18 @@ def test_a_sample_with_another_solution_is_refused_in_its_run(monkeypatch):
 def test_what_is_known_of_the_field_counts_as_much_as_it_is_certain():
     """Known to a tenth of what the samples tell, it stays where it is stated, within that."""
     outputs, attitude = passed(1, [dipole()])
-    _, told = locate_run(outputs, ARRAY, NOISE, attitude, NEAR)
+    _, told = locate_run(Samples(outputs, ARRAY, NOISE, attitude), NEAR)
     error = 0.1 * np.sqrt(np.diag(told.covariance_T2))
     stated = told.field_T + 10 * error
-    _, found = locate_run(outputs, ARRAY, NOISE, attitude, Regional(stated, covariance_T2=np.diag(error**2)))
+    _, found = locate_run(Samples(outputs, ARRAY, NOISE, attitude), Regional(stated, covariance_T2=np.diag(error**2)))
     assert (np.abs(found.field_T - stated) < 2 * error).all()
 
 
 def test_a_long_run_of_one_dipole_is_one():
     """Thousands of samples have errors of second order alike, which all of them together would see."""
     outputs, attitude = passed(1, [dipole()], path_and_sway=course(6000, 30.0))
-    world, regional = locate_run(outputs, ARRAY, NOISE, attitude, Regional(TRUE_T, covariance_T2=1e-20 * np.eye(3)))
+    world, regional = locate_run(
+        Samples(outputs, ARRAY, NOISE, attitude), Regional(TRUE_T, covariance_T2=1e-20 * np.eye(3))
+    )
     assert world.is_located.sum() > 2000
     assert np.abs((regional.field_T - TRUE_T) / np.sqrt(np.diag(regional.covariance_T2))).max() < 4

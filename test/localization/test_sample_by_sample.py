@@ -9,6 +9,7 @@ from scipy.stats import chi2
 from tam_calibration.localization.solutions import EulerSolutions, Status
 from tam_calibration.localization.turned_samples import (
     Regional,
+    Samples,
     locate_samples,
     regional_of,
     turned,
@@ -38,7 +39,7 @@ def seen(count, earth_T=EARTH_T, noise_T=0.0, strength=1.0):
 def test_the_dipole_is_found_in_the_world():
     """Less the regional field every sample gives the same place and moment along the world's axes."""
     attitude, outputs = seen(20)
-    own = locate_samples(outputs, ARRAY, COVARIANCE, regional=Regional(EARTH_T), attitude=attitude)
+    own = locate_samples(Samples(outputs, ARRAY, COVARIANCE, attitude), Regional(EARTH_T))
     world = turned(own, attitude)
     assert world.is_located.all()
     assert_allclose(world.position_m, np.tile(DIPOLE.position_m, (20, 1)), rtol=1e-7)
@@ -53,8 +54,8 @@ def test_a_sample_does_not_depend_on_its_neighbours(index):
     attitude, outputs = seen(60, noise_T=1e-10)
 
     def locate(part):
-        settings = {"index": index, "regional": Regional(EARTH_T, 1e-5), "attitude": attitude[part]}
-        return turned(locate_samples(outputs[part], ARRAY, COVARIANCE, **settings), attitude[part])
+        samples = Samples(outputs[part], ARRAY, COVARIANCE, attitude[part], index)
+        return turned(locate_samples(samples, Regional(EARTH_T, 1e-5)), attitude[part])
 
     together = locate(slice(None))
     for index_of_sample in range(0, 60, 6):
@@ -68,7 +69,7 @@ def test_errors_of_the_attitude_are_in_the_covariance():
     noise, (attitude, outputs) = 1e-4, seen(2000, noise_T=1e-10)
     errors = Rotation.from_rotvec(noise * np.random.default_rng(8).normal(size=(2000, 3)))
     measured = (Rotation.from_quat(attitude) * errors).as_quat()
-    own = locate_samples(outputs, ARRAY, COVARIANCE, regional=Regional(EARTH_T, noise), attitude=measured)
+    own = locate_samples(Samples(outputs, ARRAY, COVARIANCE, measured), Regional(EARTH_T, noise))
     off = own.position_m - Rotation.from_quat(attitude).inv().apply(DIPOLE.position_m)
     chi_square = np.einsum("ni,nij,nj->n", off, np.linalg.inv(own.position_covariance_m2), off)
     assert np.mean(chi_square) == pytest.approx(3, abs=4 * np.sqrt(6 / 2000))
@@ -81,7 +82,7 @@ def test_large_errors_of_the_attitude_are_in_the_covariance():
     errors = Rotation.from_rotvec(noise * np.random.default_rng(9).normal(size=(count, 3)))
     measured = (Rotation.from_quat(attitude) * errors).as_quat()
     covariance = ARRAY.operator @ ARRAY.operator.T * 0.03e-9**2
-    own = locate_samples(outputs, ARRAY, covariance, regional=Regional(EARTH_T, noise), attitude=measured)
+    own = locate_samples(Samples(outputs, ARRAY, covariance, measured), Regional(EARTH_T, noise))
     located = own.is_located
     assert located.mean() > 0.5
     off = own.position_m - Rotation.from_quat(attitude).inv().apply(DIPOLE.position_m)
@@ -97,9 +98,7 @@ def test_the_regional_field_s_covariance_is_in_that_of_the_samples():
     found, chi_square = Rotation.from_quat(attitude).inv().apply(DIPOLE.position_m), []
     for field_T in np.random.default_rng(10).multivariate_normal(EARTH_T, spread, 60, tol=1e-20):
         part = slice(len(chi_square), len(chi_square) + 5)
-        own = locate_samples(
-            outputs[part], ARRAY, COVARIANCE, regional=Regional(field_T, 0.0, spread), attitude=attitude[part]
-        )
+        own = locate_samples(Samples(outputs[part], ARRAY, COVARIANCE, attitude[part]), Regional(field_T, 0.0, spread))
         assert own.is_located.all()
         off = own.position_m - found[part]
         chi_square.extend(np.einsum("ni,nij,nj->n", off, np.linalg.inv(own.position_covariance_m2), off))
@@ -110,10 +109,10 @@ def test_unknown_attitude_is_the_reason():
     """A sample without attitude is refused for that, the others are not touched."""
     attitude, outputs = seen(3)
     attitude[1] = np.nan
-    own = locate_samples(outputs, ARRAY, COVARIANCE, regional=Regional(EARTH_T), attitude=attitude)
+    own = locate_samples(Samples(outputs, ARRAY, COVARIANCE, attitude), Regional(EARTH_T))
     assert turned(own, attitude).status.tolist() == own.status.tolist() == [0, Status.NO_ATTITUDE, 0]
     with pytest.raises(InputError, match="without an attitude"):
-        locate_samples(outputs, ARRAY, COVARIANCE, regional=Regional(EARTH_T))
+        locate_samples(Samples(outputs, ARRAY, COVARIANCE), Regional(EARTH_T))
 
 
 def test_regional_field_is_what_most_samples_have():

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from passed_runs import ARRAY, NOISE, PATH_M, TRUE_T, dipole, line, passed
 
 from tam_calibration.localization.shared_source import fit_shared
-from tam_calibration.localization.turned_samples import Regional, locate_samples, turned
+from tam_calibration.localization.turned_samples import Regional, Samples, locate_samples, turned
 
 SPREAD_T2 = 25e-18 * np.array([[2.0, 0.5, 0.0], [0.5, 1.0, -0.3], [0.0, -0.3, 1.5]])
 
@@ -15,10 +15,11 @@ def shared_of(seed, source, index, attitude_noise=0.0, field_T=TRUE_T, spread_T2
     """Return what is shared by the samples that are located beside a field that is off as much as is stated."""
     outputs, attitude = passed(seed, [source], attitude_noise)
     prior = Regional(field_T, attitude_noise, spread_T2)
-    own = locate_samples(outputs, ARRAY, NOISE, index=index, regional=prior, attitude=attitude)
+    samples = Samples(outputs, ARRAY, NOISE, attitude, index)
+    own = locate_samples(samples, prior)
     world = turned(own, attitude, attitude_noise)
     at = np.flatnonzero(world.is_located)
-    return at, fit_shared(outputs[at], ARRAY, NOISE, attitude[at], world.take(at), prior, prior, index)
+    return at, fit_shared(samples.take(at), world.take(at), prior, prior)
 
 
 @pytest.mark.parametrize(("source", "index", "noise"), [(dipole(), 3, 0.0), (dipole(8.0), 3, 2e-4), (line(2), 2, 0.0)])

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.localization.stretch import Stretch, frequency_of, require_one_phase
+from tam_calibration.localization.stretch import estimator_of, frequency_of, require_one_phase
 from tam_calibration.model.exceptions import Refused
-from tam_calibration.sources.demodulation import background_of, turning_of
+from tam_calibration.sources.demodulation import Stretch, background_of, demodulate, turning_of
 
 TIME_S = np.arange(800) / 100
 SIZES = np.array([3.0, -1.0, 0.5, 2.0])
@@ -52,27 +52,27 @@ def test_noise_has_no_frequency():
 
 def test_one_phase_is_one_source():
     """All channels together, in several stretches of other phases."""
-    require_one_phase([stretch(phases=phase).demodulated(10.0) for phase in (0.0, 1.0)])
+    require_one_phase([demodulate(stretch(phases=phase), 10.0) for phase in (0.0, 1.0)])
 
 
 def test_two_phases_are_two_sources():
     """A channel that is 0.1 rad behind the others is refused; 0.1 mrad of the clocks is not, whatever the noise."""
     with pytest.raises(Refused, match="there are two sources, or the sensors' clocks differ"):
-        require_one_phase([stretch(phases=np.array([0, 0, 0, 0.1])).demodulated(10.0)])
-    require_one_phase([stretch(phases=np.array([0, 0, 0, 1e-4]), noise=1e-7).demodulated(10.0)])
+        require_one_phase([demodulate(stretch(phases=np.array([0, 0, 0, 0.1])), 10.0)])
+    require_one_phase([demodulate(stretch(phases=np.array([0, 0, 0, 1e-4]), noise=1e-7), 10.0)])
 
 
 def test_the_estimator_makes_the_amplitudes_that_turn():
     """Field and gradient that rest in the world, as demodulation finds them, with the covariance of their noise."""
     turns = Rotation.from_euler("zyx", 0.4 * np.sin(np.outer(TIME_S, [1.1, 1.7, 2.3])))
-    turning, background = turning_of(turns.as_quat(), 8), background_of(TIME_S, turns.as_quat())
+    turning, background = turning_of(turns.as_quat()), background_of(TIME_S, turns.as_quat())
     truth = np.array([1.0, -2, 3, 0.5, 1, -1, 2, 0.3])
     swing = np.sin(2 * np.pi * 10 * TIME_S)[:, None]
     found = []
     for seed in range(30):
         noise = 0.1 * np.random.default_rng(seed).normal(size=(800, 8))
         own = Stretch(TIME_S, swing * (turning @ truth) + noise, background, turning)
-        estimator, covariance = own.estimator(own.demodulated(10.0))
+        _, estimator, covariance = estimator_of(own, demodulate(own, 10.0))
         found.append(np.einsum("onp,np->o", estimator, own.channels))
     pulls = (np.array(found) - truth) / np.sqrt(np.diag(covariance))
     assert np.sqrt(np.mean(pulls**2)) == pytest.approx(1, abs=0.15)

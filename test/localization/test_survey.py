@@ -8,8 +8,8 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.localization import alternating
 from tam_calibration.localization.alternating import locate_alternating
 from tam_calibration.localization.euler import DIPOLE_INDEX
+from tam_calibration.localization.locate import locate_steady
 from tam_calibration.localization.solutions import EulerSolutions, Status
-from tam_calibration.localization.steady import locate_steady
 from tam_calibration.localization.survey import WORLD_FRAME, Survey, standard_errors
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused

@@ -193,7 +193,7 @@ def test_derivatives_are_those_of_the_residuals(cross, true_errors):
     """To a thousandth, where data see the unknown: beside a strong dipole, larger errors of them stop a fit early."""
     window = window_of(passed(cross, true_errors, white=0.1, attitude=0.1), cross, true_errors)
     unknowns = np.concatenate([np.column_stack([PLACES_M, MOMENTS_AM2]).ravel(), window.start()])
-    unknowns[18 : -len(window.start()) + window.parts[1].stop] = 0.5
+    unknowns[18 : 18 + window.unit_count] = 0.5
     slopes = window.linearized(unknowns)[1]
     sizes = norm(slopes, axis=(0, 1))
     for number in np.flatnonzero(sizes > 3.0):

@@ -5,7 +5,7 @@ import pytest
 from numpy.linalg import norm
 
 from tam_calibration.localization.solutions import Status
-from tam_calibration.localization.turned_samples import Regional, locate_samples
+from tam_calibration.localization.turned_samples import Regional, Samples, locate_samples
 from tam_calibration.model.array import Array
 from tam_calibration.sources.dipole import dipole_field
 
@@ -30,7 +30,7 @@ def near():
     regional = Regional(EARTH_T, covariance_T2=ERROR_T**2 * np.eye(3))
     attitude = np.tile([0.0, 0.0, 0.0, 1.0], (COUNT, 1))
     outputs = fields.reshape(COUNT, -1) @ ARRAY.operator.T
-    return places, locate_samples(outputs, ARRAY, COVARIANCE, regional=regional, attitude=attitude)
+    return places, locate_samples(Samples(outputs, ARRAY, COVARIANCE, attitude), regional)
 
 
 def pulls_of(near):
@@ -68,5 +68,5 @@ def test_a_strong_dipole_needs_one_start():
     outputs = (field + EARTH_T).reshape(1, -1) @ ARRAY.operator.T
     error = norm(dipole_field(-place, moment)[0]) / 60
     regional = Regional(EARTH_T, covariance_T2=error**2 * np.eye(3))
-    found = locate_samples(outputs, ARRAY, COVARIANCE, regional=regional, attitude=np.array([[0.0, 0.0, 0.0, 1.0]]))
+    found = locate_samples(Samples(outputs, ARRAY, COVARIANCE, np.array([[0.0, 0.0, 0.0, 1.0]])), regional)
     np.testing.assert_allclose(found.position_m, place, rtol=1e-6)

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from tam_calibration.correction.partial import PartialCorrection
 from tam_calibration.fit import calibrate
 from tam_calibration.localization.solutions import Status, pose_rows
-from tam_calibration.localization.turned_samples import locate_samples, regional_of, turned
+from tam_calibration.localization.turned_samples import Samples, locate_samples, regional_of, turned
 from tam_calibration.messages.point_cloud import FIELD_GRADIENT_COLUMNS, SOURCE_COLUMNS, SampleLayout
 from tam_calibration.results import read_calibration, write_calibration
 
@@ -125,11 +125,8 @@ def test_each_sample_is_located_as_offline(bench, passing, outputs, calibration_
     assert (rows[:FIRST, STATUS] == Status.NO_REGIONAL).all()
     offline = turned(
         locate_samples(
-            outputs[FIRST:, :9],
-            calibration.array,
-            calibration.output_covariance,
-            regional=regional,
-            attitude=passing.attitude[FIRST:],
+            Samples(outputs[FIRST:, :9], calibration.array, calibration.output_covariance, passing.attitude[FIRST:]),
+            regional,
         ),
         passing.attitude[FIRST:],
         settings["attitude_noise_rad"],
@@ -166,7 +163,7 @@ def test_source_alone_needs_no_attitude(bench, passing, outputs, calibration_fil
     source[10, 4] = np.nan
     rows = feed.play(passing.take(slice(0, 50)), source)
     calibration = read_calibration(calibration_file)
-    offline = locate_samples(source[:, :9], calibration.array, calibration.output_covariance, index=2.0)
+    offline = locate_samples(Samples(source[:, :9], calibration.array, calibration.output_covariance, index=2.0))
     assert_allclose(rows, rows_of(offline), rtol=1e-12)
     assert rows[10, STATUS] == Status.NOT_FINITE
 
@@ -182,7 +179,7 @@ def test_samples_that_lack_sensors_have_the_covariance_of_the_others(bench, pass
     source[20:, 9:] = partial.without(10).standard_errors
     source[20:, 6:9] = np.nan
     rows = feed.play(passing.take(slice(0, 40)), source)
-    offline = locate_samples(source[:20, :9], calibration.array, partial.without(8).covariance)
+    offline = locate_samples(Samples(source[:20, :9], calibration.array, partial.without(8).covariance))
     assert_allclose(rows[:20], rows_of(offline), rtol=1e-9)
     assert (rows[20:, STATUS] == Status.NOT_FINITE).all()
     _, figures = bench.health("localizer", lambda _, figures: figures["received"] == "40", "all are counted")

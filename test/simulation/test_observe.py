@@ -15,8 +15,14 @@ from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import Scenario, simulate
 from tam_calibration.simulation.attitude import RandomAttitudes, Tumble
-from tam_calibration.simulation.instruments import AttitudeChannel, Current, ScalarReference, Temperature
-from tam_calibration.simulation.sources import SinusoidDrift, field_from_elements
+from tam_calibration.simulation.surroundings import (
+    AttitudeChannel,
+    Current,
+    ScalarReference,
+    SinusoidDrift,
+    Temperature,
+    field_from_elements,
+)
 from tam_calibration.sources.dipole import Dipole
 
 DRIFT = FittedEffect(

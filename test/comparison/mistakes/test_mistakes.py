@@ -15,8 +15,7 @@ from tam_calibration.model.sensor_errors import ORIENTATIONS, SensorErrors
 from tam_calibration.model.units import from_degrees
 from tam_calibration.simulation import Scenario, simulate
 from tam_calibration.simulation.attitude import Manoeuvre, RandomAttitudes, Tumble
-from tam_calibration.simulation.instruments import AttitudeChannel, ScalarReference
-from tam_calibration.simulation.sources import field_from_elements
+from tam_calibration.simulation.surroundings import AttitudeChannel, ScalarReference, field_from_elements
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.testing import assert_allclose
 
-from tam_calibration.localization.sliding_line import SlidingLine
+from tam_calibration.localization.line_data import SlidingLine
 
 LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.localization.target import Target
-from tam_calibration.localization.target_list import merged
+from tam_calibration.localization.target import Target, merged
 
 SPREAD = np.diag([0.04, 0.01, 0.09])
 

@@ -6,7 +6,7 @@ from numpy.linalg import norm
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.localization.steady import locate_steady
+from tam_calibration.localization.locate import locate_steady
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording

@@ -1,0 +1,254 @@
+"""What surrounds the tri-axial sensors: channels recorded with them, and the site's uniform field and its drift.
+
+Each channel has ``readings``, which takes the times or the true values and its numpy generator. Fields are in the
+world's east, north, up; a magnetic object is a ``sources.dipole.Dipole``.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.linalg import norm
+
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.units import FloatArray
+
+
+@dataclass(frozen=True)
+class ScalarReference:
+    """The scalar magnetometer at the array's centre.
+
+    Parameters
+    ----------
+    rate_hz : float, optional
+        Readings per second, at most the sensors' rate; None for one in every sample.
+    one_error_per_recording : bool
+        Whether the noise is one draw for the complete recording, as Wu 2025 Fig. 6 needs it, and not one per reading.
+    """
+
+    rate_hz: float | None = None
+    one_error_per_recording: bool = False
+
+    def readings(
+        self, time_s: FloatArray, intensity_T: FloatArray, noise_T: float, generator: np.random.Generator
+    ) -> FloatArray:
+        """Return the (N,) readings, tesla; NaN in samples without a reading.
+
+        Parameters
+        ----------
+        time_s : (N,) array
+            Times of the samples, seconds.
+        intensity_T : (N,) array
+            True intensity at each sample, tesla.
+        noise_T : float
+            Standard deviation of the noise, tesla.
+        generator : numpy.random.Generator
+            Draws the noise.
+        """
+        noise = generator.normal(0, noise_T, 1 if self.one_error_per_recording else len(time_s))
+        readings = intensity_T + noise
+        if self.rate_hz is not None:
+            due = np.floor((time_s - time_s[0]) * self.rate_hz + 1e-9)
+            readings[np.diff(due, prepend=-1) == 0] = np.nan
+        return readings
+
+
+@dataclass(frozen=True)
+class Temperature:
+    """A temperature that changes steadily.
+
+    Parameters
+    ----------
+    start_C, end_C : float
+        At the first and the last sample, degrees Celsius.
+    noise_C : float
+        Standard deviation of the reading.
+    """
+
+    start_C: float
+    end_C: float
+    noise_C: float = 0.0
+
+    def course(self, time_s: FloatArray) -> FloatArray:
+        """Return the (N,) true temperatures at times (N,), of which only the number counts."""
+        return np.linspace(self.start_C, self.end_C, len(time_s))
+
+    def readings(self, time_s: FloatArray, generator: np.random.Generator) -> FloatArray:
+        """Return the (N,) temperatures read at times (N,), degrees Celsius; the generator draws the noise."""
+        return self.course(time_s) + generator.normal(0, self.noise_C, len(time_s))
+
+
+@dataclass(frozen=True)
+class Current:
+    """A current that is switched on and off: low for half a period, then high; so may an actuator, in its own unit.
+
+    Parameters
+    ----------
+    low_A, high_A : float
+        The two levels, ampere.
+    period_s : float
+        Duration of both together.
+    noise_A : float
+        Standard deviation of the reading.
+    """
+
+    low_A: float
+    high_A: float
+    period_s: float
+    noise_A: float = 0.0
+
+    def course(self, time_s: FloatArray) -> FloatArray:
+        """Return the (N,) true currents at times (N,)."""
+        return np.where(time_s % self.period_s < self.period_s / 2, self.low_A, self.high_A)
+
+    def readings(self, time_s: FloatArray, generator: np.random.Generator) -> FloatArray:
+        """Return the (N,) currents read at times (N,), seconds, ampere; the generator draws the noise."""
+        return self.course(time_s) + generator.normal(0, self.noise_A, len(time_s))
+
+
+@dataclass(frozen=True)
+class AttitudeChannel:
+    """The attitude as a navigation system reports it.
+
+    Parameters
+    ----------
+    noise : float
+        Standard deviation of the error about each axis of the array, radians.
+    """
+
+    noise: float = 0.0
+
+    def readings(self, attitude: FloatArray, generator: np.random.Generator) -> FloatArray:
+        """Return the (N, 4) reported quaternions x, y, z, w.
+
+        Parameters
+        ----------
+        attitude : (N, 4) array
+            True quaternions x, y, z, w from the array frame to the world.
+        generator : numpy.random.Generator
+            Draws the errors.
+        """
+        from scipy.spatial.transform import Rotation
+
+        error = Rotation.from_rotvec(generator.normal(0, self.noise, (len(attitude), 3)))
+        return np.asarray((Rotation.from_quat(attitude) * error).as_quat())
+
+
+def field_from_elements(intensity_T: float, inclination: float, declination: float) -> FloatArray:
+    """Return the (3,) field east, north, up, tesla.
+
+    Parameters
+    ----------
+    intensity_T : float
+        Of the field, tesla.
+    inclination : float
+        Radians, positive downwards.
+    declination : float
+        Radians, positive to the east.
+    """
+    north = np.cos(inclination) * np.cos(declination)
+    east = np.cos(inclination) * np.sin(declination)
+    return intensity_T * np.array([east, north, -np.sin(inclination)])
+
+
+class Drift(Protocol):
+    """How the uniform field of the site changes with time."""
+
+    def variation_T(self, time_s: FloatArray, site_field_T: FloatArray) -> FloatArray:
+        """Return what is added to the field of the site, (N, 3) east, north, up, tesla.
+
+        Parameters
+        ----------
+        time_s : (N,) array
+            Times of the samples, seconds.
+        site_field_T : (3,) array
+            Uniform field of the site, east, north, up, tesla.
+        """
+
+
+@dataclass(frozen=True)
+class SinusoidDrift:
+    """An intensity that swings as a sinusoid about the site's.
+
+    Parameters
+    ----------
+    standard_deviation_T : float
+        Of the intensity over the samples, tesla.
+    period_s : float
+        Duration of one swing, seconds.
+    """
+
+    standard_deviation_T: float
+    period_s: float
+
+    def variation_T(self, time_s: FloatArray, site_field_T: FloatArray) -> FloatArray:
+        """Return what is added to the field of the site (3,) at times (N,), seconds, along it: (N, 3), tesla."""
+        return _along(site_field_T, np.sin(2 * np.pi * time_s / self.period_s), self.standard_deviation_T)
+
+
+@dataclass(frozen=True)
+class RampDrift:
+    """An intensity that rises steadily about the site's.
+
+    Parameters
+    ----------
+    standard_deviation_T : float
+        Of the intensity over the samples, tesla.
+    """
+
+    standard_deviation_T: float
+
+    def variation_T(self, time_s: FloatArray, site_field_T: FloatArray) -> FloatArray:
+        """Return what is added to the field of the site (3,) at times (N,), seconds, along it: (N, 3), tesla."""
+        return _along(site_field_T, time_s, self.standard_deviation_T)
+
+
+@dataclass(frozen=True, eq=False)
+class ObservedDrift:
+    """The variation that an observatory recorded about its mean, turned from its magnetic meridian into the site's.
+
+    Parameters
+    ----------
+    time_s : (M,) array
+        Times of the record, increasing; 0 is the start of the simulation.
+    field_T : (M, 3) array
+        Components to magnetic north, magnetic east and down, tesla; NaN where the record has a gap.
+    """
+
+    time_s: FloatArray
+    field_T: FloatArray
+
+    def variation_T(self, time_s: FloatArray, site_field_T: FloatArray) -> FloatArray:
+        """Return what is added to the field of the site, (N, 3) east, north, up, tesla.
+
+        Parameters
+        ----------
+        time_s : (N,) array
+            Times of the samples, seconds.
+        site_field_T : (3,) array
+            Uniform field of the site, east, north, up, tesla; its level part gives the magnetic meridian.
+
+        Raises
+        ------
+        InputError
+            When the record has a gap in the time of the simulation, or does not span it.
+        """
+        columns = [np.interp(time_s, self.time_s, column, left=np.nan, right=np.nan) for column in self.field_T.T]
+        north, east, down = np.array(columns) - np.mean(columns, axis=1, keepdims=True)
+        if not np.isfinite(north + east + down).all():
+            span = time_s[-1] - time_s[0]
+            raise InputError(
+                f"the observatory's record has a gap within the {span:.0f} s of the simulation, or does not span them: "
+                "choose another start or fewer samples"
+            )
+        meridian = np.arctan2(site_field_T[0], site_field_T[1])
+        cosine, sine = np.cos(meridian), np.sin(meridian)
+        return np.stack([north * sine + east * cosine, north * cosine - east * sine, -down], axis=1)
+
+
+def _along(site_field_T: FloatArray, shape: FloatArray, standard_deviation_T: float) -> FloatArray:
+    """Return the (N, 3) variation along the site field that has the shape (N,) and exactly the standard deviation."""
+    if np.ptp(shape) == 0:
+        raise InputError("one sample cannot drift: ask for more samples or for no drift")
+    intensity = standard_deviation_T * (shape - shape.mean()) / shape.std()
+    return np.outer(intensity, site_field_T / norm(site_field_T))
