@@ -120,9 +120,12 @@ class Match:
 
     def values(self, is_sample: BoolArray) -> FloatArray:
         """Return the values that join the samples; NaN where there are none."""
-        values = np.full((int(is_sample.sum()), self.queue.values.shape[1]), np.nan)
         found = self.found[is_sample]
-        values[found] = self.queue.values[self._index[is_sample & self.found]]
+        if found.any():
+            values = self.queue.values[self._index[is_sample]]
+            values[~found] = np.nan
+        else:
+            values = np.full((len(found), self.queue.values.shape[1]), np.nan)
         if self.told.any():
             values[~found] = self._told_values[is_sample[~self.found]]
         return values

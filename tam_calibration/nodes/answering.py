@@ -59,18 +59,13 @@ class Work:
             self._name, self._done = "", math.nan
         answer(result)
         del result
-        _give_back_memory()
+        gc.collect()
+        if sys.platform == "linux":  # else the allocator keeps it
+            ctypes.CDLL(None).malloc_trim(0)
 
     def progress(self, done: float) -> None:
         """Note how far the action is: from 0 to 1."""
         self._done = done
-
-
-def _give_back_memory() -> None:
-    """Return to the system what the allocator keeps."""
-    gc.collect()
-    if sys.platform == "linux":
-        ctypes.CDLL(None).malloc_trim(0)
 
 
 _SERVICE = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
@@ -109,7 +104,12 @@ class AnsweringNode(ListeningNode):
         work : Work, optional
             Does the action if it takes long; other callers are told at once that it is busy.
         """
-        service = self.create_service(Trigger, f"~/{name}", _unused, qos_profile=_SERVICE)
+        service = self.create_service(
+            Trigger,
+            f"~/{name}",
+            lambda _, response: response,
+            qos_profile=_SERVICE,  # which no executor calls
+        )
         self._served[service] = name, action, work
 
     def _turn(self) -> None:
@@ -141,11 +141,6 @@ class AnsweringNode(ListeningNode):
             response.message, response.success = f"a defect of this software: {defect!r}", False
             self.get_logger().error(f"{response.message}\n{format_exc()}")
         return response
-
-
-def _unused(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-    """Stands for the callback of a service that no executor answers."""
-    return response
 
 
 def _next_call(service: Service) -> Any:

@@ -3,7 +3,7 @@
 import math
 import struct
 import time
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -30,8 +30,7 @@ from tam_calibration.model.limits import SHORTEST_ATTITUDE, largest_of
 from tam_calibration.model.units import to_nanotesla
 from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health, TamNode
 from tam_calibration.nodes.cloud import cloud_writer, make_cloud, to_stamp
-from tam_calibration.nodes.frames import FrameCheck
-from tam_calibration.nodes.inputs import Input, map_of_topics, own_map
+from tam_calibration.nodes.inputs import FrameCheck, Input, map_of_topics, own_map
 from tam_calibration.nodes.listening import RELIABLE_STREAM, STREAM, message_class
 from tam_calibration.nodes.markers import Shown, coverage_markers
 from tam_calibration.nodes.node_parameters import REAL_TIME, SHARED, Rule
@@ -77,14 +76,6 @@ RULES = (
 class Collector(TamNode):
     """Publishes `samples` of the sensors' topics; /diagnostics tells what is missing, lost or silent."""
 
-    _synchroniser: Synchroniser | None
-    _stamps: dict[str, StampFigures]
-    _lost: int
-    _steps: int
-    _lost_before: dict[str, int]
-    _bought_s: float
-    _bought: dict[str, float | None]
-
     def __init__(self) -> None:
         super().__init__("collector", RULES)
         sensor_count = self._array.sensor_count
@@ -106,7 +97,7 @@ class Collector(TamNode):
         self._writer = cloud_writer(self._layout.columns, self._frame_id)
         self._row = struct.Struct(f"<{len(self._layout.columns)}d")
         self._markers = Shown(self, MarkerArray, "coverage_markers", self._frame_id)
-        self._waiting: dict[str, dict[str, Pick]] = defaultdict(dict)
+        self._waiting = defaultdict[str, dict[str, Pick]](dict)
         for stream, pick in self._map.streams.items():
             self._waiting[pick.topic][stream] = pick
         self.create_steady_timer(_COVERAGE_PERIOD_S, self._show_coverage)
@@ -123,13 +114,15 @@ class Collector(TamNode):
             topics = ", ".join(self._topics_of_sensors())
             return Health(STALE, f"no message yet on {topics}: start the sensors' drivers or play a bag", process)
         self._count_lost(self._synchroniser)
-        silent = self._silent() if time.monotonic() < self._looked_s + _STOOD_STILL_S else []
-        self._looked_s = time.monotonic()
+        now_s = time.monotonic()
+        is_awake, self._looked_s = now_s < self._looked_s + _STOOD_STILL_S, now_s
+        limit_s = now_s - self.value("silence_s")
+        silent = [name for name in self._sensors if is_awake and self._heard_s[name] < limit_s]
         if len(silent) == len(self._sensors):
             self._deliver(self._synchroniser.flush())
         coverage = self._coverage.summary()
         level, message = self._judge(self._synchroniser, silent) or (OK, f"{coverage.advice}{self._look_at_bought()}")
-        if time.monotonic() < self._stepped_s + _TOLD_S:
+        if now_s < self._stepped_s + _TOLD_S:
             level, message = max(level, WARN), f"{message}; {self._step}"
         missing = {"missing_readings": "; ".join(self._missing.sentences())}
         lost = {"lost": self._lost, "steps": self._steps, "last_step": self._step}
@@ -203,10 +196,6 @@ class Collector(TamNode):
 
     def _topics_of_sensors(self) -> list[str]:
         return list(dict.fromkeys(pick.topic for pick in self._map.sensors))
-
-    def _silent(self) -> list[str]:
-        limit = time.monotonic() - self.value("silence_s")
-        return [name for name in self._sensors if self._heard_s[name] < limit]
 
     def mend_of_type(self, topic: str, published: str) -> str:
         """Return what mends an input that is published as another type: of the scalar, a parameter.
@@ -299,9 +288,8 @@ class Collector(TamNode):
         """Log the steps of the stamps, and keep them for /diagnostics; one ahead after losses is a gap."""
         self._count_lost(synchroniser)
         for step in synchroniser.steps:
-            all_lost = synchroniser.losses[step.stream].lost
-            lost = all_lost - self._lost_before.get(step.stream, 0)
-            self._lost_before[step.stream] = all_lost
+            lost = synchroniser.losses[step.stream].lost - self._lost_before[step.stream]
+            self._lost_before[step.stream] += lost
             if 0 < step.size_ns <= 2 * lost * self._stamps[step.stream].interval_ns:
                 gap_s = step.size_ns / 1e9
                 self._step = f"{lost} messages of {step.stream} were lost on the way, {gap_s:.3g} s: look at the load"
@@ -356,19 +344,20 @@ class Collector(TamNode):
 
     def _tell_usage(self) -> str:
         """Return how many of sensor 1's samples were used, and why not the others, as JSON."""
+        usage = Usage(0, 0)
         if self._synchroniser:
             self._count_lost(self._synchroniser)
-        usage = self._synchroniser.usage if self._synchroniser else Usage(0, 0)
+            usage = self._synchroniser.usage
         others = tuple(self._frames.problems.values())
         return replace(usage, missing=self._missing.sentences(), other_frames=others).to_json()
 
     def _start_over(self) -> None:
-        self._synchroniser = None
-        self._coverage, self._run, self._missing = LiveCoverage(), Run(), LiveMissing()
-        self._rates, self._bought_s, self._bought = AveragedRates(), -math.inf, {}
-        self._stamps = defaultdict(StampFigures)
-        self._lost, self._steps, self._step, self._stepped_s = 0, 0, "none", -math.inf
-        self._lost_before = {}
+        self._synchroniser: Synchroniser | None = None
+        self._coverage, self._run, self._missing, self._rates = LiveCoverage(), Run(), LiveMissing(), AveragedRates()
+        self._bought_s, self._bought = -math.inf, dict[str, float | None]()
+        self._stamps = defaultdict[str, StampFigures](StampFigures)
+        self._lost, self._lost_before = 0, Counter[str]()
+        self._steps, self._step, self._stepped_s = 0, "none", -math.inf
         for _, lost in self._losses:
             lost()  # before the new run
 

@@ -141,11 +141,9 @@ class Corrector(CalibratedNode):
     def _offer_outputs(self, frame_id: str) -> None:
         header = Header(frame_id=frame_id)
         self._center = self.offer(MagneticField, "center", RELIABLE_STREAM)
-        self._center_writer = MessageWriter.of(MagneticField(header=header), 12)
+        self._center_writer = MessageWriter(MagneticField(header=header), 12)
         self._gradient = self.offer(Float64MultiArray, "gradient", RELIABLE_STREAM)
-        self._gradient_writer = MessageWriter.of_unstamped(
-            Float64MultiArray(layout=_GRADIENT_LAYOUT, data=[0.0] * 9), 9
-        )
+        self._gradient_writer = MessageWriter(Float64MultiArray(layout=_GRADIENT_LAYOUT, data=[0.0] * 9), 9)
         self._field_gradient = self.offer(PointCloud2, "field_gradient", RELIABLE_STREAM)
         self._field_gradient_writer = cloud_writer(FIELD_GRADIENT_COLUMNS, frame_id)
         self._marker = Shown(self, Marker, "center_marker", frame_id)
