@@ -41,18 +41,6 @@ from tam_calibration.recordings.reading import TOLERANCE_S
 _SCALAR_TOPIC = CHANNEL_TOPICS["scalar"]
 _SCALAR_TYPES = ("sensor_msgs/MagneticField", "std_msgs/Float64")
 
-_STOOD_STILL_S = 2.0
-"""Time between two looks, of which there is one a second, from which this process stood still, not the sensors."""
-
-_TOLD_S = 30.0
-"""Time for which a step of the stamps is a warning."""
-
-_BOUGHT_PERIOD_S = 10.0
-"""Time between two looks at what the turn has bought, each of which takes a tenth of a second."""
-
-_COVERAGE_PERIOD_S = 1.0
-"""Time between markers of the coverage, as between the sentences on it in /diagnostics."""
-
 RULES = (
     *SHARED,
     Rule("scalar_type", "sensor_msgs/MagneticField", f"Message type of {_SCALAR_TOPIC}.", choices=_SCALAR_TYPES),
@@ -76,6 +64,8 @@ RULES = (
 class Collector(TamNode):
     """Publishes `samples` of the sensors' topics; /diagnostics tells what is missing, lost or silent."""
 
+    _synchroniser: Synchroniser | None
+
     def __init__(self) -> None:
         super().__init__("collector", RULES)
         sensor_count = self._array.sensor_count
@@ -87,6 +77,7 @@ class Collector(TamNode):
         self._sensors = [sensor_stream(sensor + 1) for sensor in range(sensor_count)]
         scalar_type, map_file = self.value("scalar_type"), self.value("map_file")
         self._map = map_of_topics(map_file, self._layout) if map_file else own_map(self._layout, scalar_type)
+        self._topics_of_sensors = list(dict.fromkeys(pick.topic for pick in self._map.sensors))
         self._is_received, self._scalar_is_held = self._map.time == "received", False
         self._frame_id: str = self.value("frame_id")
         self._heard_s: dict[str, float] = {}
@@ -100,38 +91,55 @@ class Collector(TamNode):
         self._waiting = defaultdict[str, dict[str, Pick]](dict)
         for stream, pick in self._map.streams.items():
             self._waiting[pick.topic][stream] = pick
-        self.create_steady_timer(_COVERAGE_PERIOD_S, self._show_coverage)
+        self.create_steady_timer(1.0, self._show_coverage)
         self._subscribe()
         self._scheduling = precede() if self.value("real_time") else "normal"
         self.serve("reset", self._reset)
         self.serve("usage", self._tell_usage)
-        self.say_start(f"waits for {', '.join(self._topics_of_sensors())}")
+        self.say_start(f"waits for {', '.join(self._topics_of_sensors)}")
+
+    def _start_over(self) -> None:
+        self._synchroniser = None
+        self._coverage, self._run, self._missing, self._rates = LiveCoverage(), Run(), LiveMissing(), AveragedRates()
+        self._bought_s, self._bought = -math.inf, dict[str, float | None]()
+        self._stamps = defaultdict[str, StampFigures](StampFigures)
+        self._lost, self._lost_before = 0, Counter[str]()
+        self._steps, self._step, self._stepped_s = 0, "none", -math.inf
+        for _, lost in self._losses:
+            lost()  # before the new run
 
     def health(self) -> Health:
         """Return what hinders, or what to do next for the coverage; after a stall no sensor counts as silent."""
         process = {"listeners": self._samples.get_subscription_count(), "scheduling": self._scheduling}
         if self._synchroniser is None:
-            topics = ", ".join(self._topics_of_sensors())
+            topics = ", ".join(self._topics_of_sensors)
             return Health(STALE, f"no message yet on {topics}: start the sensors' drivers or play a bag", process)
         self._count_lost(self._synchroniser)
         now_s = time.monotonic()
-        is_awake, self._looked_s = now_s < self._looked_s + _STOOD_STILL_S, now_s
+        # There is one look a second: after a longer time this process stood still, not the sensors.
+        is_awake, self._looked_s = now_s < self._looked_s + 2.0, now_s
         limit_s = now_s - self.value("silence_s")
         silent = [name for name in self._sensors if is_awake and self._heard_s[name] < limit_s]
         if len(silent) == len(self._sensors):
             self._deliver(self._synchroniser.flush())
         coverage = self._coverage.summary()
         level, message = self._judge(self._synchroniser, silent) or (OK, f"{coverage.advice}{self._look_at_bought()}")
-        if now_s < self._stepped_s + _TOLD_S:
+        if now_s < self._stepped_s + 30.0:
             level, message = max(level, WARN), f"{message}; {self._step}"
         missing = {"missing_readings": "; ".join(self._missing.sentences())}
         lost = {"lost": self._lost, "steps": self._steps, "last_step": self._step}
+        pace = self._stamps[self._sensors[0]]
+        stamps = {
+            f"{name}.{figure}": value
+            for name, figures in self._stamps.items()
+            for figure, value in figures.summary(pace).items()
+        }
         counted = _describe(coverage) | self._bought | _count(self._synchroniser) | lost
-        return Health(level, message, counted | missing | process | self._describe_stamps())
+        return Health(level, message, counted | missing | process | stamps)
 
     def _look_at_bought(self) -> str:
         """Return how well the turn tells the biases so far, for people, and keep the figures."""
-        if time.monotonic() > self._bought_s + _BOUGHT_PERIOD_S:
+        if time.monotonic() > self._bought_s + 10.0:  # each look takes a tenth of a second
             self._bought_s = time.monotonic()
             names = ("bias_error_T", "bias_error_with_gyroscope_T")
             self._bought = dict(zip(names, self._coverage.bought(self._array), strict=False))
@@ -140,15 +148,6 @@ class Collector(TamNode):
             return ""
         told = f"biases are known to {to_nanotesla(beside_T):.2g} nT so far"
         return f"; {told}, without the gyroscope to {to_nanotesla(alone_T or np.inf):.2g} nT"
-
-    def _describe_stamps(self) -> dict[str, object]:
-        """Return rate, jitter, delay and offset of the streams that have stamps."""
-        pace = self._stamps[self._sensors[0]]
-        return {
-            f"{name}.{figure}": value
-            for name, stamps in self._stamps.items()
-            for figure, value in stamps.summary(pace).items()
-        }
 
     def _judge(self, synchroniser: Synchroniser, silent: Sequence[str]) -> tuple[bytes, str] | None:
         """Return level and sentence of what hinders most, or None."""
@@ -165,7 +164,7 @@ class Collector(TamNode):
         unstamped = [name for name, stamps in self._stamps.items() if stamps.are_zero]
         if unstamped:
             return WARN, _tell_unstamped(unstamped)
-        if doubled := [topic for topic in self._topics_of_sensors() if self.count_publishers(topic) > 1]:
+        if doubled := [topic for topic in self._topics_of_sensors if self.count_publishers(topic) > 1]:
             return WARN, f"{' and '.join(doubled)} has more than one publisher: stop all but one, or the fit mixes them"
         if new_losses:
             return WARN, f"{new_losses} messages lost in the last second: {synchroniser.explain_losses()}"
@@ -193,9 +192,6 @@ class Collector(TamNode):
     @staticmethod
     def _time_of_day(monotonic_s: float) -> str:
         return time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(time.time() - time.monotonic() + monotonic_s))
-
-    def _topics_of_sensors(self) -> list[str]:
-        return list(dict.fromkeys(pick.topic for pick in self._map.sensors))
 
     def mend_of_type(self, topic: str, published: str) -> str:
         """Return what mends an input that is published as another type: of the scalar, a parameter.
@@ -350,16 +346,6 @@ class Collector(TamNode):
             usage = self._synchroniser.usage
         others = tuple(self._frames.problems.values())
         return replace(usage, missing=self._missing.sentences(), other_frames=others).to_json()
-
-    def _start_over(self) -> None:
-        self._synchroniser: Synchroniser | None = None
-        self._coverage, self._run, self._missing, self._rates = LiveCoverage(), Run(), LiveMissing(), AveragedRates()
-        self._bought_s, self._bought = -math.inf, dict[str, float | None]()
-        self._stamps = defaultdict[str, StampFigures](StampFigures)
-        self._lost, self._lost_before = 0, Counter[str]()
-        self._steps, self._step, self._stepped_s = 0, "none", -math.inf
-        for _, lost in self._losses:
-            lost()  # before the new run
 
     def _reset(self) -> str:
         """Forget coverage and losses; an empty cloud tells the calibrator to start over as well."""

@@ -35,9 +35,6 @@ from tam_calibration.nodes.session import precede
 
 RULES = (*CALIBRATED, REAL_TIME)
 
-_WINDOW_BATCHES = 500
-"""Batches, most of a single sample, whose |B| is compared with the scalar."""
-
 
 class Corrector(CalibratedNode):
     """Publishes `center`, `gradient` and `field_gradient` of every sample, each only where somebody listens.
@@ -54,7 +51,8 @@ class Corrector(CalibratedNode):
         self._told = 0  # sensors whose contradiction was logged, as in missing_codes
         self._received = self._corrected = 0
         self._newest_s = np.nan
-        self._lengths: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=_WINDOW_BATCHES)
+        # Batches, most of a single sample, whose |B| is compared with the scalar.
+        self._lengths: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=500)
         self._layout_of = partial(layout_of, sensor_count=self._array.sensor_count)
         self._reader = CloudReader(partial(self.refuse, "samples"), self._layout_of)
         self._offer_outputs(self.value("frame_id"))

@@ -12,7 +12,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.subscription import Subscription
 
 from tam_calibration.files.text_files import configuration_folder
-from tam_calibration.messages.point_cloud import FRAME_ID as DEFAULT_FRAME_ID
+from tam_calibration.messages.point_cloud import FRAME_ID
 from tam_calibration.messages.transforms import STATIC_TRANSFORMS, TransformTree
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, quoted
@@ -57,9 +57,10 @@ class Rule:
             raise InputError(f"{value} is not one of: {', '.join(self.choices)}")
 
 
-ARRAY_FILE = Rule("array_file", "", "Path of the array YAML; empty for the cross with a baseline of 0.5 m.")
-FRAME_ID = Rule("frame_id", DEFAULT_FRAME_ID, "Frame of all that is published: the array frame.")
-SHARED = (ARRAY_FILE, FRAME_ID)
+SHARED = (
+    Rule("array_file", "", "Path of the array YAML; empty for the cross with a baseline of 0.5 m."),
+    Rule("frame_id", FRAME_ID, "Frame of all that is published: the array frame."),
+)
 """Parameters of every node."""
 
 REAL_TIME = Rule("real_time", True, "Whether the process comes before all that is not real-time, where its user may.")
@@ -231,7 +232,7 @@ def array_of(node: Node) -> Array:
     InputError
         When the file cannot be used, or tf does not tell what it leaves to it.
     """
-    transforms = StaticTransforms(node, node.get_parameter(FRAME_ID.name).value)
+    transforms = StaticTransforms(node, node.get_parameter("frame_id").value)
     try:
         array = read_array(_array_path(node), transforms.look_up)
     finally:
@@ -243,5 +244,5 @@ def array_of(node: Node) -> Array:
 
 
 def _array_path(node: Node) -> Path:
-    path: str = node.get_parameter(ARRAY_FILE.name).value
+    path: str = node.get_parameter("array_file").value
     return Path(path) if path else configuration_folder() / "cross.yaml"

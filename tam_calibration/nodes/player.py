@@ -126,8 +126,6 @@ def _messages(
                 yield topic, time_ns, serialise(kind, row[None], np.array([time_ns])).tobytes()
 
 
-_CLOCK_PERIOD_NS = 10_000_000
-
 _SETTLE_S = 0.3
 """Subscribers match a publisher a little later than it matches them, and take the last messages a little later.
 
@@ -192,7 +190,7 @@ class Player(Node):
             time.sleep(min(max(0.0, pause_s), _LONGEST_PAUSE_S))
             if self._clock_publisher and stamp >= clock_due:
                 self._clock_publisher.publish(Clock(clock=Time(nanoseconds=stamp).to_msg()))
-                clock_due = stamp + _CLOCK_PERIOD_NS
+                clock_due = stamp + 10_000_000
             publisher.publish(data)
             yield (stamp - first) / 1e9
         time.sleep(_SETTLE_S)
