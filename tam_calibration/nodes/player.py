@@ -73,7 +73,9 @@ def playback_of(source: Source, reading: Reading) -> Playback:
         return _as_recorded(source.bag)
     streams = streams_of(source, reading)
     tell_taken(source, streams, {})
-    return _of_streams(source, streams, reading)
+    topics = {stream: topic_and_type(stream) for stream in streams.wanted}
+    types = {topic: (kind, False) for topic, kind in topics.values()}
+    return Playback(source.path, types, lambda: _messages(source, streams, reading, topics), None)
 
 
 def _is_foreign(source: Source) -> bool:
@@ -95,16 +97,6 @@ def _as_recorded(bag: BagReader) -> Playback:
         types,
         lambda: ((each.topic, time_ns, data) for each, time_ns, data in raw_messages(bag, bag.connections)),
         bag.duration / 1e9,
-    )
-
-
-def _of_streams(source: Source, streams: Streams, reading: Reading) -> Playback:
-    topics = {stream: topic_and_type(stream) for stream in streams.wanted}
-    return Playback(
-        source.path,
-        {topic: (kind, False) for topic, kind in topics.values()},
-        lambda: _messages(source, streams, reading, topics),
-        None,
     )
 
 
