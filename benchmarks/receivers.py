@@ -91,7 +91,7 @@ def measure(way: str, rate_hz: float, seconds: float) -> float:
     with TemporaryDirectory() as logs, Children({"receiver": [__file__, "--way", way]}, Path(logs)) as children:
         node = Node("sensors")
         publishers = [node.create_publisher(MagneticField, topic, STREAM) for topic in SENSOR_TOPICS]
-        writer, doubles = MessageWriter.of(MagneticField(), 12), np.zeros(12).tobytes()
+        writer, doubles = MessageWriter(MagneticField(), 12), np.zeros(12).tobytes()
         while not all(each.get_subscription_count() for each in publishers):
             children.check()
             time.sleep(0.05)

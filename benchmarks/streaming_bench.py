@@ -10,7 +10,6 @@ from localizer import PLACE, START_S
 from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from rclpy.serialization import serialize_message
 from rclpy.subscription import Subscription
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Imu, MagneticField
@@ -38,9 +37,8 @@ class Bench(Node):
         self._executor = executor
         self._publishers_of_sensors = [self.create_publisher(MagneticField, topic, QUALITY) for topic in SENSOR_TOPICS]
         self._imu = self.create_publisher(Imu, IMU_TOPIC, QUALITY)
-        self._field_writer = MessageWriter.of(MagneticField(), 12)
-        imu = serialize_message(Imu())
-        self._imu_writer = MessageWriter.of_template(imu, len(imu) - 8 * 37, 4)
+        self._field_writer = MessageWriter(MagneticField(), 12)
+        self._imu_writer = MessageWriter(Imu(), 4, behind=8 * 33)
         self.figures: dict[str, dict[str, str]] = {}
         self.create_subscription(DiagnosticArray, "/diagnostics", self._take_health, 100)
         executor.add_node(self)

@@ -1,15 +1,14 @@
 """The messages of a batch, stream by stream, and which of them may join samples: searches in sorted stamps."""
 
 from collections import deque
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from tam_calibration.core.interpolation import BEFORE
 from tam_calibration.messages.point_cloud import columns_of, is_channel
 from tam_calibration.messages.samples import BoolArray, StreamMessages
-from tam_calibration.messages.stream import HeldStream, IntensityStream, InterpolatedStream, Stream
+from tam_calibration.messages.stream import HeldStream, IntensityStream, InterpolatedStream, Message, Stream
 from tam_calibration.messages.timeline import NEVER, STEP_NS
 from tam_calibration.model.units import FloatArray, IntArray
 
@@ -19,128 +18,87 @@ LONG_AGO = -NEVER
 EARLIER = -1
 """The moment of arrival of what came before a batch."""
 
+_NONE = np.zeros(0, dtype=np.int64)
 
-@dataclass(frozen=True, eq=False)
+
 class Arrivals:
-    """When the sensors' messages of a batch arrived, in order and in time, and the newest stamp of any sensor then."""
+    """When the sensors' messages of a batch arrived, in order and in time, and the newest stamp of any sensor then.
 
-    order: IntArray
-    newest_ns: IntArray
-    newest_of_earlier_ns: int
-    arrived_ns: IntArray
+    Parameters
+    ----------
+    sensors : sequence of StreamMessages
+        What came of each sensor in the batch; none of a sensor that was silent.
+    newest_ns : int
+        Newest stamp of any sensor before the batch, nanoseconds; ``LONG_AGO`` before the first.
+    """
 
-    @classmethod
-    def of(cls, sensors: Sequence[StreamMessages], newest_ns: int) -> "Arrivals":
-        """Return the arrivals of a batch.
-
-        Parameters
-        ----------
-        sensors : sequence of StreamMessages
-            What came of each sensor in the batch; none of a sensor that was silent.
-        newest_ns : int
-            Newest stamp of any sensor before the batch, nanoseconds; ``LONG_AGO`` before the first.
-        """
-        none = np.zeros(0, dtype=np.int64)
-        order = np.concatenate([none, *(each.order for each in sensors)])
-        stamps = np.concatenate([none, *(each.stamps_ns for each in sensors if each.stamps_ns is not None)])
+    def __init__(self, sensors: Sequence[StreamMessages], newest_ns: int) -> None:
+        order = np.concatenate([_NONE, *(each.order for each in sensors)])
+        stamps = np.concatenate([_NONE, *(each.stamps_ns for each in sensors if each.stamps_ns is not None)])
+        arrived = np.concatenate([_NONE, *(each.arrivals_ns for each in sensors)])
         in_order = np.argsort(order, kind="stable")
-        newest = np.maximum(np.maximum.accumulate(stamps[in_order]), newest_ns)
-        arrived = np.concatenate([none, *(each.arrivals_ns for each in sensors)])
-        return cls(order[in_order], newest, newest_ns, arrived[in_order])
+        self._order, self._arrived_ns, self._newest_of_earlier_ns = order[in_order], arrived[in_order], newest_ns
+        self.newest_ns: IntArray = np.maximum(np.maximum.accumulate(stamps[in_order]), newest_ns)
 
     def rises(self) -> tuple[IntArray, IntArray]:
         """Return the stamps (n,) that are newer than all before, and when they arrived."""
-        rises = np.diff(self.newest_ns, prepend=self.newest_of_earlier_ns) > 0
-        return self.newest_ns[rises], self.arrived_ns[rises]
+        rises = np.diff(self.newest_ns, prepend=self._newest_of_earlier_ns) > 0
+        return self.newest_ns[rises], self._arrived_ns[rises]
 
     def newest_before(self, order: IntArray) -> IntArray:
         """Return the newest stamp of any sensor before each moment."""
-        return np.concatenate([[self.newest_of_earlier_ns], self.newest_ns])[np.searchsorted(self.order, order)]
+        return np.concatenate([[self._newest_of_earlier_ns], self.newest_ns])[np.searchsorted(self._order, order)]
 
     def reach(self, stamps_ns: IntArray) -> IntArray:
         """Return when the sensors reached each stamp."""
-        moment = np.append(self.order, NEVER)[np.searchsorted(self.newest_ns, stamps_ns)]
-        return np.where(stamps_ns <= self.newest_of_earlier_ns, EARLIER, moment)
+        moment = np.append(self._order, NEVER)[np.searchsorted(self.newest_ns, stamps_ns)]
+        return np.where(stamps_ns <= self._newest_of_earlier_ns, EARLIER, moment)
 
 
-@dataclass(frozen=True, eq=False)
 class Queue:
     """The messages of a stream: what came, and what of it and of the messages before may join a sample.
 
     Parameters
     ----------
     stream : Stream
-        Where they wait from one batch to the next.
+        Its buffer contains what waits from earlier batches.
+    messages : StreamMessages or None
+        What came of it in this batch; None where nothing did.
+    arrivals : Arrivals
+        Of the sensors in this batch; a message without a stamp takes the sensors' newest stamp at its arrival.
+
+    Attributes
+    ----------
     stamps_ns, order : (m,) array of int
         Stamps of what came, for messages without stamps those that they take, and when it came.
-    is_unstamped : bool
-        Whether what came has no stamps.
-    previous_ns : (m,) array of int
-        The newest stamp of the stream before each.
     is_new : (m,) array of bool
         Whether each is neither repeated nor late.
     keys, order_of_keys : (n,) array of int
         Stamps of what may join, rising, and when it came.
     values : (n, width) array
         Its values.
-    contradicting : int
-        Messages that repeat the stamp before with other values.
     """
 
-    stream: Stream
-    stamps_ns: IntArray
-    order: IntArray
-    is_unstamped: bool
-    previous_ns: IntArray
-    is_new: BoolArray
-    keys: IntArray
-    order_of_keys: IntArray
-    values: FloatArray
-    contradicting: int
-
-    @classmethod
-    def of(cls, stream: Stream, messages: StreamMessages | None, arrivals: Arrivals) -> "Queue":
-        """Return the queue of a stream with what came of it.
-
-        Parameters
-        ----------
-        stream : Stream
-            Its buffer contains what waits from earlier batches.
-        messages : StreamMessages or None
-            What came of it in this batch; None where nothing did.
-        arrivals : Arrivals
-            Of the sensors in this batch; a message without a stamp takes the sensors' newest stamp at its arrival.
-        """
-        none, width = np.zeros(0, dtype=np.int64), width_of(stream)
-        if messages is None:
-            messages = StreamMessages(none, none, np.zeros((0, width)))
-        is_unstamped = messages.stamps_ns is None
-        stamps = arrivals.newest_before(messages.order) if messages.stamps_ns is None else messages.stamps_ns
-        newest = max(stream.newest, LONG_AGO)
-        previous = np.maximum.accumulate(np.concatenate([[newest], stamps]))[:-1]
-        is_new = stamps > previous if not is_unstamped else np.ones(len(stamps), dtype=bool)
-        new = slice(None) if is_new.all() else is_new
+    def __init__(self, stream: Stream, messages: StreamMessages | None, arrivals: Arrivals) -> None:
+        width = width_of(stream)
+        messages = messages or StreamMessages(_NONE, _NONE, np.zeros((0, width)))
+        self.stream, self.order, self._came = stream, messages.order, messages.values
+        self.is_unstamped = messages.stamps_ns is None
+        self.stamps_ns = arrivals.newest_before(self.order) if messages.stamps_ns is None else messages.stamps_ns
+        newest = np.concatenate([[max(stream.newest, LONG_AGO)], self.stamps_ns])
+        self._previous_ns = np.maximum.accumulate(newest)[:-1]
+        self.is_new: BoolArray = (self.stamps_ns > self._previous_ns) | self.is_unstamped
+        new = slice(None) if self.is_new.all() else self.is_new
         waiting = np.array([max(key, LONG_AGO) for key, _ in stream.buffer], dtype=np.int64)
         values = np.array([values for _, values in stream.buffer]).reshape(len(waiting), width)
-        return cls(
-            stream,
-            stamps,
-            messages.order,
-            is_unstamped,
-            previous,
-            is_new,
-            np.concatenate([waiting, stamps[new]]),
-            np.concatenate([np.full(len(waiting), EARLIER), messages.order[new]]),
-            np.concatenate([values, messages.values[new]]),
-            0 if is_new.all() else _contradicting(stream, messages.values, is_new, stamps == previous),
-        )
+        self.keys: IntArray = np.concatenate([waiting, self.stamps_ns[new]])
+        self.order_of_keys: IntArray = np.concatenate([np.full(len(waiting), EARLIER), self.order[new]])
+        self.values: FloatArray = np.concatenate([values, self._came[new]])
 
     def jumps(self, arrivals: Arrivals) -> bool:
         """Whether a stamp jumps that the sensors do not make credible, or one before it is doubtful."""
         timeline, new = self.stream.timeline, self.stamps_ns[self.is_new]
-        if self.is_unstamped or not len(self.stamps_ns):
-            return False
-        is_back = self.stamps_ns <= self.previous_ns - STEP_NS
+        is_back = self.stamps_ns <= self._previous_ns - STEP_NS
         is_far = np.diff(new, prepend=timeline.newest_ns) > timeline.reaches(new)
         is_alone = new > arrivals.newest_before(self.order[self.is_new]) + STEP_NS
         return bool(timeline.doubtful) or bool(is_back.any() or (is_far & is_alone).any())
@@ -195,17 +153,14 @@ class Queue:
         joined : int
             Number of messages before it that joined samples; not used for a held stream.
         """
-        stream, losses, count = self.stream, self.stream.losses, len(self.stamps_ns)
-        repeats = int((~self.is_new & (self.stamps_ns == self.previous_ns)).sum())
-        losses.received += count
-        losses.duplicate += repeats
-        losses.contradicting += self.contradicting
-        losses.late += count - int(self.is_new.sum()) - repeats
+        stream, losses = self.stream, self.stream.losses
+        is_repeat = ~self.is_new & (self.stamps_ns == self._previous_ns)
+        losses.received += len(is_repeat)
+        losses.duplicate += int(is_repeat.sum())
+        losses.contradicting += self._contradicting(is_repeat)
+        losses.late += int((~self.is_new & ~is_repeat).sum())
         if isinstance(stream, InterpolatedStream):
-            past = zip(
-                self.keys[:first][-BEFORE:].tolist(), map(tuple, self.values[:first][-BEFORE:].tolist()), strict=True
-            )
-            stream.past.extend(past)
+            stream.past.extend(self._messages(slice(max(first - BEFORE, 0), first)))
         elif not self.is_held:
             losses.unmatched += first - joined
         stream.newest = self.newest_ns
@@ -213,17 +168,22 @@ class Queue:
             stream.newest_values = self.values[-1].tolist()
         if not self.is_unstamped:
             stream.timeline.rise(self.stamps_ns[self.is_new])
-        stream.awaited = stream.awaited or count > 0
-        stream.buffer = deque(zip(self.keys[first:].tolist(), map(tuple, self.values[first:].tolist()), strict=True))
+        stream.awaited = stream.awaited or len(is_repeat) > 0
+        stream.buffer = deque(self._messages(slice(first, None)))
 
+    def _messages(self, part: slice) -> Iterator[Message]:
+        return zip(self.keys[part].tolist(), map(tuple, self.values[part].tolist()), strict=True)
 
-def _contradicting(stream: Stream, values: FloatArray, is_new: BoolArray, is_repeat: BoolArray) -> int:
-    """Return how many messages (m, width) that repeat a stamp have other values than the message that they repeat."""
-    repeated = np.maximum.accumulate(np.where(is_new, np.arange(len(values)), -1))
-    before = np.array(stream.newest_values or np.full(values.shape[1], np.nan))
-    kept = np.where(repeated[:, None] >= 0, values[repeated], before)
-    differs = ((values != kept) & ~(np.isnan(values) & np.isnan(kept))).any(axis=1)
-    return int(np.count_nonzero(differs & is_repeat & ~is_new))
+    def _contradicting(self, is_repeat: BoolArray) -> int:
+        """Return how many messages (m,) that repeat a stamp have other values than the message that they repeat."""
+        if not is_repeat.any():
+            return 0
+        values = self._came
+        repeated = np.maximum.accumulate(np.where(self.is_new, np.arange(len(values)), -1))
+        before = np.array(self.stream.newest_values or np.full(values.shape[1], np.nan))
+        kept = np.where(repeated[:, None] >= 0, values[repeated], before)
+        differs = ((values != kept) & ~(np.isnan(values) & np.isnan(kept))).any(axis=1)
+        return int(np.count_nonzero(differs & is_repeat))
 
 
 def width_of(stream: Stream) -> int:

@@ -5,7 +5,6 @@ two samples want - is joined by searching in sorted stamps. A batch with anythin
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,6 @@ from tam_calibration.messages.batch_match import Match
 from tam_calibration.messages.batch_queue import EARLIER, LONG_AGO, Arrivals, Queue, width_of
 from tam_calibration.messages.samples import BoolArray, StreamMessages
 from tam_calibration.messages.silence import BEFORE_ALL
-from tam_calibration.messages.stream import InterpolatedStream
 from tam_calibration.messages.synchroniser import REMEMBERED, Sample, Synchroniser
 from tam_calibration.messages.timeline import NEVER
 from tam_calibration.model.units import FloatArray, IntArray
@@ -42,13 +40,14 @@ class BatchSynchroniser(Synchroniser):
         values : (n, columns) array
             The columns of `SampleLayout` after ``time_s``.
         """
-        joined = None if self._epoch else self._push_usual(self._without_delays(batch))
-        return self._push_each(batch) if joined is None else joined
-
-    def _without_delays(self, batch: Mapping[str, StreamMessages]) -> Mapping[str, StreamMessages]:
-        """Return messages with the stamps of when they were read."""
-        delayed = {name: batch[name] for name in self._delays_ns if name in batch}
-        return {**batch, **{name: each.earlier(self._delays_ns[name]) for name, each in delayed.items()}}
+        before = self._newest, self._horizon, self._hold_horizon, self._epoch_start
+        if not self._epoch:
+            delays = self._delays_ns
+            joined = self._push_usual({name: each.earlier(delays.get(name, 0)) for name, each in batch.items()})
+            if joined is not None:
+                return joined
+        self._newest, self._horizon, self._hold_horizon, self._epoch_start = before
+        return self._push_each(batch)
 
     def flush_batch(self) -> tuple[IntArray, FloatArray]:
         """Return the samples that still waited for messages: there will be none."""
@@ -70,38 +69,39 @@ class BatchSynchroniser(Synchroniser):
         return np.array([sample.stamp_ns for sample in samples], dtype=np.int64), values
 
     def _push_usual(self, batch: Mapping[str, StreamMessages]) -> tuple[IntArray, FloatArray] | None:
-        """Return the samples that a batch completes; None, with nothing changed, where it is not usual."""
+        """Return the samples that a batch completes; None, with nothing changed but time, where it is not usual."""
         sensors = [batch[stream.name] for stream in self._sensors if stream.name in batch]
-        arrivals = Arrivals.of(sensors, max(self._newest, LONG_AGO))
-        pace, *partners = (Queue.of(stream, batch.get(stream.name), arrivals) for stream in self._streams.values())
-        sensor_queues = [pace, *partners[: len(self._sensors) - 1]]
+        arrivals = Arrivals(sensors, max(self._newest, LONG_AGO))
+        pace, *partners = (Queue(stream, batch.get(stream.name), arrivals) for stream in self._streams.values())
         if any(self._is_unusual(queue, arrivals) for queue in (pace, *partners)) or self._has_stall(arrivals):
             return None
+        sensor_queues = [pace, *partners[: len(self._sensors) - 1]]
         if self._has_silence(sensor_queues, arrivals) or (pace.keys[:1] <= max(self._previous, LONG_AGO)).any():
             return None
-        before = self._newest, self._horizon, self._hold_horizon, self._epoch_start
         self._now_ns = int(np.append(self._newest_at_ns, arrivals.rises()[1])[-1])
-        for stamp_ns in arrivals.newest_ns[[0, -1]].tolist() if len(arrivals.order) else []:
+        for stamp_ns in arrivals.newest_ns[[0, -1]].tolist() if len(arrivals.newest_ns) else []:
             if stamp_ns > self._newest:
                 self._advance(stamp_ns)
         keys = pace.keys[: np.searchsorted(pace.keys, self._limit(partners), "right")]
         shortest = self._shortest_intervals(keys)
-        matches = self._without_the_next(keys, shortest, pace, [Match.of(queue, keys, shortest) for queue in partners])
-        if matches is None:
-            self._newest, self._horizon, self._hold_horizon, self._epoch_start = before
+        matches = [Match(queue, keys, shortest) for queue in partners]
+        following = np.append(pace.keys[1:], NEVER)[: len(keys)]
+        if not all(match.leave_to_next(following, shortest) for match in matches):
             return None
-        matches = [match.interpolated(keys) for match in matches]
+        for match in matches:
+            match.interpolate()
         is_sample = np.logical_and.reduce([match.has_value for match in matches[: len(self._sensors) - 1]], axis=0)
         is_sample = np.broadcast_to(is_sample, keys.shape)
         overdue = arrivals.reach(np.maximum(keys, max(self._epoch_start, LONG_AGO)) + self._patience_ns)
         if any(match.wanted_twice(is_sample) or match.is_late(overdue) for match in matches):
-            self._newest, self._horizon, self._hold_horizon, self._epoch_start = before
             return None
         self._newest_at_ns = self._now_ns
-        matches = self._without_what_came_later(keys, pace, partners, matches, arrivals)
-        matches = [match.once(keys, is_sample) for match in matches]
+        if any(queue.is_unstamped for queue in partners):
+            self._leave_what_came_later(keys, pace, matches, arrivals)
+        for match in matches:
+            match.join_once(is_sample)
         values = [pace.values[: len(keys)][is_sample], *(match.values(is_sample) for match in matches)]
-        self._account(keys, is_sample, shortest, pace, matches)
+        self._account(keys, is_sample, pace, matches)
         if len(keys):
             self._intervals.extend(np.diff(keys, prepend=max(self._previous, LONG_AGO)).tolist())
             self._previous = int(keys[-1])
@@ -129,10 +129,10 @@ class BatchSynchroniser(Synchroniser):
 
     def _has_silence(self, sensors: Sequence[Queue], arrivals: Arrivals) -> bool:
         """Return whether a sensor is silent at some time in a batch, or in what waits from before."""
-        if self._newest == BEFORE_ALL and len(arrivals.order):
+        if self._newest == BEFORE_ALL and len(arrivals.newest_ns):
             self._silence.begin(int(arrivals.newest_ns[0]))
         limit_ns = self._silence.limit_ns
-        horizon = int(arrivals.newest_ns[-1]) - self._patience_ns if len(arrivals.order) else self._horizon
+        horizon = int(arrivals.newest_ns[-1]) - self._patience_ns if len(arrivals.newest_ns) else self._horizon
         for queue in sensors:
             last = max(self._silence.last(queue.stream), LONG_AGO)
             gaps = np.diff(np.append(queue.keys, max(horizon, queue.newest_ns)), prepend=last)
@@ -147,26 +147,6 @@ class BatchSynchroniser(Synchroniser):
         limits = [max(queue.decided_until_ns, horizons[queue.is_held]) for queue in awaited]
         return max(min(limits, default=NEVER), LONG_AGO)
 
-    def _without_the_next(
-        self, keys: IntArray, shortest: IntArray, pace: Queue, matches: Sequence[Match]
-    ) -> list[Match] | None:
-        """Return the matches without messages that are nearer to the next sample; None where that is not known yet."""
-        if not len(keys):
-            return list(matches)
-        following = np.append(pace.keys[1:], NEVER)[: len(keys)]
-        kept = []
-        for match in matches:
-            if match.queue.is_held or not match.found.any():
-                kept.append(match)
-                continue
-            found = match.queue.keys[match.index]
-            is_doubtful = match.found & (found > keys) & (2 * (found - keys) >= shortest)
-            if (is_doubtful & (following == NEVER)).any():
-                return None
-            is_of_next = is_doubtful & (np.abs(following - found) < found - keys)
-            kept.append(replace(match, found=match.found & ~is_of_next, is_doubtful=is_doubtful))
-        return kept
-
     def _shortest_intervals(self, keys: IntArray) -> IntArray:
         """Return the shortest of the intervals that are remembered at each sample; 0 where they are too few."""
         if not len(keys):
@@ -177,39 +157,26 @@ class BatchSynchroniser(Synchroniser):
         shortest: IntArray = sliding_window_view(padded, REMEMBERED + 1).min(axis=1)
         return shortest
 
-    def _without_what_came_later(
-        self,
-        keys: IntArray,
-        pace: Queue,
-        partners: Sequence[Queue],
-        matches: Sequence[Match],
-        arrivals: Arrivals,
-    ) -> list[Match]:
-        """Return the matches without messages that have no stamp and arrived after their sample was complete."""
-        if not any(queue.is_unstamped for queue in partners):
-            return list(matches)
+    def _leave_what_came_later(self, keys: IntArray, pace: Queue, matches: Sequence[Match], arrivals: Arrivals) -> None:
+        """Leave messages to later samples that have no stamp and arrived after their sample was complete."""
         start = np.maximum(keys, max(self._epoch_start, LONG_AGO))
         decided = [pace.order_of_keys[: len(keys)]]
         following = np.append(pace.order_of_keys[1:], NEVER)[: len(keys)]
-        for queue, match in zip(partners, matches, strict=True):
+        for match in matches:
+            queue = match.queue
             patience = self._hold_patience_ns if queue.is_held else self._patience_ns
             own = queue.decided(keys) if queue.stream.awaited else np.full(len(keys), EARLIER)
-            if match.is_doubtful is not None:
-                own = np.where(match.is_doubtful, np.maximum(own, following), own)
+            own = np.where(match.is_doubtful, np.maximum(own, following), own)
             decided.append(np.minimum(own, arrivals.reach(start + patience)))
         # A sample that lacks a sensor is given up as soon as that is known.
         lacks = np.array([~match.has_value for match in matches[: len(self._sensors) - 1]] + [np.ones(len(keys), bool)])
-        last = np.where(lacks[:-1].any(axis=0), lacks.argmax(axis=0) + 1, len(partners))
+        last = np.where(lacks[:-1].any(axis=0), lacks.argmax(axis=0) + 1, len(matches))
         complete = np.maximum.accumulate(decided)[last, np.arange(len(keys))]
-        complete = np.maximum.accumulate(complete)
-        return [
-            match.arrived_until(keys, complete) if queue.is_unstamped else match
-            for queue, match in zip(partners, matches, strict=True)
-        ]
+        for match in matches:
+            if match.queue.is_unstamped:
+                match.arrive_until(np.maximum.accumulate(complete))
 
-    def _account(
-        self, keys: IntArray, is_sample: BoolArray, shortest: IntArray, pace: Queue, matches: Sequence[Match]
-    ) -> None:
+    def _account(self, keys: IntArray, is_sample: BoolArray, pace: Queue, matches: Sequence[Match]) -> None:
         """Count what was lost, and let the streams keep what may still join a sample."""
         lacking = ~is_sample
         for match in matches:
@@ -218,10 +185,7 @@ class BatchSynchroniser(Synchroniser):
             match.queue.stream.losses.missing += int(missing.sum())
             if is_sensor:
                 lacking = lacking & match.has_value
-            match.queue.keep(*match.used(keys, is_sample, shortest))
-            if match.between is not None and isinstance(match.queue.stream, InterpolatedStream):
-                match.queue.stream.interpolated += int((match.between.found & is_sample).sum())
-                match.queue.stream.correlation().add(match.between.after, match.between.weight)
+            match.keep(is_sample)
         pace.keep(len(keys), int(is_sample.sum()))
         for match in matches:
             if len(match.queue.stamps_ns) and not self._sensors[0].buffer:

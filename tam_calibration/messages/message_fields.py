@@ -93,10 +93,6 @@ class _Cursor:
         if self.is_aligned:
             self.at = (self.at + size - 1) & -size
 
-    def skip(self, size: IntArray | int) -> None:
-        """Move on by some bytes."""
-        self.at = _common(self.at + size)
-
     def read_length(self) -> IntArray:
         """Return the (m,) lengths of strings or lists that begin here, and move on behind them."""
         self.align(4)
@@ -239,13 +235,14 @@ class MessageFields:
                 pending.take([f"{within}{name}" for name, _ in fields], cursor, _NUMBERS[number])
                 return
             for name, inner in fields:
-                if pending.is_done:
+                if not pending.missing:
                     return
                 self._walk(inner, f"{within}{name}", cursor, pending)
         elif kind == _BASE and argument[0] in _NUMBERS:
             pending.take([path], cursor, _NUMBERS[argument[0]])
         elif kind == _BASE:
-            cursor.skip(cursor.read_length() * (1 if argument[0] == "string" else 4))
+            length = cursor.read_length()
+            cursor.at = _common(cursor.at + length * (1 if argument[0] == "string" else 4))
         elif kind == _ARRAY and argument[0][0] == _BASE and argument[0][1][0] in _NUMBERS:
             pending.keep_list(path, cursor, _NUMBERS[argument[0][1][0]], np.full(len(cursor.rows), argument[1]))
         elif kind == _ARRAY:
@@ -277,25 +274,20 @@ _ELEMENT = re.compile(r"(.*)\[(\d+)\]")
 
 
 class _Pending:
-    """The numbers that are wanted, and how many have not been met yet."""
+    """The numbers that are wanted, and the paths of those that have not been met yet."""
 
     def __init__(self, found: dict[str, FloatArray]) -> None:
-        self._found, self._missing = found, set(found)
+        self._found, self.missing = found, set(found)
         self._elements: dict[str, dict[int, str]] = {}
         for path in found:
             if match := _ELEMENT.fullmatch(path):
                 self._elements.setdefault(match[1], {})[int(match[2])] = path
 
-    @property
-    def is_done(self) -> bool:
-        """Whether all have been met."""
-        return not self._missing
-
     def keep(self, path: str, rows: IntArray, values: NDArray[Any]) -> None:
         """Keep the numbers at a path, where it is wanted."""
         if path in self._found:
             self._found[path][rows] = values
-            self._missing.discard(path)
+            self.missing.discard(path)
 
     def take(self, paths: Sequence[str], cursor: _Cursor, dtype: str) -> None:
         """Keep the wanted ones of numbers of one type that follow each other, and move on behind them."""
@@ -315,5 +307,5 @@ class _Pending:
             own = replace(cursor) if is_there.all() else cursor.of(np.flatnonzero(is_there))
             own.at = own.at + size * index
             self.keep(element, own.rows, own.peek(dtype)[:, 0])
-            self._missing.discard(element)
+            self.missing.discard(element)
         cursor.at = _common(np.where(length > 0, cursor.at + size * length, before))

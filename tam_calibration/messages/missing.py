@@ -1,8 +1,9 @@
 """Readings that are missing although a message or row came: NaN, zeros, sentinels, and what no such sensor reads."""
 
 import math
+from collections import Counter, defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,23 +109,21 @@ class Range:
         return np.asarray(np.einsum("ij,ij->i", away, away) > self.reach**2)
 
 
-@dataclass
 class Missing:
     """The missing readings of a recording, counted by stream and reason.
 
-    Parameters
+    Attributes
     ----------
-    received : dict of str to int
+    received : Counter of str
         Readings of each stream, those that are missing among them.
-    counts : dict of (str, int) to int
+    counts : Counter of (str, int)
         Missing readings by stream and code.
-    times_s : dict of (str, int) to list of float
-        The first times at which each was missing, seconds from the start; empty where they have no time.
     """
 
-    received: dict[str, int] = field(default_factory=dict)
-    counts: dict[tuple[str, int], int] = field(default_factory=dict)
-    times_s: dict[tuple[str, int], list[float]] = field(default_factory=dict)
+    def __init__(self) -> None:
+        self.received, self.counts = Counter[str](), Counter[tuple[str, int]]()
+        # The first times at which each was missing, seconds from the start; empty where they have no time.
+        self._times_s = defaultdict[tuple[str, int], list[float]](list)
 
     def add(self, stream: str, codes: NDArray[np.int8], time_s: FloatArray | None) -> None:
         """Count readings.
@@ -138,13 +137,12 @@ class Missing:
         time_s : (n,) array, optional
             Seconds from the start of the recording.
         """
-        self.received[stream] = self.received.get(stream, 0) + len(codes)
+        self.received[stream] += len(codes)
         for code in np.unique(codes[codes > 0]).tolist():
             index, key = np.flatnonzero(codes == code), (stream, code)
-            self.counts[key] = self.counts.get(key, 0) + len(index)
-            known = self.times_s.setdefault(key, [])
+            self.counts[key] += len(index)
             if time_s is not None:
-                known += time_s[index[: TIMES - len(known)]].tolist()
+                self._times_s[key] += time_s[index[: TIMES - len(self._times_s[key])]].tolist()
 
     def of(self, stream: str) -> int:
         """Return how many readings of a stream are missing."""
@@ -156,7 +154,7 @@ class Missing:
         for stream, received in self.received.items():
             if self.of(stream) > MOST_MISSING * received:
                 reasons = "; ".join(self._sentence(*key) for key in self.counts if key[0] == stream)
-                hint = ": do these have another unit?" if 2 * self.counts.get((stream, FAR), 0) > received else ""
+                hint = ": do these have another unit?" if 2 * self.counts[stream, FAR] > received else ""
                 sentences[stream] = f"more than half of the readings of {in_words(stream)} are missing: {reasons}{hint}"
         return sentences
 
@@ -176,9 +174,8 @@ class Missing:
         return tuple(self._sentence(*key) for key in self.counts)
 
     def _sentence(self, stream: str, code: int) -> str:
-        key = stream, code
-        when = f", {first_at(self.times_s[key])}" if self.times_s.get(key) else ""
-        count = self.counts[key]
+        count, times_s = self.counts[stream, code], self._times_s[stream, code]
+        when = f", {first_at(times_s)}" if times_s else ""
         return f"{count} of {self.received[stream]} readings of {in_words(stream)} {are(code, count, stream)}{when}"
 
 
@@ -236,14 +233,13 @@ class LiveMissing(Missing):
         """
         if stream not in self._ranges:
             self._ranges[stream] = _GrowingRange(stream)
-            self.received[stream] = 0
         self.received[stream] += 1
         if _may_stand_for_none(raw):
             code = int(codes_of(stream, np.array([raw]))[0])
         else:
             code = FAR if self._ranges[stream].is_beyond(raw) else 0
         if code:
-            self.counts[stream, code] = self.counts.get((stream, code), 0) + 1
+            self.counts[stream, code] += 1
         return code
 
 

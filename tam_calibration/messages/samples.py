@@ -44,7 +44,9 @@ class StreamMessages:
 
     def earlier(self, delay_ns: int) -> "StreamMessages":
         """Return the messages with stamps that are set back by a delay."""
-        return self if self.stamps_ns is None else replace(self, stamps_ns=self.stamps_ns - delay_ns)
+        if self.stamps_ns is None or not delay_ns:
+            return self
+        return replace(self, stamps_ns=self.stamps_ns - delay_ns)
 
     def take(self, index: BoolArray) -> "StreamMessages":
         """Return the messages that a mask (n,) selects."""

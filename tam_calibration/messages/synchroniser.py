@@ -12,7 +12,7 @@ the network stood still. What waited meanwhile comes in a burst, one stream afte
 """
 
 from collections import deque
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -83,8 +83,6 @@ class Synchroniser:
         Whether the scalar's messages have no stamp: each joins the next sample, instead of that of its stamp.
     expected : collection of str
         Channels that are waited for from the first sample; others once they have been seen.
-    maximum_age_ns : mapping
-        How old a held value may be, by channel; that of a further one is that of the current.
     capacity : int
         Greatest number of waiting messages of a stream.
     delay_s : (K,) or (K + 1,) array, optional
@@ -102,7 +100,6 @@ class Synchroniser:
         hold_patience_ns: int = 0,
         scalar_is_held: bool = False,
         expected: Collection[str] = (),
-        maximum_age_ns: Mapping[str, int] = _MAXIMUM_AGE_NS,
         capacity: int = 65_536,
         delay_s: FloatArray | None = None,
         silence_ns: int = SILENCE_NS,
@@ -120,7 +117,7 @@ class Synchroniser:
         channels: list[Stream] = []
         for name in layout.channels:
             kind = HeldStream if name != "scalar" else OnceStream if scalar_is_held else IntensityStream
-            window_ns = tolerance_ns if kind is IntensityStream else maximum_age_ns.get(name, 2_000_000_000)
+            window_ns = tolerance_ns if kind is IntensityStream else _MAXIMUM_AGE_NS.get(name, 2_000_000_000)
             channels.append(kind(name, window_ns, name in expected))
         self._partners = [*self._sensors[1:], *channels]
         self._no_value = {name: _NO_READING[:1] * len(columns_of(name)) for name in layout.channels}

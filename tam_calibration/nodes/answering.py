@@ -59,28 +59,13 @@ class Work:
             self._name, self._done = "", math.nan
         answer(result)
         del result
-        _give_back_memory()
+        gc.collect()
+        if sys.platform == "linux":  # else the allocator keeps it
+            ctypes.CDLL(None).malloc_trim(0)
 
     def progress(self, done: float) -> None:
         """Note how far the action is: from 0 to 1."""
         self._done = done
-
-
-def _give_back_memory() -> None:
-    """Return to the system what the allocator keeps."""
-    gc.collect()
-    if sys.platform == "linux":
-        ctypes.CDLL(None).malloc_trim(0)
-
-
-_SERVICE = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
-"""Of a storm of calls the ten of ROS's default lose all others."""
-
-_TURN_S = 0.05
-"""Time from one look for calls to the next, seconds."""
-
-_ANSWERS_A_TURN = 4
-"""Sent at once: a caller has room for ten that wait, as ROS's default is, and loses the others when it is slow."""
 
 
 class AnsweringNode(ListeningNode):
@@ -90,7 +75,7 @@ class AnsweringNode(ListeningNode):
         self._served: dict[Service, tuple[str, Callable[[], str], Work | None]] = {}
         self._answers: deque[tuple[Service, Any, Trigger.Response]] = deque()
         super().__init__(name, context)
-        self.create_steady_timer(_TURN_S, self._turn)
+        self.create_steady_timer(0.05, self._turn)
 
     @property
     def services(self) -> Iterator[Service]:
@@ -109,7 +94,9 @@ class AnsweringNode(ListeningNode):
         work : Work, optional
             Does the action if it takes long; other callers are told at once that it is busy.
         """
-        service = self.create_service(Trigger, f"~/{name}", _unused, qos_profile=_SERVICE)
+        # Of a storm of calls the ten of ROS's default lose all others.
+        quality = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+        service = self.create_service(Trigger, f"~/{name}", lambda _, unused: unused, qos_profile=quality)
         self._served[service] = name, action, work
 
     def _turn(self) -> None:
@@ -123,7 +110,8 @@ class AnsweringNode(ListeningNode):
                     send(Trigger.Response(success=False, message=busy))
                 else:
                     work.begin(name, partial(self._response, action), send)
-        for _ in range(min(_ANSWERS_A_TURN, len(self._answers))):
+        # A caller has room for ten answers that wait, as ROS's default is, and loses the others when it is slow.
+        for _ in range(min(4, len(self._answers))):
             service, header, response = self._answers.popleft()
             service.send_response(response, header)
 
@@ -141,11 +129,6 @@ class AnsweringNode(ListeningNode):
             response.message, response.success = f"a defect of this software: {defect!r}", False
             self.get_logger().error(f"{response.message}\n{format_exc()}")
         return response
-
-
-def _unused(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-    """Stands for the callback of a service that no executor answers."""
-    return response
 
 
 def _next_call(service: Service) -> Any:

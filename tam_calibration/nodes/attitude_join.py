@@ -7,8 +7,6 @@ from tam_calibration.model.units import FloatArray
 
 LONGEST_WAIT = 100
 """Outputs that wait for their sample; the oldest beyond these goes on without attitude."""
-_KEPT = 1000
-"""Attitudes that wait for their outputs."""
 
 
 class Joined(NamedTuple):
@@ -44,7 +42,7 @@ class AttitudeJoin:
             self._attitudes.clear()
         self._newest_attitude = stamp_ns
         self._attitudes[stamp_ns] = attitude
-        if len(self._attitudes) > _KEPT:
+        if len(self._attitudes) > 1000:  # that wait for their outputs
             del self._attitudes[next(iter(self._attitudes))]
         return self._drain()
 

@@ -23,13 +23,13 @@ _DIAGNOSTICS = "/diagnostics"
 _TOPICS_OF_ROS = ("/parameter_events", "/rosout", _DIAGNOSTICS)
 
 
-@dataclass(frozen=True)
+@dataclass
 class Health:
     """What a node says of itself: a level, one sentence and figures."""
 
     level: bytes
     message: str
-    values: Mapping[str, object] = field(default_factory=dict)
+    values: dict[str, object] = field(default_factory=dict)
 
 
 class TamNode(AnsweringNode):
@@ -141,34 +141,37 @@ class TamNode(AnsweringNode):
     def _publish_health(self) -> None:
         if not self._diagnostics.get_subscription_count():
             return
-        health = self._with_twin(self._with_types(self._with_unusable(self.health())))
-        name = self.get_fully_qualified_name().lstrip("/")
-        status = DiagnosticStatus(
-            level=health.level, name=name, message=health.message, hardware_id=node_parameters.array_name(self)
-        )
-        values = {**health.values, **self._peers()}
+        health = self.health()
+        self._add_unusable(health)
+        if problems := self._problems_of_types():
+            health.level, health.message = ERROR, "; ".join([*problems, health.message])
+        if problem := self._problem_of_twin():
+            health.level, health.message = ERROR, problem
         if self._unknown_parameters:
-            values["unknown_parameters"] = " ".join(self._unknown_parameters)
+            health.values["unknown_parameters"] = " ".join(self._unknown_parameters)
+        values = health.values | self._peers()
+        name, array = self.get_fully_qualified_name().lstrip("/"), node_parameters.array_name(self)
+        status = DiagnosticStatus(level=health.level, name=name, message=health.message, hardware_id=array)
         status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
 
-    def _with_twin(self, health: Health) -> Health:
-        """Say it while another node of this name is heard: on this machine there can be none."""
+    def _problem_of_twin(self) -> str:
+        """Return a sentence while another node of this name is heard: on this machine there can be none."""
         endpoints = self.get_publishers_info_by_topic(_DIAGNOSTICS)
         names = [(each.node_namespace, each.node_name) for each in endpoints]
         if names.count((self.get_namespace(), self.get_name())) < 2:
-            return health
+            return ""
         problem = (
             f"another {self.get_fully_qualified_name()} runs on another machine of this ROS domain, and both answer: "
             "end one, or give it a namespace or ROS_DOMAIN_ID of its own"
         )
         self.get_logger().error(problem, once=True)
-        return Health(ERROR, problem, health.values)
+        return problem
 
-    def _with_types(self, health: Health) -> Health:
-        """Say which inputs are published as another type than is read: nothing arrives of these."""
+    def _problems_of_types(self) -> list[str]:
+        """Return which inputs are published as another type than is read: nothing arrives of these."""
         problems = []
         for subscription in self.all_subscriptions:
             expected, topic = type_name(subscription.msg_type), subscription.topic_name
@@ -176,9 +179,7 @@ class TamNode(AnsweringNode):
             if others := sorted(types - {expected}):
                 told = f"{topic.lstrip('/')} is published as {' and '.join(others)}, not {expected}"
                 problems.append(f"{told}: {self.mend_of_type(topic, others[0])}")
-        if not problems:
-            return health
-        return Health(ERROR, "; ".join([*problems, health.message]), health.values)
+        return problems
 
     def mend_of_type(self, topic: str, published: str) -> str:
         """Return what to do about an input that is published as another type.
@@ -192,17 +193,13 @@ class TamNode(AnsweringNode):
         """
         return "look for the node that publishes it, and remap its topic or give it the right type"
 
-    def _with_unusable(self, health: Health) -> Health:
+    def _add_unusable(self, health: Health) -> None:
         """Add what was refused to the health; what was refused since the last time is a warning."""
-        new, self._unusable_reported = self._unusable - self._unusable_reported, self._unusable.copy()
-        if not self._unusable:
-            return health
-        values = {f"unusable.{topic}": count for topic, count in self._unusable.items()}
-        remark = "".join(
-            f"; {count} messages of {topic} cannot be used: {self._last_problem[topic]}" for topic, count in new.items()
-        )
-        level = max(health.level, WARN) if new else health.level
-        return Health(level, health.message + remark, {**health.values, **values})
+        health.values |= {f"unusable.{topic}": count for topic, count in self._unusable.items()}
+        for topic, count in (self._unusable - self._unusable_reported).items():
+            health.level = max(health.level, WARN)
+            health.message += f"; {count} messages of {topic} cannot be used: {self._last_problem[topic]}"
+        self._unusable_reported = self._unusable.copy()
 
     def _peers(self) -> dict[str, object]:
         """Return the number of peers on each topic: topics without subscribers are not published."""

@@ -74,7 +74,6 @@ class CalibratedNode(TamNode):
 
 
 _DAY_S = 86_400.0
-_OLDEST_S = 20 * 365 * _DAY_S
 
 
 def introduce(calibration: Calibration | None, path: str, now_s: float) -> str:
@@ -122,7 +121,7 @@ def figures(calibration: Calibration | None, now_s: float) -> dict[str, object]:
 def _age_s(calibration: Calibration, now_s: float) -> float | None:
     """Return the time since the recording ended; None where its stamps are of another clock."""
     age = now_s - calibration.time_span_s[1]
-    return age if 0 <= age < _OLDEST_S else None
+    return age if 0 <= age < 20 * 365 * _DAY_S else None
 
 
 def _tell_age(age_s: float | None) -> str:

@@ -66,12 +66,6 @@ _WRITTEN = ("calibration_file", "gap_file", "gap_report_file", *WRITTEN_OF_COMPA
 _READ = ("array_file", "simulation", "simulation_array_file")
 """Parameters that name a file or bag to read and nothing else."""
 
-_TURN_S = 0.05
-"""Time from one look for samples to the next, seconds."""
-
-_ANSWER_S = 2.0
-"""Longest wait for the collector's answer."""
-
 
 class Calibrator(TamNode):
     """Fits the stored samples on ~/calibrate and publishes `calibration`, latched; diagnoses them on ~/diagnose.
@@ -95,7 +89,7 @@ class Calibrator(TamNode):
             self._publish(calibration)
         check = partial(layout_of, sensor_count=self._array.sensor_count)
         self._reader = CloudReader(partial(self.refuse, "samples"), check)
-        self.listen_in_turns([(PointCloud2, "samples", self._take)], _TURN_S, RELIABLE_STREAM)
+        self.listen_in_turns([(PointCloud2, "samples", self._take)], 0.05, RELIABLE_STREAM)
         self._work = Work()
         self.serve("calibrate", partial(self._logged, self._calibrate), self._work)
         self.serve("diagnose", partial(self._logged, self._diagnose), self._work)
@@ -235,7 +229,7 @@ class Calibrator(TamNode):
         if self._collector.service_is_ready():
             future = self._collector.call_async(Trigger.Request())
             future.add_done_callback(lambda _: answered.set())
-            if answered.wait(_ANSWER_S):
+            if answered.wait(2.0):
                 return Usage.from_json(future.result().message)
         return Usage(0, 0)
 

@@ -16,11 +16,6 @@ from tam_calibration.nodes import bound
 _GRACE_S = 5.0
 """Time that a process has to end after SIGINT before it is killed."""
 
-_TAIL_LINES = 15
-
-_BAD_INPUT = 2
-"""Exit code of a process whose last line says what in its input is not usable."""
-
 _ENDED = (-signal.SIGINT, signals.CODE_OF_SHELLS + signal.SIGINT, -signal.SIGKILL)
 """Exit codes of a process that was told to end while it began, or ended already."""
 
@@ -115,11 +110,6 @@ class Children:
             self._refuse(*next(iter(failed.items())))
 
     @property
-    def names(self) -> list[str]:
-        """Names of the processes that are watched."""
-        return list(self._processes)
-
-    @property
     def pids(self) -> dict[str, int]:
         """Numbers of the processes that are watched, by name."""
         return {name: process.pid for name, process in self._processes.items()}
@@ -134,7 +124,7 @@ class Children:
         Refused
             When one has ended otherwise, with the end of its output.
         """
-        for name in self.names:
+        for name in self._processes:
             if (code := self._code(name)) is not None:
                 self._refuse(name, code)
 
@@ -145,7 +135,7 @@ class Children:
         A second Ctrl-C waits until then.
         """
         with signals.postponed():
-            return {name: self.end_one(name) for name in reversed(self.names)}
+            return {name: self.end_one(name) for name in [*reversed(self._processes)]}
 
     def end_one(self, name: str, signal_number: signal.Signals = signal.SIGINT) -> int:
         """End one process and return its exit code; it is no longer watched.
@@ -192,7 +182,7 @@ class Children:
 
     def _refuse(self, name: str, code: int) -> None:
         lines = self.log(name).splitlines()
-        if code == _BAD_INPUT:
+        if code == 2:  # the last line says what in its input is not usable
             raise InputError(lines[-1].removeprefix("tam: "))
-        tail = "\n".join(lines[-_TAIL_LINES:])
+        tail = "\n".join(lines[-15:])
         raise Refused(f"{name} ended with exit code {code} (see {self._logs[name]}):\n{tail}")

@@ -4,7 +4,7 @@ import array
 import struct
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import lru_cache
 from itertools import groupby
 from typing import Any
 
@@ -24,61 +24,25 @@ STAMP = slice(4, 12)
 _STAMP = struct.Struct("<iI")
 
 
-@dataclass(frozen=True)
 class MessageWriter:
     """Serialises messages that differ in the stamp of their header and in some doubles alone.
 
     Parameters
     ----------
-    before_stamp, before_doubles, after_doubles : bytes
-        What such a message has before its stamp, from there to its doubles, and behind them.
+    message : ROS message
+        All but its stamp, where it has a header, and some doubles is kept.
+    doubles : int
+        Number of doubles that differ from message to message.
+    behind : int
+        Bytes behind these doubles; what else is there fills up to a multiple of four.
     """
 
-    before_stamp: bytes
-    before_doubles: bytes
-    after_doubles: bytes
-
-    @classmethod
-    def of(cls, message: Any, doubles: int) -> "MessageWriter":
-        """Return the writer of messages like this one.
-
-        Parameters
-        ----------
-        message : ROS message
-            With a header; all but its stamp and its last doubles is kept.
-        doubles : int
-            Number of doubles at its end that differ from message to message.
-        """
-        template = serialize_message(message)
-        return cls.of_template(template, len(template) - FLOAT64_SIZE * doubles, doubles)
-
-    @classmethod
-    def of_template(cls, template: bytes, start: int, doubles: int) -> "MessageWriter":
-        """Return the writer of messages like a serialised one.
-
-        Parameters
-        ----------
-        template : bytes
-            Serialised message with a header; all but its stamp and some doubles is kept.
-        start : int
-            Byte at which the doubles begin.
-        doubles : int
-            Number of doubles that differ from message to message.
-        """
-        return cls(template[: STAMP.start], template[STAMP.stop : start], template[start + FLOAT64_SIZE * doubles :])
-
-    @classmethod
-    def of_unstamped(cls, message: Any, doubles: int) -> "MessageWriter":
-        """Return the writer of messages like this one, which has no header.
-
-        Parameters
-        ----------
-        message : ROS message
-            All but its last doubles is kept.
-        doubles : int
-            Number of doubles at its end that differ from message to message.
-        """
-        return cls(serialize_message(message)[: -FLOAT64_SIZE * doubles], b"", b"")
+    def __init__(self, message: Any, doubles: int, behind: int = 0) -> None:
+        template, size = serialize_message(message), FLOAT64_SIZE * doubles
+        start = len(template) - size - behind & -4
+        stamp = STAMP if hasattr(message, "header") else slice(start, start)
+        self._before_stamp, self._before_doubles = template[: stamp.start], template[stamp.stop : start]
+        self._after_doubles = template[start + size :]
 
     def message(self, stamp: bytes, doubles: bytes) -> bytes:
         """Return a serialised message.
@@ -90,7 +54,7 @@ class MessageWriter:
         doubles : bytes
             Little-endian, as many as the writer was made for.
         """
-        return b"".join((self.before_stamp, stamp, self.before_doubles, doubles, self.after_doubles))
+        return b"".join((self._before_stamp, stamp, self._before_doubles, doubles, self._after_doubles))
 
 
 def to_stamp(stamp_ns: int) -> bytes:
@@ -106,7 +70,7 @@ def from_stamp(stamp: bytes) -> int:
 
 _LITTLE_ENDIAN = b"\0\1"
 _AFTER_DATA = 1
-"""Bytes of a serialised cloud behind its data; what else is there fills up to a multiple of four."""
+"""Bytes of a serialised cloud behind its data."""
 
 
 def make_cloud(header: Header, columns: tuple[str, ...], row: Sequence[float] = ()) -> PointCloud2:
@@ -122,7 +86,11 @@ def make_cloud(header: Header, columns: tuple[str, ...], row: Sequence[float] = 
         A value for each column; empty for a cloud without a row.
     """
     size = FLOAT64_SIZE * len(columns)
-    cloud = PointCloud2(header=header, height=1, width=1 if row else 0, fields=_fields(columns))
+    cloud = PointCloud2(header=header, height=1, width=1 if row else 0)
+    cloud.fields = [
+        PointField(name=name, offset=offset, datatype=POINT_FIELD_FLOAT64, count=1)
+        for name, offset in field_offsets(columns)
+    ]
     cloud.point_step, cloud.row_step, cloud.is_dense = size, size if row else 0, True
     cloud.data = array.array("B", struct.pack(f"<{len(row)}d", *row))
     return cloud
@@ -158,8 +126,8 @@ def cloud_writer(columns: tuple[str, ...], frame_id: str) -> MessageWriter:
     frame_id : str
         Frame of the header.
     """
-    template = serialize_message(make_cloud(Header(frame_id=frame_id), columns, [0.0] * len(columns)))
-    return MessageWriter.of_template(template, _start_of_data(template, len(columns)), len(columns))
+    cloud = make_cloud(Header(frame_id=frame_id), columns, [0.0] * len(columns))
+    return MessageWriter(cloud, len(columns), _AFTER_DATA)
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,31 +149,6 @@ class Rows:
     values: FloatArray
 
 
-@dataclass(frozen=True)
-class _Shape:
-    """What clouds of one row have in common: all bytes between their stamp and their numbers."""
-
-    columns: tuple[str, ...]
-    between: bytes
-    data: slice
-    size: int
-
-    @classmethod
-    def of(cls, message: bytes, columns: tuple[str, ...]) -> "_Shape":
-        start = _start_of_data(message, len(columns))
-        data = slice(start, start + FLOAT64_SIZE * len(columns))
-        return cls(columns, message[STAMP.stop : start], data, len(message))
-
-    def is_that_of(self, message: bytes) -> bool:
-        is_alike = len(message) == self.size and message.startswith(self.between, STAMP.stop)
-        return is_alike and message.startswith(_LITTLE_ENDIAN)
-
-    def rows(self, messages: Sequence[bytes]) -> Rows:
-        data = b"".join([message[self.data] for message in messages])
-        values = np.frombuffer(data, "<f8").reshape(len(messages), -1)
-        return Rows(self.columns, [message[STAMP] for message in messages], values)
-
-
 class CloudReader:
     """Reads serialised clouds, many at once if their layouts agree; a layout that was seen before is not parsed again.
 
@@ -224,14 +167,16 @@ class CloudReader:
 
     def __init__(self, refuse: Callable[[str], None], check: Callable[[tuple[str, ...]], object]) -> None:
         self._refuse, self._check, self.problem = refuse, check, ""
-        self._shape: _Shape | None = None
+        self._columns: tuple[str, ...] = ()
+        # All that clouds of one row have in common between stamp and numbers, where these are, and the size of a cloud.
+        self._between, self._data, self._size = b"", slice(0), 0
 
     def read(self, messages: Sequence[bytes]) -> Iterator[Rows]:
         """Yield the rows of clouds in their order."""
-        for shape, alike in groupby(messages, self._known_shape):
-            if shape:
+        for is_known, alike in groupby(messages, self._is_known):
+            if is_known:
                 self.problem = ""
-                yield shape.rows(list(alike))
+                yield self._rows(list(alike))
             else:
                 for message in alike:
                     try:
@@ -240,8 +185,14 @@ class CloudReader:
                         self.problem = str(problem)
                         self._refuse(self.problem)
 
-    def _known_shape(self, message: bytes) -> _Shape | None:
-        return self._shape if self._shape and self._shape.is_that_of(message) else None
+    def _is_known(self, message: bytes) -> bool:
+        is_alike = len(message) == self._size and message.startswith(self._between, STAMP.stop)
+        return is_alike and message.startswith(_LITTLE_ENDIAN)
+
+    def _rows(self, messages: Sequence[bytes]) -> Rows:
+        data = b"".join([message[self._data] for message in messages])
+        values = np.frombuffer(data, "<f8").reshape(len(messages), -1)
+        return Rows(self._columns, [message[STAMP] for message in messages], values)
 
     def _parse(self, message: bytes) -> Rows:
         try:
@@ -252,7 +203,10 @@ class CloudReader:
         self._check(columns)
         self.problem = ""
         if len(values) == 1 and message.startswith(_LITTLE_ENDIAN):
-            self._shape = _Shape.of(message, columns)
+            size = FLOAT64_SIZE * len(columns)
+            start = len(message) - size - _AFTER_DATA & -4
+            self._columns, self._size = columns, len(message)
+            self._between, self._data = message[STAMP.stop : start], slice(start, start + size)
         stamp = _STAMP.pack(cloud.header.stamp.sec, cloud.header.stamp.nanosec)
         return Rows(columns, [stamp] * len(values), values)
 
@@ -270,16 +224,3 @@ def layout_of(columns: tuple[str, ...], sensor_count: int) -> SampleLayout:
     if layout.sensor_count != sensor_count:
         raise InputError(f"samples of {layout.sensor_count} sensors, the array has {sensor_count}")
     return layout
-
-
-def _start_of_data(message: bytes, columns: int) -> int:
-    """Return where the numbers of a serialised cloud of one row begin, a multiple of four."""
-    return len(message) - FLOAT64_SIZE * columns - _AFTER_DATA & -4
-
-
-@cache
-def _fields(columns: tuple[str, ...]) -> list[PointField]:
-    return [
-        PointField(name=name, offset=offset, datatype=POINT_FIELD_FLOAT64, count=1)
-        for name, offset in field_offsets(columns)
-    ]

@@ -3,7 +3,7 @@
 import math
 import struct
 import time
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -30,8 +30,7 @@ from tam_calibration.model.limits import SHORTEST_ATTITUDE, largest_of
 from tam_calibration.model.units import to_nanotesla
 from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health, TamNode
 from tam_calibration.nodes.cloud import cloud_writer, make_cloud, to_stamp
-from tam_calibration.nodes.frames import FrameCheck
-from tam_calibration.nodes.inputs import Input, map_of_topics, own_map
+from tam_calibration.nodes.inputs import FrameCheck, Input, map_of_topics, own_map
 from tam_calibration.nodes.listening import RELIABLE_STREAM, STREAM, message_class
 from tam_calibration.nodes.markers import Shown, coverage_markers
 from tam_calibration.nodes.node_parameters import REAL_TIME, SHARED, Rule
@@ -41,18 +40,6 @@ from tam_calibration.recordings.reading import TOLERANCE_S
 
 _SCALAR_TOPIC = CHANNEL_TOPICS["scalar"]
 _SCALAR_TYPES = ("sensor_msgs/MagneticField", "std_msgs/Float64")
-
-_STOOD_STILL_S = 2.0
-"""Time between two looks, of which there is one a second, from which this process stood still, not the sensors."""
-
-_TOLD_S = 30.0
-"""Time for which a step of the stamps is a warning."""
-
-_BOUGHT_PERIOD_S = 10.0
-"""Time between two looks at what the turn has bought, each of which takes a tenth of a second."""
-
-_COVERAGE_PERIOD_S = 1.0
-"""Time between markers of the coverage, as between the sentences on it in /diagnostics."""
 
 RULES = (
     *SHARED,
@@ -78,12 +65,6 @@ class Collector(TamNode):
     """Publishes `samples` of the sensors' topics; /diagnostics tells what is missing, lost or silent."""
 
     _synchroniser: Synchroniser | None
-    _stamps: dict[str, StampFigures]
-    _lost: int
-    _steps: int
-    _lost_before: dict[str, int]
-    _bought_s: float
-    _bought: dict[str, float | None]
 
     def __init__(self) -> None:
         super().__init__("collector", RULES)
@@ -96,6 +77,7 @@ class Collector(TamNode):
         self._sensors = [sensor_stream(sensor + 1) for sensor in range(sensor_count)]
         scalar_type, map_file = self.value("scalar_type"), self.value("map_file")
         self._map = map_of_topics(map_file, self._layout) if map_file else own_map(self._layout, scalar_type)
+        self._topics_of_sensors = list(dict.fromkeys(pick.topic for pick in self._map.sensors))
         self._is_received, self._scalar_is_held = self._map.time == "received", False
         self._frame_id: str = self.value("frame_id")
         self._heard_s: dict[str, float] = {}
@@ -106,39 +88,58 @@ class Collector(TamNode):
         self._writer = cloud_writer(self._layout.columns, self._frame_id)
         self._row = struct.Struct(f"<{len(self._layout.columns)}d")
         self._markers = Shown(self, MarkerArray, "coverage_markers", self._frame_id)
-        self._waiting: dict[str, dict[str, Pick]] = defaultdict(dict)
+        self._waiting = defaultdict[str, dict[str, Pick]](dict)
         for stream, pick in self._map.streams.items():
             self._waiting[pick.topic][stream] = pick
-        self.create_steady_timer(_COVERAGE_PERIOD_S, self._show_coverage)
+        self.create_steady_timer(1.0, self._show_coverage)
         self._subscribe()
         self._scheduling = precede() if self.value("real_time") else "normal"
         self.serve("reset", self._reset)
         self.serve("usage", self._tell_usage)
-        self.say_start(f"waits for {', '.join(self._topics_of_sensors())}")
+        self.say_start(f"waits for {', '.join(self._topics_of_sensors)}")
+
+    def _start_over(self) -> None:
+        self._synchroniser = None
+        self._coverage, self._run, self._missing, self._rates = LiveCoverage(), Run(), LiveMissing(), AveragedRates()
+        self._bought_s, self._bought = -math.inf, dict[str, float | None]()
+        self._stamps = defaultdict[str, StampFigures](StampFigures)
+        self._lost, self._lost_before = 0, Counter[str]()
+        self._steps, self._step, self._stepped_s = 0, "none", -math.inf
+        for _, lost in self._losses:
+            lost()  # before the new run
 
     def health(self) -> Health:
         """Return what hinders, or what to do next for the coverage; after a stall no sensor counts as silent."""
         process = {"listeners": self._samples.get_subscription_count(), "scheduling": self._scheduling}
         if self._synchroniser is None:
-            topics = ", ".join(self._topics_of_sensors())
+            topics = ", ".join(self._topics_of_sensors)
             return Health(STALE, f"no message yet on {topics}: start the sensors' drivers or play a bag", process)
         self._count_lost(self._synchroniser)
-        silent = self._silent() if time.monotonic() < self._looked_s + _STOOD_STILL_S else []
-        self._looked_s = time.monotonic()
+        now_s = time.monotonic()
+        # There is one look a second: after a longer time this process stood still, not the sensors.
+        is_awake, self._looked_s = now_s < self._looked_s + 2.0, now_s
+        limit_s = now_s - self.value("silence_s")
+        silent = [name for name in self._sensors if is_awake and self._heard_s[name] < limit_s]
         if len(silent) == len(self._sensors):
             self._deliver(self._synchroniser.flush())
         coverage = self._coverage.summary()
         level, message = self._judge(self._synchroniser, silent) or (OK, f"{coverage.advice}{self._look_at_bought()}")
-        if time.monotonic() < self._stepped_s + _TOLD_S:
+        if now_s < self._stepped_s + 30.0:
             level, message = max(level, WARN), f"{message}; {self._step}"
         missing = {"missing_readings": "; ".join(self._missing.sentences())}
         lost = {"lost": self._lost, "steps": self._steps, "last_step": self._step}
+        pace = self._stamps[self._sensors[0]]
+        stamps = {
+            f"{name}.{figure}": value
+            for name, figures in self._stamps.items()
+            for figure, value in figures.summary(pace).items()
+        }
         counted = _describe(coverage) | self._bought | _count(self._synchroniser) | lost
-        return Health(level, message, counted | missing | process | self._describe_stamps())
+        return Health(level, message, counted | missing | process | stamps)
 
     def _look_at_bought(self) -> str:
         """Return how well the turn tells the biases so far, for people, and keep the figures."""
-        if time.monotonic() > self._bought_s + _BOUGHT_PERIOD_S:
+        if time.monotonic() > self._bought_s + 10.0:  # each look takes a tenth of a second
             self._bought_s = time.monotonic()
             names = ("bias_error_T", "bias_error_with_gyroscope_T")
             self._bought = dict(zip(names, self._coverage.bought(self._array), strict=False))
@@ -147,15 +148,6 @@ class Collector(TamNode):
             return ""
         told = f"biases are known to {to_nanotesla(beside_T):.2g} nT so far"
         return f"; {told}, without the gyroscope to {to_nanotesla(alone_T or np.inf):.2g} nT"
-
-    def _describe_stamps(self) -> dict[str, object]:
-        """Return rate, jitter, delay and offset of the streams that have stamps."""
-        pace = self._stamps[self._sensors[0]]
-        return {
-            f"{name}.{figure}": value
-            for name, stamps in self._stamps.items()
-            for figure, value in stamps.summary(pace).items()
-        }
 
     def _judge(self, synchroniser: Synchroniser, silent: Sequence[str]) -> tuple[bytes, str] | None:
         """Return level and sentence of what hinders most, or None."""
@@ -172,7 +164,7 @@ class Collector(TamNode):
         unstamped = [name for name, stamps in self._stamps.items() if stamps.are_zero]
         if unstamped:
             return WARN, _tell_unstamped(unstamped)
-        if doubled := [topic for topic in self._topics_of_sensors() if self.count_publishers(topic) > 1]:
+        if doubled := [topic for topic in self._topics_of_sensors if self.count_publishers(topic) > 1]:
             return WARN, f"{' and '.join(doubled)} has more than one publisher: stop all but one, or the fit mixes them"
         if new_losses:
             return WARN, f"{new_losses} messages lost in the last second: {synchroniser.explain_losses()}"
@@ -200,13 +192,6 @@ class Collector(TamNode):
     @staticmethod
     def _time_of_day(monotonic_s: float) -> str:
         return time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(time.time() - time.monotonic() + monotonic_s))
-
-    def _topics_of_sensors(self) -> list[str]:
-        return list(dict.fromkeys(pick.topic for pick in self._map.sensors))
-
-    def _silent(self) -> list[str]:
-        limit = time.monotonic() - self.value("silence_s")
-        return [name for name in self._sensors if self._heard_s[name] < limit]
 
     def mend_of_type(self, topic: str, published: str) -> str:
         """Return what mends an input that is published as another type: of the scalar, a parameter.
@@ -299,9 +284,8 @@ class Collector(TamNode):
         """Log the steps of the stamps, and keep them for /diagnostics; one ahead after losses is a gap."""
         self._count_lost(synchroniser)
         for step in synchroniser.steps:
-            all_lost = synchroniser.losses[step.stream].lost
-            lost = all_lost - self._lost_before.get(step.stream, 0)
-            self._lost_before[step.stream] = all_lost
+            lost = synchroniser.losses[step.stream].lost - self._lost_before[step.stream]
+            self._lost_before[step.stream] += lost
             if 0 < step.size_ns <= 2 * lost * self._stamps[step.stream].interval_ns:
                 gap_s = step.size_ns / 1e9
                 self._step = f"{lost} messages of {step.stream} were lost on the way, {gap_s:.3g} s: look at the load"
@@ -356,21 +340,12 @@ class Collector(TamNode):
 
     def _tell_usage(self) -> str:
         """Return how many of sensor 1's samples were used, and why not the others, as JSON."""
+        usage = Usage(0, 0)
         if self._synchroniser:
             self._count_lost(self._synchroniser)
-        usage = self._synchroniser.usage if self._synchroniser else Usage(0, 0)
+            usage = self._synchroniser.usage
         others = tuple(self._frames.problems.values())
         return replace(usage, missing=self._missing.sentences(), other_frames=others).to_json()
-
-    def _start_over(self) -> None:
-        self._synchroniser = None
-        self._coverage, self._run, self._missing = LiveCoverage(), Run(), LiveMissing()
-        self._rates, self._bought_s, self._bought = AveragedRates(), -math.inf, {}
-        self._stamps = defaultdict(StampFigures)
-        self._lost, self._steps, self._step, self._stepped_s = 0, 0, "none", -math.inf
-        self._lost_before = {}
-        for _, lost in self._losses:
-            lost()  # before the new run
 
     def _reset(self) -> str:
         """Forget coverage and losses; an empty cloud tells the calibrator to start over as well."""

@@ -35,9 +35,6 @@ from tam_calibration.nodes.session import precede
 
 RULES = (*CALIBRATED, REAL_TIME)
 
-_WINDOW_BATCHES = 500
-"""Batches, most of a single sample, whose |B| is compared with the scalar."""
-
 
 class Corrector(CalibratedNode):
     """Publishes `center`, `gradient` and `field_gradient` of every sample, each only where somebody listens.
@@ -54,7 +51,8 @@ class Corrector(CalibratedNode):
         self._told = 0  # sensors whose contradiction was logged, as in missing_codes
         self._received = self._corrected = 0
         self._newest_s = np.nan
-        self._lengths: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=_WINDOW_BATCHES)
+        # Batches, most of a single sample, whose |B| is compared with the scalar.
+        self._lengths: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=500)
         self._layout_of = partial(layout_of, sensor_count=self._array.sensor_count)
         self._reader = CloudReader(partial(self.refuse, "samples"), self._layout_of)
         self._offer_outputs(self.value("frame_id"))
@@ -141,11 +139,9 @@ class Corrector(CalibratedNode):
     def _offer_outputs(self, frame_id: str) -> None:
         header = Header(frame_id=frame_id)
         self._center = self.offer(MagneticField, "center", RELIABLE_STREAM)
-        self._center_writer = MessageWriter.of(MagneticField(header=header), 12)
+        self._center_writer = MessageWriter(MagneticField(header=header), 12)
         self._gradient = self.offer(Float64MultiArray, "gradient", RELIABLE_STREAM)
-        self._gradient_writer = MessageWriter.of_unstamped(
-            Float64MultiArray(layout=_GRADIENT_LAYOUT, data=[0.0] * 9), 9
-        )
+        self._gradient_writer = MessageWriter(Float64MultiArray(layout=_GRADIENT_LAYOUT, data=[0.0] * 9), 9)
         self._field_gradient = self.offer(PointCloud2, "field_gradient", RELIABLE_STREAM)
         self._field_gradient_writer = cloud_writer(FIELD_GRADIENT_COLUMNS, frame_id)
         self._marker = Shown(self, Marker, "center_marker", frame_id)

@@ -12,12 +12,14 @@ import numpy as np
 from rclpy.serialization import deserialize_message
 
 from tam_calibration.messages import point_cloud
-from tam_calibration.messages.cdr import read_float64, read_stamp_and_doubles, stamp_of
+from tam_calibration.messages.cdr import FRAME_ID, read_float64, read_frame_id, read_stamp_and_doubles, stamp_of
 from tam_calibration.messages.message_fields import LONGEST_LISTED, stamp_fields
 from tam_calibration.messages.missing import in_words
 from tam_calibration.messages.point_cloud import SampleLayout, is_channel
+from tam_calibration.messages.samples import expected_frames, other_frame
 from tam_calibration.messages.stream import sensor_stream
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.mounting import Mounting
 from tam_calibration.model.units import TESLA_PER_FIELD_UNIT
 from tam_calibration.nodes.listening import type_name
 from tam_calibration.recordings.channel_map import ChannelMap, Pick, TimeColumn, read_map
@@ -168,6 +170,44 @@ def map_of_topics(path: str, layout: SampleLayout) -> ChannelMap:
     if unknown := sorted(found.further.keys() - set(layout.further)):
         raise InputError(f"{path} has {', '.join(unknown)}, which further_channels of the array file does not name")
     return found
+
+
+class FrameCheck:
+    """The frames that messages must have, and those of which they have others.
+
+    Parameters
+    ----------
+    mounting : Mounting
+        With the names of the frames.
+    warn : callable
+        Called with the sentence on a stream whose messages are of another frame, each time that it changes.
+    """
+
+    def __init__(self, mounting: Mounting, warn: Callable[[str], None]) -> None:
+        self._expected = {stream: f"{frame}\0".encode() for stream, frame in expected_frames(mounting).items()}
+        self._warn = warn
+        self.problems: dict[str, str] = {}
+
+    def check(self, stream: str, message: bytes) -> None:
+        """Look at the frame of a serialised message.
+
+        Parameters
+        ----------
+        stream : str
+            That it is of, as in the synchroniser.
+        message : bytes
+            With a header.
+        """
+        expected = self._expected.get(stream)
+        if expected is None:
+            return
+        if message.startswith(expected, FRAME_ID):
+            self.problems.pop(stream, None)
+            return
+        problem = other_frame(stream, read_frame_id(message), expected[:-1].decode())
+        if self.problems.get(stream) != problem:
+            self._warn(problem)
+        self.problems[stream] = problem
 
 
 def _object(kind: Any, message: bytes) -> Any:

@@ -17,8 +17,6 @@ from tam_calibration.results.sample_file import SampleFile
 SAVE_S = 1.0
 """Time from one saving to the next, seconds: no more is lost when the process is killed."""
 
-_NOWHERE = "none"
-
 KEPT = (
     Rule("max_samples", 200_000, "Samples kept; when full, every second one is given up.", bounds=(1000, 10_000_000)),
     Rule(
@@ -79,13 +77,16 @@ class KeptSamples:
         return "; ".join(filter(None, (self._found, told)))
 
     def _go_on(self, given: str, array: Array) -> str:
-        if given == _NOWHERE:
+        if given == "none":
             return "samples are not kept for a restart"
-        path = Path(given) if given else self._default_path()
+        # By domain and name of the node, in ROS's own folder where no file is named.
+        name = f"{self._node.context.get_domain_id()}{self._node.get_fully_qualified_name()}"
+        home = os.environ.get("ROS_HOME") or Path.home() / ".ros"
+        path = Path(given or Path(home, "tam_calibration", f"{name.replace('/', '.')}.samples"))
         require_outside_bags(path)
         columns = list(self.store.layout.columns)
         shaped_by = array_to_mapping(replace(array, vector_noise_T=None, scalar_noise_T=None))
-        self._file = SampleFile(path, self._name, {"array": shaped_by, "columns": columns}, len(columns))
+        self._file = SampleFile(path, name, {"array": shaped_by, "columns": columns}, len(columns))
         samples, is_whole = self._file.read()
         if self._file.remark:
             self._found = self._file.remark
@@ -97,16 +98,6 @@ class KeptSamples:
         self.store.resume(samples)
         age_s = self._node.now_s - samples[-1].stamp_ns / 1e9
         return f"goes on with {len(samples)} samples of {self._file.path}, the last of {age_s:.0f} s ago"
-
-    @property
-    def _name(self) -> str:
-        """Domain and name of the node."""
-        return f"{self._node.context.get_domain_id()}{self._node.get_fully_qualified_name()}"
-
-    def _default_path(self) -> Path:
-        """Return a place in ROS's own folder, by domain and name of the node."""
-        home = os.environ.get("ROS_HOME") or Path.home() / ".ros"
-        return Path(home, "tam_calibration", f"{self._name.replace('/', '.')}.samples")
 
     def save(self) -> None:
         """Save what has changed."""

@@ -22,8 +22,6 @@ from tam_calibration.nodes.markers import target_markers
 _NANOSECONDS = 1e-9
 """Seconds in a nanosecond."""
 
-_RELIABLE = QoSProfile(depth=10)
-
 
 class LineTargets:
     """Publishes `targets` of the last seconds, in the frame of `odometry`.
@@ -45,7 +43,7 @@ class LineTargets:
         self._attitude_noise, self._frame_id = attitude_noise, ""
         self.calibration: Calibration | None = None
         self.found, self.problem, self.note = 0, "", ""
-        self._targets = node.offer(MarkerArray, "targets", _RELIABLE)
+        self._targets = node.offer(MarkerArray, "targets", QoSProfile(depth=10))
         node.create_timer(period_s, self._search)
         node.listen(Odometry, "odometry", self._take_odometry, RELIABLE_STREAM)
 

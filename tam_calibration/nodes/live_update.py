@@ -34,9 +34,6 @@ UPDATED = (
     ),
 )
 
-_STATE = ".live"
-"""End of the name of the file of the state, beside that of the samples."""
-
 
 class LiveUpdate:
     """Keeps a calibration up to date where the parameter ``update`` says so.
@@ -57,7 +54,7 @@ class LiveUpdate:
         self, node: TamNode, array: Array, samples_file: Path | None, publish: Callable[[Calibration], None]
     ) -> None:
         self._node, self._array, self._publish = node, array, publish
-        self._path = samples_file and samples_file.with_name(samples_file.name + _STATE)
+        self._path = samples_file and samples_file.with_name(samples_file.name + ".live")
         self._layout = SampleLayout.whole(array.sensor_count, array.further_channels)
         self._lock = Lock()
         self._is_on = bool(node.value("update"))
@@ -197,17 +194,14 @@ class LiveUpdate:
             if stored not in ("", text):
                 raise InputError(f"{self._path} was learned with another calibration than calibration_file")
         except InputError as problem:
-            self._node.get_logger().warning(f"{problem}: {self._set_aside(self._path)}, and the update begins anew")
+            try:
+                moved = f"it is now {self._path.rename(name_aside(self._path))}"
+            except OSError as why:
+                moved = f"it cannot be renamed ({why.strerror})"
+            self._node.get_logger().warning(f"{problem}: {moved}, and the update begins anew")
             return None
         self._text = text
         return state
-
-    def _set_aside(self, path: Path) -> str:
-        """Rename the state on disk, and return what became of it."""
-        try:
-            return f"it is now {path.rename(name_aside(path))}"
-        except OSError as why:
-            return f"it cannot be renamed ({why.strerror})"
 
 
 def _when(stamp_s: float) -> str:

@@ -96,6 +96,9 @@ class Localizer(CalibratedNode):
         self._partial: PartialCorrection | None = None
         import_module("scipy.spatial.transform")  # else it would be loaded while the first samples wait
         self._given: str = self.value("regional")
+        self._attitude_noise: float = self.value("attitude_noise_rad")
+        self._is_turned = bool(self.value("fixed_frame"))
+        self._needs_attitude = self._given != _NONE or self._is_turned or bool(self.value("targets_s"))
         self._regional: Regional | None = None
         if self._given not in (_FITTED, _NONE):
             self._regional = Regional(field_at(self._given), self._attitude_noise, LOCAL_VARIANCE_T2)
@@ -103,9 +106,9 @@ class Localizer(CalibratedNode):
         self._received, self._statuses = 0, Counter[Status]()
         frame_id: str = self.value("fixed_frame") or self.value("frame_id")
         self._source = self.offer(PointStamped, "source", RELIABLE_STREAM)
-        self._source_writer = MessageWriter.of(PointStamped(header=Header(frame_id=frame_id)), 3)
+        self._source_writer = MessageWriter(PointStamped(header=Header(frame_id=frame_id)), 3)
         self._pose = self.offer(PoseWithCovarianceStamped, "source_pose", RELIABLE_STREAM)
-        self._pose_writer = MessageWriter.of(PoseWithCovarianceStamped(header=Header(frame_id=frame_id)), 43)
+        self._pose_writer = MessageWriter(PoseWithCovarianceStamped(header=Header(frame_id=frame_id)), 43)
         self._markers = Shown(self, MarkerArray, "source_markers", frame_id)
         self._estimate = self.offer(PointCloud2, "source_estimate", RELIABLE_STREAM)
         self._estimate_writer = cloud_writer(SOURCE_COLUMNS, frame_id)
@@ -126,14 +129,6 @@ class Localizer(CalibratedNode):
             for message_type, topic, take in topics:
                 self.listen_to_all(message_type, topic, take, RELIABLE_STREAM)
         self.say_start(told, f"waits for {' and '.join(topic for _, topic, _ in topics)}")
-
-    @property
-    def _attitude_noise(self) -> float:
-        return float(self.value("attitude_noise_rad"))
-
-    @property
-    def _needs_attitude(self) -> bool:
-        return self._given != _NONE or bool(self.value("fixed_frame")) or bool(self.value("targets_s"))
 
     @property
     def _is_heard(self) -> bool:
@@ -261,7 +256,7 @@ class Localizer(CalibratedNode):
         except InputError as problem:
             self._readers["field_gradient"].problem = str(problem)
             return EulerSolutions.refused(len(joined), Status.NOT_FINITE)
-        if not self.value("fixed_frame"):
+        if not self._is_turned:
             return solutions
         return turned(solutions, attitude, 0.0 if self._regional is None else self._regional.attitude_noise)
 

@@ -32,12 +32,6 @@ MOMENT_LENGTH = 0.5
 LIFETIME_S = 2.0
 """Time after which a source that is no longer located is shown no longer."""
 
-CELL_DIAMETER_M = 0.15
-"""Of the balls on the sphere of coverage, whose radius is a metre: some half of what neighbouring cells are apart."""
-
-_QUALITY = QoSProfile(depth=10)
-"""Reliable: what is shown is new ten times a second, and a viewer need not get all."""
-
 _FIELD = ColorRGBA(r=0.0, g=0.45, b=0.7, a=1.0)
 _SOURCE = ColorRGBA(r=0.84, g=0.37, b=0.0, a=0.4)
 _MOMENT = ColorRGBA(r=0.84, g=0.37, b=0.0, a=1.0)
@@ -61,7 +55,8 @@ class Shown:
     """
 
     def __init__(self, node: TamNode, message_type: type, topic: str, frame_id: str) -> None:
-        self._publisher = node.offer(message_type, topic, _QUALITY)
+        # Reliable: what is shown is new ten times a second, and a viewer need not get all.
+        self._publisher = node.offer(message_type, topic, QoSProfile(depth=10))
         self._frame_id = frame_id
         self._last_s = -np.inf
 
@@ -153,7 +148,8 @@ def _balls(header: Header, name: str, places: FloatArray, colour: ColorRGBA) -> 
     marker = _marker(header, name, Marker.SPHERE_LIST, colour)
     marker.action = Marker.ADD if len(places) else Marker.DELETE
     marker.points = [_point(place) for place in places]
-    marker.scale = _vector(np.full(3, CELL_DIAMETER_M))
+    # On the sphere of coverage, whose radius is a metre: some half of what neighbouring cells are apart.
+    marker.scale = _vector(np.full(3, 0.15))
     return marker
 
 

@@ -158,10 +158,6 @@ def _line(status: DiagnosticStatus | None) -> str:
     return f"{status.name} {_LEVELS[status.level][0]}: {status.message}" if status else ""
 
 
-_CALL_TURN_S = 1.0
-"""Time for which the executor waits before Ctrl-C is looked at again."""
-
-
 def call(service: str, find_s: float) -> str:
     """Call a service and return its message.
 
@@ -186,7 +182,7 @@ def call(service: str, find_s: float) -> str:
             )
         future = client.call_async(Trigger.Request())
         while not future.done() and client.service_is_ready():
-            rclpy.spin_until_future_complete(node, future, timeout_sec=_CALL_TURN_S)
+            rclpy.spin_until_future_complete(node, future, timeout_sec=1.0)  # until Ctrl-C is looked at again
         response = future.result() if future.done() else None
         if response is None:
             raise Refused(f"the node of {service} ended before it answered: its log says why")

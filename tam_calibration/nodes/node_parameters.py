@@ -1,5 +1,6 @@
-"""The parameters of the nodes: declared with meaning and bounds, and those that several nodes share."""
+"""The parameters of the nodes: declared with meaning and bounds, those that several share, and the array they name."""
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -7,13 +8,16 @@ from pathlib import Path
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.subscription import Subscription
 
 from tam_calibration.files.text_files import configuration_folder
-from tam_calibration.messages.point_cloud import FRAME_ID as DEFAULT_FRAME_ID
-from tam_calibration.messages.transforms import STATIC_TRANSFORMS
+from tam_calibration.messages.point_cloud import FRAME_ID
+from tam_calibration.messages.transforms import STATIC_TRANSFORMS, TransformTree
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, quoted
-from tam_calibration.nodes.frames import StaticTransforms
+from tam_calibration.model.units import FloatArray
+from tam_calibration.nodes.listening import leave, waiting
 from tam_calibration.recordings import read_array
 
 
@@ -53,9 +57,10 @@ class Rule:
             raise InputError(f"{value} is not one of: {', '.join(self.choices)}")
 
 
-ARRAY_FILE = Rule("array_file", "", "Path of the array YAML; empty for the cross with a baseline of 0.5 m.")
-FRAME_ID = Rule("frame_id", DEFAULT_FRAME_ID, "Frame of all that is published: the array frame.")
-SHARED = (ARRAY_FILE, FRAME_ID)
+SHARED = (
+    Rule("array_file", "", "Path of the array YAML; empty for the cross with a baseline of 0.5 m."),
+    Rule("frame_id", FRAME_ID, "Frame of all that is published: the array frame."),
+)
 """Parameters of every node."""
 
 REAL_TIME = Rule("real_time", True, "Whether the process comes before all that is not real-time, where its user may.")
@@ -148,6 +153,72 @@ def declare(node: Node, rules: Sequence[Rule]) -> None:
         node.declare_parameter(rule.name, value, rule.descriptor(), ignore_override=is_whole)
 
 
+_LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""As tf2 publishes and hears static transforms; each of their publishers has a message."""
+
+_PATIENCE_S = 10.0
+"""Time for which transforms are waited for: late joiners are discovered within 3 s, and robots start in any order."""
+
+
+class StaticTransforms:
+    """The static transforms towards the array's frame, which are waited for.
+
+    Parameters
+    ----------
+    node : Node
+        That hears them.
+    array_frame : str
+        Name of the array's frame.
+    """
+
+    def __init__(self, node: Node, array_frame: str) -> None:
+        self._node, self._array_frame = node, array_frame
+        self._tree = TransformTree()
+        self._subscription: Subscription | None = None
+
+    @property
+    def are_used(self) -> bool:
+        """Whether a frame was looked up."""
+        return self._subscription is not None
+
+    def look_up(self, frame: str) -> tuple[FloatArray, FloatArray]:
+        """Return the origin (3,) of a frame, metres, and the quaternion (4,) of its axes in the array's frame.
+
+        Raises
+        ------
+        InputError
+            When the messages of tf are not installed, or no transform comes.
+        """
+        limit = time.monotonic() + _PATIENCE_S
+        while (pose := self._tree.pose(frame, self._array_frame)) is None:
+            if time.monotonic() > limit:
+                raise InputError(
+                    f"{STATIC_TRANSFORMS} leads from {self._array_frame} to no {frame}: publish that transform, or "
+                    "state positions_m and rotations_deg in the array file"
+                )
+            self._subscription = self._subscription or self._subscribe()
+            for message in waiting(self._subscription):
+                self._tree.add(message)
+            # Short against the start of a node.
+            time.sleep(0.02)
+        return pose
+
+    def _subscribe(self) -> Subscription:
+        try:
+            from tf2_msgs.msg import TFMessage
+        except ImportError:
+            raise InputError(
+                "it leaves positions to tf, and tf2_msgs is not installed: apt install ros-jazzy-tf2-msgs, or state "
+                "positions_m and rotations_deg"
+            ) from None
+        return self._node.create_subscription(TFMessage, STATIC_TRANSFORMS, leave, _LATCHED, raw=True)
+
+    def close(self) -> None:
+        """Hear no more."""
+        if self._subscription is not None:
+            self._node.destroy_subscription(self._subscription)
+
+
 def array_name(node: Node) -> str:
     """Return the name of the file of a node's array, without what follows the last dot."""
     return _array_path(node).stem
@@ -161,7 +232,7 @@ def array_of(node: Node) -> Array:
     InputError
         When the file cannot be used, or tf does not tell what it leaves to it.
     """
-    transforms = StaticTransforms(node, node.get_parameter(FRAME_ID.name).value)
+    transforms = StaticTransforms(node, node.get_parameter("frame_id").value)
     try:
         array = read_array(_array_path(node), transforms.look_up)
     finally:
@@ -173,5 +244,5 @@ def array_of(node: Node) -> Array:
 
 
 def _array_path(node: Node) -> Path:
-    path: str = node.get_parameter(ARRAY_FILE.name).value
+    path: str = node.get_parameter("array_file").value
     return Path(path) if path else configuration_folder() / "cross.yaml"

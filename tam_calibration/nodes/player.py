@@ -73,7 +73,9 @@ def playback_of(source: Source, reading: Reading) -> Playback:
         return _as_recorded(source.bag)
     streams = streams_of(source, reading)
     tell_taken(source, streams, {})
-    return _of_streams(source, streams, reading)
+    topics = {stream: topic_and_type(stream) for stream in streams.wanted}
+    types = {topic: (kind, False) for topic, kind in topics.values()}
+    return Playback(source.path, types, lambda: _messages(source, streams, reading, topics), None)
 
 
 def _is_foreign(source: Source) -> bool:
@@ -98,16 +100,6 @@ def _as_recorded(bag: BagReader) -> Playback:
     )
 
 
-def _of_streams(source: Source, streams: Streams, reading: Reading) -> Playback:
-    topics = {stream: topic_and_type(stream) for stream in streams.wanted}
-    return Playback(
-        source.path,
-        {topic: (kind, False) for topic, kind in topics.values()},
-        lambda: _messages(source, streams, reading, topics),
-        None,
-    )
-
-
 def _messages(
     source: Source, streams: Streams, reading: Reading, topics: Mapping[str, tuple[str, str]]
 ) -> Iterator[tuple[str, int, bytes]]:
@@ -125,8 +117,6 @@ def _messages(
             if time_ns is not None:
                 yield topic, time_ns, serialise(kind, row[None], np.array([time_ns])).tobytes()
 
-
-_CLOCK_PERIOD_NS = 10_000_000
 
 _SETTLE_S = 0.3
 """Subscribers match a publisher a little later than it matches them, and take the last messages a little later.
@@ -192,7 +182,7 @@ class Player(Node):
             time.sleep(min(max(0.0, pause_s), _LONGEST_PAUSE_S))
             if self._clock_publisher and stamp >= clock_due:
                 self._clock_publisher.publish(Clock(clock=Time(nanoseconds=stamp).to_msg()))
-                clock_due = stamp + _CLOCK_PERIOD_NS
+                clock_due = stamp + 10_000_000
             publisher.publish(data)
             yield (stamp - first) / 1e9
         time.sleep(_SETTLE_S)

@@ -24,9 +24,6 @@ if TYPE_CHECKING:
 _LAST_DOMAIN = 232
 """Domain beyond which the ports of DDS, 250 for each from 7400 on, exceed 65535: Fast DDS ends the process there."""
 
-_TURN_S = 0.1
-"""Longest time without a look for the word to end, seconds: an executor that waits in C++ hears no signal."""
-
 _FEWEST_FILES = 64
 """Files that a process with our nodes may have open, at least: it has 25, and its libraries do not end well without."""
 
@@ -120,7 +117,7 @@ def _spin(ending: Ending, make_nodes: Sequence[Callable[[], "Node"]]) -> None:
             executor.add_node(nodes[-1])
         ending.made()
         while ending.told is None:
-            executor.spin_once(timeout_sec=_TURN_S)
+            executor.spin_once(timeout_sec=0.1)  # in which an executor that waits in C++ hears no signal
     finally:
         signals.ignore()
         executor.shutdown()

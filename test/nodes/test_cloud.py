@@ -90,16 +90,16 @@ def test_other_messages_are_written_as_rclpy_makes_them():
     stamp, doubles = to_stamp(STAMP_NS), np.arange(1.0, 13.0)
     header = std_msgs.Header(frame_id="tam_array")
     field = deserialize_message(
-        MessageWriter.of(sensor_msgs.MagneticField(header=header), 12).message(stamp, doubles.tobytes()),
+        MessageWriter(sensor_msgs.MagneticField(header=header), 12).message(stamp, doubles.tobytes()),
         sensor_msgs.MagneticField,
     )
     assert (field.magnetic_field.x, field.magnetic_field.z) == (1.0, 3.0)
     assert field.magnetic_field_covariance.tolist() == doubles[3:].tolist()
     assert (field.header.stamp.sec, field.header.stamp.nanosec) == divmod(STAMP_NS, 10**9)
     point = deserialize_message(
-        MessageWriter.of(PointStamped(header=header), 3).message(stamp, doubles[:3].tobytes()), PointStamped
+        MessageWriter(PointStamped(header=header), 3).message(stamp, doubles[:3].tobytes()), PointStamped
     )
     assert (point.point.x, point.point.y, point.point.z, point.header.frame_id) == (1.0, 2.0, 3.0, "tam_array")
     matrix = std_msgs.Float64MultiArray(data=[0.0] * 9)
-    written = MessageWriter.of_unstamped(matrix, 9).message(b"", doubles[:9].tobytes())
+    written = MessageWriter(matrix, 9).message(b"", doubles[:9].tobytes())
     assert deserialize_message(written, std_msgs.Float64MultiArray).data.tolist() == doubles[:9].tolist()

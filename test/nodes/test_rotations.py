@@ -167,16 +167,16 @@ def test_tf_tells_what_the_array_file_leaves_to_it(bench, turned, recording, tmp
 
 def test_what_tf_does_not_tell_is_said(bench, tmp_path, monkeypatch):
     """A node that knows no positions ends with a sentence: without tf2_msgs at once, else after some seconds."""
-    from tam_calibration.nodes import frames
+    from tam_calibration.nodes import node_parameters
 
     path = tmp_path / "frames.yaml"
     path.write_text("frame_ids: [tam_1_link]\n")
     code, said = end_of_start(path)
     assert code == 2 and said.startswith(f"tam: {path}: it leaves positions to tf, and tf2_msgs is not installed")
     put_in_place_of_tf2_msgs(tmp_path, monkeypatch)
-    assert frames._PATIENCE_S == 10.0  # as docs/how_to/robot.md says
-    monkeypatch.setattr(frames, "_PATIENCE_S", 0.1)
-    transforms = frames.StaticTransforms(bench.node, "tam_array")
+    assert node_parameters._PATIENCE_S == 10.0  # as docs/how_to/robot.md says
+    monkeypatch.setattr(node_parameters, "_PATIENCE_S", 0.1)
+    transforms = node_parameters.StaticTransforms(bench.node, "tam_array")
     with pytest.raises(InputError, match="/tf_static leads from tam_array to no tam_1_link: publish that transform"):
         transforms.look_up("tam_1_link")
     transforms.close()
