@@ -4,6 +4,7 @@ import re
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from tam_calibration.messages.missing import in_words
 from tam_calibration.messages.point_cloud import IMU, MAGNETIC_FIELD, TEMPERATURE
@@ -18,6 +19,7 @@ from tam_calibration.recordings.vectors import (
     attitudes_in,
     is_bookkeeping,
     is_magnetic,
+    is_own_column,
     is_rate,
     lists_in,
     own_columns,
@@ -25,7 +27,6 @@ from tam_calibration.recordings.vectors import (
     pick_of,
     shortened,
     unit_in,
-    unread,
     vectors_in,
 )
 
@@ -73,7 +74,8 @@ def choose(source: Source, sensor_count: int | None, frame_ids: Sequence[str] | 
     """
     own = own_map(source.tables, sensor_count) or own_columns(source.tables)
     if own is not None:
-        left = [name for name in unread(source.tables) if name != getattr(source, "time_column", None)]
+        columns = [name for table in source.tables for name in table.columns if not is_own_column(name)]
+        left = [name for name in columns if name != getattr(source, "time_column", None)]
         return Choice(own, remarks=(f"not read: {', '.join(left)}",) if left else (), is_own=True)
     vectors = [vector for table in source.tables for vector in vectors_in(table)]
     others = [vector for vector in vectors if not _is_scalar(vector)]
@@ -93,7 +95,7 @@ def choose(source: Source, sensor_count: int | None, frame_ids: Sequence[str] | 
     if not sensors:
         present = shortened([_described(table) for table in source.tables]) if source.tables else "nothing"
         return Choice(None, (f"no vector of a magnetic field is recognised among {present}",), remarks)
-    return Choice(ChannelMap.of([each.pick for each in sensors], channels), doubts, remarks)
+    return Choice(ChannelMap(sensors=[each.pick for each in sensors], **channels), doubts, remarks)
 
 
 def _unnamed(
@@ -206,7 +208,7 @@ def _is_last(table: Table, field: str) -> bool:
 
 def _channels(
     tables: Sequence[Table], scalars: list[Pick], sensors: Sequence[Vector]
-) -> tuple[dict[str, Pick], tuple[str, ...]]:
+) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Return the channels recorded with the sensors, and what was not taken because there are several."""
     found = {
         "scalar": scalars,
