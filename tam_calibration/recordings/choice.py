@@ -82,11 +82,11 @@ def choose(source: Source, sensor_count: int | None, frame_ids: Sequence[str] | 
     magnetic = [vector for vector in others if is_magnetic(vector)]
     of_frame = [[each for each in magnetic if each.table.frames == (frame,)] for frame in frame_ids or ()]
     sensors = [each[0] for each in of_frame] if all(len(each) == 1 for each in of_frame) else []
-    doubts: tuple[str, ...] = ()
+    doubt = ""
     if not sensors:
-        sensors, doubts = _rawest(magnetic, sensor_count)
+        sensors, doubt = _rawest(magnetic, sensor_count)
     if not sensors:
-        sensors, doubts = _unnamed(source.tables, others, sensor_count)
+        sensors, doubt = _unnamed(source.tables, others, sensor_count)
     channels, remarks = _channels(source.tables, _scalars(source.tables, vectors, sensors), sensors)
     processed = [str(vector.pick) for vector in magnetic if sensors and vector.changes > sensors[0].changes]
     if processed:
@@ -95,12 +95,10 @@ def choose(source: Source, sensor_count: int | None, frame_ids: Sequence[str] | 
     if not sensors:
         present = shortened([_described(table) for table in source.tables]) if source.tables else "nothing"
         return Choice(None, (f"no vector of a magnetic field is recognised among {present}",), remarks)
-    return Choice(ChannelMap(sensors=[each.pick for each in sensors], **channels), doubts, remarks)
+    return Choice(ChannelMap(sensors=[each.pick for each in sensors], **channels), (doubt,) if doubt else (), remarks)
 
 
-def _unnamed(
-    tables: Sequence[Table], vectors: Sequence[Vector], sensor_count: int | None
-) -> tuple[list[Vector], tuple[str, ...]]:
+def _unnamed(tables: Sequence[Table], vectors: Sequence[Vector], sensor_count: int | None) -> tuple[list[Vector], str]:
     """Return vectors that no name or type marks as a magnetic field, and why that is not certain.
 
     They are taken where their number is that of the sensors; without an array that number is not known, and names in a
@@ -111,11 +109,10 @@ def _unnamed(
     others = [vector for vector in free if not is_bookkeeping(vector.pattern) and not OTHER.search(vector.pattern)]
     for guessed in (_lists_of(vectors, sensor_count), in_columns, others):
         if guessed and sensor_count in (None, len(guessed)):
-            doubt = (
-                "no name or type says which numbers are readings of a field: name the sensors in a map, or give --array"
-            )
-            return _in_order(guessed), () if sensor_count else (doubt,)
-    return [], ()
+            doubt = "no name or type says which numbers are readings of a field"
+            advice = "name the sensors in a map, or give --array"
+            return _in_order(guessed), "" if sensor_count else f"{doubt}: {advice}"
+    return [], ""
 
 
 def _is_scalar(vector: Vector) -> bool:
@@ -142,15 +139,15 @@ def _lists_of(vectors: Sequence[Vector], sensor_count: int | None) -> list[Vecto
     return found
 
 
-def _rawest(magnetic: Sequence[Vector], sensor_count: int | None) -> tuple[list[Vector], tuple[str, ...]]:
+def _rawest(magnetic: Sequence[Vector], sensor_count: int | None) -> tuple[list[Vector], str]:
     """Return the sensors among vectors that were processed least; among others, where only these are the array's."""
     equal = [[each for each in magnetic if each.changes == changes] for changes in range(3)]
-    found = [_sensors(each, sensor_count) for each in equal if each] or [([], ())]
+    found = [_sensors(each, sensor_count) for each in equal if each] or [([], "")]
     certain = [each for each in found if not each[1]] if sensor_count else []
     return (certain or found)[0]
 
 
-def _sensors(magnetic: Sequence[Vector], sensor_count: int | None) -> tuple[list[Vector], tuple[str, ...]]:
+def _sensors(magnetic: Sequence[Vector], sensor_count: int | None) -> tuple[list[Vector], str]:
     """Return the vectors that are the sensors, in their order, and why that is not certain."""
     groups: dict[tuple[str, str], list[Vector]] = defaultdict(list)
     for vector in magnetic:
@@ -166,13 +163,11 @@ def _sensors(magnetic: Sequence[Vector], sensor_count: int | None) -> tuple[list
             fitting = [list(magnetic)]
     named = ", ".join(sorted(str(vector.pick) for vector in magnetic))
     if len(fitting) == 1:
-        return _in_order(fitting[0]), ()
-    if len(fitting) > 1:
-        return _in_order(fitting[0]), (f"several sets of sensors may be meant ({named}): name one in the map",)
-    if not magnetic:
-        return [], ()
+        return _in_order(fitting[0]), ""
+    if fitting:
+        return _in_order(fitting[0]), f"several sets of sensors may be meant ({named}): name one in the map"
     doubt = f"{len(magnetic)} magnetic vectors are there ({named}), and the array has {sensor_count} sensors"
-    return _in_order(found[0])[:sensor_count], (f"{doubt}: name the sensors in the map",)
+    return _in_order(found[0])[:sensor_count], f"{doubt}: name the sensors in the map"
 
 
 def _in_order(vectors: Sequence[Vector]) -> list[Vector]:

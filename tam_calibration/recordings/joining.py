@@ -172,9 +172,9 @@ class Joining:
         for batch in self.source.batches(self.streams.wanted, self.streams.clock, progress):
             is_reported = is_reported or self._report_jitter(batch)
             usable = {name: self._usable(name, messages) for name, messages in batch.items()}
-            yield from self._timed(*self._kept(*self._synchroniser.push_batch(usable)))
+            yield from self._timed(*self._synchroniser.push_batch(usable))
         self._missing.require_half()
-        yield from self._timed(*self._kept(*self._synchroniser.flush_batch()))
+        yield from self._timed(*self._synchroniser.flush_batch())
         self._require_samples()
         self._report()
 
@@ -245,28 +245,26 @@ class Joining:
         inside = self._window.contains(stamps, self._first_ns if self._first_ns is not None else int(stamps[0]))
         return messages if inside.all() else messages.take(inside)
 
-    def _kept(self, stamps_ns: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return stamps and values of the samples that are wanted: the complete ones, or all."""
-        if self._with_partial or not self._synchroniser.partial:
-            return stamps_ns, values
-        is_complete = np.isfinite(values[:, : 3 * self._synchroniser.sensor_count]).all(axis=1)
-        return stamps_ns[is_complete], values[is_complete]
-
     def _timed(self, stamps_ns: IntArray, values: FloatArray) -> Iterator[tuple[IntArray, FloatArray]]:
-        """Yield stamps, and rows that begin with the time in the run: the stamp, without the steps back; none if empty.
+        """Yield stamps and rows of the samples that are wanted, none if empty: the complete ones, or all.
+
+        Rows begin with the time in the run: the stamp, without the steps back.
 
         Raises
         ------
         InputError
             When the first sample comes again.
         """
-        synchroniser, run = self._synchroniser, self._run
+        synchroniser, run, last = self._synchroniser, self._run, 3 * self._synchroniser.sensor_count
+        if synchroniser.partial and not self._with_partial:
+            is_complete = np.isfinite(values[:, :last]).all(axis=1)
+            stamps_ns, values = stamps_ns[is_complete], values[is_complete]
         if not len(stamps_ns):
             return
         if "gyroscope" in self.streams.wanted:
             first = self.streams.layout.columns.index(RATE_COLUMNS[0]) - 1
             values[:, first : first + 3] = self._averaged.means(stamps_ns, values[:, first : first + 3])
-        times_ns, count, last = stamps_ns.copy(), len(stamps_ns), 3 * synchroniser.sensor_count
+        times_ns, count = stamps_ns.copy(), len(stamps_ns)
         # As long as stamps rise the run needs to know its first sample, and the newest two.
         for index in range(count) if synchroniser.restarts else sorted({0, max(count - 2, 0), count - 1}):
             stamp_ns = int(stamps_ns[index])

@@ -66,7 +66,7 @@ class Vector:
     def pick(self) -> Pick:
         """The pick that means it, with the unit that its names or its format state."""
         path, _, last = self.pattern.rpartition(".")
-        if self.table.type in (MAGNETIC_FIELD, IMU) and self.pattern in ("magnetic_field.*", "orientation.*"):
+        if self.table.type == MAGNETIC_FIELD and self.pattern == "magnetic_field.*":
             return pick_of(self.table)
         unit = unit_in(self.table, self.fields[0])
         if self.table.is_text or last != "*":
