@@ -25,7 +25,7 @@ from tam_calibration.model.geomagnetic_field import field_at
 from tam_calibration.model.recording import SKETCH, Recording, SampleSource
 from tam_calibration.model.units import from_degrees, to_nanotesla
 from tam_calibration.recordings import provenance, read_array, transforms_in
-from tam_calibration.recordings.fit_input import fit_with_usage, read_source
+from tam_calibration.recordings.fit_input import fit_with_usage, read_known_source, read_source
 from tam_calibration.recordings.reading import AS_IT_IS, Reading
 from tam_calibration.report import calibration_rows
 from tam_calibration.report.blocks import Block, Text
@@ -283,15 +283,12 @@ def _files_of(source: Path | None) -> list[Path]:
     """Return the files that a known source is read from."""
     if source is None:
         return []
-    from tam_calibration.recordings.known_source import read_known_source
-
     return [source, read_known_source(source).recording]
 
 
 def _complete(calibration: Calibration, path: Path, how: Reading, progress: Progress) -> Calibration:
     """Return the calibration with what the recording of a known source shows."""
     from tam_calibration.fit.source_calibration import complete
-    from tam_calibration.recordings.known_source import read_known_source
 
     stated = read_known_source(path)
     array = calibration.array

@@ -109,8 +109,8 @@ def _value(kind: Any, value: Any, place: str, faults: list[str]) -> Any:
             return convert(value)
         except (ValueError, OverflowError):
             return _fault(f"a valid {name}", place, faults)
-    read = _document if is_dataclass(kind) else _COMPOSED[get_origin(kind)]
-    return read(kind, value, place, faults)
+    read, needed, name = _DOCUMENT if is_dataclass(kind) else _COMPOSED[get_origin(kind)]
+    return read(kind, value, place, faults) if isinstance(value, needed) else _fault(name, place, faults)
 
 
 def _fault(right: str, place: str, faults: list[str]) -> None:
@@ -123,8 +123,6 @@ def _types(schema: Any) -> dict[str, Any]:
 
 
 def _document(schema: Any, content: Any, place: str, faults: list[str]) -> Any:
-    if not isinstance(content, Mapping):
-        return _fault("a mapping of keys to values", place, faults)
     within = f"{place}." if place else ""
     values = {}
     for each in fields(schema):
@@ -140,15 +138,11 @@ def _document(schema: Any, content: Any, place: str, faults: list[str]) -> Any:
 
 
 def _list(kind: Any, value: Any, place: str, faults: list[str]) -> Any:
-    if not isinstance(value, list | tuple):
-        return _fault("a valid list", place, faults)
     (part,) = get_args(kind)
     return [_value(part, each, f"{place}.{number}", faults) for number, each in enumerate(value, start=1)]
 
 
 def _tuple(kind: Any, value: Any, place: str, faults: list[str]) -> Any:
-    if not isinstance(value, list | tuple):
-        return _fault("a valid list", place, faults)
     parts = get_args(kind)
     if len(value) > len(parts):
         faults.append(f"{place}: tuple should have at most {len(parts)} items, not {len(value)}")
@@ -159,8 +153,6 @@ def _tuple(kind: Any, value: Any, place: str, faults: list[str]) -> Any:
 
 
 def _dict(kind: Any, value: Any, place: str, faults: list[str]) -> Any:
-    if not isinstance(value, Mapping):
-        return _fault("a mapping of keys to values", place, faults)
     name, part = get_args(kind)
     return {_value(name, key, place, faults): _value(part, value[key], f"{place}.{key}", faults) for key in value}
 
@@ -242,13 +234,15 @@ _PLAIN: dict[Any, tuple[Callable[[Any], Any], str]] = {
 }
 """Types of single values: what makes one of a value or raises, and their names for people."""
 
-_COMPOSED: dict[Any, Callable[[Any, Any, str, list[str]], Any]] = {
-    Annotated: _bounded,
-    Literal: _literal,
-    Union: _one_of,
-    UnionType: _one_of,
-    dict: _dict,
-    list: _list,
-    tuple: _tuple,
+_DOCUMENT = _document, Mapping, "a mapping of keys to values"
+
+_COMPOSED: dict[Any, tuple[Callable[[Any, Any, str, list[str]], Any], Any, str]] = {
+    Annotated: (_bounded, object, ""),
+    Literal: (_literal, object, ""),
+    Union: (_one_of, object, ""),
+    UnionType: (_one_of, object, ""),
+    dict: (_dict, Mapping, "a mapping of keys to values"),
+    list: (_list, list | tuple, "a valid list"),
+    tuple: (_tuple, list | tuple, "a valid list"),
 }
-"""How values of composed types are read."""
+"""How values of composed types are read, what they must be for that, and the name of that for people."""

@@ -6,7 +6,6 @@ import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from stat import S_ISDIR, S_ISREG
 from typing import Any
 
 from tam_calibration.files.whole_files import write_set
@@ -43,15 +42,13 @@ def require_regular(path: Path) -> None:
         When it is something else, or leads nowhere.
     """
     try:
-        mode = path.stat().st_mode
-        parts = list(path.iterdir()) if S_ISDIR(mode) else []
+        path.stat()
+        parts = list(path.iterdir()) if path.is_dir() else []
     except OSError as problem:
         raise InputError(f"{path} cannot be read: {problem.strerror}") from None
-    for part in parts:
-        if part.exists() and not part.is_dir():
-            require_regular(part)
-    if not (S_ISREG(mode) or S_ISDIR(mode)):
-        raise InputError(f"{path} is no regular file but a device, pipe or socket: copy what it gives into a file")
+    for each in (path, *parts):
+        if each.exists() and not (each.is_file() or each.is_dir()):
+            raise InputError(f"{each} is no regular file but a device, pipe or socket: copy what it gives into a file")
 
 
 def read_text(path: Path) -> str:

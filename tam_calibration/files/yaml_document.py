@@ -99,7 +99,10 @@ class _Reader:
     def _value(self, event: Any, level: int) -> Any:
         self._count(event, level)
         if isinstance(event, yaml.AliasEvent):
-            return self._again(event, level)
+            if event.anchor not in self._anchored:
+                raise _fault(event, f"nothing before it has the anchor {quoted(event.anchor)}")
+            self._count_parts(event, self._anchored[event.anchor], level)
+            return self._anchored[event.anchor]
         is_scalar = isinstance(event, yaml.ScalarEvent)
         if event.tag is not None and not (is_scalar and event.tag in _TEXT_TAGS):
             tag = event.tag.replace("tag:yaml.org,2002:", "!!")
@@ -131,15 +134,8 @@ class _Reader:
         while not isinstance(event := next(self._events), end):
             yield event
 
-    def _again(self, event: Any, level: int) -> Any:
-        """Return the value of an alias, counted as if it were written out."""
-        if event.anchor not in self._anchored:
-            raise _fault(event, f"nothing before it has the anchor {quoted(event.anchor)}")
-        value = self._anchored[event.anchor]
-        self._count_parts(event, value, level)
-        return value
-
     def _count_parts(self, event: Any, value: Any, level: int) -> None:
+        """Count the parts of the value of an alias as if it were written out."""
         parts = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
         for part in parts:
             self._count(event, level + 1)

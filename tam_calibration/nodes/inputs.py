@@ -140,9 +140,9 @@ def own_map(layout: SampleLayout, scalar_type: str) -> ChannelMap:
         return Pick(topic=topic, type=kind)
 
     sensors = [pick(sensor_stream(number + 1)) for number in range(layout.sensor_count)]
-    channels = {name: pick(name) for name in point_cloud.CHANNEL_TOPICS}
+    channels: dict[str, Any] = {name: pick(name) for name in point_cloud.CHANNEL_TOPICS}
     channels["scalar"] = replace(channels["scalar"], type=scalar_type, unit="T")
-    return ChannelMap.of(sensors, channels, {name: pick(name) for name in layout.further})
+    return ChannelMap(sensors=sensors, further={name: pick(name) for name in layout.further}, **channels)
 
 
 def map_of_topics(path: str, layout: SampleLayout) -> ChannelMap:

@@ -115,11 +115,6 @@ class ArrayFile(Document):
     notes: Any = None
     recording: Any = None
 
-    @property
-    def is_in_tf(self) -> bool:
-        """Whether tf tells where the sensors sit."""
-        return bool(self.frame_ids) and self.baseline_m is None and self.positions_m is None
-
     def located(self, look_up: LookUp | None) -> "ArrayFile":
         """Return the file with the positions and rotations that tf tells, where it leaves them to tf.
 
@@ -128,7 +123,7 @@ class ArrayFile(Document):
         InputError
             When there is no tf, or the file states rotations of what it leaves to tf.
         """
-        if not self.is_in_tf:
+        if not self.frame_ids or self.baseline_m is not None or self.positions_m is not None:
             return self
         if look_up is None:
             raise InputError(
@@ -136,7 +131,7 @@ class ArrayFile(Document):
             )
         if self.rotations_deg or self.rotations_quaternion:
             raise InputError("it leaves positions to tf, which gives the rotations too: leave those out, or state both")
-        poses = [look_up(frame) for frame in self.frame_ids or ()]
+        poses = [look_up(frame) for frame in self.frame_ids]
         found: dict[str, Any] = {
             "positions_m": [position.tolist() for position, _ in poses],
             "rotations_quaternion": [rotation.tolist() for _, rotation in poses],
@@ -194,13 +189,12 @@ class ArrayFile(Document):
 
 
 def _require_apart(positions_m: FloatArray) -> None:
-    for second, position in enumerate(positions_m):
-        distances = np.linalg.norm(positions_m[:second] - position, axis=1)
+    for second, position in enumerate(positions_m, start=1):
         # No tri-axial magnetometer is smaller than a millimetre.
-        if (distances < 1e-3).any():
-            first = int(np.argmin(distances))
+        near = np.flatnonzero(np.linalg.norm(positions_m[: second - 1] - position, axis=1) < 1e-3)
+        if len(near):
             raise InputError(
-                f"sensors {first + 1} and {second + 1} are both at {position.tolist()} m, where there is room for one: "
+                f"sensors {near[0] + 1} and {second} are both at {position.tolist()} m, where there is room for one: "
                 "state where each sits"
             )
 

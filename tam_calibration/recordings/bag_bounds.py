@@ -2,7 +2,7 @@
 
 import errno
 from bz2 import BZ2Decompressor
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -126,6 +126,15 @@ def unpack(packed: bytes, compression: str, size: int) -> bytes:
     return content
 
 
+_UNPACKING: dict[str, Callable[[bytes, int], bytes]] = {
+    "": lambda packed, most: packed[:most],
+    "zstd": lambda packed, most: ZstdDecompressor().stream_reader(packed, read_across_frames=True).read(most),
+    "lz4": lambda packed, most: LZ4FrameDecompressor().decompress(packed, max_length=most),
+    "bz2": lambda packed, most: BZ2Decompressor().decompress(packed, max_length=most),
+}
+"""What returns at most so many bytes of what is packed, by the name of the compression."""
+
+
 def unpack_beginning(packed: bytes, compression: str, most: int) -> bytes:
     """Return at most so many bytes of what is packed, fewer where it was cut.
 
@@ -143,19 +152,9 @@ def unpack_beginning(packed: bytes, compression: str, most: int) -> bytes:
     InputError
         When the compression is not known.
     """
-    content: bytes
-    match compression:
-        case "":
-            content = packed[:most]
-        case "zstd":
-            content = ZstdDecompressor().stream_reader(packed, read_across_frames=True).read(most)
-        case "lz4":
-            content = LZ4FrameDecompressor().decompress(packed, max_length=most)
-        case "bz2":
-            content = BZ2Decompressor().decompress(packed, max_length=most)
-        case _:
-            raise InputError(f"the compression {compression!r} of a chunk is not known: zstd and lz4 are")
-    return content
+    if compression not in _UNPACKING:
+        raise InputError(f"the compression {compression!r} of a chunk is not known: zstd and lz4 are")
+    return _UNPACKING[compression](packed, most)
 
 
 def unpack_bounded(packed: bytes, compression: str, what: str) -> bytes:
@@ -181,14 +180,8 @@ def unpack_bounded(packed: bytes, compression: str, what: str) -> bytes:
     return content
 
 
-def unpack_file(source: Path, target: Path) -> None:
-    """Write the content of a file that was packed by zstd, as far as it goes where it was cut.
-
-    Raises
-    ------
-    InputError
-        When too much comes of it.
-    """
+def _unpack_file(source: Path, target: Path) -> None:
+    """Write the content of a file that was packed by zstd, as far as it goes where it was cut."""
     packed, unpacked = source.stat().st_size, 0
     with source.open("rb") as stored, target.open("wb") as file:
         stream = ZstdDecompressor().stream_reader(stored, read_across_frames=True)
@@ -218,7 +211,7 @@ def unpacked(files: list[Path], folder: Path, faults: list[str] | None = None) -
         if target == file:
             continue
         try:
-            unpack_file(file, target)
+            _unpack_file(file, target)
         except Exception as problem:
             if faults is None or (isinstance(problem, OSError) and problem.errno in NO_ROOM):
                 raise
@@ -254,13 +247,15 @@ def damage_named(path: Path, may_recover: bool = True) -> Iterator[None]:
     Raises
     ------
     InputError
-        For every exception within, except that a disk is full.
+        For every exception within; where a disk has no room for what is unpacked it says how to give some.
     """
     try:
         yield
     except Exception as problem:  # rosbags lets through whatever its decompressors and databases raise
-        if isinstance(problem, OSError) and problem.errno in NO_ROOM:
-            raise
+        cause = problem if isinstance(problem, OSError) else problem.__cause__
+        if isinstance(cause, OSError) and cause.errno in NO_ROOM:
+            told = f"{path} cannot be unpacked or recovered in {temporary_place().parent}: {cause.strerror}"
+            raise InputError(f"{told}; let TMPDIR name a folder with room") from cause
         if isinstance(problem, InputError) and not isinstance(problem, Damaged):
             raise InputError(f"{path} cannot be read: {problem}") from problem
         is_advised = may_recover and path.suffix != ".bag"
@@ -274,18 +269,3 @@ def reason_of(problem: Exception) -> str:
         return problem.strerror
     is_telling = type(problem).__module__.partition(".")[0] in _TELLING
     return (" ".join(str(problem).split()) if is_telling else "") or "its parts do not fit together"
-
-
-@contextmanager
-def room_named(path: Path) -> Iterator[None]:
-    """Explain that a disk has no room for the temporary files of a bag."""
-    try:
-        yield
-    except (OSError, InputError) as problem:
-        cause = problem if isinstance(problem, OSError) else problem.__cause__
-        if not isinstance(cause, OSError) or cause.errno not in NO_ROOM:
-            raise
-        place = temporary_place().parent
-        raise InputError(
-            f"{path} cannot be unpacked or recovered in {place}: {cause.strerror}; let TMPDIR name a folder with room"
-        ) from cause

@@ -15,7 +15,7 @@ from tam_calibration.messages.cdr import RawMessages, join, windows
 from tam_calibration.model.units import IntArray
 from tam_calibration.recordings import mcap_records
 from tam_calibration.recordings.bag_bounds import NAMED, Damaged, check_piece, unpack
-from tam_calibration.recordings.bag_storages import Condition, StoredFile
+from tam_calibration.recordings.bag_storages import Condition, StoredFile, numbers_of
 from tam_calibration.recordings.mcap_records import complete_messages
 
 _RECORD = np.dtype(
@@ -63,13 +63,10 @@ class McapFile(StoredFile):
         for chunk in self._chunks:
             counts.update({channel: length // 16 for channel, (_, length) in chunk.indices.items()})
         known = topics.connections
+        connections = [one._replace(msgcount=counts[one.id]) for one in known.values()]
         filled = [chunk for chunk in self._chunks if chunk.indices]
-        super().__init__(
-            path,
-            [one._replace(msgcount=counts[one.id]) for one in known.values()],
-            min((chunk.start_ns for chunk in filled), default=0),
-            max((chunk.end_ns for chunk in filled), default=0),
-        )
+        start_ns = min((chunk.start_ns for chunk in filled), default=0)
+        super().__init__(path, connections, start_ns, max((chunk.end_ns for chunk in filled), default=0))
         self.is_indexed = counts.total() == stated and counts.keys() <= known.keys()
 
     def blocks(self, position: Mapping[int, int]) -> Iterator[tuple[RawMessages, int]]:
@@ -86,7 +83,8 @@ class McapFile(StoredFile):
                     if count < len(messages):
                         later.append((each, messages.take(slice(count, None))))
                 waiting = later
-                yield _merge(ready), chunk.length
+                ready.sort(key=lambda part: part[0])  # at equal times those of the first chunk in the file come first
+                yield join([messages for _, messages in ready]).in_order(), chunk.length
 
     def _read_chunk(self, file: BinaryIO, chunk: _Chunk, position: Mapping[int, int]) -> RawMessages:
         """Return the messages of a chunk in the order of recording."""
@@ -108,9 +106,9 @@ class McapFile(StoredFile):
         is_message &= np.diff(record, prepend=-1) > 0
         if not is_message.all() or (size < 0).any() or (start + size > len(block)).any():
             raise Damaged("the index of a chunk does not fit the chunk")
-        number = np.zeros(max(position) + 1, dtype=np.int64)
-        number[list(position)] = list(position.values())
-        return RawMessages(number[channel], heads["log_ns"].astype(np.int64), start, size, block).in_order()
+        return RawMessages(
+            numbers_of(position)[channel], heads["log_ns"].astype(np.int64), start, size, block
+        ).in_order()
 
 
 def _parse_chunk(content: bytes) -> _Chunk:
@@ -147,13 +145,8 @@ def _count_before(chunk: _Chunk, messages: RawMessages, following: _Chunk) -> in
     return int(np.searchsorted(messages.recorded_ns, following.start_ns, side))
 
 
-def _merge(parts: list[tuple[int, RawMessages]]) -> RawMessages:
-    """Return the messages of several chunks, at equal times those of the first chunk in the file first."""
-    return join([messages for _, messages in sorted(parts, key=lambda part: part[0])]).in_order()
-
-
 def condition_of(path: Path) -> Condition:
-    """Return how a file was left, as ``Storage`` asks; what has a CRC is compared with it."""
+    """Return how a file was left, as of `RegisteredStorage`; what has a CRC is compared with it."""
     with path.open("rb") as file:
         beginning = file.read(len(mcap_records.MAGIC))
         end = mcap_records.read_end(file)

@@ -3,7 +3,7 @@
 import logging
 import sys
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
@@ -28,7 +28,6 @@ from tam_calibration.recordings.bag_bounds import (
     Damaged,
     check_piece,
     damage_named,
-    room_named,
     unpack_bounded,
     unpacked,
 )
@@ -159,63 +158,43 @@ def open_bag(path: Path) -> Iterator[BagReader]:
 @lru_cache(maxsize=2)
 def _opened(path: Path, state: tuple[tuple[str, int, int], ...]) -> BagReader:
     """Return a bag; the folder with its unpacked files is removed with it."""
+    faults: list[str] = []
     with ExitStack() as folder:
-        bag = _checked(path, folder)
+        with damage_named(path):
+            files = bag_storages.data_files(path)
+            if any(file.suffix == bag_storages.PACKED for file in files):
+                files = unpacked(files, folder.enter_context(unfinished(temporary_place())))
+            if missing := [file.name for file in files if not file.exists()]:
+                raise Damaged(f"{missing[0]} is missing")
+            conditions = {file: storage_for(file).condition_of(file) for file in files}
+        metadata = bag_storages.read_metadata(path) if path.is_dir() else None
+        is_unfinished = Condition.UNFINISHED in conditions.values() or (path.is_dir() and metadata is None)
+        incomplete = [file for file, condition in conditions.items() if condition is not Condition.COMPLETE]
+        with damage_named(path, may_recover=False):
+            recovered = {file: RecoveredFile(file, faults) for file in incomplete}
+        with damage_named(path):
+            if faults and not is_unfinished:
+                raise Damaged("; ".join(faults[:NAMED]))
+            bag = BagReader(path, [recovered.get(file) or storage_for(file).FILE(file) for file in files])
+            _require_topics(bag, metadata.counts if metadata and not is_unfinished else {})
+        if not bag.message_count:
+            no_message = "contains no message: the recorder wrote nothing, or was killed"
+            lost = "is damaged or truncated: no message in it is complete"
+            raise InputError(f"{path} {lost if incomplete else no_message}")
+        if is_unfinished:
+            found = Recovered(bag.message_count, bag.start_time, bag.start_time + bag.duration, tuple(faults))
+            bag.unfinished = f"the recording was left unfinished: {found}"
         finalize(bag, folder.pop_all().close)
     return bag
 
 
-def _checked(path: Path, folder: ExitStack) -> BagReader:
-    """Return a bag, packed files unpacked into a temporary folder.
-
-    Parameters
-    ----------
-    path : Path
-        The bag.
-    folder : ExitStack
-        Removes the folder.
-    """
-    faults: list[str] = []
-    with room_named(path), damage_named(path):
-        files = bag_storages.data_files(path)
-        if any(file.suffix == bag_storages.PACKED for file in files):
-            files = unpacked(files, folder.enter_context(unfinished(temporary_place())))
-        if missing := [file.name for file in files if not file.exists()]:
-            raise Damaged(f"{missing[0]} is missing")
-        conditions = {file: storage_for(file).condition_of(file) for file in files}
-    has_metadata = not path.is_dir() or bag_storages.read_metadata(path) is not None
-    is_unfinished = Condition.UNFINISHED in conditions.values() or not has_metadata
-    incomplete = [file for file, condition in conditions.items() if condition is not Condition.COMPLETE]
-    with room_named(path), damage_named(path, may_recover=False):
-        recovered = {file: RecoveredFile(file, faults) for file in incomplete}
-    with damage_named(path):
-        if faults and not is_unfinished:
-            raise Damaged("; ".join(faults[:NAMED]))
-        bag = BagReader(path, [recovered.get(file) or storage_for(file).FILE(file) for file in files])
-        _require_names(bag)
-        if not is_unfinished:
-            _require_counted(bag)
-    if incomplete and not bag.message_count:
-        raise InputError(f"{path} is damaged or truncated: no message in it is complete")
-    if not bag.message_count:
-        raise InputError(f"{path} contains no message: the recorder wrote nothing, or was killed")
-    if is_unfinished:
-        found = Recovered(bag.message_count, bag.start_time, bag.start_time + bag.duration, tuple(faults))
-        bag.unfinished = f"the recording was left unfinished: {found}"
-    return bag
-
-
-def _require_names(bag: BagReader) -> None:
+def _require_topics(bag: BagReader, counts: Mapping[str, int]) -> None:
+    """Check the names of topics and types, and that topics are there of which messages were counted."""
     for each in bag.topics:
         if not (isinstance(each.topic, str) and isinstance(each.msgtype, str)):
             raise Damaged(f"{quoted(each.topic)} of {quoted(each.msgtype)} is no topic with a type")
-
-
-def _require_counted(bag: BagReader) -> None:
-    """Check that the files have the topics of which the metadata count messages: a damaged name would lose one."""
-    metadata = bag_storages.read_metadata(bag.path) if bag.path.is_dir() else None
     topics = {one.topic for one in bag.topics}
-    for topic, count in metadata.counts.items() if metadata else ():
+    for topic, count in counts.items():
         if count and topic not in topics:
             raise Damaged(f"the metadata count {quoted(count)} messages of {topic}, which no file has")
 

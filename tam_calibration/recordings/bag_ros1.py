@@ -47,7 +47,7 @@ class Ros1File(StoredFile):
 
 
 def condition_of(path: Path) -> Condition:
-    """Return how a file was left, as ``Storage`` asks: opening it tells more."""
+    """Return how a file was left, as of `RegisteredStorage`: opening it tells more."""
     return Condition.COMPLETE
 
 

@@ -1,6 +1,6 @@
 """A bag as tables: its topics, and the numbers in their messages."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import cache, cached_property
 
@@ -16,8 +16,9 @@ from tam_calibration.messages.samples import Progress, StreamMessages
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.recordings.bag_reader import BagReader, raw_blocks
+from tam_calibration.recordings.bag_storages import serialisation_of
 from tam_calibration.recordings.channel_map import Clock
-from tam_calibration.recordings.tables import BATCH, Table, Wanted, by_stream, fields_of
+from tam_calibration.recordings.tables import BATCH, Batches, Table, Wanted, by_stream, fields_of
 
 _Decoder = Callable[[RawMessages], tuple[IntArray | None, FloatArray]]
 """Returns the (n,) stamps, where there are any, and the (n, values) of messages."""
@@ -60,13 +61,9 @@ class BagSource:
     def __init__(self, bag: BagReader) -> None:
         self.bag = bag
         self.path, self.unfinished = bag.path, bag.unfinished
+        self.is_ros1 = any(map(_is_ros1, bag.connections))
         self.format = "ROS 1 bag" if self.is_ros1 else "bag"
         self._connections = {each.topic: each for each in bag.connections}
-
-    @property
-    def is_ros1(self) -> bool:
-        """Whether messages are serialised as in ROS 1."""
-        return any(map(_is_ros1, self.bag.connections))
 
     @cached_property
     def tables(self) -> list[Table]:
@@ -115,13 +112,9 @@ class BagSource:
 
     def _fields(self, topic: str) -> MessageFields:
         connection = self._connections[topic]
-        definition = connection.msgdef
-        is_ros1 = _is_ros1(connection)
-        return _fields_of(connection.msgtype, definition.format.name, definition.data, is_ros1)
+        return _fields_of(connection.msgtype, *connection.msgdef, _is_ros1(connection))
 
-    def batches(
-        self, wanted: Mapping[str, Wanted], clock: Clock, progress: Progress
-    ) -> Iterator[dict[str, StreamMessages]]:
+    def batches(self, wanted: Mapping[str, Wanted], clock: Clock, progress: Progress) -> Batches:
         """Yield the messages of some streams, decoded, as `Source.batches`."""
         topics: dict[str, dict[str, Wanted]] = {}
         for stream, each in wanted.items():
@@ -170,12 +163,11 @@ def _frames(messages: RawMessages) -> tuple[str, ...]:
 
 
 def _is_ros1(connection: Connection) -> bool:
-    """Return whether the messages of a connection are serialised as in ROS 1."""
-    return getattr(connection.ext, "serialization_format", "ros1") == "ros1"
+    return serialisation_of(connection) == "ros1"
 
 
 @cache
-def _fields_of(msgtype: str, form: str, text: str, is_ros1: bool) -> MessageFields:
+def _fields_of(msgtype: str, form: MessageDefinitionFormat, text: str, is_ros1: bool) -> MessageFields:
     """Return the numbers of a type, by the definition that the bag contains, else by that of ROS.
 
     Raises
@@ -186,9 +178,9 @@ def _fields_of(msgtype: str, form: str, text: str, is_ros1: bool) -> MessageFiel
     store = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_JAZZY).fielddefs
     definitions: dict[str, tuple[object, object]] = dict(store)
     try:
-        if form == MessageDefinitionFormat.MSG.name:
+        if form == MessageDefinitionFormat.MSG:
             definitions |= get_types_from_msg(text, msgtype)
-        elif form == MessageDefinitionFormat.IDL.name:
+        elif form == MessageDefinitionFormat.IDL:
             definitions |= get_types_from_idl(text)
         own: Definitions = definitions  # type: ignore[assignment]
         return MessageFields(own, msgtype, is_ros1)

@@ -19,9 +19,8 @@ from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 from tam_calibration.files.whole_files import temporary_place, unfinished
 from tam_calibration.messages.cdr import RawMessages
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.units import IntArray
 from tam_calibration.recordings.bag_bounds import LARGEST_PIECE, Damaged, check_topics, quality_of
-from tam_calibration.recordings.bag_storages import Condition, StoredFile
+from tam_calibration.recordings.bag_storages import Condition, StoredFile, numbers_of
 
 ROWS, _BYTES = 8_192, 2_000_000
 """Most rows, and bytes of messages of mean size, that a query gathers: larger blocks leave the processor's caches."""
@@ -117,11 +116,10 @@ def _first(database: apsw.Connection, query: str, *values: int) -> Any:
 
 def _read_connections(database: apsw.Connection) -> list[Connection]:
     """Return the topics of a database of any distribution of ROS 2."""
-    definitions = {}
-    if _first(database, "SELECT 1 FROM sqlite_master WHERE name = 'message_definitions'"):
-        kinds = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}
-        rows = database.execute(_DEFINITIONS)
-        definitions = {name: MessageDefinition(kinds[kind], text) for name, kind, text in rows if kind in kinds}
+    has_definitions = _first(database, "SELECT 1 FROM sqlite_master WHERE name = 'message_definitions'")
+    kinds = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}
+    rows = database.execute(_DEFINITIONS) if has_definitions else ()
+    definitions = {name: MessageDefinition(kinds[kind], text) for name, kind, text in rows if kind in kinds}
     columns = [column for _, column, *_ in database.execute("PRAGMA table_info(topics)")]
     unknown = MessageDefinition(MessageDefinitionFormat.NONE, "")
     connections = []
@@ -159,45 +157,31 @@ class Sqlite3File(StoredFile):
             yield from (row for row in rows if row[0] in ids)
 
     def blocks(self, position: Mapping[int, int]) -> Iterator[tuple[RawMessages, int]]:
-        """Yield messages as of `StoredFile`, many rows by one query where the index is there."""
-        with closing(_open(self.path)) as database:
-            if _first(database, _HAS_INDEX):
-                yield from self._gathered(database, self.path.stat().st_size, position)
-                return
-        yield from super().blocks(position)  # somebody dropped it
-
-    def _gathered(
-        self, database: apsw.Connection, size: int, position: Mapping[int, int]
-    ) -> Iterator[tuple[RawMessages, int]]:
-        """Yield rows that the database itself joins, which spares an object for each."""
+        """Yield messages as of `StoredFile`; the database itself joins many rows, which spares an object for each."""
         is_all = len(position) == len(self.connections)
         query = _GATHER if is_all else f"{_GATHER} AND topic_id IN ({','.join(map(str, position))})"
-        number = np.zeros(max(position) + 1, dtype=np.int64)
-        number[list(position)] = list(position.values())
-        first, last, count = self.start_ns, self.end_ns, self.message_count
+        number = numbers_of(position)
+        size, first, last, count = self.path.stat().st_size, self.start_ns, self.end_ns, self.message_count
         rows = max(min(ROWS, _BYTES * count // size), 1)
-        while first <= last:
-            following = _first(database, _NEXT, first, rows)
-            end = max(following[0], first + 1) if following else last + 1
-            topics, times, sizes, block = _first(database, query, first, end)
-            if block is not None:
-                connection = number[_parse(topics)]
-                yield _messages(connection, first + _parse(times), _parse(sizes), block), size * rows // count
-            first = end
-
-
-def _parse(numbers: str) -> IntArray:
-    return np.fromstring(numbers, dtype=np.int64, sep=",")
-
-
-def _messages(connection: IntArray, recorded_ns: IntArray, size: IntArray, block: bytes) -> RawMessages:
-    if int(size.sum()) != len(block):
-        raise Damaged("the sizes of its messages are not those of their bytes")
-    return RawMessages(connection, recorded_ns, np.cumsum(size) - size, size, np.frombuffer(block, np.uint8))
+        with closing(_open(self.path)) as database:
+            if not _first(database, _HAS_INDEX):  # somebody dropped it
+                yield from super().blocks(position)
+                return
+            while first <= last:
+                following = _first(database, _NEXT, first, rows)
+                end = max(following[0], first + 1) if following else last + 1
+                *numbers, block = _first(database, query, first, end)
+                if block is not None:
+                    topics, times, sizes = (np.fromstring(each, dtype=np.int64, sep=",") for each in numbers)
+                    if int(sizes.sum()) != len(block):
+                        raise Damaged("the sizes of its messages are not those of their bytes")
+                    starts, content = np.cumsum(sizes) - sizes, np.frombuffer(block, np.uint8)
+                    yield RawMessages(number[topics], first + times, starts, sizes, content), size * rows // count
+                first = end
 
 
 def condition_of(path: Path) -> Condition:
-    """Return how a file was left, as ``Storage`` asks, by the checks of SQLite and the CRC of each message."""
+    """Return how a file was left, as of `RegisteredStorage`, by the checks of SQLite and the CRC of each message."""
     if _logs(path) or _is_cut(path):
         return Condition.UNFINISHED
     with closing(_open(path)) as database:
@@ -244,7 +228,7 @@ def _is_intact(database: apsw.Connection) -> str:
 
 
 def complete_messages(path: Path, faults: list[str]) -> Iterator[tuple[Connection, int, bytes]]:
-    """Yield what SQLite can read of a file, finished or not, as ``Storage`` asks.
+    """Yield what SQLite can read of a file, finished or not, as of `RegisteredStorage`.
 
     The file is copied with its journals, which SQLite then plays back. Rows that it cannot reach are left out.
 

@@ -23,7 +23,7 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.recordings import bag_storages
-from tam_calibration.recordings.bag_bounds import damage_named, room_named, unpacked
+from tam_calibration.recordings.bag_bounds import damage_named, unpacked
 from tam_calibration.recordings.bag_reader import BagReader, Recovered, RecoveredFile, raw_blocks
 from tam_calibration.recordings.bag_storages import DEFAULT, data_files, serialisation_of
 
@@ -35,9 +35,10 @@ class BlockWriter(Writer):
     """The writer of rosbags that takes single messages, or many at once."""
 
     def __init__(self, path: Path, storage: str) -> None:
-        if storage not in bag_storages.written():
-            raise InputError(f"storage {storage!r} is not known: choose one of {', '.join(bag_storages.written())}")
-        plugin: Any = bag_storages.written()[storage]  # rosbags takes its name for metadata.yaml
+        known = bag_storages.written()
+        if storage not in known:
+            raise InputError(f"storage {storage!r} is not known: choose one of {', '.join(known)}")
+        plugin: Any = known[storage]  # rosbags takes its name for metadata.yaml
         super().__init__(path, version=9, storage_plugin=plugin)
         self.STORAGE_PLUGINS = {plugin: plugin.load().WRITER}
 
@@ -230,10 +231,10 @@ def recover(path: Path, target: Path) -> Recovered:
     require_regular(path)
     faults: list[str] = []
     with unfinished(temporary_place()) as folder:
-        with room_named(path):
-            files = unpacked(data_files(path), folder, faults)
-        faults += [f"{file.name} is missing" for file in files if not file.exists()]
+        files = data_files(path)
         with damage_named(path, may_recover=False):
+            files = unpacked(files, folder, faults)
+            faults += [f"{file.name} is missing" for file in files if not file.exists()]
             bag = BagReader(path, [RecoveredFile(file, faults) for file in files if file.exists()])
         readable = [one for one in bag.topics if serialisation_of(one) in bag_storages.READABLE]
         if not readable:
@@ -244,7 +245,7 @@ def recover(path: Path, target: Path) -> Recovered:
                 writer.write_block(replace(block, connection=ids[block.connection]))
     for one in bag.topics:
         if one not in readable:
-            what = f"{one.msgcount} messages of {one.topic} in {serialisation_of(one)}"
-            log.warning("%s: %s are left out", path, what)
+            what = path, one.msgcount, one.topic, serialisation_of(one)
+            log.warning("%s: %d messages of %s in %s are left out", *what)
     count = sum(one.msgcount for one in readable)
     return Recovered(count, bag.start_time, bag.start_time + bag.duration, tuple(faults))

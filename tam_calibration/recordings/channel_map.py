@@ -1,14 +1,14 @@
 """The map: which topics, fields or columns of a recording are the sensors of an array and its channels."""
 
-from collections.abc import Iterator, Mapping
-from dataclasses import MISSING, fields
+from collections.abc import Mapping
+from dataclasses import MISSING, fields, is_dataclass
 from dataclasses import field as default_of
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from tam_calibration.files.schema import Bounds, Document, check
 from tam_calibration.files.text_files import in_file
-from tam_calibration.files.yaml_document import dump_mapping, mapping_in
+from tam_calibration.files.yaml_document import mapping_in
 from tam_calibration.messages.stream import sensor_stream
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.further_channels import require_further
@@ -180,14 +180,6 @@ class ChannelMap(Document):
         if not self.sensors:
             raise InputError("sensors: name at least one")
 
-    @classmethod
-    def of(
-        cls, sensors: list[Pick], channels: Mapping[str, Pick], further: dict[str, Pick] | None = None
-    ) -> "ChannelMap":
-        """Return the map of sensors and of channels by their names."""
-        known: dict[str, Any] = dict(channels)
-        return cls(sensors=sensors, further=further or {}, **known)
-
     @property
     def streams(self) -> dict[str, Pick]:
         """What is read, by stream: ``tam_1`` to ``tam_K``, then the channels."""
@@ -255,26 +247,20 @@ def read_map(path: str | Path) -> ChannelMap:
         return map_of(content)
 
 
-def map_to_yaml(channel_map: ChannelMap) -> str:
-    """Return the text of a map's file, without what is as by default."""
-    return dump_mapping(map_to_mapping(channel_map))
-
-
 def map_to_mapping(channel_map: ChannelMap) -> dict[str, Any]:
     """Return the keys and values of a map's file, without what is as by default."""
-    return dict(_stated(channel_map))
+    mapping: dict[str, Any] = _stated(channel_map)
+    return mapping
 
 
-def _stated(instance: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the keys and values of a dataclass that are not its defaults."""
-    for each in fields(instance):
-        value = getattr(instance, each.name)
-        default = each.default if each.default_factory is MISSING else each.default_factory()
-        if value == default:
-            continue
-        if isinstance(value, list) and value and isinstance(value[0], Pick):
-            yield each.name, [dict(_stated(pick)) for pick in value]
-        elif isinstance(value, dict):
-            yield each.name, {name: dict(_stated(pick)) for name, pick in value.items()}
-        else:
-            yield each.name, dict(_stated(value)) if hasattr(value, "__dataclass_fields__") else value
+def _stated(value: Any) -> Any:
+    """Return a value as a file has it: of a dataclass the keys and values that are not its defaults."""
+    if isinstance(value, list):
+        return [_stated(each) for each in value]
+    if isinstance(value, dict):
+        return {name: _stated(each) for name, each in value.items()}
+    if not is_dataclass(value):
+        return value
+    made = {each.name: each.default_factory() for each in fields(value) if each.default_factory is not MISSING}
+    defaults = {each.name: each.default for each in fields(value)} | made
+    return {name: _stated(each) for name, each in vars(value).items() if each != defaults[name]}

@@ -4,6 +4,7 @@ import re
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from tam_calibration.messages.missing import in_words
 from tam_calibration.messages.point_cloud import IMU, MAGNETIC_FIELD, TEMPERATURE
@@ -18,6 +19,7 @@ from tam_calibration.recordings.vectors import (
     attitudes_in,
     is_bookkeeping,
     is_magnetic,
+    is_own_column,
     is_rate,
     lists_in,
     own_columns,
@@ -25,7 +27,6 @@ from tam_calibration.recordings.vectors import (
     pick_of,
     shortened,
     unit_in,
-    unread,
     vectors_in,
 )
 
@@ -73,18 +74,19 @@ def choose(source: Source, sensor_count: int | None, frame_ids: Sequence[str] | 
     """
     own = own_map(source.tables, sensor_count) or own_columns(source.tables)
     if own is not None:
-        left = [name for name in unread(source.tables) if name != getattr(source, "time_column", None)]
+        columns = [name for table in source.tables for name in table.columns if not is_own_column(name)]
+        left = [name for name in columns if name != getattr(source, "time_column", None)]
         return Choice(own, remarks=(f"not read: {', '.join(left)}",) if left else (), is_own=True)
     vectors = [vector for table in source.tables for vector in vectors_in(table)]
     others = [vector for vector in vectors if not _is_scalar(vector)]
     magnetic = [vector for vector in others if is_magnetic(vector)]
     of_frame = [[each for each in magnetic if each.table.frames == (frame,)] for frame in frame_ids or ()]
     sensors = [each[0] for each in of_frame] if all(len(each) == 1 for each in of_frame) else []
-    doubts: tuple[str, ...] = ()
+    doubt = ""
     if not sensors:
-        sensors, doubts = _rawest(magnetic, sensor_count)
+        sensors, doubt = _rawest(magnetic, sensor_count)
     if not sensors:
-        sensors, doubts = _unnamed(source.tables, others, sensor_count)
+        sensors, doubt = _unnamed(source.tables, others, sensor_count)
     channels, remarks = _channels(source.tables, _scalars(source.tables, vectors, sensors), sensors)
     processed = [str(vector.pick) for vector in magnetic if sensors and vector.changes > sensors[0].changes]
     if processed:
@@ -93,12 +95,10 @@ def choose(source: Source, sensor_count: int | None, frame_ids: Sequence[str] | 
     if not sensors:
         present = shortened([_described(table) for table in source.tables]) if source.tables else "nothing"
         return Choice(None, (f"no vector of a magnetic field is recognised among {present}",), remarks)
-    return Choice(ChannelMap.of([each.pick for each in sensors], channels), doubts, remarks)
+    return Choice(ChannelMap(sensors=[each.pick for each in sensors], **channels), (doubt,) if doubt else (), remarks)
 
 
-def _unnamed(
-    tables: Sequence[Table], vectors: Sequence[Vector], sensor_count: int | None
-) -> tuple[list[Vector], tuple[str, ...]]:
+def _unnamed(tables: Sequence[Table], vectors: Sequence[Vector], sensor_count: int | None) -> tuple[list[Vector], str]:
     """Return vectors that no name or type marks as a magnetic field, and why that is not certain.
 
     They are taken where their number is that of the sensors; without an array that number is not known, and names in a
@@ -109,11 +109,10 @@ def _unnamed(
     others = [vector for vector in free if not is_bookkeeping(vector.pattern) and not OTHER.search(vector.pattern)]
     for guessed in (_lists_of(vectors, sensor_count), in_columns, others):
         if guessed and sensor_count in (None, len(guessed)):
-            doubt = (
-                "no name or type says which numbers are readings of a field: name the sensors in a map, or give --array"
-            )
-            return _in_order(guessed), () if sensor_count else (doubt,)
-    return [], ()
+            doubt = "no name or type says which numbers are readings of a field"
+            advice = "name the sensors in a map, or give --array"
+            return _in_order(guessed), "" if sensor_count else f"{doubt}: {advice}"
+    return [], ""
 
 
 def _is_scalar(vector: Vector) -> bool:
@@ -140,15 +139,15 @@ def _lists_of(vectors: Sequence[Vector], sensor_count: int | None) -> list[Vecto
     return found
 
 
-def _rawest(magnetic: Sequence[Vector], sensor_count: int | None) -> tuple[list[Vector], tuple[str, ...]]:
+def _rawest(magnetic: Sequence[Vector], sensor_count: int | None) -> tuple[list[Vector], str]:
     """Return the sensors among vectors that were processed least; among others, where only these are the array's."""
     equal = [[each for each in magnetic if each.changes == changes] for changes in range(3)]
-    found = [_sensors(each, sensor_count) for each in equal if each] or [([], ())]
+    found = [_sensors(each, sensor_count) for each in equal if each] or [([], "")]
     certain = [each for each in found if not each[1]] if sensor_count else []
     return (certain or found)[0]
 
 
-def _sensors(magnetic: Sequence[Vector], sensor_count: int | None) -> tuple[list[Vector], tuple[str, ...]]:
+def _sensors(magnetic: Sequence[Vector], sensor_count: int | None) -> tuple[list[Vector], str]:
     """Return the vectors that are the sensors, in their order, and why that is not certain."""
     groups: dict[tuple[str, str], list[Vector]] = defaultdict(list)
     for vector in magnetic:
@@ -164,13 +163,11 @@ def _sensors(magnetic: Sequence[Vector], sensor_count: int | None) -> tuple[list
             fitting = [list(magnetic)]
     named = ", ".join(sorted(str(vector.pick) for vector in magnetic))
     if len(fitting) == 1:
-        return _in_order(fitting[0]), ()
-    if len(fitting) > 1:
-        return _in_order(fitting[0]), (f"several sets of sensors may be meant ({named}): name one in the map",)
-    if not magnetic:
-        return [], ()
+        return _in_order(fitting[0]), ""
+    if fitting:
+        return _in_order(fitting[0]), f"several sets of sensors may be meant ({named}): name one in the map"
     doubt = f"{len(magnetic)} magnetic vectors are there ({named}), and the array has {sensor_count} sensors"
-    return _in_order(found[0])[:sensor_count], (f"{doubt}: name the sensors in the map",)
+    return _in_order(found[0])[:sensor_count], f"{doubt}: name the sensors in the map"
 
 
 def _in_order(vectors: Sequence[Vector]) -> list[Vector]:
@@ -206,7 +203,7 @@ def _is_last(table: Table, field: str) -> bool:
 
 def _channels(
     tables: Sequence[Table], scalars: list[Pick], sensors: Sequence[Vector]
-) -> tuple[dict[str, Pick], tuple[str, ...]]:
+) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Return the channels recorded with the sensors, and what was not taken because there are several."""
     found = {
         "scalar": scalars,

@@ -1,15 +1,20 @@
-"""The samples of a recording for a fit or a comparison: each reading once, and what became of the messages.
+"""What a fit or a comparison takes: samples, each reading once, with what became of the messages; a known source.
 
-They are in memory, or in temporary files where the recording is large.
+Samples are in memory, or in temporary files where the recording is large.
 """
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
+
+import numpy as np
 
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.files.quantities import Place, Vector
+from tam_calibration.files.schema import Bounds, Document, check
+from tam_calibration.files.yaml_document import mapping_in
 from tam_calibration.messages.samples import Progress
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
@@ -19,6 +24,7 @@ from tam_calibration.recordings.array_yaml import read_array, transforms_in
 from tam_calibration.recordings.reading import AS_IT_IS, Reading
 from tam_calibration.recordings.recording_file import read_pieces, read_samples
 from tam_calibration.recordings.recording_stream import RecordingStream
+from tam_calibration.sources.dipole import Dipole, Loop, Source, area_of
 
 _LARGE_BYTES = 1 << 26
 """From here on, 64 MiB, a recording is read in pieces."""
@@ -32,38 +38,6 @@ def is_large(path: Path) -> bool:
     return sum(part.stat().st_size for part in parts if part.is_file()) >= _LARGE_BYTES
 
 
-def read_stream(
-    path: Path,
-    array: Array | None = None,
-    reading: Reading = AS_IT_IS,
-    progress: Progress = lambda done, total: None,
-    sensor_count: int | None = None,
-) -> RecordingStream:
-    """Read a recording that may be larger than memory: it is kept in temporary files as numbers.
-
-    Parameters
-    ----------
-    path, array, reading, progress, sensor_count
-        As of `read_samples`.
-
-    Raises
-    ------
-    InputError
-        When it cannot be read or kept, or contains no recording.
-    """
-    usage: Usage | None = None
-
-    def recordings() -> Iterator[Recording]:
-        nonlocal usage
-        for samples in read_pieces(path, array, reading, progress, sensor_count=sensor_count):
-            usage = samples.usage
-            yield samples.recording
-
-    stream = RecordingStream(recordings())
-    stream.usage = usage
-    return stream
-
-
 def read_source(
     path: Path,
     array: Array | None = None,
@@ -71,7 +45,7 @@ def read_source(
     progress: Progress = lambda done, total: None,
     each_once: bool = True,
 ) -> tuple[SampleSource, Usage | None]:
-    """Read a recording for a fit into memory, or where it is large as `read_stream` does. Return with it its usage.
+    """Read a recording for a fit into memory, or where it is large into temporary files. Return with it its usage.
 
     Parameters
     ----------
@@ -92,10 +66,10 @@ def read_source(
     InputError
         When it cannot be read or kept, or contains no recording.
     """
-    source: SampleSource
+    source: Recording | RecordingStream
     if is_large(path):
-        source = stream = read_stream(path, array, reading, progress)
-        usage = stream.usage
+        source = RecordingStream(read_pieces(path, array, reading, progress))
+        usage = source.usage
     else:
         samples = read_samples(path, array, reading, progress)
         source, usage = samples.recording, samples.usage
@@ -202,7 +176,88 @@ def _said_of(role: Role) -> Iterator[None]:
     """Put the name of the side before what is wrong with it."""
     try:
         yield
-    except InputError as problem:
-        raise InputError(f"the {role}: {problem}") from None
-    except Refused as problem:
-        raise Refused(f"the {role}: {problem}") from None
+    except (InputError, Refused) as problem:
+        raise type(problem)(f"the {role}: {problem}") from None
+
+
+_Positive = Annotated[float, Bounds(above=0, least=1e-12, most=1e12, unit="in SI")]
+"""A moment, ampere turns, a radius or a frequency: from atoms to the largest machines."""
+
+
+@dataclass(frozen=True, eq=False)
+class StatedSource:
+    """A source of known place, axis and strength.
+
+    Parameters
+    ----------
+    source : Dipole or Loop
+        In the world of the recorded attitude, from the array's centre.
+    frequency_hz : float
+        Of its field.
+    recording : Path
+        Of the array that was turned before it.
+    """
+
+    source: Source
+    frequency_hz: float
+    recording: Path
+
+
+class _SourceFile(Document):
+    """What the file may hold.
+
+    Parameters
+    ----------
+    recording : str
+        File next to this one: CSV or bag.
+    position_m : [x, y, z]
+        Of the centre of the source, in the world of the recorded attitude, from the array's centre.
+    axis : [x, y, z]
+        Direction of its magnetic moment, of any length.
+    moment_Am2 : float, optional
+        Size of the moment; either this, or the ampere turns of a loop.
+    ampere_turns : float, optional
+        Peak current times turns of a loop.
+    radius_m : float, optional
+        Of a circular loop; without it the source is a dipole.
+    frequency_Hz : float
+        Of its field.
+    """
+
+    recording: str
+    position_m: Place
+    axis: Vector
+    moment_Am2: _Positive | None = None
+    ampere_turns: _Positive | None = None
+    radius_m: _Positive | None = None
+    frequency_Hz: _Positive
+
+    def to_source(self) -> Source:
+        """Return the source."""
+        longest = max(map(abs, self.axis))
+        if longest == 0:
+            raise InputError("axis: a direction must not be zero")
+        if (self.moment_Am2 is None) == (self.ampere_turns is None):
+            raise InputError("give either moment_Am2, or ampere_turns and radius_m of a loop")
+        if self.moment_Am2 is not None:
+            size = self.moment_Am2
+        elif self.radius_m is None or self.ampere_turns is None:
+            raise InputError("ampere_turns are those of a loop: give its radius_m too")
+        else:
+            size = self.ampere_turns * area_of(self.radius_m)
+        axis = np.array(self.axis) / longest  # its length is then a number, however large the axis is
+        position, moment = np.array(self.position_m), size * axis / np.linalg.norm(axis)
+        return Dipole(position, moment) if self.radius_m is None else Loop(position, moment, self.radius_m)
+
+
+def read_known_source(path: Path) -> StatedSource:
+    """Read the file of a known source.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read, a key is not known, or the values make no source.
+    """
+    with mapping_in(Path(path)) as content:
+        stored = check(content, _SourceFile)
+        return StatedSource(stored.to_source(), stored.frequency_Hz, Path(path).parent / stored.recording)

@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
 
+from tam_calibration.files.yaml_document import dump_mapping
 from tam_calibration.messages.missing import in_words
 from tam_calibration.model.units import TESLA_PER_FIELD_UNIT, FloatArray, to_nanotesla
 from tam_calibration.recordings.channel_map import (
@@ -14,7 +15,6 @@ from tam_calibration.recordings.channel_map import (
     TextFormat,
     TimeColumn,
     map_to_mapping,
-    map_to_yaml,
 )
 from tam_calibration.recordings.intake import size_doubt
 from tam_calibration.recordings.row_source import NO_TIME_RATE_HZ, RowSource
@@ -201,7 +201,7 @@ class Inspection:
         names = ", ".join(file.name for file in self.files)
         said = [f"What is taken of {names}. Edit it, and give it with --map."]
         said += [f"To settle: {clause}" for clause in (*self.doubts, *self.remarks)]
-        text = "sensors: []\n" if self.channel_map is None else map_to_yaml(self.channel_map)
+        text = "sensors: []\n" if self.channel_map is None else dump_mapping(map_to_mapping(self.channel_map))
         return "".join(f"# {' '.join(line.split())}\n" for line in said) + text
 
 

@@ -1,7 +1,7 @@
 """What becomes of the raw values of one stream: unwrapped, in SI, in the right order and world, the missing marked."""
 
 from dataclasses import dataclass
-from itertools import product, zip_longest
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,12 @@ _ROUND = 0.3
 """Least extent of readings, over the axes and in diameters of their sphere, from which this tells the field's size."""
 
 
+def is_of_field(stream: str) -> bool:
+    """Return whether a stream reads a field, as the sensors and the scalar do."""
+    return stream == "scalar" or stream.startswith("tam_")
+
+
+@dataclass
 class Intake:
     """Takes the values of one stream, batch by batch.
 
@@ -42,32 +48,26 @@ class Intake:
         From which geographic positions count.
     """
 
-    def __init__(
-        self,
-        stream: str,
-        pick: Pick,
-        bounds: FieldBounds,
-        unwrap: bool,
-        doubtful: str = "",
-        axes: Axes = LOCAL,
-        origin: FloatArray | None = None,
-    ) -> None:
-        self.stream, self._pick, self._doubtful = stream, pick, doubtful
-        self.unit: str = pick.unit
-        self._bounds, self._unwrap = bounds, unwrap
-        self._factor = pick.factor if self._is_field else 1.0
+    stream: str
+    pick: Pick
+    bounds: FieldBounds
+    unwrap: bool
+    doubtful: str = ""
+    axes: Axes = LOCAL
+    origin: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        """Begin before the first values."""
+        self.unit: str = self.pick.unit
+        self._factor = self.pick.factor if is_of_field(self.stream) else 1.0
         self._range: Range | None = None
         self._counter: Counter | None = None
-        self._navigation = Navigation(axes, pick.world, origin)
+        self._navigation = Navigation(self.axes, self.pick.world, self.origin)
 
     @property
     def is_detected(self) -> bool:
         """Whether its unit was detected by the size of the field."""
-        return self.unit not in ("", self._pick.unit, self._doubtful)
-
-    @property
-    def _is_field(self) -> bool:
-        return self.stream == "scalar" or self.stream.startswith("tam_")
+        return self.unit not in ("", self.pick.unit, self.doubtful)
 
     def take(self, raw: FloatArray) -> tuple[FloatArray, NDArray[np.int8]]:
         """Return values in SI, and the codes of those that are missing (``missing.REASONS``).
@@ -96,10 +96,10 @@ class Intake:
             self._range = Range.of(self.stream, raw[is_there])
         if self._range is not None:
             codes[is_there & self._range.beyond(raw)] = FAR
-        if self._is_field and self._factor is None and is_there.any():
+        if self._factor is None and is_there.any():
             self.unit = self._detected(raw[is_there & (codes == 0)])
             self._factor = TESLA_PER_FIELD_UNIT[self.unit]
-        return in_si(self.stream, raw, 1.0 if self._factor is None else self._factor, self._pick.world), codes
+        return in_si(self.stream, raw, 1.0 if self._factor is None else self._factor, self.pick.world), codes
 
     def _detected(self, raw: FloatArray) -> str:
         """Return the unit in which the readings have the size of the field.
@@ -110,7 +110,7 @@ class Intake:
             When there is none.
         """
         size = field_size(raw)
-        unit = likely_unit(size, self._doubtful, self._bounds) or self._doubtful
+        unit = likely_unit(size, self.doubtful, self.bounds) or self.doubtful
         if not unit:
             raise InputError(size_doubt(self.stream, size))
         return unit
@@ -120,7 +120,7 @@ class Intake:
             self._counter = Counter.of(raw[is_there])
         if not self._counter.axes:
             return raw
-        if not self._unwrap:
+        if not self.unwrap:
             axis, bits = next(iter(self._counter.axes.items()))
             count = self._counter.overflows(raw[is_there], axis)
             raise InputError(
@@ -228,18 +228,15 @@ class Counter:
         Width of each counter that overflows, bits.
     sizes : dict of int to float
         By how much the readings of each jump where it overflows, in their unit.
-    first : tuple of int
-        How often each had overflowed before the first reading; not at all by default.
     """
 
     axes: dict[int, int]
     sizes: dict[int, float]
-    first: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         """Begin before the first reading."""
         self._last: dict[int, float] = {}
-        self._turns = dict(zip_longest(self.axes, self.first, fillvalue=0))
+        self._turns = dict.fromkeys(self.axes, 0)
 
     @classmethod
     def of(cls, raw: FloatArray) -> "Counter":
@@ -264,9 +261,11 @@ class Counter:
                 if is_count.mean() >= 0.9 and steps.max() < (1 - _JUMP) * size:
                     axes[axis], sizes[axis] = bits, size
         counter = cls(axes, sizes)
-        return cls(axes, sizes, counter.turns_before(raw)) if axes else counter
+        if axes:
+            counter._turns = cls(axes, sizes)._turns_before(raw)
+        return counter
 
-    def turns_before(self, raw: FloatArray) -> tuple[int, ...]:
+    def _turns_before(self, raw: FloatArray) -> dict[int, int]:
         """Return the turns of each counter before the first of readings (n, 3), with which the intensity varies least.
 
         A bias is far smaller than a counter's range, so that any other turn would show in the intensity.
@@ -278,7 +277,8 @@ class Counter:
             moved[:, list(self.axes)] += np.array(turns) * np.array(list(self.sizes.values()))
             return float(np.std(np.linalg.norm(moved, axis=1)))
 
-        return min(product((0, -1, 1), repeat=len(self.axes)), key=variation)
+        turns = min(product((0, -1, 1), repeat=len(self.axes)), key=variation)
+        return dict(zip(self.axes, turns, strict=True))
 
     def overflows(self, raw: FloatArray, axis: int) -> int:
         """Return how often an axis jumps."""

@@ -28,6 +28,7 @@ from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
 from tam_calibration.model.conversion import RATE_COLUMNS
 from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.geomagnetic_field import EARTH_FIELD
 from tam_calibration.model.limits import largest_of
 from tam_calibration.model.mounting import Mounting
 from tam_calibration.model.units import FloatArray, IntArray
@@ -70,29 +71,21 @@ class Streams:
 
     def other_frames(self, mounting: Mounting) -> tuple[str, ...]:
         """Return a warning of each stream whose messages are of another frame than the array file states."""
-        return tuple(
-            other_frame(stream, frame, stated)
-            for stream, stated in expected_frames(mounting).items()
-            if stream in self.wanted
-            for frame in self.wanted[stream].table.frames
-            if frame != stated
-        )
+        told = []
+        for stream, stated in expected_frames(mounting).items():
+            frames = self.wanted[stream].table.frames if stream in self.wanted else ()
+            told += [other_frame(stream, frame, stated) for frame in frames if frame != stated]
+        return tuple(told)
 
     def intakes(self, reading: Reading, array: Array | None) -> dict[str, Intake]:
         """Return what takes the values of each stream."""
-        bounds = reading.bounds(array)
-        return {
-            name: Intake(
-                name,
-                pick,
-                bounds,
-                reading.unwrap,
-                self.doubtful.get(name, ""),
-                axes_of(self.wanted[name].fields),
-                None if reading.origin is None else np.array(reading.origin),
-            )
-            for name, pick in self.picks.items()
-        }
+        bounds = EARTH_FIELD if array is None else array.field
+        origin = None if reading.origin is None else np.array(reading.origin)
+        intakes = {}
+        for name, pick in self.picks.items():
+            axes = axes_of(self.wanted[name].fields)
+            intakes[name] = Intake(name, pick, bounds, reading.unwrap, self.doubtful.get(name, ""), axes, origin)
+        return intakes
 
     @cached_property
     def layout(self) -> SampleLayout:
@@ -134,8 +127,8 @@ class Joining:
         self._turns = {} if array is None else turns_of(array.mounting)
         self._other_frames = () if array is None else streams.other_frames(array.mounting)
         self.intakes = streams.intakes(reading, array)
-        self._missing, self._first_ns, self._run = Missing(), None, Run()
-        self._averaged = AveragedRates()
+        self._missing, self._run, self._averaged = Missing(), Run(), AveragedRates()
+        self._first_ns: int | None = None
         # more messages than come within the patience
         self._synchroniser = BatchSynchroniser(
             streams.layout,
@@ -147,8 +140,6 @@ class Joining:
             capacity=1 << 24,
             delay_s=None if array is None else array.stamp_delay_s,
         )
-
-    _first_ns: int | None
 
     def pieces(self, progress: Progress) -> Iterator[Samples]:
         """Yield the samples in the order of time, the last piece with the usage of all.
@@ -181,9 +172,9 @@ class Joining:
         for batch in self.source.batches(self.streams.wanted, self.streams.clock, progress):
             is_reported = is_reported or self._report_jitter(batch)
             usable = {name: self._usable(name, messages) for name, messages in batch.items()}
-            yield from self._timed(*self._kept(*self._synchroniser.push_batch(usable)))
+            yield from self._timed(*self._synchroniser.push_batch(usable))
         self._missing.require_half()
-        yield from self._timed(*self._kept(*self._synchroniser.flush_batch()))
+        yield from self._timed(*self._synchroniser.flush_batch())
         self._require_samples()
         self._report()
 
@@ -203,12 +194,11 @@ class Joining:
         first = batch.get(sensor_stream(1))
         if first is None or first.stamps_ns is None or len(first.stamps_ns) < 3:
             return False
-        intervals_s = np.diff(first.stamps_ns) / 1e9
+        intervals_ms = np.diff(first.stamps_ns) / 1e6
         log.warning(
             "the messages have no stamps, or the map says time: received, so that the recorder's times are taken; "
-            "their intervals vary by %.2g ms (standard deviation) about %.4g ms",
-            1e3 * float(np.std(intervals_s)),
-            1e3 * float(np.median(intervals_s)),
+            f"their intervals vary by {np.std(intervals_ms):.2g} ms (standard deviation) about "
+            f"{np.median(intervals_ms):.4g} ms"
         )
         return True
 
@@ -230,8 +220,7 @@ class Joining:
             return messages
         values, codes = self.intakes[stream].take(messages.values)
         stamps = messages.stamps_ns
-        first_ns = self._first_ns if self._first_ns is not None else 0
-        self._missing.add(stream, codes, None if stamps is None else (stamps - first_ns) / 1e9)
+        self._missing.add(stream, codes, None if stamps is None else (stamps - (self._first_ns or 0)) / 1e9)
         is_unusable = (np.abs(values) > largest_of(stream)).any(axis=1) | (codes > 0)
         if not is_channel(stream):
             is_unusable |= np.isnan(values).any(axis=1)
@@ -256,28 +245,26 @@ class Joining:
         inside = self._window.contains(stamps, self._first_ns if self._first_ns is not None else int(stamps[0]))
         return messages if inside.all() else messages.take(inside)
 
-    def _kept(self, stamps_ns: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return stamps and values of the samples that are wanted: the complete ones, or all."""
-        if self._with_partial or not self._synchroniser.partial:
-            return stamps_ns, values
-        is_complete = np.isfinite(values[:, : 3 * self._synchroniser.sensor_count]).all(axis=1)
-        return stamps_ns[is_complete], values[is_complete]
-
     def _timed(self, stamps_ns: IntArray, values: FloatArray) -> Iterator[tuple[IntArray, FloatArray]]:
-        """Yield stamps, and rows that begin with the time in the run: the stamp, without the steps back; none if empty.
+        """Yield stamps and rows of the samples that are wanted, none if empty: the complete ones, or all.
+
+        Rows begin with the time in the run: the stamp, without the steps back.
 
         Raises
         ------
         InputError
             When the first sample comes again.
         """
-        synchroniser, run = self._synchroniser, self._run
+        synchroniser, run, last = self._synchroniser, self._run, 3 * self._synchroniser.sensor_count
+        if synchroniser.partial and not self._with_partial:
+            is_complete = np.isfinite(values[:, :last]).all(axis=1)
+            stamps_ns, values = stamps_ns[is_complete], values[is_complete]
         if not len(stamps_ns):
             return
         if "gyroscope" in self.streams.wanted:
             first = self.streams.layout.columns.index(RATE_COLUMNS[0]) - 1
             values[:, first : first + 3] = self._averaged.means(stamps_ns, values[:, first : first + 3])
-        times_ns, count, last = stamps_ns.copy(), len(stamps_ns), 3 * synchroniser.sensor_count
+        times_ns, count = stamps_ns.copy(), len(stamps_ns)
         # As long as stamps rise the run needs to know its first sample, and the newest two.
         for index in range(count) if synchroniser.restarts else sorted({0, max(count - 2, 0), count - 1}):
             stamp_ns = int(stamps_ns[index])
@@ -290,12 +277,9 @@ class Joining:
         yield stamps_ns, np.column_stack([seconds_of(times_ns), values])
 
     def _samples(self, stamps_ns: IntArray, rows: FloatArray) -> Samples:
-        usage = replace(
-            self._synchroniser.usage,
-            unfinished=self.source.unfinished,
-            missing=self._missing.sentences(),
-            other_frames=self._other_frames,
-        )
+        missing, unfinished = self._missing.sentences(), self.source.unfinished
+        joined = self._synchroniser.usage
+        usage = replace(joined, unfinished=unfinished, missing=missing, other_frames=self._other_frames)
         return samples_of(self.streams.layout, stamps_ns, rows, usage)
 
 

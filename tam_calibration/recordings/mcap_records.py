@@ -174,7 +174,7 @@ def _crc_of(file: BinaryIO, begin: int, end: int) -> int:
 
 
 def complete_messages(path: Path, faults: list[str]) -> Iterator[tuple[Connection, int, bytes]]:
-    """Yield what is complete in a file, finished or not, as ``Storage`` asks."""
+    """Yield what is complete in a file, finished or not, as of `RegisteredStorage`."""
     topics, end = Topics(), path.stat().st_size
     with path.open("rb") as file:
         beginning = file.read(len(MAGIC))

@@ -129,13 +129,8 @@ def _axes_at(origin: FloatArray) -> FloatArray:
     """Return the unit vectors (3, 3) east, north and up at a place, from the Earth's centre."""
     latitude, longitude = from_degrees(origin[:2])
     sin_lat, cos_lat, sin_lon, cos_lon = np.sin(latitude), np.cos(latitude), np.sin(longitude), np.cos(longitude)
-    return np.array(
-        [
-            [-sin_lon, cos_lon, 0.0],
-            [-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat],
-            [cos_lat * cos_lon, cos_lat * sin_lon, sin_lat],
-        ]
-    )
+    east, north = (-sin_lon, cos_lon, 0.0), (-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat)
+    return np.array([east, north, (cos_lat * cos_lon, cos_lat * sin_lon, sin_lat)])
 
 
 def _earth_centred(places: FloatArray) -> FloatArray:

@@ -32,21 +32,21 @@ def of_times(series: Series) -> list[str]:
         remarks.append(f"{series.table.publishers} publishers wrote to it")
     if len(series.table.frames) > 1:
         remarks.append(f"messages are of several frames, {', '.join(series.table.frames[:4])}: two publishers?")
-    stamps_ns, times_ns = series.stamps_ns, series.times_ns
+    stamps_ns, received_ns, times_ns = series.stamps_ns, series.received_ns, series.times_ns
     if times_ns is None or len(times_ns) < _FEWEST:
         return remarks
     if series.are_stamps_zero:
-        return [*remarks, "all stamps are zero: the recorder's times are used", *_pauses(times_ns, None, times_ns)]
-    if stamps_ns is None:
+        remarks.append("all stamps are zero: the recorder's times are used")
+    if series.are_stamps_zero or stamps_ns is None:
         return remarks + _pauses(times_ns, None, times_ns)
-    has_stamp = stamps_ns > 0 if series.received_ns is not None else np.ones(len(stamps_ns), dtype=bool)
+    if received_ns is None:
+        return remarks + _order(stamps_ns, stamps_ns) + _pauses(stamps_ns, None, stamps_ns)
+    has_stamp = stamps_ns > 0
     if not has_stamp[1:].all():
         remarks.append(f"{_of(~has_stamp)} stamps are zero")
-    since_ns = times_ns[has_stamp]
-    received_ns = None if series.received_ns is None else series.received_ns[has_stamp]
-    stamps_ns = stamps_ns[has_stamp]
-    remarks += _order(stamps_ns, since_ns) + _pauses(stamps_ns, received_ns, since_ns)
-    return remarks if received_ns is None else remarks + _clocks(stamps_ns, received_ns)
+    stamps_ns, received_ns = stamps_ns[has_stamp], received_ns[has_stamp]
+    remarks += _order(stamps_ns, received_ns) + _pauses(stamps_ns, received_ns, received_ns)
+    return remarks + _clocks(stamps_ns, received_ns)
 
 
 def _of(is_odd: NDArray[np.bool_]) -> str:

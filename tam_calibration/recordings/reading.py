@@ -8,9 +8,7 @@ from re import fullmatch
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, quoted
-from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
 from tam_calibration.model.units import IntArray
 from tam_calibration.recordings.channel_map import ChannelMap
 from tam_calibration.recordings.times import nanoseconds_of
@@ -132,11 +130,6 @@ class Reading:
     tolerance_s: float = TOLERANCE_S
     files: tuple[Path, ...] = ()
     origin: tuple[float, float, float] | None = None
-
-    @staticmethod
-    def bounds(array: Array | None) -> FieldBounds:
-        """Return what the intensity of the field can be, for units that are not stated."""
-        return EARTH_FIELD if array is None else array.field
 
 
 AS_IT_IS = Reading()

@@ -9,6 +9,7 @@ from weakref import finalize
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.messages.samples import Samples
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import BLOCK, Block, InterpolatedNoise, Recording
@@ -43,7 +44,7 @@ class RecordingStream:
 
     Parameters
     ----------
-    pieces : iterable of Recording
+    pieces : iterable of Samples
         The recording, piece by piece; a channel may be None in some pieces.
 
     Raises
@@ -53,18 +54,19 @@ class RecordingStream:
     """
 
     usage: Usage | None = None
-    """How many of sensor 1's messages are in it; None where they were no messages."""
+    """How many of sensor 1's messages are in it, as its last piece says; None where they were no messages."""
 
     interpolated_noise: InterpolatedNoise | None = None
     """What interpolation made of the sensors' noise."""
 
-    def __init__(self, pieces: Iterable[Recording]) -> None:
+    def __init__(self, pieces: Iterable[Samples]) -> None:
         self._columns: dict[str, _Column] = {}
         self._chosen: NDArray[np.bool_] | None = None
         self._thinned: dict[int, Recording] = {}
         try:
             for piece in pieces:
-                self._append(piece)
+                self._append(piece.recording)
+                self.usage = piece.usage
         except OSError as problem:
             raise InputError(
                 f"the recording cannot be kept in {gettempdir()} while it is read: {problem.strerror}; "

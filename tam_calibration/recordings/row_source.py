@@ -10,7 +10,7 @@ import numpy as np
 from tam_calibration.core.interpolation import without_delays
 from tam_calibration.messages.missing import Missing
 from tam_calibration.messages.point_cloud import is_channel
-from tam_calibration.messages.samples import Progress, Samples, StreamMessages
+from tam_calibration.messages.samples import Progress, Samples
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, quoted
@@ -18,7 +18,7 @@ from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.recordings.channel_map import Clock, TimeColumn
 from tam_calibration.recordings.joining import Streams, samples_of
 from tam_calibration.recordings.reading import Reading
-from tam_calibration.recordings.tables import Columns, MemorySource, Table, Wanted, by_stream, fields_of
+from tam_calibration.recordings.tables import Batches, Columns, MemorySource, Table, Wanted, by_stream, fields_of
 from tam_calibration.recordings.times import (
     PER_SECOND,
     Times,
@@ -99,10 +99,10 @@ class RowSource:
         """Yield the cells of the time, None where there is no such column, and the (n, fields) numbers of some rows."""
         raise NotImplementedError
 
-    def times(self) -> Times:
-        """Return the times of all rows, for which they are gone through: what is repaired depends on all."""
-        parts = list(self.rows(()))
-        return self.timed(joined_cells([cells for cells, _ in parts]), sum(len(values) for _, values in parts))
+    def all_rows(self, fields: Sequence[str]) -> tuple[Sequence[str] | FloatArray | None, FloatArray]:
+        """Return cells and numbers of all rows, as `rows` yields them."""
+        parts = list(self.rows(fields)) or [(None, np.empty((0, len(fields))))]
+        return joined_cells([cells for cells, _ in parts]), np.concatenate([values for _, values in parts])
 
     def timed(self, cells: Sequence[str] | FloatArray | None, count: int) -> Times:
         """Return the times of rows, repaired.
@@ -135,24 +135,21 @@ class RowSource:
     def in_memory(self, name: str) -> Columns:
         """Return all rows with their times as a table of some name."""
         fields = self.tables[0].fields
-        parts = list(self.rows(fields))
-        values = np.concatenate([part for _, part in parts])
-        times = self.timed(joined_cells([cells for cells, _ in parts]), len(values))
+        cells, values = self.all_rows(fields)
+        times = self.timed(cells, len(values))
         self.tell(times)
         table = Table(name, fields, columns=self._columns, count=len(values))
         kept = times.is_kept
         return Columns(table, times.stamps_ns[kept], dict(zip(fields, values[kept].T, strict=True)))
 
-    def batches(
-        self, wanted: Mapping[str, Wanted], clock: Clock, progress: Progress
-    ) -> Iterator[dict[str, StreamMessages]]:
+    def batches(self, wanted: Mapping[str, Wanted], clock: Clock, progress: Progress) -> Batches:
         """Yield the readings of some streams, as `Source.batches`, each row's at one time."""
         yield from MemorySource(self.path, self.format, [self.in_memory("")]).batches(wanted, clock, progress)
 
 
 def joined_cells(parts: Sequence[Any]) -> Any:
     """Return the cells of the time of several pieces as one."""
-    if not parts or parts[0] is None:
+    if parts[0] is None:
         return None
     return np.concatenate(parts) if isinstance(parts[0], np.ndarray) else [cell for part in parts for cell in part]
 
@@ -192,10 +189,9 @@ class RowJoining:
         InputError
             When a row is no row of numbers, or more than half of a sensor's readings are missing.
         """
-        parts = list(self.source.rows(self._fields))
-        if not parts or not sum(len(values) for _, values in parts):
+        cells, values = self.source.all_rows(self._fields)
+        if not len(values):
             raise InputError("it contains no sample")
-        cells, values = joined_cells([cells for cells, _ in parts]), np.concatenate([each for _, each in parts])
         samples = self._samples(cells, values, self.source.timed(cells, len(values)))
         self._missing.require_half()
         # If fewer rows hold all sensors, these are read in turn and have to be joined by time.
@@ -214,7 +210,8 @@ class RowJoining:
         if self._array is not None and self._array.stamp_delay_s is not None:
             yield self._finished(self.whole())
             return
-        last, times, count = None, self.source.times(), 0
+        cells, values = self.source.all_rows(())  # what is repaired of times depends on all
+        last, times, count = None, self.source.timed(cells, len(values)), 0
         for cells, values in self.source.rows(self._fields):
             samples = self._samples(cells, values, times.of(slice(count, count + len(values))))
             count += len(values)

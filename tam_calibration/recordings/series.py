@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -61,18 +60,9 @@ class Series:
         """Times (n,) of the recorder, which all topics share, else the stamps; None without any."""
         return self.stamps_ns if self.received_ns is None else self.received_ns
 
-    @cached_property
-    def places(self) -> Mapping[str, int]:
-        """Where each field is in the values."""
-        return {field: place for place, field in enumerate(self.fields)}
-
     def of(self, fields: Sequence[str]) -> FloatArray:
         """Return the values (n, fields) of some fields."""
-        places = [self.places[field] for field in fields]
-        first = places[0]
-        # Neighbouring fields, such as those of a vector, are not copied.
-        are_neighbours = places == list(range(first, first + len(places)))
-        return self.values[:, first : first + len(places)] if are_neighbours else self.values[:, places]
+        return self.values[:, [self.fields.index(field) for field in fields]]
 
 
 def read_rows(source: RowSource, name: str, progress: Progress) -> Series:
@@ -93,24 +83,21 @@ def read_rows(source: RowSource, name: str, progress: Progress) -> Series:
         When a row is no row of numbers.
     """
     table = replace(source.tables[0], name=name)
-    cells, parts, count = [], [], 0
-    for some, values in source.rows(table.fields):
-        cells.append(some)
-        parts.append(values)
-        count += len(values)
+    parts, count = [], 0
+    for part in source.rows(table.fields):
+        parts.append(part)
+        count += len(part[1])
         progress(count, count)
         if count * max(len(table.fields), 1) > _MOST_NUMBERS:
             break
     if not count:
         raise InputError("it contains no sample")
-    rows = np.concatenate(parts)
+    rows = np.concatenate([values for _, values in parts])
     try:
-        times = source.timed(joined_cells(cells), count)
+        times = source.timed(joined_cells([cells for cells, _ in parts]), count)
     except InputError as problem:
         return Series(table, table.fields, rows, time=_time_of(source), fault=str(problem))
-    stamps_ns = times.stamps_ns
-    if not times.is_kept.all():
-        stamps_ns, rows = stamps_ns[times.is_kept], rows[times.is_kept]
+    stamps_ns, rows = times.stamps_ns[times.is_kept], rows if times.is_kept.all() else rows[times.is_kept]
     has_time = source.time_column is not None or source.rate_hz is not None
     return Series(table, table.fields, rows, stamps_ns if has_time else None, None, _time_of(source), times.remarks)
 
@@ -138,23 +125,21 @@ def read_messages(source: Source, progress: Progress) -> list[Series]:
     """
     wanted = {str(number): _wanted(table) for number, table in enumerate(source.tables)}
     read = {name: each for name, each in wanted.items() if each.fields}
-    faults: dict[str, str] = {}
-    try:
-        if isinstance(source, MemorySource):  # there is no order of messages to be kept between its tables
-            parts = {
-                name: part for name, each in read.items() for part in _parts(source, {name: each}, progress).values()
-            }
-        else:
-            parts = _parts(source, read, progress)
-    except InputError as problem:
-        parts = {}
-        for name, each in read.items():
+    alone = [{name: each} for name, each in read.items()]
+    problems: list[InputError] = []
+    # Tables in memory have no order of messages between them; those of a damaged bag are tried one by one.
+    for groups in [alone] if isinstance(source, MemorySource) else [[read], alone]:
+        parts, faults = _Parts(), dict[str, str]()
+        for group in groups:
             try:
-                parts |= _parts(source, {name: each}, progress)
-            except InputError as own:
-                faults[name] = str(own)
-        if read and not parts:
-            raise problem from None
+                parts |= _parts(source, group, progress)
+            except InputError as problem:
+                problems.append(problem)
+                faults |= dict.fromkeys(group, str(problem))
+        if not faults:
+            break
+    if problems and not parts:
+        raise problems[0]
     return [_series(each, parts.get(name), faults.get(name, "")) for name, each in wanted.items()]
 
 
@@ -170,21 +155,19 @@ _Parts = dict[str, tuple[IntArray, FloatArray]]
 
 
 def _parts(source: Source, wanted: Mapping[str, Wanted], progress: Progress) -> _Parts:
-    found: dict[str, list[StreamMessages]] = {}
-    count = 0
+    found, count = dict[str, list[StreamMessages]](), 0
     for batch in source.batches(wanted, "received", progress) if wanted else ():
         for name, messages in batch.items():
             found.setdefault(name, []).append(messages)
             count += messages.values.size
         if count > _MOST_NUMBERS:
             break
-    return {name: _in_columns(several) for name, several in found.items()}
-
-
-def _in_columns(several: Sequence[StreamMessages]) -> tuple[IntArray, FloatArray]:
-    """Return the times and values of messages, each field in one piece, as it is looked at by itself."""
-    times_ns = [each.stamps_ns for each in several if each.stamps_ns is not None]
-    return np.concatenate(times_ns), np.concatenate([each.values.T for each in several], axis=1).T
+    parts = {}
+    for name, several in found.items():
+        times_ns = [each.stamps_ns for each in several if each.stamps_ns is not None]
+        # Each field in one piece, as it is looked at by itself.
+        parts[name] = np.concatenate(times_ns), np.concatenate([each.values.T for each in several], axis=1).T
+    return parts
 
 
 def _series(wanted: Wanted, parts: tuple[IntArray, FloatArray] | None, fault: str) -> Series:

@@ -64,11 +64,6 @@ class Table:
         return bool(self.columns)
 
     @property
-    def file(self) -> str:
-        """The name by which a map means it, where a recording is several files."""
-        return self.name if self.is_text else ""
-
-    @property
     def key(self) -> tuple[str, int]:
         """Name and instance."""
         return self.name, self.instance
@@ -84,6 +79,10 @@ class Wanted(NamedTuple):
 
     table: Table
     fields: tuple[str, ...]
+
+
+Batches = Iterator[dict[str, StreamMessages]]
+"""Messages of some streams, many at once."""
 
 
 def fields_of(wanted: Mapping[str, Wanted]) -> tuple[str, ...]:
@@ -118,9 +117,7 @@ class Source(Protocol):
     def tables(self) -> Sequence[Table]:
         """What it contains."""
 
-    def batches(
-        self, wanted: Mapping[str, Wanted], clock: Clock, progress: Progress
-    ) -> Iterator[dict[str, StreamMessages]]:
+    def batches(self, wanted: Mapping[str, Wanted], clock: Clock, progress: Progress) -> Batches:
         """Yield the messages of some streams, many at once, in the order in which they were recorded.
 
         Parameters
@@ -199,25 +196,21 @@ class MemorySource:
     def __init__(self, path: Path, format: str, columns: Sequence[Columns]) -> None:
         self.path, self.format, self.unfinished = path, format, ""
         self.tables: Sequence[Table] = [each.table for each in columns]
-        self._columns = {(each.table.name, each.table.instance): each for each in columns}
+        self._columns = {each.table.key: each for each in columns}
 
-    def batches(
-        self, wanted: Mapping[str, Wanted], clock: Clock, progress: Progress
-    ) -> Iterator[dict[str, StreamMessages]]:
+    def batches(self, wanted: Mapping[str, Wanted], clock: Clock, progress: Progress) -> Batches:
         """Yield the messages of some streams by their times, as `Source.batches`; there is one clock only."""
-        columns = {name: self._columns[table.key] for name, (table, _) in wanted.items()}
-        first = np.cumsum([0, *(len(each.stamps_ns) for each in columns.values())])
-        order = np.argsort(np.concatenate([each.stamps_ns for each in columns.values()]), kind="stable")
+        columns = [self._columns[table.key] for table, _ in wanted.values()]
+        ends = np.cumsum([len(each.stamps_ns) for each in columns])
+        order = np.argsort(np.concatenate([each.stamps_ns for each in columns]), kind="stable")
         for start in range(0, len(order), BATCH):
             some = order[start : start + BATCH]
-            stream = np.searchsorted(first[1:], some, side="right").astype(np.int16)
-            by_stream = np.argsort(stream, kind="stable")
-            own = np.split(by_stream, np.searchsorted(stream[by_stream], np.arange(1, len(columns))))
             batch = {}
-            for begin, places, (name, each) in zip(first, own, columns.items(), strict=False):
+            for (name, (_, fields)), each, end in zip(wanted.items(), columns, ends, strict=True):
+                begin = end - len(each.stamps_ns)
+                places = np.flatnonzero((some >= begin) & (some < end))
                 if len(places):
                     index = some[places] - begin
-                    values = each.rows(wanted[name].fields, index)
-                    batch[name] = StreamMessages(places, each.stamps_ns[index], values)
+                    batch[name] = StreamMessages(places, each.stamps_ns[index], each.rows(fields, index))
             yield batch
             progress(min(start + BATCH, len(order)), len(order))

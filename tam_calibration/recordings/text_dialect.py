@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tam_calibration.files.text_files import require_regular
 from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.recordings.channel_map import TextFormat
 from tam_calibration.recordings.vectors import is_own_column
@@ -108,8 +107,8 @@ def detect_dialect(path: Path, stated: TextFormat) -> Dialect:
     text, encoding = _beginning(path)
     lines = text.splitlines()[:400]
     comment = stated.comment if stated.comment is not None else _comment_in(lines)
-    is_data = [line.strip() and not (comment and line.lstrip().startswith(comment)) for line in lines]
-    rows = [(number, line) for number, line in enumerate(lines, 1) if is_data[number - 1]]
+    rows = [(number, line) for number, line in enumerate(lines, 1) if line.strip()]
+    rows = [(number, line) for number, line in rows if not (comment and line.lstrip().startswith(comment))]
     if not rows:
         raise InputError(f"{path} is empty" if not text.strip() else f"{path} contains comments only")
     delimiter, decimal = _delimiter_in(path, [line for _, line in rows], stated)
@@ -134,21 +133,16 @@ def detect_dialect(path: Path, stated: TextFormat) -> Dialect:
 
 def _beginning(path: Path) -> tuple[str, str]:
     """Return the text of the first complete lines, and its encoding."""
-    require_regular(path)
     try:
         with path.open("rb") as file:
             content = file.read(_BEGINNING)
     except OSError as problem:
         raise InputError(f"{path} cannot be read: {problem.strerror}") from None
-    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
-        encoding = "utf-16"
-    elif b"\0" in content:
+    is_wide = content.startswith((b"\xff\xfe", b"\xfe\xff"))
+    encoding, end = ("utf-16", b"\n\0") if is_wide else ("utf-8-sig", b"\n")
+    if b"\0" in content and not is_wide:
         raise InputError(f"{path} is not a text file")
-    else:
-        encoding = "utf-8-sig"
-    is_complete = len(content) < _BEGINNING
-    if not is_complete:
-        end = b"\n\0" if encoding == "utf-16" else b"\n"
+    if len(content) == _BEGINNING:
         content, _, rest = content.rpartition(end)
         if not content or len(rest) > LONGEST_LINE:
             line = content.count(b"\n") + (2 if content else 1)
@@ -202,10 +196,9 @@ def _start_of_numbers(
 ) -> int | None:
     """Return which of the lines is the first of numbers; None where there is none."""
     for place, (number, row) in enumerate(cells):
-        if header_line is not None and number <= header_line:
-            continue
         numbers = sum(is_number(cell, decimal) for cell in row)
-        if len(row) == width and 2 * numbers >= sum(cell.strip() not in MISSING for cell in row) and numbers:
+        is_of_numbers = numbers and 2 * numbers >= sum(cell.strip() not in MISSING for cell in row)
+        if is_of_numbers and len(row) == width and number > (header_line or 0):
             return place
     return None
 

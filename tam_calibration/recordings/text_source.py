@@ -11,6 +11,7 @@ import numpy as np
 
 from tam_calibration.files.text_files import in_file
 from tam_calibration.model.exceptions import InputError, quoted
+from tam_calibration.model.libraries import require
 from tam_calibration.model.units import FloatArray
 from tam_calibration.recordings.channel_map import ChannelMap, TextFormat, TimeColumn
 from tam_calibration.recordings.row_source import RowSource
@@ -88,8 +89,6 @@ class TextSource(RowSource):
                         text = re.sub(rf"^[ \t]*{re.escape(comment)}.*$", "", text, flags=re.MULTILINE)
                     if text.strip():
                         yield text.removesuffix("\n")
-        except OSError as problem:
-            raise InputError(f"{self.path} cannot be read: {problem.strerror}") from None
         except UnicodeDecodeError:
             raise InputError(f"{self.path} is not a text file") from None
 
@@ -113,9 +112,9 @@ class FrameSource(RowSource):
         self._frame = frame.set_axis(names, axis=1)
         if len(set(names)) < len(names):
             raise InputError(f"{path}: a column is there twice")
-        kinds = {name: self._frame[name].dtype for name in names}
-        numeric = [name for name in names if getattr(kinds[name], "kind", "O") in "iuf" or is_own_column(name)]
-        moments = [name for name in names if getattr(kinds[name], "kind", "O") in "Mm"]
+        self._kinds = {name: getattr(self._frame[name].dtype, "kind", "O") for name in names}
+        numeric = [name for name in names if self._kinds[name] in "iuf" or is_own_column(name)]
+        moments = [name for name in names if self._kinds[name] in "Mm"]
         if moments and time == TimeColumn():
             time = TimeColumn(column=moments[0])
         super().__init__(path, "table", names, numeric, time)
@@ -128,8 +127,7 @@ class FrameSource(RowSource):
             raise InputError(f"the table contains what is not a number: {problem}") from None
         cells: Any = None
         if self.time_column is not None:
-            column = self._frame[self.time_column]
-            kind = getattr(column.dtype, "kind", "O")
+            column, kind = self._frame[self.time_column], self._kinds[self.time_column]
             if kind in "Mm":
                 column = column.dt.tz_convert(None) if getattr(column.dtype, "tz", None) is not None else column
                 cells = column.to_numpy().astype(f"{'datetime' if kind == 'M' else 'timedelta'}64[ns]").astype(np.int64)
@@ -171,8 +169,6 @@ class ParquetReader:
         InputError
             When it is damaged.
         """
-        from tam_calibration.model.libraries import require
-
         require("tables", "reading Parquet files")
         import pandas
         import pyarrow

@@ -161,11 +161,9 @@ class _Log:
             instance, number = _SUBSCRIPTION.unpack_from(content)
             name = content[_SUBSCRIPTION.size :].decode(errors="replace")
             self._topic_of[number] = self._topics.setdefault((name, instance), len(self._topics))
-            for fields, lengths in (
-                (self._formats.topic(name), self._least),
-                (self._formats.get(name, []), self._most),
-            ):
-                lengths[number] = min(self._formats.size(fields) + 2, _LONGEST)
+            size = self._formats.size
+            self._least[number] = min(size(self._formats.topic(name)) + 2, _LONGEST)
+            self._most[number] = min(size(self._formats.get(name, [])) + 2, _LONGEST)
         return kind in _OTHERS
 
     def tables(self) -> Iterator[Records]:

@@ -66,7 +66,7 @@ class Vector:
     def pick(self) -> Pick:
         """The pick that means it, with the unit that its names or its format state."""
         path, _, last = self.pattern.rpartition(".")
-        if self.table.type in (MAGNETIC_FIELD, IMU) and self.pattern in ("magnetic_field.*", "orientation.*"):
+        if self.table.type == MAGNETIC_FIELD and self.pattern == "magnetic_field.*":
             return pick_of(self.table)
         unit = unit_in(self.table, self.fields[0])
         if self.table.is_text or last != "*":
@@ -84,7 +84,7 @@ def pick_of(table: Table, *fields: str, unit: FieldUnit = "", world: World = "en
     if table.is_text:
         columns = [int(name) if name.isdigit() else name for name in fields]  # a column without a name has its number
         named: dict[str, Any] = {"column": columns[0]} if len(fields) == 1 else {"columns": columns}
-        return Pick(file=table.file, unit=unit, world=world, **named)
+        return Pick(file=table.name, unit=unit, world=world, **named)
     named = {"field": fields[0]} if len(fields) == 1 else {"fields": list(fields)}
     return Pick(topic=table.name, instance=table.instance, unit=unit, world=world, **named)
 
@@ -184,11 +184,6 @@ def is_own_column(name: str) -> bool:
     return name in known or is_further(name) or _OWN_FIELD.fullmatch(name) is not None
 
 
-def unread(tables: Sequence[Table]) -> list[str]:
-    """Return the columns of tables that are none of ours."""
-    return [name for table in tables for name in table.columns if not is_own_column(name)]
-
-
 def own_columns(tables: Sequence[Table]) -> ChannelMap | None:
     """Return the map of columns that have the names of ours; None where none is that of a sensor.
 
@@ -215,7 +210,7 @@ def own_columns(tables: Sequence[Table]) -> ChannelMap | None:
         if len(units) > 1:
             raise InputError(f"the columns of sensor {number} are in {' and '.join(sorted(units))}: give them one unit")
         sensors.append(Pick(columns=[match[0] for match in axes if match], unit=cast(FieldUnit, units.pop())))
-    channels = {name: Pick(column=column) for name, column in _OWN_CHANNELS.items() if column in fields}
+    channels: dict[str, Any] = {name: Pick(column=column) for name, column in _OWN_CHANNELS.items() if column in fields}
     if scalar := matches.get("scalar"):
         channels["scalar"] = Pick(column=scalar[0], unit=cast(FieldUnit, scalar[3]))
     if set(POSITION_COLUMNS) & set(fields) and set(GEOGRAPHIC_COLUMNS) & set(fields):
@@ -226,7 +221,7 @@ def own_columns(tables: Sequence[Table]) -> ChannelMap | None:
                 raise InputError(f"column {missing[0]} is missing (of {', '.join(columns)})")
             channels[channel] = Pick(columns=list(columns))
     further = {name: Pick(column=name) for name in require_further(filter(is_further, fields))}
-    return ChannelMap.of(sensors, channels, further)
+    return ChannelMap(sensors=sensors, further=further, **channels)
 
 
 def own_map(tables: Sequence[Table], sensor_count: int | None) -> ChannelMap | None:
@@ -249,7 +244,9 @@ def own_map(tables: Sequence[Table], sensor_count: int | None) -> ChannelMap | N
     if sensor_count and highest > sensor_count:
         raise InputError(f"the bag has {highest} sensors, the array {sensor_count}: use the array file of this bag")
     sensors = [Pick(topic=space + sensor_topic(sensor)) for sensor in range(1, (sensor_count or highest) + 1)]
-    channels = {name: Pick(topic=space + topic) for name, topic in CHANNEL_TOPICS.items() if space + topic in topics}
+    channels: dict[str, Any] = {
+        name: Pick(topic=space + topic) for name, topic in CHANNEL_TOPICS.items() if space + topic in topics
+    }
     relative = {topic: named_by(topic.removeprefix(space)) for topic in sorted(topics) if topic.startswith(space)}
     further = {name: Pick(topic=topic) for topic, name in relative.items() if name}
-    return ChannelMap.of(sensors, channels, further)
+    return ChannelMap(sensors=sensors, further=further, **channels)

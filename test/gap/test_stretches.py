@@ -10,6 +10,7 @@ from scipy.ndimage import uniform_filter1d
 from tam_calibration.effects import periodic_interference
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.diagnose import MOST_SAMPLES, STRETCH, in_stretches
+from tam_calibration.messages.samples import Samples
 from tam_calibration.model.recording import Recording
 from tam_calibration.recordings.recording_stream import RecordingStream
 
@@ -56,7 +57,8 @@ def test_nothing_that_comes_again_hides_between_the_stretches():
 def test_a_recording_on_disk_gives_the_same_stretches():
     """It is never in memory as a whole."""
     recording = long_recording(150_000)
-    stream = RecordingStream(recording.take(slice(start, start + 40_000)) for start in range(0, 150_000, 40_000))
+    starts = range(0, 150_000, 40_000)
+    stream = RecordingStream(Samples(recording.take(slice(start, start + 40_000))) for start in starts)
     seen, remarks = in_stretches(recording)
     of_disk, same = in_stretches(stream)
     assert same == remarks

@@ -3,6 +3,7 @@ import pytest
 
 from tam_calibration.integrity import repeated
 from tam_calibration.integrity.check import faults_of
+from tam_calibration.messages.samples import Samples
 from tam_calibration.model.array import Array
 from tam_calibration.recordings.recording_stream import RecordingStream
 
@@ -109,4 +110,4 @@ def test_a_hold_goes_on_from_block_to_block(run, size):
 def test_a_recording_on_disk_has_the_same_faults(run):
     """A stream is read block by block."""
     spoiled = run.spoiled(lambda readings: readings.__setitem__((slice(300, 400), 2), readings[300, 2]))
-    assert faults_of(RecordingStream([spoiled.recording]), run.array) == spoiled.faults
+    assert faults_of(RecordingStream([Samples(spoiled.recording)]), run.array) == spoiled.faults

@@ -9,7 +9,7 @@ import pytest
 from tam_calibration.core.interpolation import interpolated
 from tam_calibration.messages.batch_synchroniser import BatchSynchroniser
 from tam_calibration.messages.point_cloud import SampleLayout
-from tam_calibration.messages.samples import StreamMessages
+from tam_calibration.messages.samples import Samples, StreamMessages
 from tam_calibration.messages.synchroniser import Synchroniser
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.exceptions import InputError, Refused
@@ -214,7 +214,7 @@ def test_interpolation_that_is_worse_than_the_standard_errors_is_told(rate_deg_p
 
 def on_disk(recording):
     """Return the samples as those of a recording that is larger than memory."""
-    return RecordingStream([recording.take(slice(0, 600)), recording.take(slice(600, None))])
+    return RecordingStream([Samples(recording.take(slice(0, 600))), Samples(recording.take(slice(600, None)))])
 
 
 @pytest.mark.parametrize("kept", [lambda recording: recording, on_disk], ids=["in memory", "on disk"])

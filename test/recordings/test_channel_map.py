@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tam_calibration.files.yaml_document import dump_mapping
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.recordings.channel_map import (
     ChannelMap,
@@ -14,7 +15,6 @@ from tam_calibration.recordings.channel_map import (
     TimeColumn,
     map_of,
     map_to_mapping,
-    map_to_yaml,
     read_map,
 )
 
@@ -88,7 +88,7 @@ def test_any_map_reads_back(tmp_path_factory, channel_map):
     """From its keys and values, and from its file, which states no more than differs from the defaults."""
     assert map_of(map_to_mapping(channel_map)) == channel_map
     path = tmp_path_factory.getbasetemp() / "map.yaml"
-    path.write_text(map_to_yaml(channel_map), encoding="utf-8")
+    path.write_text(dump_mapping(map_to_mapping(channel_map)), encoding="utf-8")
     assert read_map(path) == channel_map
 
 
@@ -98,7 +98,7 @@ def test_every_key_is_kept(tmp_path, text):
     (tmp_path / "map.yaml").write_text(text)
     channel_map = read_map(tmp_path / "map.yaml")
     assert set(map_to_mapping(channel_map)) == {line.partition(":")[0] for line in text.splitlines() if line[:1] > " "}
-    (tmp_path / "again.yaml").write_text(map_to_yaml(channel_map))
+    (tmp_path / "again.yaml").write_text(dump_mapping(map_to_mapping(channel_map)))
     assert read_map(tmp_path / "again.yaml") == channel_map
 
 

@@ -13,10 +13,11 @@ from tam_calibration.model.data_sheet import Gyroscope
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.mounting import Mounting, quaternion_of
 from tam_calibration.model.recording import Recording
+from tam_calibration.recordings import read_pieces
 from tam_calibration.recordings.array_yaml import write_array
 from tam_calibration.recordings.bag_writing import serialise, write_bag
-from tam_calibration.recordings.fit_input import read_stream
 from tam_calibration.recordings.inspection import inspect
+from tam_calibration.recordings.recording_stream import RecordingStream
 from tam_calibration.results.data_files import write_recording
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
@@ -38,7 +39,7 @@ def test_what_is_written_is_read(tmp_path, name, has_attitude):
     """CSV and bags hold the angular velocity beside attitude or alone, and no value where there was none."""
     made = recording(has_attitude)
     write_recording(tmp_path / name, made)
-    for read in (read_recording(tmp_path / name), read_stream(tmp_path / name).whole()):
+    for read in (read_recording(tmp_path / name), RecordingStream(read_pieces(tmp_path / name)).whole()):
         assert np.array_equal(read.angular_velocity_rad_s, made.angular_velocity_rad_s, equal_nan=True)
         assert (read.attitude is not None) == has_attitude
     assert inspect(tmp_path / name).channel_map.gyroscope is not None
@@ -116,7 +117,7 @@ def test_a_quick_gyroscope_counts_by_its_mean(tmp_path):
     means = np.vstack([rates[:1], rates[1:391].reshape(39, 10, 3).mean(axis=1)])
     expected = means.copy()
     expected[2:] -= 0.99 / 24 * np.diff(means, 2, axis=0)
-    for read in (read_recording(tmp_path / "run"), read_stream(tmp_path / "run").whole()):
+    for read in (read_recording(tmp_path / "run"), RecordingStream(read_pieces(tmp_path / "run")).whole()):
         np.testing.assert_allclose(read.angular_velocity_rad_s, expected, atol=1e-12)
 
 

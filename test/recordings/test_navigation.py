@@ -6,6 +6,7 @@ from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_typestore
 
 from tam_calibration import InputError, Recording, read_recording
+from tam_calibration.messages.samples import Samples
 from tam_calibration.recordings.navigation import east_north_up, geographic
 from tam_calibration.recordings.recording_stream import RecordingStream
 
@@ -37,7 +38,7 @@ def test_local_columns_are_read_and_kept_by_slices_thinning_and_streams(tmp_path
     assert recording.take(slice(5, 9)).position_m == pytest.approx(PLACES_M[5:9])
     assert recording.thinned(20).position_m == pytest.approx(PLACES_M[::3])
     assert read_recording(path, start=1.0).position_m[0] == pytest.approx(PLACES_M[10])
-    stream = RecordingStream([recording.take(slice(0, 20)), recording.take(slice(20, None))])
+    stream = RecordingStream([Samples(recording.take(slice(0, 20))), Samples(recording.take(slice(20, None)))])
     assert stream.whole().position_m == pytest.approx(PLACES_M)
     assert Recording.from_pandas(recording.to_pandas()).position_m == pytest.approx(PLACES_M)
     assert np.array_equal(Recording.from_xarray(recording.to_xarray()).position_m, recording.position_m)

@@ -7,9 +7,11 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.fit import METHODS, calibrate
+from tam_calibration.messages.samples import Samples
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import BLOCK, InterpolatedNoise, Recording
-from tam_calibration.recordings.fit_input import is_large, read_stream
+from tam_calibration.recordings import read_pieces
+from tam_calibration.recordings.fit_input import is_large
 from tam_calibration.recordings.recording_stream import RecordingStream
 from tam_calibration.results import write_recording
 from tam_calibration.results.scenario import read_scenario
@@ -39,7 +41,7 @@ def stream(recording):
 def pieces(recording, size):
     """Yield a recording in pieces."""
     for start in range(0, recording.sample_count, size):
-        yield recording.take(slice(start, start + size))
+        yield Samples(recording.take(slice(start, start + size)))
 
 
 def test_what_interpolation_made_goes_with_the_samples(recording, stream):
@@ -90,7 +92,7 @@ def test_a_channel_that_no_piece_has_is_absent(recording):
 def test_pieces_must_follow_each_other(recording):
     """Time that goes back from one piece to the next is refused with the sample."""
     with pytest.raises(InputError, match=r"goes backwards at sample 101, 0\.\d+ s"):
-        RecordingStream([recording.take(slice(100, 200)), recording.take(slice(100))])
+        RecordingStream([Samples(recording.take(slice(100, 200))), Samples(recording.take(slice(100)))])
 
 
 def test_no_piece_is_no_recording():
@@ -114,7 +116,7 @@ def test_a_full_disk_is_told_with_the_remedy(recording, monkeypatch):
 
     monkeypatch.setattr("tam_calibration.recordings.recording_stream.TemporaryFile", Full)
     with pytest.raises(InputError, match=r"No space left on device; name a folder with more room.*TMPDIR"):
-        RecordingStream([recording])
+        RecordingStream([Samples(recording)])
 
 
 @pytest.fixture(scope="module")
@@ -145,10 +147,10 @@ def test_a_calibration_from_disk_is_that_from_memory(tumble, method):
 def test_files_are_read_into_a_stream(tmp_path, tumble, name):
     """A CSV file and a bag give the samples that were written, to the rounding of their formats."""
     write_recording(tmp_path / name, tumble[0])
-    stream = read_stream(tmp_path / name)
+    stream = RecordingStream(read_pieces(tmp_path / name))
     assert_allclose(stream.whole().readings_T, tumble[0].readings_T, rtol=1e-15)
     with pytest.raises(InputError, match="sensors"):
-        read_stream(tmp_path / name, sensor_count=3)
+        RecordingStream(read_pieces(tmp_path / name, sensor_count=3))
 
 
 def test_a_file_is_large_by_its_size(tmp_path):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.recordings.known_source import read_known_source
+from tam_calibration.recordings.fit_input import read_known_source
 
 
 @pytest.mark.parametrize("size", [5e-324, 1e-200, 1.0, 1e200, 1.7e308])
