@@ -9,6 +9,7 @@ from itertools import combinations
 
 import numpy as np
 
+from tam_calibration.core.least_squares import whitening
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.units import FloatArray, from_degrees, to_degrees, to_nanotesla
@@ -173,11 +174,7 @@ def _one_sensor(calibration: Calibration) -> str:
     blocks = covariance.reshape(count, 12, count, 12)
 
     def distance(difference: FloatArray, spread: FloatArray) -> float:
-        scale = np.sqrt(np.diag(spread))
-        known = scale > 0
-        whitened = difference[known] / scale[known]
-        correlation = spread[np.ix_(known, known)] / np.outer(scale[known], scale[known])
-        return float(whitened @ np.linalg.pinv(correlation, hermitian=True) @ whitened)
+        return float(np.sum((whitening(spread, 1e-15).T @ difference) ** 2))
 
     same = []
     # Squared distance of two sensors' twelve errors over its variance; by chance one pair in a thousand has more. 12 +

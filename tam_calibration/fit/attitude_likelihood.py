@@ -16,9 +16,9 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.core.normal_equations import Normal, gram
+from tam_calibration.fit.ellipsoid import Normalized
 from tam_calibration.fit.likelihood import UNIFORM, ChannelMaps
 from tam_calibration.fit.recorded_attitude import across_of, likely_turn
-from tam_calibration.fit.scale import Normalized
 from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.geomagnetic_field import LOCAL_STANDARD_ERROR_T
 from tam_calibration.model.limits import ATTITUDE_NOISE

@@ -14,8 +14,8 @@ from tam_calibration.correction.acceptance import within_limits
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.attitude_check import USE_IT, worth_of
 from tam_calibration.fit.consistency import Fit, accepted, doubts_of
-from tam_calibration.fit.gauss_newton import newton_step
 from tam_calibration.fit.identifiability import FEWEST_SAMPLES, require_determined
+from tam_calibration.fit.information import newton_step
 from tam_calibration.fit.joint_calibration import JointCalibration, calibrate_jointly
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.prior import Prior
@@ -29,7 +29,7 @@ from tam_calibration.fit.published import (
     two_step_linear,
 )
 from tam_calibration.fit.recorded_attitude import as_if_uniform
-from tam_calibration.fit.scalar_check import turning_scalar
+from tam_calibration.fit.reference import turning_scalar
 from tam_calibration.fit.screening import without_bad_readings
 from tam_calibration.fit.slow_residuals import OURS, widened
 from tam_calibration.fit.what_changed import despite_changes, naming_changes, what_changed

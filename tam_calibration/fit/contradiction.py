@@ -26,9 +26,9 @@ import numpy as np
 from numpy.linalg import slogdet
 
 from tam_calibration.correction.parts import ALL_BIASES, COMMON_SCALE, KINDS, SEVERAL, in_words
+from tam_calibration.fit.ellipsoid import without_scale
 from tam_calibration.fit.prior import Prior
 from tam_calibration.fit.problem import Posterior
-from tam_calibration.fit.scale import without_scale
 from tam_calibration.model.data_sheet import DAY_S
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_nanotesla

@@ -21,16 +21,10 @@ import numpy as np
 from numpy.linalg import inv, norm
 
 from tam_calibration.core.normal_equations import Normal, gram
-from tam_calibration.fit.ellipsoid import COLUMNS, ROWS
-from tam_calibration.fit.gyroscope_path import (
-    GyroscopePath,
-    GyroscopeState,
-    GyroscopeUse,
-    rotated,
-)
+from tam_calibration.fit.ellipsoid import COLUMNS, ROWS, Normalized
+from tam_calibration.fit.gyroscope_path import GyroscopePath, GyroscopeState, GyroscopeUse, rotated
 from tam_calibration.fit.likelihood import UNIFORM, ChannelMaps
 from tam_calibration.fit.recorded_attitude import across_of
-from tam_calibration.fit.scale import Normalized
 from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.limits import RATE_NOISE
 from tam_calibration.model.sensor_errors import SensorErrors

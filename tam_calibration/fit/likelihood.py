@@ -24,7 +24,7 @@ A row is [readings, features, 1]; the features say how an ambient gradient is tu
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,8 +32,8 @@ from numpy.typing import NDArray
 from tam_calibration.core.normal_equations import Elimination, Normal, gram
 from tam_calibration.core.slow_cosines import VarianceFactors
 from tam_calibration.effects.ambient_gradient import turned
+from tam_calibration.fit.ellipsoid import Normalized
 from tam_calibration.fit.reference import InterpolationNoise
-from tam_calibration.fit.scale import Normalized
 from tam_calibration.model.array import TENSOR_COLUMNS, TENSOR_ROWS, UNIT_TENSORS
 from tam_calibration.model.units import FloatArray
 
@@ -262,7 +262,7 @@ class Likelihood:
         Reference intensity; NaN where there is none.
     vector_noise : (K,) array
         Standard deviation of each sensor's axes.
-    scalar_noise : float or (N,) array
+    scalar_noise : float
         Standard deviation of the intensity's error that is each sample's own.
     interpolation_noise : InterpolationNoise, optional
         Errors of the intensity that neighbouring samples have in common.
@@ -273,7 +273,7 @@ class Likelihood:
     points: FloatArray
     intensity: FloatArray
     vector_noise: FloatArray
-    scalar_noise: float | FloatArray
+    scalar_noise: float
     interpolation_noise: InterpolationNoise | None = None
     turning: Turning | None = None
 
@@ -305,8 +305,8 @@ class Likelihood:
             by default the field is uniform.
         """
         channels = ChannelMaps.at(matrix, bias, ambient_gradient, self.vector_noise, self.turning)
-        of_differential, of_common = (None, None) if weights is None else weights
-        moments = self._moments if weights is None else _second_moments(self._flat, of_differential)
+        of_common = None if weights is None else weights[1]
+        moments = self._moments if weights is None else _second_moments(self._flat, weights[0])
         return normal_equations(channels, moments, self._common_mode_sums(channels, of_common), len(self.points))
 
     def energy(self, matrix: FloatArray, bias: FloatArray, ambient_gradient: FloatArray = UNIFORM) -> FloatArray:
@@ -326,7 +326,7 @@ class Likelihood:
         channels = ChannelMaps.at(matrix, bias, ambient_gradient, self.vector_noise, self.turning)
         energy = np.zeros((2, len(self.points)))
         for part in self._pieces():
-            own = energies(channels, self._flat[part].T, self.intensity[part], self._own_noise(part))
+            own = energies(channels, self._flat[part].T, self.intensity[part], self.scalar_noise)
             energy[:, part] = np.nan_to_num(own)
         return energy
 
@@ -336,23 +336,12 @@ class Likelihood:
         flat = self.points.reshape(len(self.points), -1)
         return flat if self.turning is None else np.column_stack([flat, self.turning.features])
 
-    def _each_by_itself(self, part: slice, there: CommonMode) -> CommonMode:
-        """Return the channel with the precision by which a sample's own noise counts in its score.
-
-        Weights do not change it: they are scaled so that the weighted squares of the residuals have their stated mean.
-        With errors in common it is at least what the sample has without the others, which is nearly all of it.
-        """
-        if self.interpolation_noise is None:
-            return there
-        shared = self._shared_variance[part][there.known]
-        return there._replace(precision=1 / (1 / there.precision + shared))
-
     @cached_property
     def _shared_variance(self) -> FloatArray:
-        """(N,) variances of the errors that intensities share; NaN where there is none."""
-        assert self.interpolation_noise is not None
-        variance = np.full(len(self.intensity), np.nan)
-        variance[np.isfinite(self.intensity)] = self.interpolation_noise.variance
+        """(N,) variances of the errors that intensities share."""
+        variance = np.zeros(len(self.intensity))
+        if self.interpolation_noise is not None:
+            variance[np.isfinite(self.intensity)] = self.interpolation_noise.variance
         return variance
 
     @cached_property
@@ -368,9 +357,11 @@ class Likelihood:
         size = channels.response[0].size + 1
         total, score, kept = np.zeros((size, size)), np.zeros(size - 1), []
         for part in self._pieces():
-            there = self._common_mode(part, channels)
+            there = common_mode(channels, self._flat[part].T, self.intensity[part], self.scalar_noise)
             features = self._flat[part, 3 * self.points.shape[1] :].T
-            score += expected_score(self._each_by_itself(part, there), features)
+            # With errors in common a sample has at least the precision without the others, which is nearly all of it.
+            alone = there._replace(precision=1 / (1 / there.precision + self._shared_variance[part][there.known]))
+            score += expected_score(alone, features)
             if weights is not None:
                 there = there._replace(precision=there.precision * weights[part][there.known])
             columns = whitened(there, features)
@@ -381,14 +372,8 @@ class Likelihood:
             total -= self.interpolation_noise.explained(*(np.concatenate(column) for column in zip(*kept, strict=True)))
         return CommonModeSums(total, score, int(np.isfinite(self.intensity).sum()))
 
-    def _common_mode(self, part: slice, channels: ChannelMaps) -> CommonMode:
-        return common_mode(channels, self._flat[part].T, self.intensity[part], self._own_noise(part))
 
-    def _own_noise(self, part: slice) -> Any:
-        return self.scalar_noise if np.ndim(self.scalar_noise) == 0 else np.asarray(self.scalar_noise)[part]
-
-
-def common_mode(channels: ChannelMaps, rows: FloatArray, intensity: FloatArray, scalar_noise: Any) -> CommonMode:
+def common_mode(channels: ChannelMaps, rows: FloatArray, intensity: FloatArray, scalar_noise: float) -> CommonMode:
     """Return the common mode of samples, of which those without a reference are left out.
 
     Parameters
@@ -399,8 +384,8 @@ def common_mode(channels: ChannelMaps, rows: FloatArray, intensity: FloatArray, 
         Readings and features of n samples, without the 1 that ends a row.
     intensity : (n,) array
         Reference intensity in the unit of the readings; NaN where there is none.
-    scalar_noise : float or (n,) array
-        Standard deviation of the intensity's error, for all samples or each.
+    scalar_noise : float
+        Standard deviation of the intensity's error.
     """
     finite = np.isfinite(intensity)
     known = slice(None) if finite.all() else finite
@@ -408,16 +393,15 @@ def common_mode(channels: ChannelMaps, rows: FloatArray, intensity: FloatArray, 
     field += channels.at_scalar[:, -1:]
     length = np.sqrt(np.einsum("in,in->n", field, field))
     direction = field / length
-    own = scalar_noise if np.ndim(scalar_noise) == 0 else scalar_noise[known]
     covariance = channels.elimination.covariance
     of_field = covariance @ direction
     along = np.einsum("in,in->n", of_field, direction)
     of_direction = (of_field + direction * (np.trace(covariance) - 3 * along) / 2) / length
-    precision = 1 / (own**2 + along)
+    precision = 1 / (scalar_noise**2 + along)
     return CommonMode(field, direction, length - intensity[known], of_direction, of_field, precision, known)
 
 
-def energies(channels: ChannelMaps, rows: FloatArray, intensity: FloatArray, scalar_noise: Any) -> FloatArray:
+def energies(channels: ChannelMaps, rows: FloatArray, intensity: FloatArray, scalar_noise: float) -> FloatArray:
     """Return the (2, n) squared residuals of the differential channels, and of the common mode, over their variances.
 
     The latter is NaN where there is no reference.

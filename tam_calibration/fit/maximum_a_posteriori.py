@@ -21,7 +21,7 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.correction.parts import Moved, Update
 from tam_calibration.fit.consistency import Fit
 from tam_calibration.fit.contradiction import probability_of
-from tam_calibration.fit.estimate import Estimate, make_calibration, measure_chi_square
+from tam_calibration.fit.estimate import make_calibration, measure_chi_square
 from tam_calibration.fit.identifiability import open_parameters, require_accurate
 from tam_calibration.fit.information import inverted
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
@@ -78,24 +78,23 @@ def maximum_a_posteriori(recording: SampleSource, array: Array, known: Known) ->
         posterior = posterior_of(recording, noisy, known)
     frame = FIRST_SENSOR if known.prior is None else known.prior.calibration.frame
     errors, covariance = posterior.errors, posterior.covariance
-    if posterior.mount is not None and noisy.mounting_error is not None and not known.knows_frame:
+    if posterior.motion is not None and noisy.mounting_error is not None and not known.knows_frame:
         in_frame, with_turn = _into_frame_of_attitude(posterior, noisy.mounting_error)
         # A frame that is less certain than misalignments may be is none: that of sensor 1 is certain.
         if np.sqrt(np.diag(with_turn)).reshape(-1, 12)[:, 9:].max() <= LARGEST_ANGLE_ERROR:
             errors, covariance = in_frame, with_turn
             frame = FRAME_STATEMENT if known.gyroscope is None else FRAME_OF_GYROSCOPE
-    estimate = Estimate(errors, covariance, True, posterior.intensity_T, frame=frame)
-    calibration = with_variance_factors(
-        make_calibration("maximum_a_posteriori", recording, noisy, estimate), known.variance_factors
-    )
+    name, intensity_T = "maximum_a_posteriori", posterior.intensity_T
+    calibration = make_calibration(name, recording, noisy, errors, covariance, intensity_T, frame=frame)
+    calibration = with_variance_factors(calibration, known.variance_factors)
     has_scale = calibration.has_scalar_reference or known.knows_scale
     return replace(calibration, noise_is_estimated=is_estimated, has_scalar_reference=has_scale)
 
 
 def _into_frame_of_attitude(posterior: Posterior, mounting_error: float) -> tuple[SensorErrors, FloatArray]:
     """Return errors in the frame whose attitude or angular velocity was recorded, with their covariance."""
-    assert posterior.mount is not None and posterior.with_mount is not None
-    errors, derivative = turned(posterior.errors, posterior.mount.T)
+    assert posterior.motion is not None and posterior.with_mount is not None
+    errors, derivative = turned(posterior.errors, posterior.motion.mounting[0].T)
     derivative[:, -3:] *= -1  # the transposed rotation turns back
     joint = posterior.with_mount.copy()
     joint[-3:, -3:] += mounting_error**2 * np.eye(3)
@@ -232,7 +231,7 @@ def prior_of_tolerances(recording: SampleSource, array: Array) -> Prior:
     _, derivative = in_first_frame(errors)
     covariance = derivative * np.tile(array.tolerances.variances(), array.sensor_count) @ derivative.T
     intensity_T = float(np.mean(norm(recording.thinned(SKETCH).readings_T, axis=2)))
-    nominal = make_calibration("tolerances", recording, array, Estimate(errors, covariance, False, intensity_T))
+    nominal = make_calibration("tolerances", recording, array, errors, covariance, intensity_T)
     return Prior(nominal, covariance, None, None, None)
 
 

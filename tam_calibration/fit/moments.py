@@ -17,8 +17,8 @@ from numpy.linalg import inv
 from tam_calibration.core.normal_equations import gram
 from tam_calibration.correction.calibration import FRAME_STATEMENT, Calibration
 from tam_calibration.fit import ellipsoid
-from tam_calibration.fit.estimate import Estimate, make_calibration
-from tam_calibration.fit.scale import Normalized, free_scale, normalize
+from tam_calibration.fit.ellipsoid import Normalized, free_scale, normalize
+from tam_calibration.fit.estimate import make_calibration
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import BLOCK, Recording, SampleSource
@@ -180,14 +180,9 @@ def finish(
     vectors = every.to_vector().reshape(*bias.shape[:2], 12)
     if frame == FRAME_STATEMENT:
         vectors[:, 0, 9:] = 0
-    estimate = Estimate(
-        SensorErrors.from_vector(vectors[0], orientation),
-        lasting_factor(vectors[1:]) * jackknife(vectors[1:]),
-        covariance_from_noise=False,
-        intensity_T=float(data.radius_T / factor[0]),
-        frame=frame,
-    )
-    return make_calibration(method, source, array, estimate)
+    errors = SensorErrors.from_vector(vectors[0], orientation)
+    covariance = lasting_factor(vectors[1:]) * jackknife(vectors[1:])
+    return make_calibration(method, source, array, errors, covariance, float(data.radius_T / factor[0]), frame=frame)
 
 
 def jackknife(replicates: FloatArray) -> FloatArray:
@@ -242,11 +237,8 @@ def field_products(joint: FloatArray, unmix: FloatArray, center: FloatArray) -> 
         At k, l the sum of b_k b_lᵀ.
     """
     sets, sensors = center.shape[:2]
-    restore = np.zeros((sets, sensors, 3, 3 * sensors + 1))
-    for sensor in range(sensors):
-        restore[:, sensor, :, 3 * sensor : 3 * sensor + 3] = unmix[:, sensor]
-    restore[..., -1:] = -unmix @ center[..., None]
-    restore = restore.reshape(sets, 3 * sensors, -1)
+    each = np.einsum("kl,skij->skilj", np.eye(sensors), unmix).reshape(sets, 3 * sensors, -1)
+    restore = np.concatenate([each, (-unmix @ center[..., None]).reshape(sets, -1, 1)], axis=2)
     products: FloatArray = restore @ joint @ np.swapaxes(restore, 1, 2)
     return np.swapaxes(products.reshape(sets, sensors, 3, sensors, 3), 2, 3)
 

@@ -17,7 +17,7 @@ from numpy.linalg import inv
 from tam_calibration.core.least_squares import whitening
 from tam_calibration.core.normal_equations import Normal
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.scale import free_scale, without_scale
+from tam_calibration.fit.ellipsoid import free_scale, without_scale
 from tam_calibration.model.data_sheet import DAY_S, ChangeRates
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.sensor_errors import SensorErrors

@@ -14,8 +14,8 @@ from numpy.linalg import norm
 
 from tam_calibration.correction.calibration import AmbientGradientEstimate
 from tam_calibration.effects.ambient_gradient import require_attitude, without_gradient
+from tam_calibration.fit.ellipsoid import sphere_center
 from tam_calibration.fit.likelihood import Turning
-from tam_calibration.fit.scale import sphere_center
 from tam_calibration.model.array import UNIT_TENSORS, Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording, SampleSource

@@ -23,9 +23,9 @@ import numpy as np
 from tam_calibration.core.least_squares import whitening
 from tam_calibration.core.slow_cosines import BLOCKS, WHITE, SlowSums, VarianceFactors
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.fit.ellipsoid import Normalized
 from tam_calibration.fit.information import rows_by_unknowns
 from tam_calibration.fit.likelihood import Likelihood
-from tam_calibration.fit.scale import Normalized
 from tam_calibration.model.recording import Recording, SampleSource
 from tam_calibration.model.units import FloatArray
 

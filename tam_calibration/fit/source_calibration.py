@@ -16,8 +16,7 @@ from numpy.linalg import norm
 from tam_calibration.core.least_squares import scaled
 from tam_calibration.core.normal_equations import Normal
 from tam_calibration.correction.calibration import Calibration, KnownSource
-from tam_calibration.fit.gauss_newton import descend
-from tam_calibration.fit.information import inverted
+from tam_calibration.fit.information import descend, inverted
 from tam_calibration.fit.prior import turned
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
@@ -26,7 +25,6 @@ from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 from tam_calibration.sources.dipole import Source
 from tam_calibration.sources.poses import Poses, amplitudes_of
-
 
 _OTHER_SOURCE = (
     "the readings cannot be those of the stated source: check its position, axis, strength and radius, and the poses"

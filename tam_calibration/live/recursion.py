@@ -26,8 +26,7 @@ from tam_calibration.core.least_squares import scaled
 from tam_calibration.core.normal_equations import Elimination, Normal, gram
 from tam_calibration.core.slow_cosines import WHITE, VarianceFactors
 from tam_calibration.correction.acceptance import are_possible
-from tam_calibration.fit.gauss_newton import descend
-from tam_calibration.fit.information import rows_by_unknowns
+from tam_calibration.fit.information import descend, rows_by_unknowns
 from tam_calibration.fit.likelihood import UNIFORM, ChannelMaps, CommonModeSums, Linearization, normal_equations
 from tam_calibration.fit.prior import Prior
 from tam_calibration.model.array import KnownNoiseArray

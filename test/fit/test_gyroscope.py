@@ -82,11 +82,11 @@ def test_its_derivatives_are_those_of_its_residuals():
 def test_few_long_turns_tell_as_much_as_many_short_ones():
     """Turns over several samples know the bias of the gyroscope as well."""
     recording, array, _ = made()
-    judged = judge_gyroscope(recording, array, Known())
-    assert judged.use is not None and judged.use.stride == 1
+    _, judged = judge_gyroscope(recording, array, Known())
+    assert judged.fit is not None and judged.fit.use.stride == 1
     rows = recording.readings_T.reshape(COUNT, 3).T / 50e-6
     path = GyroscopePath(recording.time_s, recording.angular_velocity_rad_s, 0.1, recording.time_span_s)
-    state = judged.use.start
+    state = judged.fit.state
     use = GyroscopeUse(GYROSCOPE.noise_density, GYROSCOPE.bias, 0.1, state)
     fine = GyroscopeLikelihood(rows, path, np.full(1, 2e-5), use)
     own = slice(12, 15)

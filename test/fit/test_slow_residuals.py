@@ -13,11 +13,11 @@ from scipy.stats import chi2
 
 from tam_calibration.core.slow_cosines import BLOCKS, COSINES, WHITE, VarianceFactors
 from tam_calibration.fit import calibrate, slow_residuals
+from tam_calibration.fit.ellipsoid import free_scale_gradient
 from tam_calibration.fit.information import keeping, rows_by_unknowns
 from tam_calibration.fit.likelihood import Likelihood
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.prior import in_first_frame
-from tam_calibration.fit.scale import free_scale_gradient
 from tam_calibration.fit.slow_residuals import GROWING, variance_factors, widened
 from tam_calibration.model.array import Array
 from tam_calibration.model.data_sheet import Tolerances
