@@ -34,9 +34,6 @@ _LARGEST_BIAS_T = 2e-3
 """Tesla: beyond the range of sensors that read the field of the Earth; near the magnets of a phone it is 0.6 mT."""
 
 
-_ROBUST = "robust"
-"""Method whose residuals hold the outliers that it held down."""
-
 LARGEST_RELATIVE_ERROR = 0.005
 """Part of the intensity, 250 nT, as large as the errors that are to be found: a standard error of a bias, or of a scale
 factor, is larger if the parameter is open; the residual of sensors whose noise is stated may not exceed it."""
@@ -106,17 +103,17 @@ def _scale_factor(factor: FloatArray) -> str:
     # away.
     least, most = (0.5, 2.0)
     ratio = factor.max(axis=1) / factor.min(axis=1)
-    if least <= value <= most and ratio.max() > LARGEST_RATIO:
+    if not least <= value <= most:
+        return (
+            f"the scale factor of sensor {sensor} {axis} is {value:.3g}, not between {least} and {most}: that axis has "
+            "another unit or gain than the others"
+        )
+    if ratio.max() > LARGEST_RATIO:
         return (
             f"the scale factors of sensor {int(ratio.argmax()) + 1} differ by a factor of {ratio.max():.3g}, more than "
             f"{LARGEST_RATIO:g}: an axis has another unit or gain than the others"
         )
-    if least <= value <= most:
-        return ""
-    return (
-        f"the scale factor of sensor {sensor} {axis} is {value:.3g}, not between {least} and {most}: that axis has "
-        "another unit or gain than the others"
-    )
+    return ""
 
 
 def _non_orthogonality(angle: FloatArray) -> str:
@@ -144,15 +141,19 @@ def _residual(calibration: Calibration) -> str:
     residual_T, array = calibration.in_sample.sensor_intensity_T, calibration.array
     sensor = int(np.argmax(residual_T))
     between = float(np.sqrt(calibration.reduced_chi_square.get("differential", 0.0)))
-    found = [
-        (float(residual_T[sensor]), float(residual_T[sensor] / calibration.floor.sensor_intensity_T[sensor])),
-        (between * float(np.sqrt(np.mean(array.vector_noise_T**2))), between),
-    ]
-    whose = f"of sensor {sensor + 1}", "between the sensors"
-    for (size_T, excess), words in zip(found, whose, strict=True):
+    found = (
+        (
+            residual_T[sensor],
+            residual_T[sensor] / calibration.floor.sensor_intensity_T[sensor],
+            f"of sensor {sensor + 1}",
+        ),
+        (between * np.sqrt(np.mean(array.vector_noise_T**2)), between, "between the sensors"),
+    )
+    for size_T, excess, words in found:
         # Ratio of a residual to its noise floor from which ``LARGEST_RELATIVE_ERROR`` counts: a room's gradient
         # or a vehicle's currents leave ten times the noise of good sensors.
-        is_noisy = calibration.noise_is_estimated or calibration.method == _ROBUST or excess <= 300.0
+        # The residuals of a robust fit hold the outliers that it held down.
+        is_noisy = calibration.noise_is_estimated or calibration.method == "robust" or excess <= 300.0
         # Part of the intensity, some 2.5 µT, that the fit may leave: twice what a phone's chip leaves with its
         # currents.
         limit = 0.05 if is_noisy else LARGEST_RELATIVE_ERROR

@@ -12,6 +12,7 @@ import numpy as np
 
 from tam_calibration.correction.acceptance import within_limits
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.fit import published
 from tam_calibration.fit.attitude_check import USE_IT, worth_of
 from tam_calibration.fit.consistency import Fit, accepted, doubts_of
 from tam_calibration.fit.identifiability import FEWEST_SAMPLES, require_determined
@@ -20,14 +21,6 @@ from tam_calibration.fit.joint_calibration import JointCalibration, calibrate_jo
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.prior import Prior
 from tam_calibration.fit.problem import Known, Place, Problem
-from tam_calibration.fit.published import (
-    artificial_vector,
-    fast_rotation,
-    integrated,
-    lossless,
-    simplified_linear,
-    two_step_linear,
-)
 from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.fit.reference import turning_scalar
 from tam_calibration.fit.screening import without_bad_readings
@@ -43,12 +36,12 @@ from tam_calibration.model.units import FloatArray
 METHODS: dict[str, Fit] = {
     "maximum_likelihood": maximum_likelihood,
     "robust": partial(maximum_likelihood, robust=True),
-    "lossless": lossless,
-    "artificial_vector": artificial_vector,
-    "fast_rotation": fast_rotation,
-    "integrated": integrated,
-    "two_step_linear": two_step_linear,
-    "simplified_linear": simplified_linear,
+    "lossless": published.lossless,
+    "artificial_vector": published.artificial_vector,
+    "fast_rotation": published.fast_rotation,
+    "integrated": published.integrated,
+    "two_step_linear": published.two_step_linear,
+    "simplified_linear": published.simplified_linear,
 }
 DEFAULT_METHOD = "maximum_likelihood"
 

@@ -134,12 +134,18 @@ class GyroscopeLikelihood:
         return self.use.start.of_modes(self.path.modes)
 
     def prior(self, state: GyroscopeState, main_field_T: FloatArray | None) -> tuple[FloatArray, FloatArray]:
-        """Return what ``GyroscopeUse.prior`` does; a field of the world tells nothing of a gyroscope."""
-        return self.use.prior(state)
+        """Return the precisions (Q,) of the unknowns of a state before a fit, and the downhill gradient (Q,).
 
-    def is_free(self, state: GyroscopeState) -> np.ndarray:
-        """Return which of the unknowns of a state are fitted."""
-        return self.use.is_free(state)
+        A shape that is not fitted has none. A field of the world tells nothing of a gyroscope.
+        """
+        modes = np.maximum(np.arange(len(state.bias)), 1)
+        shape = 1 / self.use.shape_error**2 if self.use.shape_error else 0.0
+        of_bias = np.repeat((modes / self.use.bias_error) ** 2, 3)
+        # np.pi and 1.0: standard deviations of a mounting and a delay of which nothing is known, radians and seconds:
+        # they keep the normal equations regular.
+        precision = np.concatenate([of_bias, [1.0**-2], np.full(3, np.pi**-2), np.full(6, shape)])
+        away = np.concatenate([state.bias.ravel(), np.zeros(4), (state.shape - np.eye(3))[ROWS, COLUMNS]])
+        return precision, -precision * away
 
     def part(self, samples: slice) -> "GyroscopeLikelihood":
         """Return the likelihood of some of the samples, from a whole stride on."""
@@ -259,7 +265,9 @@ class GyroscopeLikelihood:
         columns = np.empty((13 + state.size, len(links), 2))
         pull = cho_solve_banded((factor, True), chain.residual.ravel()).reshape(-1, 2)
         along, across = self._smoothed(chain, pull)
-        by_field = _by_field(along, across, chain.length)
+        extended = np.concatenate([along.T, 1 / chain.length[None]])
+        sides = np.moveaxis(across, 2, 0).copy()
+        by_field = (sides[:, None] * extended[None, :, :, None]).reshape(12, -1, 2)
         columns[:12] = by_field[:, links + 1] - np.einsum("nab,pnb->pna", chain.through, by_field[:, links])
         first, second = np.moveaxis(across[links + 1], 1, 0)
         # Across is right-handed: a turn δ moves the predicted direction u by -δ × u, which along T is -δ · (u × T).
@@ -290,13 +298,6 @@ class GyroscopeLikelihood:
         along = chain.field / chain.length[:, None]
         moved = along + np.einsum("na,nai->ni", shift, chain.across)
         return moved, chain.across - shift[:, :, None] * along[:, None]
-
-
-def _by_field(along: FloatArray, across: FloatArray, length: FloatArray) -> FloatArray:
-    """Return the (12, N, 2) directions across ⊗ [field, 1] over the length of the field."""
-    extended = np.concatenate([along.T, 1 / length[None]])
-    sides = np.moveaxis(across, 2, 0).copy()
-    return np.asarray((sides[:, None] * extended[None, :, :, None]).reshape(12, -1, 2))
 
 
 def _whitened(factor: FloatArray, columns: FloatArray) -> FloatArray:

@@ -20,9 +20,6 @@ from tam_calibration.model.units import FloatArray, to_nanotesla
 FEWEST_SAMPLES = 9
 """An ellipsoid has nine parameters, and each sample gives one intensity."""
 
-_FROM_STATED_NOISE = "maximum_likelihood"
-"""Method whose standard errors follow from the stated noise; those of all others follow from what the fit leaves."""
-
 
 _SAMPLES = 5000
 """From which the bound is taken: of more it hardly depends on which."""
@@ -117,7 +114,8 @@ def require_accurate(calibration: Calibration, recording: SampleSource, accept: 
         When noise alone would have left none open.
     """
     excess = 1.0
-    if calibration.method == _FROM_STATED_NOISE:
+    # The standard errors of all other methods follow from what the fit leaves, not from the stated noise.
+    if calibration.method == "maximum_likelihood":
         left = (calibration.reduced_chi_square.get(channel, 1.0) for channel in ("differential", "common_mode"))
         excess = float(np.sqrt(max(1.0, *left) / max(calibration.variance_factors)))
     field_T = field_of(recording.thinned(SKETCH), calibration.errors)
@@ -175,13 +173,11 @@ def _name_open(open_: np.ndarray) -> str:
         sensors = tuple(int(sensor) + 1 for sensor in np.flatnonzero(open_[:, parameter]))
         if sensors:
             groups.setdefault(sensors, []).append(name)
-    return "; ".join(f"{', '.join(names)} of {_name_sensors(sensors, len(open_))}" for sensors, names in groups.items())
-
-
-def _name_sensors(sensors: tuple[int, ...], count: int) -> str:
-    if len(sensors) == count > 1:
-        return "every sensor"
-    return f"sensor {', '.join(map(str, sensors))}"
+    parts = []
+    for sensors, names in groups.items():
+        whose = "every sensor" if len(sensors) == len(open_) > 1 else f"sensor {', '.join(map(str, sensors))}"
+        parts.append(f"{', '.join(names)} of {whose}")
+    return "; ".join(parts)
 
 
 _WEAK_RELATIVE_ERROR = 5.0

@@ -63,10 +63,7 @@ class Motion(Protocol):
         """Return the noise of the motion that the residuals show, so many channels being taken by the fit."""
 
     def prior(self, state: Any, main_field_T: FloatArray | None) -> tuple[FloatArray, FloatArray]:
-        """Return the precisions of the unknowns before the samples, and the downhill gradient."""
-
-    def is_free(self, state: Any) -> np.ndarray:
-        """Return which of the unknowns are fitted."""
+        """Return the precisions of the unknowns before the samples, 0 for what is held, and the downhill gradient."""
 
 
 class Intensity(NamedTuple):
@@ -270,7 +267,7 @@ class Problem:
         found = self.motion_at(place)
         count, own = 12 * place.errors.sensor_count, slice(-place.motion.size, None)
         precisions, downhill = self._known_of_motion(place.motion)
-        free = self.motion.is_free(place.motion)
+        free = precisions > 0
         inner = (found.information[own, own] + np.diag(precisions))[np.ix_(free, free)]
         across = found.information[:count, own][:, free]
         gain = across @ inverted(inner, np.eye(len(inner)))
@@ -319,8 +316,8 @@ class Problem:
         """Return the directions of the unknowns that are free, as columns."""
         free = np.ones(12 * place.errors.sensor_count + (not self.has_scalar), dtype=bool)
         free[9:12] = self.known.knows_frame
-        if self.motion is not None and place.motion is not None:
-            free = np.append(free, self.motion.is_free(place.motion))
+        if place.motion is not None:
+            free = np.append(free, self._known_of_motion(place.motion)[0] > 0)
         size = len(free)
         if self.has_scalar or self.known.knows_scale:
             return np.eye(size)[:, free]
