@@ -16,7 +16,7 @@ from numpy.linalg import norm
 
 from tam_calibration.core.normal_equations import Normal, gram
 from tam_calibration.fit.ellipsoid import Normalized
-from tam_calibration.fit.likelihood import UNIFORM, ChannelMaps
+from tam_calibration.fit.likelihood import ChannelMaps
 from tam_calibration.fit.recorded_attitude import across_of, likely_turn
 from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.geomagnetic_field import LOCAL_STANDARD_ERROR_T
@@ -148,7 +148,7 @@ class AttitudeLikelihood:
 
     def field(self, matrix: FloatArray, bias: FloatArray) -> FloatArray:
         """Return the directions (N, 3) of the field in the array frame, of sensors as of ``linearize``."""
-        channels = ChannelMaps.at(matrix, bias, UNIFORM, self.vector_noise, None)
+        channels = ChannelMaps.of_uniform_field(matrix, bias, self.vector_noise)
         field = (channels.at_scalar[:, :-1] @ self.rows + channels.at_scalar[:, -1:]).T
         return np.asarray(field / norm(field, axis=1, keepdims=True))
 
@@ -191,7 +191,7 @@ class AttitudeLikelihood:
 
     def _moments(self, matrix: FloatArray, bias: FloatArray, view: WorldView) -> tuple[ChannelMaps, FloatArray, float]:
         """Return the maps, the moments of the whitened columns, and the mean variance of the field's direction."""
-        channels = ChannelMaps.at(matrix, bias, UNIFORM, self.vector_noise, None)
+        channels = ChannelMaps.of_uniform_field(matrix, bias, self.vector_noise)
         size = 18 + len(self.headings)
         moments, variance = np.zeros((size, size)), 0.0
         for start in range(0, self.sample_count, _PIECE):

@@ -219,7 +219,9 @@ def held_out_residuals(
     Residuals or None
         None if the recording is too short, or the other folds make no calibration.
     """
-    fold_of = _folds(recording.sample_count)
+    block = np.arange(_FOLDS * _BLOCKS_PER_FOLD)
+    starts = -(-np.append(block, len(block)) * recording.sample_count // len(block))
+    fold_of = np.repeat((block % _FOLDS).astype(np.int8), np.diff(starts))
     sizes = np.bincount(fold_of, minlength=_FOLDS)
     if not sizes.all() or recording.sample_count - sizes.max() < 2 * FEWEST_SAMPLES:
         return None
@@ -235,13 +237,6 @@ def held_out_residuals(
         return _pool(found, sizes)
     except (InputError, Refused):
         return None
-
-
-def _folds(count: int) -> np.ndarray:
-    """Return the number of the fold (N,) of each sample."""
-    block = np.arange(_FOLDS * _BLOCKS_PER_FOLD)
-    starts = -(-np.append(block, len(block)) * count // len(block))
-    return np.repeat((block % _FOLDS).astype(np.int8), np.diff(starts))
 
 
 def _by_steps(folds: list[SampleSource], array: Array, calibration: Calibration, known: Known) -> list[Residuals]:

@@ -8,7 +8,7 @@ from tam_calibration.core.noise import complete_noise
 from tam_calibration.core.slow_cosines import VarianceFactors
 from tam_calibration.correction.calibration import FRAME_STATEMENT, AmbientGradientEstimate, Calibration
 from tam_calibration.fit.coverage import field_of, measure_coverage
-from tam_calibration.fit.likelihood import UNIFORM, ChannelMaps, energies
+from tam_calibration.fit.likelihood import ChannelMaps, energies
 from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.recording import SKETCH, Block, SampleSource
@@ -107,7 +107,7 @@ class EnergySums:
 
     def __init__(self, errors: SensorErrors, array: KnownNoiseArray, intensity_T: float) -> None:
         self._intensity_T, self._scalar_noise_T, self._sensors = intensity_T, array.scalar_noise_T, errors.sensor_count
-        self._channels = ChannelMaps.at(errors.matrix, errors.bias_T, UNIFORM, array.vector_noise_T, None)
+        self._channels = ChannelMaps.of_uniform_field(errors.matrix, errors.bias_T, array.vector_noise_T)
         self._energy, self._counts = np.zeros(2), np.zeros(2, dtype=int)
 
     def add(self, block: Block) -> None:

@@ -23,7 +23,7 @@ from numpy.linalg import inv, norm
 from tam_calibration.core.normal_equations import Normal, gram
 from tam_calibration.fit.ellipsoid import COLUMNS, ROWS, Normalized
 from tam_calibration.fit.gyroscope_path import GyroscopePath, GyroscopeState, GyroscopeUse, rotated
-from tam_calibration.fit.likelihood import UNIFORM, ChannelMaps
+from tam_calibration.fit.likelihood import ChannelMaps
 from tam_calibration.fit.recorded_attitude import across_of
 from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.limits import RATE_NOISE
@@ -172,7 +172,7 @@ class GyroscopeLikelihood:
         state : GyroscopeState
             Of the gyroscope.
         """
-        channels = ChannelMaps.at(matrix, bias, UNIFORM, self.vector_noise, None)
+        channels = ChannelMaps.of_uniform_field(matrix, bias, self.vector_noise)
         if not len(self.path.links):
             size = 13 + state.size
             return Normal.by_field(channels.response, np.zeros((size, size)), 0)
@@ -182,7 +182,7 @@ class GyroscopeLikelihood:
 
     def white_turns(self, matrix: FloatArray, bias: FloatArray, state: GyroscopeState) -> WhiteTurns:
         """Return the turns of the field at a point; parameters as of ``linearize``."""
-        return self._white_turns(ChannelMaps.at(matrix, bias, UNIFORM, self.vector_noise, None), state)
+        return self._white_turns(ChannelMaps.of_uniform_field(matrix, bias, self.vector_noise), state)
 
     def _white_turns(self, channels: ChannelMaps, state: GyroscopeState) -> WhiteTurns:
         chain = self._chain(channels, state)
@@ -205,7 +205,7 @@ class GyroscopeLikelihood:
         sigmas : float
             Standard deviations of chance by which the residuals may be smaller than by that density.
         """
-        chain = self._chain(ChannelMaps.at(matrix, bias, UNIFORM, self.vector_noise, None), state)
+        chain = self._chain(ChannelMaps.of_uniform_field(matrix, bias, self.vector_noise), state)
         freedom = max(chain.residual.size - taken, 1.0)
         wanted = freedom - sigmas * np.sqrt(2 * freedom)
 

@@ -9,9 +9,9 @@ from tam_calibration.core.noise import complete_noise
 from tam_calibration.correction.acceptance import LARGEST_ANGLE_ERROR, LARGEST_RELATIVE_ERROR
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.coverage import CELLS, ENOUGH_RELATIVE_ERROR, cell_directions, field_of, measure_coverage
-from tam_calibration.fit.ellipsoid import Normalized, normalize
+from tam_calibration.fit.ellipsoid import normalize
 from tam_calibration.fit.information import InformationModel, bound, information_of
-from tam_calibration.model.array import Array, KnownNoiseArray
+from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import SKETCH, Recording, SampleSource
 from tam_calibration.model.sensor_errors import PARAMETER_NAMES, SensorErrors
@@ -63,7 +63,13 @@ def require_determined(recording: SampleSource, array: Array, is_uniform: bool =
     field = data.radius_T * data.points[np.isfinite(data.intensity), 0]
     some = field[:: -(-len(field) // _SAMPLES)]
     covariance = bound(some, SensorErrors.none(recording.sensor_count), noisy, data.has_scalar)
-    excess = _noise_excess(data, noisy) if is_uniform else 1.0
+    excess = 1.0
+    if is_uniform and recording.sensor_count > 1:
+        # By how much the noise in which the sensors differ is larger than stated: noise spreads readings that lie in a
+        # plane, and must not pass for directions that were visited.
+        whitened = data.points / (noisy.vector_noise_T / data.radius_T)[:, None]
+        differing = np.linalg.eigvalsh(np.cov(whitened.reshape(len(whitened), -1), rowvar=False))[:-3]
+        excess = float(np.sqrt(max(1.0, differing.mean())))
     if problem := _inaccuracy(np.sqrt(np.diag(covariance)), excess, data.radius_T, some):
         raise problem
 
@@ -125,16 +131,6 @@ def require_accurate(calibration: Calibration, recording: SampleSource, accept: 
     if "accuracy" not in accept:
         raise problem
     return replace(calibration, accepted=("accuracy",), warnings=(str(problem), *calibration.warnings))
-
-
-def _noise_excess(data: Normalized, array: KnownNoiseArray) -> float:
-    """Return how much larger than stated, at least 1, the noise is in which the sensors differ from each other.
-
-    Noise spreads readings that lie in a plane, and must not pass for directions that were visited.
-    """
-    whitened = data.points / (array.vector_noise_T / data.radius_T)[:, None]
-    differing = np.linalg.eigvalsh(np.cov(whitened.reshape(len(whitened), -1), rowvar=False))[:-3]
-    return float(np.sqrt(max(1.0, differing.mean()))) if differing.size else 1.0
 
 
 def refuse_open(standard_errors: FloatArray, intensity_T: float) -> None:

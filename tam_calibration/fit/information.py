@@ -138,9 +138,7 @@ def parameter_covariance(
     jacobian = rows_by_unknowns(errors, unit_T, free_intensity_T)
     free = np.ones(jacobian.shape[1], dtype=bool)
     free[9:12] = False
-    basis: FloatArray = np.eye(len(free))[:, free]
-    if free_intensity_T is not None:
-        basis = keeping(np.append(free_scale_gradient(errors), 0.0), free)
+    basis = free_basis(errors, free, holds_scale=free_intensity_T is not None)
     covariance = inverted(jacobian.T @ information @ jacobian, basis)
     return covariance[: 12 * count, : 12 * count]
 
@@ -173,12 +171,17 @@ def rows_by_unknowns(errors: SensorErrors, unit_T: float, free_intensity_T: floa
     return np.hstack([by_errors, by_intensity])
 
 
-def keeping(gradient: FloatArray, free: np.ndarray) -> FloatArray:
-    """Return a basis of the free directions along which a constraint's gradient vanishes."""
-    _, _, right = np.linalg.svd(np.where(free, gradient, 0.0)[None, free])
-    basis = np.zeros((len(free), int(free.sum()) - 1))
-    basis[free] = right[1:].T
-    return basis
+def free_basis(errors: SensorErrors, free: np.ndarray, holds_scale: bool) -> FloatArray:
+    """Return the directions, as columns, of those unknowns (P,) that are free, the errors of the sensors first.
+
+    Where the scale is held, the mean determinant does not change along them.
+    """
+    basis: FloatArray = np.eye(len(free))[:, free]
+    if not holds_scale:
+        return basis
+    gradient = np.pad(free_scale_gradient(errors), (0, len(free) - 12 * errors.sensor_count))
+    _, _, right = np.linalg.svd(gradient[None, free])
+    return np.asarray(basis @ right[1:].T)
 
 
 def inverted(information: FloatArray, basis: FloatArray) -> FloatArray:

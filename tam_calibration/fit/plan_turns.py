@@ -109,7 +109,7 @@ def best_turns(prior: Prior, vehicle: Vehicle, inclination: float, gyroscope: Gy
     gyroscope : Gyroscope, optional
         What records the angular velocity of the turns; it counts where its noise is stated.
     """
-    before = excess_of(prior, prior.covariance)
+    calibration, before = prior.calibration, excess_of(prior, prior.covariance)
     swings = [(0.0,) if limit == 0 else (0.0, limit) for limit in (vehicle.pitch_limit, vehicle.roll_limit)]
     turns = []
     # from_degrees(np.array([0.0, 90.0, 180.0, 360.0])): turns of the heading that are compared, radians: straight on, a
@@ -118,8 +118,13 @@ def best_turns(prior: Prior, vehicle: Vehicle, inclination: float, gyroscope: Gy
         if not (yaw or pitch or roll):
             continue
         angles = _angles(yaw, pitch, roll, vehicle)
+        time_s = np.arange(len(angles)) / vehicle.sample_rate_hz
         duration_s = len(angles) / vehicle.sample_rate_hz
-        excess = excess_of(prior, _covariance_after(prior, angles, vehicle, inclination, gyroscope))
+        readings_T = prior.errors.distort(calibration.intensity_T * field_directions(angles, inclination))
+        scalar_T = np.full(len(angles), calibration.intensity_T) if calibration.array.scalar_noise_T else None
+        rates = None if gyroscope is None else _rates(angles, 1 / vehicle.sample_rate_hz)
+        recording = Recording(time_s, readings_T, scalar_T, angular_velocity_rad_s=rates)
+        excess = excess_of(prior, expected_covariance(recording, calibration.array, Known(prior), gyroscope))
         # Seconds in a minute.
         turns.append(Turn(yaw, pitch, roll, duration_s, excess, (before - excess) * 60.0 / duration_s))
     return sorted(turns, key=lambda turn: -turn.gain_per_minute)
@@ -138,26 +143,17 @@ def _angles(yaw: float, pitch: float, roll: float, vehicle: Vehicle) -> FloatArr
     return np.stack([yaw * time_s / time_s[-1], *swings], axis=1)
 
 
-def _covariance_after(
-    prior: Prior, angles: FloatArray, vehicle: Vehicle, inclination: float, gyroscope: Gyroscope | None
-) -> FloatArray:
-    calibration, intensity_T = prior.calibration, prior.calibration.intensity_T
-    field_T = intensity_T * field_directions(angles, inclination)
-    scalar_T = np.full(len(angles), intensity_T) if calibration.array.scalar_noise_T else None
-    time_s = np.arange(len(angles)) / vehicle.sample_rate_hz
-    recording = Recording(time_s, prior.errors.distort(field_T), scalar_T)
-    if gyroscope is not None:
-        recording = replace(recording, angular_velocity_rad_s=_rates(angles, 1 / vehicle.sample_rate_hz))
-    return expected_covariance(recording, calibration.array, Known(prior), gyroscope)
-
-
 def _rates(angles: FloatArray, interval_s: float) -> FloatArray:
     """Return the angular velocities (N, 3) in the array frame of yaw, pitch and roll (N, 3), rad/s."""
     from scipy.spatial.transform import Rotation
 
     attitude = Rotation.from_euler("ZYX", angles)
-    turns = (attitude[:-1].inv() * attitude[1:]).as_rotvec() / interval_s
-    return np.vstack([turns[:1], (turns[:-1] + turns[1:]) / 2, turns[-1:]])
+    return _at_samples((attitude[:-1].inv() * attitude[1:]).as_rotvec() / interval_s)
+
+
+def _at_samples(rates: FloatArray) -> FloatArray:
+    """Return what rates (N - 1, 3) between samples are at the samples (N, 3)."""
+    return np.vstack([rates[:1], (rates[:-1] + rates[1:]) / 2, rates[-1:]])
 
 
 def expected_covariance(
@@ -267,8 +263,7 @@ def _bias_errors(points_T: FloatArray, time_s: FloatArray, array: Array, count: 
     if not (lengths > 0).all():  # sensors that are stuck
         return np.full(3, np.inf)
     along = centred / lengths
-    turns = np.cross(along[1:], along[:-1]) / np.diff(time_s)[:, None]
-    rates = np.vstack([turns[:1], (turns[:-1] + turns[1:]) / 2, turns[-1:]])
+    rates = _at_samples(np.cross(along[1:], along[:-1]) / np.diff(time_s)[:, None])
     scalar_T = np.full(len(along), radius_T)
     recording = Recording(time_s, radius_T * along[:, None], scalar_T, angular_velocity_rad_s=rates)
     noises_T = (each / np.sqrt(count) for each in (array.vector_noise_T[:1], array.scalar_noise_T))

@@ -25,10 +25,10 @@ from tam_calibration.core.slow_cosines import WHITE, VarianceFactors
 from tam_calibration.correction.acceptance import are_possible
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.attitude_likelihood import AttitudeLikelihood, WorldView
-from tam_calibration.fit.ellipsoid import Normalized, free_scale, free_scale_gradient, normalize
+from tam_calibration.fit.ellipsoid import Normalized, free_scale, normalize
 from tam_calibration.fit.gyroscope_likelihood import GyroscopeLikelihood
 from tam_calibration.fit.gyroscope_path import GyroscopeState, GyroscopeUse
-from tam_calibration.fit.information import descend, inverted, keeping, rows_by_unknowns
+from tam_calibration.fit.information import descend, free_basis, inverted, rows_by_unknowns
 from tam_calibration.fit.likelihood import Likelihood, UniformLikelihood
 from tam_calibration.fit.maximum_likelihood import first_guess, likelihood_of
 from tam_calibration.fit.prior import Prior
@@ -318,12 +318,7 @@ class Problem:
         free[9:12] = self.known.knows_frame
         if place.motion is not None:
             free = np.append(free, self._known_of_motion(place.motion)[0] > 0)
-        size = len(free)
-        if self.has_scalar or self.known.knows_scale:
-            return np.eye(size)[:, free]
-        gradient = np.zeros(size)
-        gradient[: 12 * place.errors.sensor_count] = free_scale_gradient(place.errors)
-        return keeping(gradient, free)
+        return free_basis(place.errors, free, holds_scale=not (self.has_scalar or self.known.knows_scale))
 
     def moved(self, place: Place, step: FloatArray) -> Place:
         """Return the place after a step of the unknowns; one that leads to sensors that cannot be is refused."""

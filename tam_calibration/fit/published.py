@@ -336,11 +336,9 @@ def _turns(moments: Moments, matrix: FloatArray, center: FloatArray) -> FloatArr
     has_attitude = np.isfinite(known.attitude).all(axis=1)
     to_world = Rotation.from_quat(known.attitude[has_attitude]).as_matrix()
     points = (known.readings_T[has_attitude, 0] - moments.data.origin_T[0]) / moments.data.radius_T
-    chosen = np.ones((len(matrix), known.sample_count), dtype=bool)
-    for index, left_out in enumerate(moments.left_out()):
-        chosen[index + 1, left_out] = False
-    chosen, turns = chosen[:, has_attitude], []
-    for unmix, bias, samples in zip(inv(matrix[:, 0]), center[:, 0], chosen, strict=True):
+    set_without, turns = moments.set_without()[has_attitude], []
+    for number, (unmix, bias) in enumerate(zip(inv(matrix[:, 0]), center[:, 0], strict=True)):
+        samples = set_without != number
         field = (points[samples] - bias) @ unmix.T
         turns.append(recorded_attitude.find_turn(field, to_world[samples]))
     return np.array(turns)

@@ -246,16 +246,7 @@ def turning_scalar(recording: SampleSource, array: Array) -> TurningScalar | Non
         return None
     known = np.isfinite(some.scalar_T)
     scalar_T, field = some.scalar_T[known], some.readings_T[known].mean(axis=1)
-    size_T, is_most = _turning_part(scalar_T, field / np.mean(norm(field, axis=1)), recording, array)
-    return TurningScalar(float(scalar_T.mean()), size_T, is_most) if size_T else None
-
-
-def _turning_part(scalar_T: FloatArray, field: FloatArray, recording: SampleSource, array: Array) -> tuple[float, bool]:
-    """Return the size of the field that turns with the array at the scalar, tesla, and whether it explains most.
-
-    The size is 0 where it does not count.
-    """
-    count = len(scalar_T)
+    field, count = field / np.mean(norm(field, axis=1)), len(scalar_T)
     block = np.arange(count) * BLOCKS // count
     slow = np.linalg.qr(np.column_stack([np.ones(count), slow_cosines()[block]]))[0]
     left_T = scalar_T - slow @ (slow.T @ scalar_T)
@@ -278,7 +269,7 @@ def _turning_part(scalar_T: FloatArray, field: FloatArray, recording: SampleSour
     # Standard deviations of a normal law from which standard errors hold what the dependence may do: once in a
     # hundred.
     if deviation < 2.33:
-        return 0.0, False
+        return None
     noisy, _ = complete_noise(array, recording)
     variance_T2 = noise_T**2 + 1 / float(np.sum(1 / noisy.vector_noise_T**2))
     # Squared standard errors by which the dependence moves the errors, and which are not worth losing a scalar.
@@ -288,4 +279,5 @@ def _turning_part(scalar_T: FloatArray, field: FloatArray, recording: SampleSour
     # Standard deviations of a normal law: once in ten thousand sound recordings.
     # Part of what is not slow that a magnet near the scalar explains at least: a field that varies faster may
     # follow the direction in part by chance.
-    return size_T, bool(deviation > 3.72 and is_harmful and energy >= 0.5 * float(left_T @ left_T))
+    is_most = bool(deviation > 3.72 and is_harmful and energy >= 0.5 * float(left_T @ left_T))
+    return TurningScalar(float(scalar_T.mean()), size_T, is_most)

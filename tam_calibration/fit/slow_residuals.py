@@ -17,6 +17,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from operator import mul
 
 import numpy as np
 
@@ -103,10 +104,6 @@ _FRAME = np.s_[9:12]
 """Turns of sensor 1: a turn of all sensors is seen by no uniform field."""
 
 
-_DIFFERENTIAL, _COMMON_MODE = 0, 1
-"""Places of the channels in what is summed by blocks."""
-
-
 def variance_factors(calibration: Calibration, recording: SampleSource) -> VarianceFactors:
     """Return the variance of what each channel tells a fit over that of white noise.
 
@@ -156,13 +153,11 @@ def widened(calibration: Calibration, recording: SampleSource) -> Calibration:
         return with_variance_factors(calibration, factors)
     assert calibration.covariance is not None
     covariance = calibration.covariance.copy()
-    differential = by_block[0][_DIFFERENTIAL].sum(axis=0)
+    differential = by_block[0][0].sum(axis=0)
     if student:
-        differential /= student[_DIFFERENTIAL].spread_of(2) * student[_DIFFERENTIAL].variance_factor
-        stated = VarianceFactors(
-            factors.differential * student[_DIFFERENTIAL].variance_factor,
-            factors.common_mode * student[_COMMON_MODE].variance_factor,
-        ).at_least(WHITE)
+        differential /= student[0].spread_of(2) * student[0].variance_factor
+        excess = (noise.variance_factor for noise in student)
+        stated = VarianceFactors(*map(mul, factors, excess)).at_least(WHITE)
     seen = np.delete(np.arange(len(covariance)), _FRAME)
     inside, size = np.ix_(seen, seen), len(seen)
     covariance[inside] = _sandwich(covariance[inside], differential[:size, :size], factors)

@@ -135,7 +135,9 @@ def calibrate_by_source(
 
     def normal_at(point: _Point) -> tuple[FloatArray, FloatArray, None]:
         inside = linearize(point).by(allowed)
-        if not _is_determined(inside):
+        is_seen = inside.count >= len(inside.score) and (np.diag(inside.information) > 0).all()
+        # Condition of the scaled design from which a parameter is open: its error is a thousand times the usual.
+        if not is_seen or np.linalg.cond(scaled(inside.information)[0]) > 1e6**2:
             raise InputError(_UNDETERMINED if point is start else _OTHER_SOURCE)
         return inside.information, inside.score, None
 
@@ -183,14 +185,6 @@ def _predict(
     for sensor, axis in np.ndindex(*field.shape[1:3]):
         own[:, sensor, axis, sensor, axis] = by_place[:, sensor, axis]
     return np.einsum("kai,nkai->nka", rows, turned_field), derivative
-
-
-def _is_determined(normal: Normal) -> bool:
-    if normal.count < len(normal.score) or not (np.diag(normal.information) > 0).all():
-        return False
-    values = np.linalg.eigvalsh(scaled(normal.information)[0])
-    # Condition of the scaled design from which a parameter is open: its error is a thousand times the usual.
-    return bool(values[0] * 1e6**2 >= values[-1])
 
 
 def _allowed(array: Array) -> FloatArray:

@@ -13,7 +13,7 @@ from tam_calibration.fit import calibrate
 from tam_calibration.fit.gyroscope_check import judge_gyroscope
 from tam_calibration.fit.gyroscope_likelihood import GyroscopeLikelihood
 from tam_calibration.fit.gyroscope_path import GyroscopePath, GyroscopeState, GyroscopeUse
-from tam_calibration.fit.likelihood import UNIFORM, ChannelMaps
+from tam_calibration.fit.likelihood import ChannelMaps
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.problem import Known
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -60,10 +60,10 @@ def test_its_derivatives_are_those_of_its_residuals():
     matrix, bias = errors.matrix, errors.bias_T / 50e-6
 
     def residual(matrix, bias, state):
-        channels = ChannelMaps.at(matrix, bias, UNIFORM, likelihood.vector_noise, None)
+        channels = ChannelMaps.of_uniform_field(matrix, bias, likelihood.vector_noise)
         return likelihood._chain(channels, state).residual
 
-    channels = ChannelMaps.at(matrix, bias, UNIFORM, likelihood.vector_noise, None)
+    channels = ChannelMaps.of_uniform_field(matrix, bias, likelihood.vector_noise)
     chain = likelihood._chain(channels, state)
     columns = likelihood._columns(chain, likelihood._factor(chain, use.density), state)
     for index in range(state.size):
