@@ -141,12 +141,9 @@ def _residual(calibration: Calibration) -> str:
     residual_T, array = calibration.in_sample.sensor_intensity_T, calibration.array
     sensor = int(np.argmax(residual_T))
     between = float(np.sqrt(calibration.reduced_chi_square.get("differential", 0.0)))
+    own_T, floor_T = residual_T[sensor], calibration.floor.sensor_intensity_T[sensor]
     found = (
-        (
-            residual_T[sensor],
-            residual_T[sensor] / calibration.floor.sensor_intensity_T[sensor],
-            f"of sensor {sensor + 1}",
-        ),
+        (own_T, own_T / floor_T, f"of sensor {sensor + 1}"),
         (between * np.sqrt(np.mean(array.vector_noise_T**2)), between, "between the sensors"),
     )
     for size_T, excess, words in found:
