@@ -1,4 +1,4 @@
-"""The Fisher information of samples, taken apart, what follows from it: Gauss–Newton steps, and the Cramér–Rao bound.
+"""The Fisher information of samples, taken apart, and what follows from it: Gauss-Newton steps, Cramér–Rao bound.
 
 A sample's 3K + 1 readings without its three field components are 3K - 3 differential channels, which are affine in the
 field, and one common mode, the residual of the intensity. The information of all samples is therefore one 9 × 9 matrix,
