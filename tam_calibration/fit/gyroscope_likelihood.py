@@ -234,20 +234,16 @@ class GyroscopeLikelihood:
         through = np.einsum("nai,nbi->nab", across[links + 1], moved[:, 1:])
         covariance = channels.elimination.covariance
         variance = np.einsum("nai,ij,nbj->nab", across, covariance, across, optimize=True) / length[:, None, None] ** 2
-        band = self._band(through, variance)
-        return _Chain(field, length, across, through, residual, variance, band, turned)
-
-    def _band(self, through: FloatArray, variance: FloatArray) -> FloatArray:
-        """Return what the sensors' noise makes of the channels' covariance, (4, 2 L): diagonal, then those below it."""
-        links, count = self.path.links, len(self.path.links)
         own = through @ variance[links] @ np.swapaxes(through, 1, 2) + variance[links + 1]
-        across = -(through[1:] @ variance[links[1:]]) * self.path.follows[:, None, None]
-        band = np.zeros((_BAND + 1, count, 2))
+        between = -(through[1:] @ variance[links[1:]]) * self.path.follows[:, None, None]
+        # What the sensors' noise makes of the channels' covariance: diagonal, then those below it.
+        band = np.zeros((_BAND + 1, len(links), 2))
         band[0] = own[:, (0, 1), (0, 1)]
-        band[1, :, 0], band[1, :-1, 1] = own[:, 1, 0], across[:, 0, 1]
-        band[2, :-1, 0], band[2, :-1, 1] = across[:, 0, 0], across[:, 1, 1]
-        band[3, :-1, 0] = across[:, 1, 0]
-        return band.reshape(_BAND + 1, -1)
+        band[1, :, 0], band[1, :-1, 1] = own[:, 1, 0], between[:, 0, 1]
+        band[2, :-1, 0], band[2, :-1, 1] = between[:, 0, 0], between[:, 1, 1]
+        band[3, :-1, 0] = between[:, 1, 0]
+        band = band.reshape(_BAND + 1, -1)
+        return _Chain(field, length, across, through, residual, variance, band, turned)
 
     def _factor(self, chain: _Chain, density: float) -> FloatArray:
         """Return the banded Cholesky factor of the channels' covariance, with the noise of the gyroscope."""

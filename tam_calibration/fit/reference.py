@@ -84,13 +84,18 @@ class InterpolationNoise:
             What the shared errors take from the normal equations.
         """
         from scipy.linalg import solveh_banded
+        from scipy.sparse import coo_array
 
         line = self.noise * np.stack([1 - self.way, self.way], axis=1)
         columns = np.hstack([weighted, precision[:, None] * line])
         wandering = self._wandering(columns, precision)
         by_walk = weighted.T @ wandering[:, :-2]
         rest = columns - precision[:, None] * wandering
-        at_readings = self._gather(line, rest[:, :-2])
+        # σ Hᵀ times the columns: a row for each reading.
+        place = np.concatenate([np.arange(len(line))] * 2)
+        rows = np.concatenate([self.interval, self.interval + 1])
+        transposed = coo_array((line.T.ravel(), (rows, place)), (int(self.interval.max()) + 2, len(line)))
+        at_readings = transposed.tocsr() @ rest[:, :-2]
         # The line's own part: 2 × 2 blocks of neighbouring readings, overlapping on the diagonal.
         size = len(at_readings)
         bands = np.zeros((2, size))
@@ -123,16 +128,6 @@ class InterpolationNoise:
         bands[0, :-1] += stiffness
         bands[1, :-1] = np.where(free[1:] & free[:-1], -stiffness, 0.0)
         return free, bands
-
-    def _gather(self, line: FloatArray, columns: FloatArray) -> FloatArray:
-        """Return σ Hᵀ times columns (M, F): a row for each reading."""
-        from scipy.sparse import coo_array
-
-        place = np.arange(len(line))
-        rows = np.concatenate([self.interval, self.interval + 1])
-        shape = (int(self.interval.max()) + 2, len(line))
-        transposed = coo_array((line.T.ravel(), (rows, np.concatenate([place, place]))), shape)
-        return np.asarray(transposed.tocsr() @ columns)
 
 
 def is_worth_interpolating(scalar: FloatArray) -> bool:
