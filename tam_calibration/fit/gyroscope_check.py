@@ -118,13 +118,6 @@ class GyroscopeFit(MotionFit):
         chi_square = float(np.sum(score**2 / values[seen]))
         return probability_of(chi_square, int(seen.sum())) < SIGNIFICANT
 
-    @property
-    def bent(self) -> str:
-        """How far the axes are from true, in a sentence."""
-        size = 100 * float(np.abs(self.state.shape - np.eye(3)).max())
-        differ = f"scale and angles of the gyroscope's axes differ by up to {size:.2g} % from those of the array"
-        return f"{differ}, which is estimated"
-
     def contradiction(self) -> str:
         """Return how angular velocity contradicts all else, or nothing."""
         sizes = self.difference(self.own)
@@ -277,7 +270,9 @@ def settled_gyroscope(recording: Recording, array: Array, known: Known) -> Settl
             # Standard deviation of the scale and the angles of axes that are not true: data sheets bound them by
             # 1 to 3 %.
             fit = GyroscopeFit.settled(recording, array, known, replace(fit.use, start=fit.state, shape_error=0.03))
-            notes += (fit.bent,)
+            percent = 100 * float(np.abs(fit.state.shape - np.eye(3)).max())
+            differ = f"scale and angles of the gyroscope's axes differ by up to {percent:.2g} % from those of the array"
+            notes += (f"{differ}, which is estimated",)
         if (bias := float(norm(fit.state.bias[0]))) > FAR * stated.bias:
             fit = GyroscopeFit.settled(recording, array, known, replace(fit.use, start=fit.state, bias_error=bias))
             beyond = f"beyond the {to_degrees(stated.bias):.3g} °/s of bias_deg_per_s"

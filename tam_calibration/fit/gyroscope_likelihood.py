@@ -242,8 +242,7 @@ class GyroscopeLikelihood:
         band[1, :, 0], band[1, :-1, 1] = own[:, 1, 0], between[:, 0, 1]
         band[2, :-1, 0], band[2, :-1, 1] = between[:, 0, 0], between[:, 1, 1]
         band[3, :-1, 0] = between[:, 1, 0]
-        band = band.reshape(_BAND + 1, -1)
-        return _Chain(field, length, across, through, residual, variance, band, turned)
+        return _Chain(field, length, across, through, residual, variance, band.reshape(_BAND + 1, -1), turned)
 
     def _factor(self, chain: _Chain, density: float) -> FloatArray:
         """Return the banded Cholesky factor of the channels' covariance, with the noise of the gyroscope."""
