@@ -8,11 +8,12 @@ from importlib.util import find_spec
 import numpy as np
 from numpy.linalg import inv, norm
 
-from tam_calibration.fit import maximum_likelihood, published
+from tam_calibration.fit import maximum_likelihood
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
+from tam_validation.papers.wu2025_sweeps import published_errors
 
 MICROTESLA, GAUSS = 1e-6, 1e-4
 """Units of what the rivals read and return, tesla."""
@@ -106,7 +107,7 @@ def array_of(data: Data) -> Array:
 
 OURS = {
     "maximum_likelihood": ours(maximum_likelihood.estimate),
-    "lossless": ours(lambda recording, array: published.estimate(recording)),
+    "lossless": ours(lambda recording, array: published_errors(recording, as_published=False)),
 }
 RIVALS: dict[str, tuple[str, Fit]] = {
     "magcal": ("magcal", magcal),

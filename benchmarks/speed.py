@@ -1,7 +1,7 @@
 """Speed of the fits against the procedure that Wu 2025 publishes, on the same data, in one run.
 
 Run ``python benchmarks/speed.py``. Both sides take the same recording and give the same: the errors of all sensors and
-nothing else, ours by ``published.estimate`` and ``maximum_likelihood.estimate``. The published procedure, sensor by
+nothing else, ours by ``published_errors`` and ``maximum_likelihood.estimate``. The published procedure, sensor by
 sensor: eq. 9 by its normal equations; eq. 12 by sequential quadratic programming (SLSQP of scipy, which finds its
 slopes by differences as the paper states none) between bounds from the solution of eq. 9; eq. 13 by normal equations;
 Procrustes analysis. It is made as quick as it can be without changing what it does: eq. 12 is one product with the
@@ -25,19 +25,21 @@ from rich.progress import track
 from scipy.optimize import minimize
 from spread import Row, show
 
-from tam_calibration.fit import maximum_likelihood, published
+from tam_calibration.fit import maximum_likelihood
+from tam_calibration.fit.published import lossless
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
+from tam_validation.papers.wu2025_sweeps import published_errors
 
 SIZES = (360, 1_000, 10_000, 100_000)
 METHODS: dict[str, Callable[[Recording, Array], object]] = {
-    "lossless": lambda recording, array: published.estimate(recording),
+    "lossless": lambda recording, array: published_errors(recording, as_published=False),
     "maximum_likelihood": maximum_likelihood.estimate,
-    "lossless, whole result": published.lossless,
+    "lossless, whole result": lossless,
     "maximum_likelihood, whole result": maximum_likelihood.maximum_likelihood,
     "published, from its minimum": lambda recording, array: published(recording, from_minimum=True),
 }

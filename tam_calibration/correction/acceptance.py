@@ -9,6 +9,7 @@ from itertools import combinations
 
 import numpy as np
 
+from tam_calibration.core.least_squares import whitening
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.units import FloatArray, from_degrees, to_degrees, to_nanotesla
@@ -32,9 +33,6 @@ LARGEST_NON_ORTHOGONALITY = from_degrees(15.0)
 _LARGEST_BIAS_T = 2e-3
 """Tesla: beyond the range of sensors that read the field of the Earth; near the magnets of a phone it is 0.6 mT."""
 
-
-_ROBUST = "robust"
-"""Method whose residuals hold the outliers that it held down."""
 
 LARGEST_RELATIVE_ERROR = 0.005
 """Part of the intensity, 250 nT, as large as the errors that are to be found: a standard error of a bias, or of a scale
@@ -105,17 +103,17 @@ def _scale_factor(factor: FloatArray) -> str:
     # away.
     least, most = (0.5, 2.0)
     ratio = factor.max(axis=1) / factor.min(axis=1)
-    if least <= value <= most and ratio.max() > LARGEST_RATIO:
+    if not least <= value <= most:
+        return (
+            f"the scale factor of sensor {sensor} {axis} is {value:.3g}, not between {least} and {most}: that axis has "
+            "another unit or gain than the others"
+        )
+    if ratio.max() > LARGEST_RATIO:
         return (
             f"the scale factors of sensor {int(ratio.argmax()) + 1} differ by a factor of {ratio.max():.3g}, more than "
             f"{LARGEST_RATIO:g}: an axis has another unit or gain than the others"
         )
-    if least <= value <= most:
-        return ""
-    return (
-        f"the scale factor of sensor {sensor} {axis} is {value:.3g}, not between {least} and {most}: that axis has "
-        "another unit or gain than the others"
-    )
+    return ""
 
 
 def _non_orthogonality(angle: FloatArray) -> str:
@@ -143,15 +141,16 @@ def _residual(calibration: Calibration) -> str:
     residual_T, array = calibration.in_sample.sensor_intensity_T, calibration.array
     sensor = int(np.argmax(residual_T))
     between = float(np.sqrt(calibration.reduced_chi_square.get("differential", 0.0)))
-    found = [
-        (float(residual_T[sensor]), float(residual_T[sensor] / calibration.floor.sensor_intensity_T[sensor])),
-        (between * float(np.sqrt(np.mean(array.vector_noise_T**2))), between),
-    ]
-    whose = f"of sensor {sensor + 1}", "between the sensors"
-    for (size_T, excess), words in zip(found, whose, strict=True):
+    own_T, floor_T = residual_T[sensor], calibration.floor.sensor_intensity_T[sensor]
+    found = (
+        (own_T, own_T / floor_T, f"of sensor {sensor + 1}"),
+        (between * np.sqrt(np.mean(array.vector_noise_T**2)), between, "between the sensors"),
+    )
+    for size_T, excess, words in found:
         # Ratio of a residual to its noise floor from which ``LARGEST_RELATIVE_ERROR`` counts: a room's gradient
         # or a vehicle's currents leave ten times the noise of good sensors.
-        is_noisy = calibration.noise_is_estimated or calibration.method == _ROBUST or excess <= 300.0
+        # The residuals of a robust fit hold the outliers that it held down.
+        is_noisy = calibration.noise_is_estimated or calibration.method == "robust" or excess <= 300.0
         # Part of the intensity, some 2.5 µT, that the fit may leave: twice what a phone's chip leaves with its
         # currents.
         limit = 0.05 if is_noisy else LARGEST_RELATIVE_ERROR
@@ -173,11 +172,7 @@ def _one_sensor(calibration: Calibration) -> str:
     blocks = covariance.reshape(count, 12, count, 12)
 
     def distance(difference: FloatArray, spread: FloatArray) -> float:
-        scale = np.sqrt(np.diag(spread))
-        known = scale > 0
-        whitened = difference[known] / scale[known]
-        correlation = spread[np.ix_(known, known)] / np.outer(scale[known], scale[known])
-        return float(whitened @ np.linalg.pinv(correlation, hermitian=True) @ whitened)
+        return float(np.sum((whitening(spread, 1e-15).T @ difference) ** 2))
 
     same = []
     # Squared distance of two sensors' twelve errors over its variance; by chance one pair in a thousand has more. 12 +

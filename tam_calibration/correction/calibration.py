@@ -256,7 +256,14 @@ class Calibration:
         (9, 9) array
             As ``output_covariance``.
         """
-        return np.asarray(self._noise_covariance(matrix) + self._calibration_covariance(matrix))
+        covariance = self._noise_covariance(matrix)
+        if self.covariance is not None:
+            # The mean over all directions of the field.
+            by_parameter, mean_square = self._by_parameter(matrix), np.repeat([self.intensity_T**2 / 3, 1.0], [3, 1])
+            covariance += np.einsum(
+                "rdp,pq,sdq,d->rs", by_parameter, self.covariance, by_parameter, mean_square, optimize=True
+            )
+        return covariance
 
     def _noise_covariance(self, matrix: FloatArray) -> FloatArray:
         """Return the part of ``covariance_of`` that sensor noise and effects make."""
@@ -279,22 +286,11 @@ class Calibration:
         """
         return np.asarray((matrix**2).sum(axis=1) / (self.correction_matrix**2).sum(axis=1))
 
-    def _calibration_covariance(self, matrix: FloatArray) -> FloatArray:
-        """Return the part of ``covariance_of`` that errors of the calibration make, the mean over all directions."""
-        if self.covariance is None:
-            return np.zeros((9, 9))
-        by_parameter = self._by_parameter(matrix).reshape(9, 4, -1)
-        mean_square = np.array([*[self.intensity_T**2 / 3] * 3, 1.0])
-        return np.asarray(
-            np.einsum("rdp,pq,sdq,d->rs", by_parameter, self.covariance, by_parameter, mean_square, optimize=True)
-        )
-
     def _by_parameter(self, matrix: FloatArray) -> FloatArray:
-        """Return (9, 4, K, 12) derivatives of the outputs by the parameters for each component of the field, and 1."""
+        """Return (9, 4, 12 K) derivatives of the outputs by the parameters for each component of the field, and 1."""
         # d output = -C_i (dM_i b + do_i)
-        return np.asarray(
-            np.einsum("rki,kidp->rdkp", matrix.reshape(9, self.errors.sensor_count, 3), self.errors.jacobian())
-        )
+        sensors = matrix.reshape(9, self.errors.sensor_count, 3)
+        return np.asarray(np.einsum("rki,kidp->rdkp", sensors, self.errors.jacobian()).reshape(9, 4, -1))
 
     def correct(self, recording: Recording) -> Corrected:
         """Return the centre vector and gradient tensor of raw readings, what the effects of the sensors add taken off.
@@ -426,19 +422,18 @@ class Calibration:
         """
         unbiased = (readings_T - self.errors.bias_T).reshape(len(readings_T), -1)
         outputs: FloatArray = np.einsum("nj,ij->ni", unbiased, self.correction_matrix)
-        return (outputs, self._standard_errors_of(readings_T)) if with_errors else outputs
-
-    def _standard_errors_of(self, readings_T: FloatArray) -> FloatArray:
-        """Return the (N, 9) standard errors of the outputs of readings."""
+        if not with_errors:
+            return outputs
         variance = np.tile(np.diag(self._noise_covariance(self.correction_matrix)), (len(readings_T), 1))
         if self.covariance is not None:
             field_T = np.pad(self.errors.restore(readings_T), ((0, 0), (0, 0), (0, 1)), constant_values=1.0)
             field_T = field_T.reshape(len(field_T), -1)
             covariance = self.covariance.reshape(-1, 12, self.errors.sensor_count, 12)
             for output, by_parameter in enumerate(self._by_parameter(self.correction_matrix)):
-                quadratic = np.einsum("dkp,kplq,clq->kdlc", by_parameter, covariance, by_parameter, optimize=True)
+                own = by_parameter.reshape(4, -1, 12)
+                quadratic = np.einsum("dkp,kplq,clq->kdlc", own, covariance, own, optimize=True)
                 variance[:, output] += ((field_T @ quadratic.reshape(field_T.shape[1], -1)) * field_T).sum(axis=1)
-        return np.asarray(np.sqrt(variance))
+        return outputs, np.sqrt(variance)
 
     def _without(self, effects: tuple[FittedEffect, ...], recording: Recording) -> Recording:
         """Return a recording of this array without what some effects add to it."""

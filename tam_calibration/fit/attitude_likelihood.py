@@ -10,15 +10,14 @@ are, and for how long they last.
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.core.normal_equations import Normal, gram
-from tam_calibration.fit.likelihood import UNIFORM, ChannelMaps
+from tam_calibration.fit.ellipsoid import Normalized
+from tam_calibration.fit.likelihood import ChannelMaps
 from tam_calibration.fit.recorded_attitude import across_of, likely_turn
-from tam_calibration.fit.scale import Normalized
 from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.geomagnetic_field import LOCAL_STANDARD_ERROR_T
 from tam_calibration.model.limits import ATTITUDE_NOISE
@@ -86,7 +85,7 @@ class AttitudeLikelihood:
         Standard deviation of the attitude about each axis, radians.
     uses_heading : bool
         Whether the heading counts. Without it only roll and pitch do: how steeply the field dips.
-    headings : (M, N) array, optional
+    headings : (M, N) array
         Errors of the heading, radians, whose sizes are M more unknowns, the last ones.
     """
 
@@ -94,8 +93,8 @@ class AttitudeLikelihood:
     to_world: FloatArray
     vector_noise: FloatArray
     attitude_noise: float
-    uses_heading: bool = True
-    headings: FloatArray | None = None
+    uses_heading: bool
+    headings: FloatArray
 
     @classmethod
     def of(cls, data: Normalized, array: KnownNoiseArray, uses_heading: bool) -> "AttitudeLikelihood | None":
@@ -110,21 +109,18 @@ class AttitudeLikelihood:
         known = np.flatnonzero(np.isfinite(recording.attitude).all(axis=1))
         rows = data.points[known].reshape(len(known), -1).T
         to_world = Rotation.from_quat(recording.attitude[known]).as_matrix()
-        return cls(rows, to_world, array.vector_noise_T / data.radius_T, array.attitude_noise, uses_heading)
+        noise, none = array.vector_noise_T / data.radius_T, np.zeros((0, len(known)))
+        return cls(rows, to_world, noise, array.attitude_noise, uses_heading, none)
 
     @property
     def sample_count(self) -> int:
         """Number of samples with attitude."""
         return len(self.to_world)
 
-    @cached_property
-    def _headings(self) -> FloatArray:
-        return np.zeros((0, self.sample_count)) if self.headings is None else self.headings
-
     def part(self, samples: slice) -> "AttitudeLikelihood":
         """Return some of the samples."""
-        headings = None if self.headings is None else self.headings[:, samples]
-        return replace(self, rows=self.rows[:, samples], to_world=self.to_world[samples], headings=headings)
+        rows, headings = self.rows[:, samples], self.headings[:, samples]
+        return replace(self, rows=rows, to_world=self.to_world[samples], headings=headings)
 
     def prior(self, view: WorldView, main_field_T: FloatArray | None) -> tuple[FloatArray, FloatArray]:
         """Return the precisions (5,) of the unknowns of a view before the samples, and the downhill gradient (5,).
@@ -143,10 +139,6 @@ class AttitudeLikelihood:
             gradient[3:] += own * view.across.T @ main_field_T / length
         return precisions, gradient
 
-    def is_free(self, view: WorldView) -> np.ndarray:
-        """Return which of the unknowns of a view are fitted: all."""
-        return np.ones(view.size, dtype=bool)
-
     def start(self, errors: SensorErrors) -> WorldView:
         """Return the view by the errors about whose biases the readings are taken."""
         field = self.field(errors.matrix, np.zeros_like(errors.bias_T))
@@ -156,7 +148,7 @@ class AttitudeLikelihood:
 
     def field(self, matrix: FloatArray, bias: FloatArray) -> FloatArray:
         """Return the directions (N, 3) of the field in the array frame, of sensors as of ``linearize``."""
-        channels = ChannelMaps.at(matrix, bias, UNIFORM, self.vector_noise, None)
+        channels = ChannelMaps.of_uniform_field(matrix, bias, self.vector_noise)
         field = (channels.at_scalar[:, :-1] @ self.rows + channels.at_scalar[:, -1:]).T
         return np.asarray(field / norm(field, axis=1, keepdims=True))
 
@@ -199,8 +191,8 @@ class AttitudeLikelihood:
 
     def _moments(self, matrix: FloatArray, bias: FloatArray, view: WorldView) -> tuple[ChannelMaps, FloatArray, float]:
         """Return the maps, the moments of the whitened columns, and the mean variance of the field's direction."""
-        channels = ChannelMaps.at(matrix, bias, UNIFORM, self.vector_noise, None)
-        size = 18 + len(self._headings)
+        channels = ChannelMaps.of_uniform_field(matrix, bias, self.vector_noise)
+        size = 18 + len(self.headings)
         moments, variance = np.zeros((size, size)), 0.0
         for start in range(0, self.sample_count, _PIECE):
             columns, own = self.part(slice(start, start + _PIECE))._columns(channels, view)
@@ -231,7 +223,7 @@ class AttitudeLikelihood:
                     (across.T[:, None] * extended).reshape(12, -1),
                     np.cross(across, seen).T,
                     np.einsum("ni,nid->dn", across, by_direction),
-                    self._headings * np.sum(across * np.cross(up, along), axis=1),
+                    self.headings * np.sum(across * np.cross(up, along), axis=1),
                     np.sum(across * seen, axis=1)[None],
                 ]
             )

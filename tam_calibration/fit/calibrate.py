@@ -12,24 +12,17 @@ import numpy as np
 
 from tam_calibration.correction.acceptance import within_limits
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.fit import published
 from tam_calibration.fit.attitude_check import USE_IT, worth_of
 from tam_calibration.fit.consistency import Fit, accepted, doubts_of
-from tam_calibration.fit.gauss_newton import newton_step
 from tam_calibration.fit.identifiability import FEWEST_SAMPLES, require_determined
+from tam_calibration.fit.information import newton_step
 from tam_calibration.fit.joint_calibration import JointCalibration, calibrate_jointly
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.prior import Prior
 from tam_calibration.fit.problem import Known, Place, Problem
-from tam_calibration.fit.published import (
-    artificial_vector,
-    fast_rotation,
-    integrated,
-    lossless,
-    simplified_linear,
-    two_step_linear,
-)
 from tam_calibration.fit.recorded_attitude import as_if_uniform
-from tam_calibration.fit.scalar_check import turning_scalar
+from tam_calibration.fit.reference import turning_scalar
 from tam_calibration.fit.screening import without_bad_readings
 from tam_calibration.fit.slow_residuals import OURS, widened
 from tam_calibration.fit.what_changed import despite_changes, naming_changes, what_changed
@@ -43,12 +36,12 @@ from tam_calibration.model.units import FloatArray
 METHODS: dict[str, Fit] = {
     "maximum_likelihood": maximum_likelihood,
     "robust": partial(maximum_likelihood, robust=True),
-    "lossless": lossless,
-    "artificial_vector": artificial_vector,
-    "fast_rotation": fast_rotation,
-    "integrated": integrated,
-    "two_step_linear": two_step_linear,
-    "simplified_linear": simplified_linear,
+    "lossless": published.lossless,
+    "artificial_vector": published.artificial_vector,
+    "fast_rotation": published.fast_rotation,
+    "integrated": published.integrated,
+    "two_step_linear": published.two_step_linear,
+    "simplified_linear": published.simplified_linear,
 }
 DEFAULT_METHOD = "maximum_likelihood"
 
@@ -226,7 +219,9 @@ def held_out_residuals(
     Residuals or None
         None if the recording is too short, or the other folds make no calibration.
     """
-    fold_of = _folds(recording.sample_count)
+    block = np.arange(_FOLDS * _BLOCKS_PER_FOLD)
+    starts = -(-np.append(block, len(block)) * recording.sample_count // len(block))
+    fold_of = np.repeat((block % _FOLDS).astype(np.int8), np.diff(starts))
     sizes = np.bincount(fold_of, minlength=_FOLDS)
     if not sizes.all() or recording.sample_count - sizes.max() < 2 * FEWEST_SAMPLES:
         return None
@@ -242,13 +237,6 @@ def held_out_residuals(
         return _pool(found, sizes)
     except (InputError, Refused):
         return None
-
-
-def _folds(count: int) -> np.ndarray:
-    """Return the number of the fold (N,) of each sample."""
-    block = np.arange(_FOLDS * _BLOCKS_PER_FOLD)
-    starts = -(-np.append(block, len(block)) * count // len(block))
-    return np.repeat((block % _FOLDS).astype(np.int8), np.diff(starts))
 
 
 def _by_steps(folds: list[SampleSource], array: Array, calibration: Calibration, known: Known) -> list[Residuals]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.core.noise import complete_noise
-from tam_calibration.fit.scale import normalize
+from tam_calibration.fit.ellipsoid import normalize
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.recording import Recording, SampleSource
 from tam_calibration.model.units import FloatArray

@@ -26,9 +26,9 @@ import numpy as np
 from numpy.linalg import slogdet
 
 from tam_calibration.correction.parts import ALL_BIASES, COMMON_SCALE, KINDS, SEVERAL, in_words
+from tam_calibration.fit.ellipsoid import without_scale
 from tam_calibration.fit.prior import Prior
 from tam_calibration.fit.problem import Posterior
-from tam_calibration.fit.scale import without_scale
 from tam_calibration.model.data_sheet import DAY_S
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_nanotesla
@@ -68,8 +68,8 @@ class Hypothesis:
     parameters: str
     sensor: int
     directions: FloatArray
-    components: tuple[str, ...]
-    unit: str
+    components: tuple[str, ...] = ()
+    unit: str = ""
 
 
 def changes_of_sensors(errors: SensorErrors) -> tuple[Hypothesis, ...]:
@@ -91,17 +91,15 @@ def changes_of_sensors(errors: SensorErrors) -> tuple[Hypothesis, ...]:
             if kind == "misalignment" and count == 1:
                 continue
             unit = {"scale factor": "1", "bias": "T"}.get(kind, "rad")
-            found.append(_of(kind, sensor + 1, every[:, sensor, 3 * place : 3 * place + 3], _NAMES[kind], unit))
-        found.append(_of(SEVERAL, sensor + 1, every[:, sensor]))
+            directions = every[:, sensor, 3 * place : 3 * place + 3]
+            found.append(Hypothesis(in_words(kind, sensor + 1), kind, sensor + 1, directions, _NAMES[kind], unit))
+        found.append(Hypothesis(in_words(SEVERAL, sensor + 1), SEVERAL, sensor + 1, every[:, sensor]))
     if count == 1:
         return tuple(found)
-    found.append(_of(ALL_BIASES, 0, every[:, :, 6:9].reshape(12 * count, -1), unit="T"))
+    biases = every[:, :, 6:9].reshape(12 * count, -1)
+    found.append(Hypothesis(in_words(ALL_BIASES, 0), ALL_BIASES, 0, biases, unit="T"))
     scale = (every[:, :, :3] * errors.scale_factor).sum(axis=(1, 2))[:, None]
-    return (*found, _of(COMMON_SCALE, 0, scale, ("",), "1"))
-
-
-def _of(kind: str, sensor: int, directions: FloatArray, components: tuple[str, ...] = (), unit: str = "") -> Hypothesis:
-    return Hypothesis(in_words(kind, sensor), kind, sensor, directions, components, unit)
+    return (*found, Hypothesis(in_words(COMMON_SCALE, 0), COMMON_SCALE, 0, scale, ("",), "1"))
 
 
 SIGNIFICANT = 1e-4
@@ -319,7 +317,7 @@ def candidates_of(prior: Prior, sees_scale: bool) -> list[list[Change]]:
     """
     errors, sensors = prior.errors, prior.errors.sensor_count
     _, derivative = prior.in_convention(errors)
-    everything = Hypothesis(_EVERYTHING, SEVERAL, 0, np.eye(12 * sensors), (), "")
+    everything = Hypothesis(_EVERYTHING, SEVERAL, 0, np.eye(12 * sensors))
     candidates = []
     for hypothesis in (*changes_of_sensors(errors), everything)[: None if sensors > 1 else -1]:
         directions = derivative @ hypothesis.directions
@@ -443,7 +441,7 @@ def _weighed(
     """
     _, derivative = prior.in_convention(prior.errors)
     directions = derivative @ directions
-    changes = [Change(Hypothesis(name, SEVERAL, 0, directions, (), ""), directions, variance) for variance in variances]
+    changes = [Change(Hypothesis(name, SEVERAL, 0, directions), directions, variance) for variance in variances]
     evidence = np.array([difference.evidence(change) for change in changes])
     total = float(np.logaddexp.reduce(evidence))
     probability = float(np.exp(-np.logaddexp(0.0, np.log(len(changes)) - log_prior - total)))

@@ -8,7 +8,7 @@ from tam_calibration.core.noise import complete_noise
 from tam_calibration.core.slow_cosines import VarianceFactors
 from tam_calibration.correction.calibration import FRAME_STATEMENT, AmbientGradientEstimate, Calibration
 from tam_calibration.fit.coverage import field_of, measure_coverage
-from tam_calibration.fit.likelihood import UNIFORM, ChannelMaps, energies
+from tam_calibration.fit.likelihood import ChannelMaps, energies
 from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.recording import SKETCH, Block, SampleSource
@@ -107,7 +107,7 @@ class EnergySums:
 
     def __init__(self, errors: SensorErrors, array: KnownNoiseArray, intensity_T: float) -> None:
         self._intensity_T, self._scalar_noise_T, self._sensors = intensity_T, array.scalar_noise_T, errors.sensor_count
-        self._channels = ChannelMaps.at(errors.matrix, errors.bias_T, UNIFORM, array.vector_noise_T, None)
+        self._channels = ChannelMaps.of_uniform_field(errors.matrix, errors.bias_T, array.vector_noise_T)
         self._energy, self._counts = np.zeros(2), np.zeros(2, dtype=int)
 
     def add(self, block: Block) -> None:
@@ -155,35 +155,18 @@ def sample_energies(
     return np.asarray(differential / factors.differential + np.nan_to_num(common_mode) / factors.common_mode)
 
 
-@dataclass(frozen=True, eq=False)
-class Estimate:
-    """What a method finds.
-
-    Parameters
-    ----------
-    errors : SensorErrors
-        The estimate.
-    covariance : (12 K, 12 K) array
-        Of the flattened parameters.
-    covariance_from_noise : bool
-        Whether the covariance comes from the array's noise, not from the scatter of the data.
-    intensity_T : float
-        The constant intensity on the estimate's scale, used where there is no scalar reference.
-    ambient_gradient : AmbientGradient, optional
-        Fitted together with the errors; its standard errors come from where the covariance does.
-    frame : str
-        What the array frame of the errors is.
-    """
-
-    errors: SensorErrors
-    covariance: FloatArray
-    covariance_from_noise: bool
-    intensity_T: float
-    ambient_gradient: AmbientGradientEstimate | None = None
-    frame: str = FRAME_STATEMENT
-
-
-def make_calibration(method: str, source: SampleSource, array: Array, estimate: Estimate) -> Calibration:
+def make_calibration(
+    method: str,
+    source: SampleSource,
+    array: Array,
+    errors: SensorErrors,
+    covariance: FloatArray,
+    intensity_T: float,
+    *,
+    is_from_noise: bool = False,
+    gradient: AmbientGradientEstimate | None = None,
+    frame: str = FRAME_STATEMENT,
+) -> Calibration:
     """Return the calibration of an estimate.
 
     An estimated vector noise is scaled so that the whitened channels have unit variance, and the covariance with it.
@@ -196,23 +179,32 @@ def make_calibration(method: str, source: SampleSource, array: Array, estimate: 
         Raw readings that it was made from.
     array : Array
         Geometry and noise of the K sensors; a noise that is not stated is estimated.
-    estimate : Estimate
-        Errors of the sensors, their covariance and what else the method found.
+    errors : SensorErrors
+        The estimate.
+    covariance : (12 K, 12 K) array
+        Of the flattened parameters.
+    intensity_T : float
+        The constant intensity on the estimate's scale, tesla, used where there is no scalar reference.
+    is_from_noise : bool
+        Whether the covariance comes from the array's noise, not from the scatter of the data.
+    gradient : AmbientGradientEstimate, optional
+        Fitted together with the errors; its standard errors come from where the covariance does.
+    frame : str
+        What the array frame of the errors is.
     """
     noisy, noise_is_estimated = complete_noise(array, source)
-    errors, covariance, gradient = estimate.errors, estimate.covariance, estimate.ambient_gradient
     seen = as_if_uniform(source, errors, array, gradient)
-    raw = measure_quality(source, noisy, errors, estimate.intensity_T)
-    uniform = raw if seen is source else measure_quality(seen, noisy, errors, estimate.intensity_T)
+    raw = measure_quality(source, noisy, errors, intensity_T)
+    uniform = raw if seen is source else measure_quality(seen, noisy, errors, intensity_T)
     chi_square = uniform.reduced_chi_square
     if array.vector_noise_T is None and chi_square:
         factor = float(np.sqrt(chi_square.get("differential", chi_square.get("common_mode", 1.0))))
         noisy = replace(noisy, vector_noise_T=factor * noisy.vector_noise_T)
-        if estimate.covariance_from_noise:
+        if is_from_noise:
             covariance = factor**2 * covariance
             if gradient is not None:
                 gradient = replace(gradient, standard_errors_T_per_m=factor * gradient.standard_errors_T_per_m)
-        chi_square = measure_chi_square(seen, noisy, errors, estimate.intensity_T)
+        chi_square = measure_chi_square(seen, noisy, errors, intensity_T)
     return Calibration(
         method=method,
         array=noisy,
@@ -220,7 +212,7 @@ def make_calibration(method: str, source: SampleSource, array: Array, estimate: 
         errors=errors,
         covariance=covariance,
         has_scalar_reference=source.scalar_count is not None,
-        intensity_T=estimate.intensity_T if uniform.mean_scalar_T is None else uniform.mean_scalar_T,
+        intensity_T=intensity_T if uniform.mean_scalar_T is None else uniform.mean_scalar_T,
         before=raw.before,
         in_sample=uniform.after,
         floor=noise_floor(errors, noisy, noisy.scalar_noise_T),
@@ -229,7 +221,7 @@ def make_calibration(method: str, source: SampleSource, array: Array, estimate: 
         coverage=measure_coverage(field_of(source.thinned(SKETCH), errors)).fraction,
         reduced_chi_square=chi_square,
         ambient_gradient=gradient,
-        frame=estimate.frame,
+        frame=frame,
         temperature_C=mean_temperature(source),
     )
 

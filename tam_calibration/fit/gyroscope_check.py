@@ -30,7 +30,7 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.data_sheet import Gyroscope
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.limits import RATE_NOISE
-from tam_calibration.model.recording import Recording, SampleSource
+from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, from_degrees, to_degrees, to_nanotesla
 
 _MOST_ROUNDS, _SETTLED = 6, 0.05
@@ -118,13 +118,6 @@ class GyroscopeFit(MotionFit):
         chi_square = float(np.sum(score**2 / values[seen]))
         return probability_of(chi_square, int(seen.sum())) < SIGNIFICANT
 
-    @property
-    def bent(self) -> str:
-        """How far the axes are from true, in a sentence."""
-        size = 100 * float(np.abs(self.state.shape - np.eye(3)).max())
-        differ = f"scale and angles of the gyroscope's axes differ by up to {size:.2g} % from those of the array"
-        return f"{differ}, which is estimated"
-
     def contradiction(self) -> str:
         """Return how angular velocity contradicts all else, or nothing."""
         sizes = self.difference(self.own)
@@ -192,36 +185,10 @@ MOST_LINKS = 20_000
 """Turns from sample to sample that are judged: of more those over several samples."""
 
 
-@dataclass(frozen=True, eq=False)
-class GyroscopeJudgement:
-    """What an angular velocity may be used for.
-
-    Parameters
-    ----------
-    recording : SampleSource
-        Its angular velocity in rad/s, without readings at the end of the range.
-    use : GyroscopeUse, optional
-        How it counts; None where it is left out.
-    reason : str
-        Why it is left out; empty where it is not.
-    notes : tuple of str
-        What was found of it.
-    doubt : str
-        What is wrong with the stated noise; empty where it is right, or none is stated.
-    place : Place, optional
-        Where the fit with it settled.
-    """
-
-    recording: SampleSource
-    use: GyroscopeUse | None
-    reason: str = ""
-    notes: tuple[str, ...] = ()
-    doubt: str = ""
-    place: Place | None = None
-
-
-def judge_gyroscope(recording: Recording, array: Array, known: Known, since_s: float = -np.inf) -> GyroscopeJudgement:
-    """Return what the angular velocity of a recording may be used for.
+def judge_gyroscope(
+    recording: Recording, array: Array, known: Known, since_s: float = -np.inf
+) -> tuple[Recording, "SettledGyroscope"]:
+    """Return a recording with its angular velocity in rad/s and within its range, and what that may be used for.
 
     Parameters
     ----------
@@ -238,14 +205,12 @@ def judge_gyroscope(recording: Recording, array: Array, known: Known, since_s: f
     cleaned, notes = within_range(recording.angular_velocity_rad_s)
     recording = replace(recording, angular_velocity_rad_s=cleaned)
     settled = settled_gyroscope(recording.take(recording.time_s >= since_s), array, known)
-    recording = replace(recording, angular_velocity_rad_s=UNITS[settled.unit] * cleaned)
-    if settled.fit is None:
-        return GyroscopeJudgement(recording, None, settled.reason)
-    notes = (*notes, *settled.notes)
-    if reason := settled.fit.contradiction():
-        return GyroscopeJudgement(recording, None, reason, notes)
-    fit = settled.fit
-    return GyroscopeJudgement(recording, fit.begun, "", (*notes, *fit.remarks()), settled.doubt, fit.place)
+    recording, fit = replace(recording, angular_velocity_rad_s=UNITS[settled.unit] * cleaned), settled.fit
+    if fit is None:
+        return recording, settled
+    if reason := fit.contradiction():
+        return recording, SettledGyroscope(None, reason)
+    return recording, settled._replace(notes=(*notes, *settled.notes, *fit.remarks()))
 
 
 class SettledGyroscope(NamedTuple):
@@ -305,7 +270,9 @@ def settled_gyroscope(recording: Recording, array: Array, known: Known) -> Settl
             # Standard deviation of the scale and the angles of axes that are not true: data sheets bound them by
             # 1 to 3 %.
             fit = GyroscopeFit.settled(recording, array, known, replace(fit.use, start=fit.state, shape_error=0.03))
-            notes += (fit.bent,)
+            percent = 100 * float(np.abs(fit.state.shape - np.eye(3)).max())
+            differ = f"scale and angles of the gyroscope's axes differ by up to {percent:.2g} % from those of the array"
+            notes += (f"{differ}, which is estimated",)
         if (bias := float(norm(fit.state.bias[0]))) > FAR * stated.bias:
             fit = GyroscopeFit.settled(recording, array, known, replace(fit.use, start=fit.state, bias_error=bias))
             beyond = f"beyond the {to_degrees(stated.bias):.3g} °/s of bias_deg_per_s"

@@ -21,16 +21,10 @@ import numpy as np
 from numpy.linalg import inv, norm
 
 from tam_calibration.core.normal_equations import Normal, gram
-from tam_calibration.fit.ellipsoid import COLUMNS, ROWS
-from tam_calibration.fit.gyroscope_path import (
-    GyroscopePath,
-    GyroscopeState,
-    GyroscopeUse,
-    rotated,
-)
-from tam_calibration.fit.likelihood import UNIFORM, ChannelMaps
+from tam_calibration.fit.ellipsoid import COLUMNS, ROWS, Normalized
+from tam_calibration.fit.gyroscope_path import GyroscopePath, GyroscopeState, GyroscopeUse, rotated
+from tam_calibration.fit.likelihood import ChannelMaps
 from tam_calibration.fit.recorded_attitude import across_of
-from tam_calibration.fit.scale import Normalized
 from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.limits import RATE_NOISE
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -140,12 +134,18 @@ class GyroscopeLikelihood:
         return self.use.start.of_modes(self.path.modes)
 
     def prior(self, state: GyroscopeState, main_field_T: FloatArray | None) -> tuple[FloatArray, FloatArray]:
-        """Return what ``GyroscopeUse.prior`` does; a field of the world tells nothing of a gyroscope."""
-        return self.use.prior(state)
+        """Return the precisions (Q,) of the unknowns of a state before a fit, and the downhill gradient (Q,).
 
-    def is_free(self, state: GyroscopeState) -> np.ndarray:
-        """Return which of the unknowns of a state are fitted."""
-        return self.use.is_free(state)
+        A shape that is not fitted has none. A field of the world tells nothing of a gyroscope.
+        """
+        modes = np.maximum(np.arange(len(state.bias)), 1)
+        shape = 1 / self.use.shape_error**2 if self.use.shape_error else 0.0
+        of_bias = np.repeat((modes / self.use.bias_error) ** 2, 3)
+        # np.pi and 1.0: standard deviations of a mounting and a delay of which nothing is known, radians and seconds:
+        # they keep the normal equations regular.
+        precision = np.concatenate([of_bias, [1.0**-2], np.full(3, np.pi**-2), np.full(6, shape)])
+        away = np.concatenate([state.bias.ravel(), np.zeros(4), (state.shape - np.eye(3))[ROWS, COLUMNS]])
+        return precision, -precision * away
 
     def part(self, samples: slice) -> "GyroscopeLikelihood":
         """Return the likelihood of some of the samples, from a whole stride on."""
@@ -172,7 +172,7 @@ class GyroscopeLikelihood:
         state : GyroscopeState
             Of the gyroscope.
         """
-        channels = ChannelMaps.at(matrix, bias, UNIFORM, self.vector_noise, None)
+        channels = ChannelMaps.of_uniform_field(matrix, bias, self.vector_noise)
         if not len(self.path.links):
             size = 13 + state.size
             return Normal.by_field(channels.response, np.zeros((size, size)), 0)
@@ -182,7 +182,7 @@ class GyroscopeLikelihood:
 
     def white_turns(self, matrix: FloatArray, bias: FloatArray, state: GyroscopeState) -> WhiteTurns:
         """Return the turns of the field at a point; parameters as of ``linearize``."""
-        return self._white_turns(ChannelMaps.at(matrix, bias, UNIFORM, self.vector_noise, None), state)
+        return self._white_turns(ChannelMaps.of_uniform_field(matrix, bias, self.vector_noise), state)
 
     def _white_turns(self, channels: ChannelMaps, state: GyroscopeState) -> WhiteTurns:
         chain = self._chain(channels, state)
@@ -205,7 +205,7 @@ class GyroscopeLikelihood:
         sigmas : float
             Standard deviations of chance by which the residuals may be smaller than by that density.
         """
-        chain = self._chain(ChannelMaps.at(matrix, bias, UNIFORM, self.vector_noise, None), state)
+        chain = self._chain(ChannelMaps.of_uniform_field(matrix, bias, self.vector_noise), state)
         freedom = max(chain.residual.size - taken, 1.0)
         wanted = freedom - sigmas * np.sqrt(2 * freedom)
 
@@ -234,20 +234,15 @@ class GyroscopeLikelihood:
         through = np.einsum("nai,nbi->nab", across[links + 1], moved[:, 1:])
         covariance = channels.elimination.covariance
         variance = np.einsum("nai,ij,nbj->nab", across, covariance, across, optimize=True) / length[:, None, None] ** 2
-        band = self._band(through, variance)
-        return _Chain(field, length, across, through, residual, variance, band, turned)
-
-    def _band(self, through: FloatArray, variance: FloatArray) -> FloatArray:
-        """Return what the sensors' noise makes of the channels' covariance, (4, 2 L): diagonal, then those below it."""
-        links, count = self.path.links, len(self.path.links)
         own = through @ variance[links] @ np.swapaxes(through, 1, 2) + variance[links + 1]
-        across = -(through[1:] @ variance[links[1:]]) * self.path.follows[:, None, None]
-        band = np.zeros((_BAND + 1, count, 2))
+        between = -(through[1:] @ variance[links[1:]]) * self.path.follows[:, None, None]
+        # What the sensors' noise makes of the channels' covariance: diagonal, then those below it.
+        band = np.zeros((_BAND + 1, len(links), 2))
         band[0] = own[:, (0, 1), (0, 1)]
-        band[1, :, 0], band[1, :-1, 1] = own[:, 1, 0], across[:, 0, 1]
-        band[2, :-1, 0], band[2, :-1, 1] = across[:, 0, 0], across[:, 1, 1]
-        band[3, :-1, 0] = across[:, 1, 0]
-        return band.reshape(_BAND + 1, -1)
+        band[1, :, 0], band[1, :-1, 1] = own[:, 1, 0], between[:, 0, 1]
+        band[2, :-1, 0], band[2, :-1, 1] = between[:, 0, 0], between[:, 1, 1]
+        band[3, :-1, 0] = between[:, 1, 0]
+        return _Chain(field, length, across, through, residual, variance, band.reshape(_BAND + 1, -1), turned)
 
     def _factor(self, chain: _Chain, density: float) -> FloatArray:
         """Return the banded Cholesky factor of the channels' covariance, with the noise of the gyroscope."""
@@ -265,7 +260,9 @@ class GyroscopeLikelihood:
         columns = np.empty((13 + state.size, len(links), 2))
         pull = cho_solve_banded((factor, True), chain.residual.ravel()).reshape(-1, 2)
         along, across = self._smoothed(chain, pull)
-        by_field = _by_field(along, across, chain.length)
+        extended = np.concatenate([along.T, 1 / chain.length[None]])
+        sides = np.moveaxis(across, 2, 0).copy()
+        by_field = (sides[:, None] * extended[None, :, :, None]).reshape(12, -1, 2)
         columns[:12] = by_field[:, links + 1] - np.einsum("nab,pnb->pna", chain.through, by_field[:, links])
         first, second = np.moveaxis(across[links + 1], 1, 0)
         # Across is right-handed: a turn δ moves the predicted direction u by -δ × u, which along T is -δ · (u × T).
@@ -296,13 +293,6 @@ class GyroscopeLikelihood:
         along = chain.field / chain.length[:, None]
         moved = along + np.einsum("na,nai->ni", shift, chain.across)
         return moved, chain.across - shift[:, :, None] * along[:, None]
-
-
-def _by_field(along: FloatArray, across: FloatArray, length: FloatArray) -> FloatArray:
-    """Return the (12, N, 2) directions across ⊗ [field, 1] over the length of the field."""
-    extended = np.concatenate([along.T, 1 / length[None]])
-    sides = np.moveaxis(across, 2, 0).copy()
-    return np.asarray((sides[:, None] * extended[None, :, :, None]).reshape(12, -1, 2))
 
 
 def _whitened(factor: FloatArray, columns: FloatArray) -> FloatArray:

@@ -118,23 +118,6 @@ class GyroscopeUse:
     lasting: float = 1.0
     stride: int = 1
 
-    def prior(self, state: GyroscopeState) -> tuple[FloatArray, FloatArray]:
-        """Return the precisions (Q,) of the unknowns of a state before a fit, and the downhill gradient (Q,)."""
-        modes = np.maximum(np.arange(len(state.bias)), 1)
-        shape = 1 / self.shape_error**2 if self.shape_error else 0.0
-        of_bias = np.repeat((modes / self.bias_error) ** 2, 3)
-        # np.pi and 1.0: standard deviations of a mounting and a delay of which nothing is known, radians and seconds:
-        # they keep the normal equations regular.
-        precision = np.concatenate([of_bias, [1.0**-2], np.full(3, np.pi**-2), np.full(6, shape)])
-        away = np.concatenate([state.bias.ravel(), np.zeros(4), (state.shape - np.eye(3))[ROWS, COLUMNS]])
-        return precision, -precision * away
-
-    def is_free(self, state: GyroscopeState) -> np.ndarray:
-        """Return which of the unknowns of a state are fitted."""
-        free = np.ones(state.size, dtype=bool)
-        free[-6:] = self.shape_error > 0
-        return free
-
 
 @dataclass(frozen=True, eq=False)
 class GyroscopePath:

@@ -9,9 +9,9 @@ from tam_calibration.core.noise import complete_noise
 from tam_calibration.correction.acceptance import LARGEST_ANGLE_ERROR, LARGEST_RELATIVE_ERROR
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.coverage import CELLS, ENOUGH_RELATIVE_ERROR, cell_directions, field_of, measure_coverage
+from tam_calibration.fit.ellipsoid import normalize
 from tam_calibration.fit.information import InformationModel, bound, information_of
-from tam_calibration.fit.scale import Normalized, normalize
-from tam_calibration.model.array import Array, KnownNoiseArray
+from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import SKETCH, Recording, SampleSource
 from tam_calibration.model.sensor_errors import PARAMETER_NAMES, SensorErrors
@@ -19,9 +19,6 @@ from tam_calibration.model.units import FloatArray, to_nanotesla
 
 FEWEST_SAMPLES = 9
 """An ellipsoid has nine parameters, and each sample gives one intensity."""
-
-_FROM_STATED_NOISE = "maximum_likelihood"
-"""Method whose standard errors follow from the stated noise; those of all others follow from what the fit leaves."""
 
 
 _SAMPLES = 5000
@@ -66,7 +63,13 @@ def require_determined(recording: SampleSource, array: Array, is_uniform: bool =
     field = data.radius_T * data.points[np.isfinite(data.intensity), 0]
     some = field[:: -(-len(field) // _SAMPLES)]
     covariance = bound(some, SensorErrors.none(recording.sensor_count), noisy, data.has_scalar)
-    excess = _noise_excess(data, noisy) if is_uniform else 1.0
+    excess = 1.0
+    if is_uniform and recording.sensor_count > 1:
+        # By how much the noise in which the sensors differ is larger than stated: noise spreads readings that lie in a
+        # plane, and must not pass for directions that were visited.
+        whitened = data.points / (noisy.vector_noise_T / data.radius_T)[:, None]
+        differing = np.linalg.eigvalsh(np.cov(whitened.reshape(len(whitened), -1), rowvar=False))[:-3]
+        excess = float(np.sqrt(max(1.0, differing.mean())))
     if problem := _inaccuracy(np.sqrt(np.diag(covariance)), excess, data.radius_T, some):
         raise problem
 
@@ -117,7 +120,8 @@ def require_accurate(calibration: Calibration, recording: SampleSource, accept: 
         When noise alone would have left none open.
     """
     excess = 1.0
-    if calibration.method == _FROM_STATED_NOISE:
+    # The standard errors of all other methods follow from what the fit leaves, not from the stated noise.
+    if calibration.method == "maximum_likelihood":
         left = (calibration.reduced_chi_square.get(channel, 1.0) for channel in ("differential", "common_mode"))
         excess = float(np.sqrt(max(1.0, *left) / max(calibration.variance_factors)))
     field_T = field_of(recording.thinned(SKETCH), calibration.errors)
@@ -127,16 +131,6 @@ def require_accurate(calibration: Calibration, recording: SampleSource, accept: 
     if "accuracy" not in accept:
         raise problem
     return replace(calibration, accepted=("accuracy",), warnings=(str(problem), *calibration.warnings))
-
-
-def _noise_excess(data: Normalized, array: KnownNoiseArray) -> float:
-    """Return how much larger than stated, at least 1, the noise is in which the sensors differ from each other.
-
-    Noise spreads readings that lie in a plane, and must not pass for directions that were visited.
-    """
-    whitened = data.points / (array.vector_noise_T / data.radius_T)[:, None]
-    differing = np.linalg.eigvalsh(np.cov(whitened.reshape(len(whitened), -1), rowvar=False))[:-3]
-    return float(np.sqrt(max(1.0, differing.mean()))) if differing.size else 1.0
 
 
 def refuse_open(standard_errors: FloatArray, intensity_T: float) -> None:
@@ -175,13 +169,11 @@ def _name_open(open_: np.ndarray) -> str:
         sensors = tuple(int(sensor) + 1 for sensor in np.flatnonzero(open_[:, parameter]))
         if sensors:
             groups.setdefault(sensors, []).append(name)
-    return "; ".join(f"{', '.join(names)} of {_name_sensors(sensors, len(open_))}" for sensors, names in groups.items())
-
-
-def _name_sensors(sensors: tuple[int, ...], count: int) -> str:
-    if len(sensors) == count > 1:
-        return "every sensor"
-    return f"sensor {', '.join(map(str, sensors))}"
+    parts = []
+    for sensors, names in groups.items():
+        whose = "every sensor" if len(sensors) == len(open_) > 1 else f"sensor {', '.join(map(str, sensors))}"
+        parts.append(f"{', '.join(names)} of {whose}")
+    return "; ".join(parts)
 
 
 _WEAK_RELATIVE_ERROR = 5.0

@@ -1,4 +1,4 @@
-"""The Fisher information of samples, taken apart, and the Cramér–Rao bound that follows from it.
+"""The Fisher information of samples, taken apart, and what follows from it: Gauss-Newton steps, Cramér–Rao bound.
 
 A sample's 3K + 1 readings without its three field components are 3K - 3 differential channels, which are affine in the
 field, and one common mode, the residual of the intensity. The information of all samples is therefore one 9 × 9 matrix,
@@ -6,20 +6,83 @@ by the elements of an ellipsoid, and one 4 × 4 matrix, by those of an affine ma
 sample adds an outer product to each, so that the worth of one more attitude costs next to nothing.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from numpy.linalg import inv, norm
 
+from tam_calibration.core.least_squares import scaled
 from tam_calibration.core.normal_equations import Elimination
 from tam_calibration.fit.coverage import ellipsoid_rows
-from tam_calibration.fit.ellipsoid import COLUMNS, ROWS
+from tam_calibration.fit.ellipsoid import COLUMNS, NO_ELLIPSOID, ROWS, determined, free_scale_gradient, without_scale
 from tam_calibration.fit.likelihood import Likelihood
-from tam_calibration.fit.scale import free_scale_gradient, without_scale
 from tam_calibration.model.array import KnownNoiseArray
+from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
+
+Place = TypeVar("Place")
+Kept = TypeVar("Kept")
+
+NOT_ONE = "the readings do not fit one calibration, look for a change of field or sensor during the recording"
+
+
+def descend(
+    normal_at: Callable[[Place], tuple[FloatArray, FloatArray, Kept]],
+    moved: Callable[[Place, FloatArray], Place],
+    place: Place,
+    robust: bool = False,
+) -> tuple[Place, Kept]:
+    """Return the place where Gauss-Newton steps settle, and what was kept a last step before.
+
+    Parameters
+    ----------
+    normal_at : callable
+        From a place to the information (M, M) of what is free there, the downhill gradient (M,), and what to keep.
+    moved : callable
+        From a place and a step (M,) to the next place.
+    place : Place
+        Where to begin.
+    robust : bool
+        Whether the weights of the samples change from step to step.
+
+    Raises
+    ------
+    InputError
+        When the information is singular.
+    Refused
+        When the iteration does not settle.
+    """
+    before = np.inf
+    for _ in range(100):
+        information, gradient, kept = normal_at(place)
+        step = newton_step(information, gradient)
+        # Twice the fall of the likelihood that the step promises; below one it is part of a standard error.
+        decrement = float(step @ gradient)
+        # Newton's steps fall quadratically until rounding stops them, those with new weights by a constant factor.
+        is_rounding = not robust and decrement < 1e-2 and decrement > before / 4
+        place, before = moved(place, step), decrement
+        if is_rounding or decrement < (1e-5 if robust else 1e-6):
+            return place, kept
+    raise Refused(f"the fit did not settle in 100 steps: {NOT_ONE}")
+
+
+@determined()
+def newton_step(information: FloatArray, gradient: FloatArray) -> FloatArray:
+    """Return the step (M,) to the maximum of a parabola, with its information (M, M) and downhill gradient (M,).
+
+    Raises
+    ------
+    InputError
+        When the information is singular.
+    """
+    unit, scale = scaled(information)
+    if not (np.diag(information) > 0).all():
+        raise InputError(NO_ELLIPSOID)
+    return np.asarray(np.linalg.solve(unit, gradient / scale) / scale)
 
 
 def bound(field_T: FloatArray, errors: SensorErrors, array: KnownNoiseArray, has_scalar: bool) -> FloatArray:
@@ -75,9 +138,7 @@ def parameter_covariance(
     jacobian = rows_by_unknowns(errors, unit_T, free_intensity_T)
     free = np.ones(jacobian.shape[1], dtype=bool)
     free[9:12] = False
-    basis: FloatArray = np.eye(len(free))[:, free]
-    if free_intensity_T is not None:
-        basis = keeping(np.append(free_scale_gradient(errors), 0.0), free)
+    basis = free_basis(errors, free, holds_scale=free_intensity_T is not None)
     covariance = inverted(jacobian.T @ information @ jacobian, basis)
     return covariance[: 12 * count, : 12 * count]
 
@@ -110,12 +171,17 @@ def rows_by_unknowns(errors: SensorErrors, unit_T: float, free_intensity_T: floa
     return np.hstack([by_errors, by_intensity])
 
 
-def keeping(gradient: FloatArray, free: np.ndarray) -> FloatArray:
-    """Return a basis of the free directions along which a constraint's gradient vanishes."""
-    _, _, right = np.linalg.svd(np.where(free, gradient, 0.0)[None, free])
-    basis = np.zeros((len(free), int(free.sum()) - 1))
-    basis[free] = right[1:].T
-    return basis
+def free_basis(errors: SensorErrors, free: np.ndarray, holds_scale: bool) -> FloatArray:
+    """Return the directions, as columns, of those unknowns (P,) that are free, the errors of the sensors first.
+
+    Where the scale is held, the mean determinant does not change along them.
+    """
+    basis: FloatArray = np.eye(len(free))[:, free]
+    if not holds_scale:
+        return basis
+    gradient = np.pad(free_scale_gradient(errors), (0, len(free) - 12 * errors.sensor_count))
+    _, _, right = np.linalg.svd(gradient[None, free])
+    return np.asarray(basis @ right[1:].T)
 
 
 def inverted(information: FloatArray, basis: FloatArray) -> FloatArray:
@@ -260,10 +326,7 @@ class InformationModel:
 def _block_diagonal(blocks: FloatArray) -> FloatArray:
     """Return the (3 K, 4, 12 K) derivatives of all sensors from those of each, (K, 3, 4, 12)."""
     count = len(blocks)
-    whole = np.zeros((count, 3, 4, count, 12))
-    for index, block in enumerate(blocks):
-        whole[index, :, :, index] = block
-    return whole.reshape(3 * count, 4, 12 * count)
+    return np.asarray(np.einsum("kl,kxyp->kxylp", np.eye(count), blocks).reshape(3 * count, 4, 12 * count))
 
 
 def _split(information: FloatArray) -> tuple[FloatArray, FloatArray]:

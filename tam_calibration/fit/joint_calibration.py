@@ -32,7 +32,7 @@ from tam_calibration.fit.maximum_a_posteriori import (
 from tam_calibration.fit.prior import Prior, has_date, prior_of
 from tam_calibration.fit.prior_changes import MOST_TIMES, UpdatedPrior, update_prior
 from tam_calibration.fit.problem import Intensity, Known, Place
-from tam_calibration.fit.scalar_check import turning_scalar
+from tam_calibration.fit.reference import turning_scalar
 from tam_calibration.fit.slow_residuals import variance_factors
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
@@ -192,14 +192,14 @@ def _with_motion(recording: SampleSource, array: Array, known: Known) -> JointCa
     if known.prior is not None and not is_weak(known.prior):
         updated = update_prior(recording, alone, known)  # a sensor that has moved is no fault of the gyroscope
         used, since_s = updated.known, updated.recording.time_span_s[0]
-    judged = judge_gyroscope(recording.whole(), alone, used, since_s)
-    if judged.use is None:
+    with_rates, judged = judge_gyroscope(recording.whole(), alone, used, since_s)
+    if judged.fit is None:
         try:
             joint = without_rates(recording, array, known)
         except (InputError, Refused) as problem:
             raise type(problem)(f"{problem}; {judged.reason}") from problem
         return joint.noting(*notes, f"{judged.reason}: it is left out")
-    joint = _with_known(judged.recording, alone, replace(known, gyroscope=judged.use, start=judged.place))
+    joint = _with_known(with_rates, alone, replace(known, gyroscope=judged.fit.begun, start=judged.fit.place))
     if is_attitude_used:
         notes = (*notes, "the recorded attitude is left out beside the gyroscope, which needs no magnetometer")
     return joint.noting(*notes, *judged.notes, doubt=judged.doubt)

@@ -21,10 +21,10 @@ What turns a sample's row into its channels at given parameters: all of it linea
 A row is [readings, features, 1]; the features say how an ambient gradient is turned, and there are none without one.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,8 +32,8 @@ from numpy.typing import NDArray
 from tam_calibration.core.normal_equations import Elimination, Normal, gram
 from tam_calibration.core.slow_cosines import VarianceFactors
 from tam_calibration.effects.ambient_gradient import turned
+from tam_calibration.fit.ellipsoid import Normalized
 from tam_calibration.fit.reference import InterpolationNoise
-from tam_calibration.fit.scale import Normalized
 from tam_calibration.model.array import TENSOR_COLUMNS, TENSOR_ROWS, UNIT_TENSORS
 from tam_calibration.model.units import FloatArray
 
@@ -107,9 +107,9 @@ class ChannelMaps:
         cls,
         matrix: FloatArray,
         bias: FloatArray,
-        gradient: FloatArray,
         vector_noise: FloatArray,
         turning: Turning | None,
+        gradient: FloatArray,
     ) -> "ChannelMaps":
         """Return the maps at given errors of the sensors and a given ambient gradient.
 
@@ -119,17 +119,17 @@ class ChannelMaps:
             D Λ of each sensor.
         bias : (K, 3) array
             Of each sensor, in the unit of the readings.
-        gradient : (P,) array
-            Components xx, xy, xz, yy, yz of the ambient gradient in the world, in the unit of the readings per metre;
-            not read without ``turning``.
         vector_noise : (K,) array
             Standard deviation of the noise of each sensor's axes, in the unit of the readings.
         turning : Turning, optional
             Attitudes and positions by which the gradient acts; None in a uniform field.
+        gradient : (P,) array
+            Components xx, xy, xz, yy, yz of the ambient gradient in the world, in the unit of the readings per metre;
+            not read without ``turning``.
         """
-        elimination = Elimination.of(matrix.reshape(-1, 3), 1 / np.repeat(vector_noise, 3))
         if turning is None:
-            return cls._of_uniform_field(elimination, bias)
+            return cls.of_uniform_field(matrix, bias, vector_noise)
+        elimination = Elimination.of(matrix.reshape(-1, 3), 1 / np.repeat(vector_noise, 3))
         unmix, rows = elimination.unmixing, matrix.size // 3
         levers, scalar_lever = turning.levers, turning.scalar_lever
         moved = (matrix @ levers).reshape(-1, 5)
@@ -146,7 +146,9 @@ class ChannelMaps:
         return cls(elimination, unbiased, at_sensors, by_gradient, at_scalar, response)
 
     @classmethod
-    def _of_uniform_field(cls, elimination: Elimination, bias: FloatArray) -> "ChannelMaps":
+    def of_uniform_field(cls, matrix: FloatArray, bias: FloatArray, vector_noise: FloatArray) -> "ChannelMaps":
+        """Return the maps in a uniform field; parameters as of ``at``."""
+        elimination = Elimination.of(matrix.reshape(-1, 3), 1 / np.repeat(vector_noise, 3))
         count = len(bias)
         unbiased = np.column_stack([np.eye(3 * count), -bias.ravel()])
         center = elimination.unmixing @ unbiased
@@ -262,7 +264,7 @@ class Likelihood:
         Reference intensity; NaN where there is none.
     vector_noise : (K,) array
         Standard deviation of each sensor's axes.
-    scalar_noise : float or (N,) array
+    scalar_noise : float
         Standard deviation of the intensity's error that is each sample's own.
     interpolation_noise : InterpolationNoise, optional
         Errors of the intensity that neighbouring samples have in common.
@@ -273,7 +275,7 @@ class Likelihood:
     points: FloatArray
     intensity: FloatArray
     vector_noise: FloatArray
-    scalar_noise: float | FloatArray
+    scalar_noise: float
     interpolation_noise: InterpolationNoise | None = None
     turning: Turning | None = None
 
@@ -304,10 +306,14 @@ class Likelihood:
             Components xx, xy, xz, yy, yz of the ambient gradient in the world, in the unit of the readings per metre;
             by default the field is uniform.
         """
-        channels = ChannelMaps.at(matrix, bias, ambient_gradient, self.vector_noise, self.turning)
-        of_differential, of_common = (None, None) if weights is None else weights
-        moments = self._moments if weights is None else _second_moments(self._flat, of_differential)
-        return normal_equations(channels, moments, self._common_mode_sums(channels, of_common), len(self.points))
+        channels = ChannelMaps.at(matrix, bias, self.vector_noise, self.turning, ambient_gradient)
+        moments = self._moments if weights is None else _second_moments(self._flat, weights[0])
+        pieces = (
+            (self._flat[part].T, self.intensity[part], None if weights is None else weights[1][part])
+            for part in self._pieces()
+        )
+        common = common_mode_sums(channels, pieces, self.scalar_noise, self.interpolation_noise)
+        return normal_equations(channels, moments, common, len(self.points))
 
     def energy(self, matrix: FloatArray, bias: FloatArray, ambient_gradient: FloatArray = UNIFORM) -> FloatArray:
         """Return the (2, N) sums of the squares of each sample's differential channels, and of its common mode.
@@ -323,10 +329,10 @@ class Likelihood:
             by default the field is uniform.
         """
         assert self.interpolation_noise is None, "what samples share is no sample's own"
-        channels = ChannelMaps.at(matrix, bias, ambient_gradient, self.vector_noise, self.turning)
+        channels = ChannelMaps.at(matrix, bias, self.vector_noise, self.turning, ambient_gradient)
         energy = np.zeros((2, len(self.points)))
         for part in self._pieces():
-            own = energies(channels, self._flat[part].T, self.intensity[part], self._own_noise(part))
+            own = energies(channels, self._flat[part].T, self.intensity[part], self.scalar_noise)
             energy[:, part] = np.nan_to_num(own)
         return energy
 
@@ -336,25 +342,6 @@ class Likelihood:
         flat = self.points.reshape(len(self.points), -1)
         return flat if self.turning is None else np.column_stack([flat, self.turning.features])
 
-    def _each_by_itself(self, part: slice, there: CommonMode) -> CommonMode:
-        """Return the channel with the precision by which a sample's own noise counts in its score.
-
-        Weights do not change it: they are scaled so that the weighted squares of the residuals have their stated mean.
-        With errors in common it is at least what the sample has without the others, which is nearly all of it.
-        """
-        if self.interpolation_noise is None:
-            return there
-        shared = self._shared_variance[part][there.known]
-        return there._replace(precision=1 / (1 / there.precision + shared))
-
-    @cached_property
-    def _shared_variance(self) -> FloatArray:
-        """(N,) variances of the errors that intensities share; NaN where there is none."""
-        assert self.interpolation_noise is not None
-        variance = np.full(len(self.intensity), np.nan)
-        variance[np.isfinite(self.intensity)] = self.interpolation_noise.variance
-        return variance
-
     @cached_property
     def _moments(self) -> FloatArray:
         return _second_moments(self._flat, None)
@@ -363,32 +350,8 @@ class Likelihood:
         for start in range(0, len(self.points), _PIECE):
             yield slice(start, start + _PIECE)
 
-    def _common_mode_sums(self, channels: ChannelMaps, weights: FloatArray | None) -> CommonModeSums:
-        """Return the sums of the common mode; what samples share is taken off."""
-        size = channels.response[0].size + 1
-        total, score, kept = np.zeros((size, size)), np.zeros(size - 1), []
-        for part in self._pieces():
-            there = self._common_mode(part, channels)
-            features = self._flat[part, 3 * self.points.shape[1] :].T
-            score += expected_score(self._each_by_itself(part, there), features)
-            if weights is not None:
-                there = there._replace(precision=there.precision * weights[part][there.known])
-            columns = whitened(there, features)
-            total += gram(columns)
-            if self.interpolation_noise is not None:
-                kept.append((columns.T * np.sqrt(there.precision)[:, None], there.precision))
-        if self.interpolation_noise is not None:
-            total -= self.interpolation_noise.explained(*(np.concatenate(column) for column in zip(*kept, strict=True)))
-        return CommonModeSums(total, score, int(np.isfinite(self.intensity).sum()))
 
-    def _common_mode(self, part: slice, channels: ChannelMaps) -> CommonMode:
-        return common_mode(channels, self._flat[part].T, self.intensity[part], self._own_noise(part))
-
-    def _own_noise(self, part: slice) -> Any:
-        return self.scalar_noise if np.ndim(self.scalar_noise) == 0 else np.asarray(self.scalar_noise)[part]
-
-
-def common_mode(channels: ChannelMaps, rows: FloatArray, intensity: FloatArray, scalar_noise: Any) -> CommonMode:
+def common_mode(channels: ChannelMaps, rows: FloatArray, intensity: FloatArray, scalar_noise: float) -> CommonMode:
     """Return the common mode of samples, of which those without a reference are left out.
 
     Parameters
@@ -399,8 +362,8 @@ def common_mode(channels: ChannelMaps, rows: FloatArray, intensity: FloatArray, 
         Readings and features of n samples, without the 1 that ends a row.
     intensity : (n,) array
         Reference intensity in the unit of the readings; NaN where there is none.
-    scalar_noise : float or (n,) array
-        Standard deviation of the intensity's error, for all samples or each.
+    scalar_noise : float
+        Standard deviation of the intensity's error.
     """
     finite = np.isfinite(intensity)
     known = slice(None) if finite.all() else finite
@@ -408,16 +371,15 @@ def common_mode(channels: ChannelMaps, rows: FloatArray, intensity: FloatArray, 
     field += channels.at_scalar[:, -1:]
     length = np.sqrt(np.einsum("in,in->n", field, field))
     direction = field / length
-    own = scalar_noise if np.ndim(scalar_noise) == 0 else scalar_noise[known]
     covariance = channels.elimination.covariance
     of_field = covariance @ direction
     along = np.einsum("in,in->n", of_field, direction)
     of_direction = (of_field + direction * (np.trace(covariance) - 3 * along) / 2) / length
-    precision = 1 / (own**2 + along)
+    precision = 1 / (scalar_noise**2 + along)
     return CommonMode(field, direction, length - intensity[known], of_direction, of_field, precision, known)
 
 
-def energies(channels: ChannelMaps, rows: FloatArray, intensity: FloatArray, scalar_noise: Any) -> FloatArray:
+def energies(channels: ChannelMaps, rows: FloatArray, intensity: FloatArray, scalar_noise: float) -> FloatArray:
     """Return the (2, n) squared residuals of the differential channels, and of the common mode, over their variances.
 
     The latter is NaN where there is no reference.
@@ -480,6 +442,46 @@ def expected_score(there: CommonMode, features: FloatArray) -> FloatArray:
     score = (there.precision * there.of_direction) @ extended.T
     score[:, :3] += (there.precision * there.direction) @ there.of_field.T
     return np.asarray(score.ravel())
+
+
+def common_mode_sums(
+    channels: ChannelMaps,
+    pieces: Iterable[tuple[FloatArray, FloatArray, FloatArray | None]],
+    scalar_noise: float,
+    shared: InterpolationNoise | None = None,
+) -> CommonModeSums:
+    """Return the sums of the common mode; what samples share is taken off.
+
+    Parameters
+    ----------
+    channels : ChannelMaps
+        Maps at the errors of the sensors.
+    pieces : iterable
+        Rows (Z - 1, n) and intensities (n,) as for ``common_mode``, and by how much each sample counts, (n,) or None.
+    scalar_noise : float
+        Standard deviation of the intensity's error that is each sample's own.
+    shared : InterpolationNoise, optional
+        Errors of the intensity that neighbouring samples have in common.
+    """
+    size, sensor_rows = channels.response[0].size + 1, len(channels.unbiased)
+    total, score, count, kept = np.zeros((size, size)), np.zeros(size - 1), 0, []
+    for rows, intensity, weights in pieces:
+        there, features = common_mode(channels, rows, intensity, scalar_noise), rows[sensor_rows:]
+        first, count = count, count + len(there.residual)
+        # A sample's own noise makes the score, whatever its weight: weights are scaled so that the weighted squares of
+        # the residuals have their stated mean. With errors in common it is at least what the sample has without the
+        # others, which is nearly all of it.
+        alone = there.precision if shared is None else 1 / (1 / there.precision + shared.variance[first:count])
+        score += expected_score(there._replace(precision=alone), features)
+        if weights is not None:
+            there = there._replace(precision=there.precision * weights[there.known])
+        columns = whitened(there, features)
+        total += gram(columns)
+        if shared is not None:
+            kept.append((columns.T * np.sqrt(there.precision)[:, None], there.precision))
+    if shared is not None:
+        total -= shared.explained(*(np.concatenate(column) for column in zip(*kept, strict=True)))
+    return CommonModeSums(total, score, count)
 
 
 def normal_equations(
@@ -571,14 +573,7 @@ class UniformLikelihood:
         bias : (K, 3) array
             Of each sensor about the origin of the data, in units of their radius.
         """
-        channels = ChannelMaps.at(matrix, bias, UNIFORM, self.vector_noise, None)
-        size = channels.response[0].size + 1
-        total, score, count = np.zeros((size, size)), np.zeros(size - 1), 0
-        for points, intensity in self.data.blocks():
-            there = common_mode(channels, points[:-1], intensity, self.scalar_noise)
-            columns = whitened(there, points[:0])
-            total += gram(columns)
-            score += expected_score(there, points[:0])
-            count += columns.shape[1]
-        common = CommonModeSums(total, score, count)
+        channels = ChannelMaps.of_uniform_field(matrix, bias, self.vector_noise)
+        pieces = ((points[:-1], intensity, None) for points, intensity in self.data.blocks())
+        common = common_mode_sums(channels, pieces, self.scalar_noise)
         return normal_equations(channels, self.data.moments, common, round(self.data.moments[-1, -1]))

@@ -21,7 +21,7 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.correction.parts import Moved, Update
 from tam_calibration.fit.consistency import Fit
 from tam_calibration.fit.contradiction import probability_of
-from tam_calibration.fit.estimate import Estimate, make_calibration, measure_chi_square
+from tam_calibration.fit.estimate import make_calibration, measure_chi_square
 from tam_calibration.fit.identifiability import open_parameters, require_accurate
 from tam_calibration.fit.information import inverted
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
@@ -78,28 +78,22 @@ def maximum_a_posteriori(recording: SampleSource, array: Array, known: Known) ->
         posterior = posterior_of(recording, noisy, known)
     frame = FIRST_SENSOR if known.prior is None else known.prior.calibration.frame
     errors, covariance = posterior.errors, posterior.covariance
-    if posterior.mount is not None and noisy.mounting_error is not None and not known.knows_frame:
-        in_frame, with_turn = _into_frame_of_attitude(posterior, noisy.mounting_error)
+    if posterior.motion is not None and noisy.mounting_error is not None and not known.knows_frame:
+        assert posterior.with_mount is not None
+        in_frame, derivative = turned(errors, posterior.motion.mounting[0].T)
+        derivative[:, -3:] *= -1  # the transposed rotation turns back
+        joint = posterior.with_mount.copy()
+        joint[-3:, -3:] += noisy.mounting_error**2 * np.eye(3)
+        with_turn = derivative @ joint @ derivative.T
         # A frame that is less certain than misalignments may be is none: that of sensor 1 is certain.
         if np.sqrt(np.diag(with_turn)).reshape(-1, 12)[:, 9:].max() <= LARGEST_ANGLE_ERROR:
             errors, covariance = in_frame, with_turn
             frame = FRAME_STATEMENT if known.gyroscope is None else FRAME_OF_GYROSCOPE
-    estimate = Estimate(errors, covariance, True, posterior.intensity_T, frame=frame)
-    calibration = with_variance_factors(
-        make_calibration("maximum_a_posteriori", recording, noisy, estimate), known.variance_factors
-    )
+    name, intensity_T = "maximum_a_posteriori", posterior.intensity_T
+    calibration = make_calibration(name, recording, noisy, errors, covariance, intensity_T, frame=frame)
+    calibration = with_variance_factors(calibration, known.variance_factors)
     has_scale = calibration.has_scalar_reference or known.knows_scale
     return replace(calibration, noise_is_estimated=is_estimated, has_scalar_reference=has_scale)
-
-
-def _into_frame_of_attitude(posterior: Posterior, mounting_error: float) -> tuple[SensorErrors, FloatArray]:
-    """Return errors in the frame whose attitude or angular velocity was recorded, with their covariance."""
-    assert posterior.mount is not None and posterior.with_mount is not None
-    errors, derivative = turned(posterior.errors, posterior.mount.T)
-    derivative[:, -3:] *= -1  # the transposed rotation turns back
-    joint = posterior.with_mount.copy()
-    joint[-3:, -3:] += mounting_error**2 * np.eye(3)
-    return errors, derivative @ joint @ derivative.T
 
 
 def with_noise(recording: SampleSource, array: Array, known: Known) -> tuple[KnownNoiseArray, Posterior, bool]:
@@ -179,29 +173,22 @@ def update_of(
     moved : tuple of Moved
         What was found to have moved.
     """
-    source = prior.calibration.source
+    assert calibration.covariance is not None
+    source, (_, derivative) = prior.calibration.source, used.in_convention(calibration.errors)
+    after, before = np.diag(derivative @ calibration.covariance @ derivative.T), np.diag(used.covariance)
+    ratio = np.divide(after, before, out=np.full_like(before, np.nan), where=before > 0)
     return Update(
         prior=prior.calibration.method if source is None else source.name,
         rates=prior.rates,
         elapsed_s=prior.elapsed_s,
         warming_K=prior.warming_K,
         prior_standard_errors=prior.standard_errors,
-        data_share=_data_share(calibration, used),
+        data_share=np.clip(1 - ratio, 0, 1).reshape(-1, 12),
         chi_square=chi_square,
         freedom=freedom,
         probability=probability_of(chi_square, freedom),
         moved=moved,
     )
-
-
-def _data_share(calibration: Calibration, prior: Prior) -> FloatArray:
-    """Return the part of the information on each parameter that is not the prior's, (K, 12)."""
-    assert calibration.covariance is not None
-    _, derivative = prior.in_convention(calibration.errors)
-    after = np.diag(derivative @ calibration.covariance @ derivative.T)
-    before = np.diag(prior.covariance)
-    ratio = np.divide(after, before, out=np.full_like(before, np.nan), where=before > 0)
-    return np.asarray(np.clip(1 - ratio, 0, 1).reshape(-1, 12))
 
 
 _MOST_WEIGHINGS = 20
@@ -232,7 +219,7 @@ def prior_of_tolerances(recording: SampleSource, array: Array) -> Prior:
     _, derivative = in_first_frame(errors)
     covariance = derivative * np.tile(array.tolerances.variances(), array.sensor_count) @ derivative.T
     intensity_T = float(np.mean(norm(recording.thinned(SKETCH).readings_T, axis=2)))
-    nominal = make_calibration("tolerances", recording, array, Estimate(errors, covariance, False, intensity_T))
+    nominal = make_calibration("tolerances", recording, array, errors, covariance, intensity_T)
     return Prior(nominal, covariance, None, None, None)
 
 
@@ -284,7 +271,11 @@ def calibrate_with_weak_prior(recording: SampleSource, array: Array, known: Know
     # Directions that the readings tell, which other priors are judged by, are no straight lines here.
     energy, uncertain = prior.terms(calibration.errors).energy, int(np.count_nonzero(prior.standard_errors))
     update = update_of(calibration, prior, prior, energy, uncertain)
-    calibration = replace(calibration, update=update, warnings=_left_open(calibration, update))
+    warnings: tuple[str, ...] = ()
+    if names := open_parameters(calibration.standard_errors.ravel(), calibration.intensity_T):
+        left = f"the readings do not determine {names}: this is left to {update.prior_in_words}"
+        warnings = (f"{left}; turn the array further, and take this calibration for a prior",)
+    calibration = replace(calibration, update=update, warnings=warnings)
     return calibration, settled, lambda samples, _: maximum_a_posteriori(samples, noisy, settled)
 
 
@@ -335,14 +326,3 @@ def _curvature(calibration: Calibration, recording: SampleSource, known: Known) 
         if np.sum(covariance * curvature) <= (1 + SETTLED) * np.sum(covariance * before):
             break
     return curvature
-
-
-def _left_open(calibration: Calibration, update: Update) -> tuple[str, ...]:
-    """Return what the readings leave to the prior, in a sentence, or nothing."""
-    names = open_parameters(calibration.standard_errors.ravel(), calibration.intensity_T)
-    if not names:
-        return ()
-    return (
-        f"the readings do not determine {names}: this is left to {update.prior_in_words}; turn the array further, and "
-        "take this calibration for a prior",
-    )

@@ -8,6 +8,7 @@ that map up to a rotation.
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.linalg import inv
@@ -17,21 +18,16 @@ from tam_calibration.core.normal_equations import gram
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.effects.ambient_gradient import require_attitude
 from tam_calibration.fit import ellipsoid
-from tam_calibration.fit.estimate import Estimate, make_calibration
-from tam_calibration.fit.gauss_newton import Point, free_rows, gauss_newton
-from tam_calibration.fit.information import inverted, parameter_covariance
-from tam_calibration.fit.likelihood import Likelihood, Linearization, UniformLikelihood
+from tam_calibration.fit.ellipsoid import Normalized, normalize
+from tam_calibration.fit.estimate import make_calibration
+from tam_calibration.fit.information import NOT_ONE, descend, inverted, parameter_covariance
+from tam_calibration.fit.likelihood import UNIFORM, Likelihood, Linearization, UniformLikelihood
 from tam_calibration.fit.moments import into_frame_of_first
-from tam_calibration.fit.recorded_attitude import (
-    gradient_of,
-    require_gradient_determined,
-    turning_of,
-)
+from tam_calibration.fit.recorded_attitude import gradient_of, require_gradient_determined, turning_of
 from tam_calibration.fit.reference import LARGEST_SHARE, interpolate, is_worth_interpolating
-from tam_calibration.fit.scale import Normalized, normalize
 from tam_calibration.fit.slow_residuals import student_noises
 from tam_calibration.model.array import Array, KnownNoiseArray
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording, SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
@@ -132,6 +128,61 @@ def _moments(scores: _ScoresOfBlocks, variance: Callable[[FloatArray], FloatArra
     return moments
 
 
+class Point(NamedTuple):
+    """Matrices D Λ (K, 3, 3), biases (K, 3), and components of an ambient gradient: five, or none."""
+
+    matrix: FloatArray
+    bias: FloatArray
+    gradient: FloatArray = UNIFORM
+
+
+def free_rows(count: int) -> np.ndarray:
+    """Return which of the rows of [D Λ | o] are fitted: not what lies below the diagonal of the first matrix."""
+    free = np.ones(12 * count, dtype=bool)
+    free[[4, 8, 9]] = False
+    return free
+
+
+def gauss_newton(
+    linearize: Callable[[Point], Linearization], point: Point, robust: bool = False
+) -> tuple[Point, FloatArray]:
+    """Return the point where the iteration settles, and the information a last step before, far below its errors.
+
+    Parameters
+    ----------
+    linearize : Callable
+        Information and gradient of the likelihood at a point, both over all parameters.
+    point : Point
+        Where to begin.
+    robust : bool
+        Whether the weights of the samples change from step to step.
+
+    Raises
+    ------
+    InputError
+        When the readings determine no ellipsoid.
+    Refused
+        When the iteration does not settle, or goes astray.
+    """
+    rows = 12 * len(point.matrix)
+    free = np.append(free_rows(len(point.matrix)), np.ones(len(point.gradient), dtype=bool))
+
+    def normal_at(there: Point) -> tuple[FloatArray, FloatArray, FloatArray]:
+        here = linearize(there).both
+        return here.information[np.ix_(free, free)], here.score[free], here.information
+
+    def moved(before: Point, change: FloatArray) -> Point:
+        # Size of a step of matrices and biases, which are of order one, from which no way leads back.
+        if not np.abs(change).max() < 1e6:
+            raise Refused(f"the fit goes astray: {NOT_ONE}")
+        step = np.zeros(free.size)
+        step[free] = change
+        update = step[:rows].reshape(-1, 3, 4)
+        return Point(before.matrix + update[..., :3], before.bias + update[..., 3], before.gradient + step[rows:])
+
+    return descend(normal_at, moved, point, robust)
+
+
 def maximum_likelihood(
     recording: SampleSource, array: Array, *, robust: bool = False, ambient_gradient: bool = False
 ) -> Calibration:
@@ -176,9 +227,17 @@ def maximum_likelihood(
         point, information = _fit_in_memory(recording.whole(), noisy, data, robust, ambient_gradient)
     else:
         point, information = _fit(recording, noisy, data)
+    errors, factor = _errors(data, point)
+    intensity_T, gradient = data.radius_T / factor, None
+    if ambient_gradient:
+        gradient = gradient_of(point.gradient, _covariance_of_gradient(information), intensity_T)
+        cross, own = information[:-5, -5:], information[-5:, -5:]
+        information = information[:-5, :-5] - cross @ np.linalg.solve(own, cross.T)
+    covariance = parameter_covariance(information, errors, data.radius_T, None if data.has_scalar else intensity_T)
     name = "robust" if robust else "maximum_likelihood"
-    estimate = replace(_estimate(data, point, information), covariance_from_noise=not robust)
-    return make_calibration(name, recording, array, estimate)
+    return make_calibration(
+        name, recording, array, errors, covariance, intensity_T, is_from_noise=not robust, gradient=gradient
+    )
 
 
 def estimate(recording: SampleSource, array: Array) -> SensorErrors:
@@ -222,20 +281,6 @@ def first_guess(recording: SampleSource, array: KnownNoiseArray) -> SensorErrors
     return _errors(data, Point(*closed_form(data, *_noise(array, data))))[0]
 
 
-def _estimate(data: Normalized, point: Point, information: FloatArray) -> Estimate:
-    """Return errors and ambient gradient at the point where a fit settled, with their covariance."""
-    errors, factor = _errors(data, point)
-    intensity_T = data.radius_T / factor
-    gradient = None
-    if len(point.gradient):
-        gradient = gradient_of(point.gradient, _covariance_of_gradient(information), intensity_T)
-        cross, own = information[:-5, -5:], information[-5:, -5:]
-        information = information[:-5, :-5] - cross @ np.linalg.solve(own, cross.T)
-    free_intensity = None if data.has_scalar else intensity_T
-    covariance = parameter_covariance(information, errors, data.radius_T, free_intensity)
-    return Estimate(errors, covariance, True, intensity_T, gradient)
-
-
 def _covariance_of_gradient(information: FloatArray) -> FloatArray:
     """Return the (5, 5) covariance of an ambient gradient; infinite on the diagonal where the data leave it open."""
     free = np.append(free_rows(len(information) // 12), np.ones(5, dtype=bool))
@@ -274,17 +319,10 @@ def likelihood_of(recording: SampleSource, array: KnownNoiseArray, data: Normali
     data : Normalized
         The same samples.
     """
-    if _is_slow(recording):
-        return _likelihood(recording.whole(), array, data, may_interpolate=True)
-    return UniformLikelihood(data, *_noise(array, data))
-
-
-def _is_slow(recording: SampleSource) -> bool:
     count = recording.scalar_count
     if count is None or count > LARGEST_SHARE * recording.sample_count:
-        return False
-    scalar_T = recording.whole().scalar_T
-    return scalar_T is not None and is_worth_interpolating(scalar_T)
+        return UniformLikelihood(data, *_noise(array, data))
+    return _likelihood(recording.whole(), array, data, may_interpolate=True)
 
 
 def _fit_in_memory(

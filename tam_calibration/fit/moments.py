@@ -17,8 +17,8 @@ from numpy.linalg import inv
 from tam_calibration.core.normal_equations import gram
 from tam_calibration.correction.calibration import FRAME_STATEMENT, Calibration
 from tam_calibration.fit import ellipsoid
-from tam_calibration.fit.estimate import Estimate, make_calibration
-from tam_calibration.fit.scale import Normalized, free_scale, normalize
+from tam_calibration.fit.ellipsoid import Normalized, free_scale, normalize
+from tam_calibration.fit.estimate import make_calibration
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, numbered
 from tam_calibration.model.recording import BLOCK, Recording, SampleSource
@@ -51,12 +51,11 @@ class Moments:
         recording = self.data.source.whole()
         return recording if recording.scalar_T is None else recording.take(np.isfinite(recording.scalar_T))
 
-    def left_out(self) -> list[IntArray]:
-        """Return which of these samples each set but the first leaves out."""
+    def set_without(self) -> IntArray:
+        """Return the number of the set that leaves each of these samples out."""
         groups = len(self.joint) - 1
         counts = [int(np.isfinite(intensity).sum()) for _, intensity in self.data.blocks()]
-        number = np.concatenate([np.arange(count) // _length_of_run(count, groups) for count in counts])
-        return [np.flatnonzero(number == group) for group in range(groups)]
+        return 1 + np.concatenate([np.arange(count) // _length_of_run(count, groups) for count in counts])
 
     @property
     def mean_square(self) -> FloatArray:
@@ -103,28 +102,22 @@ def gather(
     sensors = source.sensor_count + with_platform
     quartic, joint = np.zeros((groups, sensors, 11, 11)), np.zeros((groups, 3 * sensors + 1, 3 * sensors + 1))
     for points, intensity in data.blocks():
-        _add_block(quartic, joint, points, intensity)
+        finite = np.isfinite(intensity)
+        if not finite.all():
+            points, intensity = points[:, finite], intensity[finite]
+        if with_platform:
+            mean = points[:-1].reshape(sensors - 1, 3, -1).mean(axis=0)
+            points = np.concatenate([points[:-1], mean, points[-1:]])
+        monomials = np.empty((11, points.shape[1]))
+        for sensor in range(sensors):
+            ellipsoid.monomial_columns(points[3 * sensor : 3 * sensor + 3], intensity, monomials)
+            quartic[:, sensor] += _products_of_runs(monomials, groups)
+        joint += _products_of_runs(points, groups)
     return Moments(_with_each_left_out(quartic), _with_each_left_out(joint), data)
 
 
-def _add_block(quartic: FloatArray, joint: FloatArray, points: FloatArray, intensity: FloatArray) -> None:
-    """Add to the moments (G, K, 11, 11) and (G, 3K+1, 3K+1) of groups of samples, dealt in short runs in turn."""
-    groups, sensors = quartic.shape[:2]
-    finite = np.isfinite(intensity)
-    if not finite.all():
-        points, intensity = points[:, finite], intensity[finite]
-    if len(points) < 3 * sensors:
-        mean = points[:-1].reshape(sensors - 1, 3, -1).mean(axis=0)
-        points = np.concatenate([points[:-1], mean, points[-1:]])
-    monomials = np.empty((11, points.shape[1]))
-    for sensor in range(sensors):
-        ellipsoid.monomial_columns(points[3 * sensor : 3 * sensor + 3], intensity, monomials)
-        quartic[:, sensor] += _products_of_runs(monomials, groups)
-    joint += _products_of_runs(points, groups)
-
-
 def _products_of_runs(columns: FloatArray, groups: int) -> FloatArray:
-    """Return the (G, M, M) sums of the outer products of columns (M, N), of G runs of equal length."""
+    """Return the (G, M, M) sums of the outer products of columns (M, N), dealt in G runs of equal length."""
     width, count = columns.shape
     if groups == 1:
         return gram(columns)[None]
@@ -179,14 +172,9 @@ def finish(
     vectors = every.to_vector().reshape(*bias.shape[:2], 12)
     if frame == FRAME_STATEMENT:
         vectors[:, 0, 9:] = 0
-    estimate = Estimate(
-        SensorErrors.from_vector(vectors[0], orientation),
-        lasting_factor(vectors[1:]) * jackknife(vectors[1:]),
-        covariance_from_noise=False,
-        intensity_T=float(data.radius_T / factor[0]),
-        frame=frame,
-    )
-    return make_calibration(method, source, array, estimate)
+    errors = SensorErrors.from_vector(vectors[0], orientation)
+    covariance = lasting_factor(vectors[1:]) * jackknife(vectors[1:])
+    return make_calibration(method, source, array, errors, covariance, float(data.radius_T / factor[0]), frame=frame)
 
 
 def jackknife(replicates: FloatArray) -> FloatArray:
@@ -241,11 +229,8 @@ def field_products(joint: FloatArray, unmix: FloatArray, center: FloatArray) -> 
         At k, l the sum of b_k b_lᵀ.
     """
     sets, sensors = center.shape[:2]
-    restore = np.zeros((sets, sensors, 3, 3 * sensors + 1))
-    for sensor in range(sensors):
-        restore[:, sensor, :, 3 * sensor : 3 * sensor + 3] = unmix[:, sensor]
-    restore[..., -1:] = -unmix @ center[..., None]
-    restore = restore.reshape(sets, 3 * sensors, -1)
+    each = np.einsum("kl,skij->skilj", np.eye(sensors), unmix).reshape(sets, 3 * sensors, -1)
+    restore = np.concatenate([each, (-unmix @ center[..., None]).reshape(sets, -1, 1)], axis=2)
     products: FloatArray = restore @ joint @ np.swapaxes(restore, 1, 2)
     return np.swapaxes(products.reshape(sets, sensors, 3, sensors, 3), 2, 3)
 

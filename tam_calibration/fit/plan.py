@@ -124,7 +124,17 @@ def start_from_calibration(calibration: Calibration) -> PlanStart:
         lacks = "covariance" if calibration.covariance is None else "scalar reference"
         raise InputError(f"the calibration has no {lacks}: plan from its recording instead")
     model = _model_of(calibration)
-    information = _taken_apart(model, calibration.covariance)
+    # The information whose inverse is nearest to the covariance.
+    ellipsoid, affine = model.loadings
+    channels, units = affine.shape[1], model.noise_units
+    loadings = np.hstack([ellipsoid, affine.reshape(len(affine), -1)])
+    elements = np.linalg.pinv(units[:, None] * loadings) * units
+    inside = elements @ calibration.covariance @ elements.T
+    information = np.zeros((13, 13))
+    information[:9, :9] = inv(inside[:9, :9])
+    if channels:
+        blocks = inside[9:, 9:].reshape(channels, 4, channels, 4)
+        information[9:, 9:] = inv(np.einsum("kikj->ij", blocks) / channels)
     standard_errors = _standard_errors(model, information)
     if not np.allclose(standard_errors, calibration.standard_errors, rtol=0.01, atol=0):
         raise InputError(
@@ -132,21 +142,6 @@ def start_from_calibration(calibration: Calibration) -> PlanStart:
             "samples add to: plan from its recording, or calibrate that with maximum_likelihood"
         )
     return PlanStart(model, information, standard_errors)
-
-
-def _taken_apart(model: InformationModel, covariance: FloatArray) -> FloatArray:
-    """Return the information whose inverse is nearest to a covariance (12 K, 12 K) of the parameters."""
-    ellipsoid, affine = model.loadings
-    channels, units = affine.shape[1], model.noise_units
-    loadings = np.hstack([ellipsoid, affine.reshape(len(affine), -1)])
-    elements = np.linalg.pinv(units[:, None] * loadings) * units
-    inside = elements @ covariance @ elements.T
-    information = np.zeros((13, 13))
-    information[:9, :9] = inv(inside[:9, :9])
-    if channels:
-        blocks = inside[9:, 9:].reshape(channels, 4, channels, 4)
-        information[9:, 9:] = inv(np.einsum("kikj->ij", blocks) / channels)
-    return information
 
 
 def _model_of(calibration: Calibration) -> InformationModel:

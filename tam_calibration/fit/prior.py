@@ -17,7 +17,7 @@ from numpy.linalg import inv
 from tam_calibration.core.least_squares import whitening
 from tam_calibration.core.normal_equations import Normal
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.scale import free_scale, without_scale
+from tam_calibration.fit.ellipsoid import free_scale, without_scale
 from tam_calibration.model.data_sheet import DAY_S, ChangeRates
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -65,10 +65,6 @@ def in_first_frame(errors: SensorErrors) -> tuple[SensorErrors, FloatArray]:
     derivative[:, 9:12] += derivative[:, -3:] @ first.T @ errors.turning_axes[0]
     derivative[9:12] = 0
     return after, derivative[:, :-3]
-
-
-_ASSUMED_AGE_S = DAY_S
-"""Where a calibration or a recording has no date: the one of the pier is a day old at most when the vehicle dives."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +190,8 @@ def prior_of(
     warming_K = None
     if temperature_C is not None and calibration.temperature_C is not None:
         warming_K = temperature_C - calibration.temperature_C
-    age_s = _ASSUMED_AGE_S if elapsed_s is None else elapsed_s
+    # Without a date: the calibration of the pier is a day old at most when the vehicle dives.
+    age_s = DAY_S if elapsed_s is None else elapsed_s
     change = np.tile(rates.variances(age_s, warming_K or 0.0), calibration.errors.sensor_count)
     prior = Prior(calibration, covariance, rates, elapsed_s, warming_K)
     # A sensor 1 that turns makes all others turn in its frame.

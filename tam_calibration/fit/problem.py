@@ -24,15 +24,14 @@ from tam_calibration.core.normal_equations import Normal
 from tam_calibration.core.slow_cosines import WHITE, VarianceFactors
 from tam_calibration.correction.acceptance import are_possible
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.attitude_likelihood import AttitudeLikelihood
-from tam_calibration.fit.gauss_newton import descend
+from tam_calibration.fit.attitude_likelihood import AttitudeLikelihood, WorldView
+from tam_calibration.fit.ellipsoid import Normalized, free_scale, normalize
 from tam_calibration.fit.gyroscope_likelihood import GyroscopeLikelihood
-from tam_calibration.fit.gyroscope_path import GyroscopeUse
-from tam_calibration.fit.information import inverted, keeping, rows_by_unknowns
+from tam_calibration.fit.gyroscope_path import GyroscopeState, GyroscopeUse
+from tam_calibration.fit.information import descend, free_basis, inverted, rows_by_unknowns
 from tam_calibration.fit.likelihood import Likelihood, UniformLikelihood
 from tam_calibration.fit.maximum_likelihood import first_guess, likelihood_of
 from tam_calibration.fit.prior import Prior
-from tam_calibration.fit.scale import Normalized, free_scale, free_scale_gradient, normalize
 from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.geomagnetic_field import LOCAL_STANDARD_ERROR_T
@@ -40,28 +39,8 @@ from tam_calibration.model.recording import SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
-
-class MotionState(Protocol):
-    """The unknowns of the motion at a point."""
-
-    @property
-    def mount(self) -> FloatArray:
-        """(3, 3) rotation between the frame of the sensors and that of the motion."""
-
-    @property
-    def mounting(self) -> tuple[FloatArray, float]:
-        """Rotation from the frame of the sensors to that of the motion, and the sign of its turn by ``mount``."""
-
-    @property
-    def size(self) -> int:
-        """Number of unknowns."""
-
-    @property
-    def turn(self) -> slice:
-        """Place of the turn of ``mount`` among them."""
-
-    def moved(self, step: FloatArray) -> Self:
-        """Return the state after a step (size,)."""
+MotionState = WorldView | GyroscopeState
+"""The unknowns of the motion at a point."""
 
 
 class Motion(Protocol):
@@ -84,10 +63,7 @@ class Motion(Protocol):
         """Return the noise of the motion that the residuals show, so many channels being taken by the fit."""
 
     def prior(self, state: Any, main_field_T: FloatArray | None) -> tuple[FloatArray, FloatArray]:
-        """Return the precisions of the unknowns before the samples, and the downhill gradient."""
-
-    def is_free(self, state: Any) -> np.ndarray:
-        """Return which of the unknowns are fitted."""
+        """Return the precisions of the unknowns before the samples, 0 for what is held, and the downhill gradient."""
 
 
 class Intensity(NamedTuple):
@@ -291,7 +267,7 @@ class Problem:
         found = self.motion_at(place)
         count, own = 12 * place.errors.sensor_count, slice(-place.motion.size, None)
         precisions, downhill = self._known_of_motion(place.motion)
-        free = self.motion.is_free(place.motion)
+        free = precisions > 0
         inner = (found.information[own, own] + np.diag(precisions))[np.ix_(free, free)]
         across = found.information[:count, own][:, free]
         gain = across @ inverted(inner, np.eye(len(inner)))
@@ -340,14 +316,9 @@ class Problem:
         """Return the directions of the unknowns that are free, as columns."""
         free = np.ones(12 * place.errors.sensor_count + (not self.has_scalar), dtype=bool)
         free[9:12] = self.known.knows_frame
-        if self.motion is not None and place.motion is not None:
-            free = np.append(free, self.motion.is_free(place.motion))
-        size = len(free)
-        if self.has_scalar or self.known.knows_scale:
-            return np.eye(size)[:, free]
-        gradient = np.zeros(size)
-        gradient[: 12 * place.errors.sensor_count] = free_scale_gradient(place.errors)
-        return keeping(gradient, free)
+        if place.motion is not None:
+            free = np.append(free, self._known_of_motion(place.motion)[0] > 0)
+        return free_basis(place.errors, free, holds_scale=not (self.has_scalar or self.known.knows_scale))
 
     def moved(self, place: Place, step: FloatArray) -> Place:
         """Return the place after a step of the unknowns; one that leads to sensors that cannot be is refused."""
@@ -389,17 +360,14 @@ class Posterior:
         Of the field: fitted where no scalar reference tells it; else that of the start, tesla.
     motion : MotionState, optional
         What else was fitted where attitude or angular velocity is data.
-    mount : (3, 3) array, optional
-        X: rotation from the frame of the sensors to the one whose attitude or angular velocity is data.
     with_mount : (12 K + 3, 12 K + 3) array, optional
-        Covariance of the errors and of the turn of X, radians.
+        Covariance of the errors and of the turn of the rotation that ``motion.mounting`` has, radians.
     """
 
     errors: SensorErrors
     covariance: FloatArray
     intensity_T: float
     motion: MotionState | None = None
-    mount: FloatArray | None = None
     with_mount: FloatArray | None = None
 
 
@@ -431,7 +399,6 @@ def posterior_of(recording: SampleSource, array: KnownNoiseArray, known: Known) 
     found = Posterior(end.errors, covariance[:size, :size], end.intensity_T, end.motion)
     if end.motion is None:
         return found
-    mount, sign = end.motion.mounting
     chosen = np.r_[:size, len(covariance) - end.motion.size + np.arange(end.motion.size)[end.motion.turn]]
-    signs = np.append(np.ones(size), np.full(3, sign))
-    return replace(found, mount=mount, with_mount=covariance[np.ix_(chosen, chosen)] * np.outer(signs, signs))
+    signs = np.append(np.ones(size), np.full(3, end.motion.mounting[1]))
+    return replace(found, with_mount=covariance[np.ix_(chosen, chosen)] * np.outer(signs, signs))

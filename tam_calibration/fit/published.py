@@ -40,7 +40,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.linalg import inv
 
-from tam_calibration.core.noise import complete_noise
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit import ellipsoid, recorded_attitude
 from tam_calibration.fit.identifiability import require_determined
@@ -55,9 +54,7 @@ from tam_calibration.fit.moments import (
     rotation_by_regression,
 )
 from tam_calibration.model.array import Array
-from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.recording import SKETCH, Recording, SampleSource
-from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.recording import SKETCH, SampleSource
 from tam_calibration.model.units import FloatArray
 
 
@@ -248,58 +245,13 @@ def fast_rotation(recording: SampleSource, array: Array) -> Calibration:
         When the turns leave parameters open, as one turn about one axis does; it names them. When sensors
         are mirror images of others.
     """
-    _require_turns(recording.thinned(SKETCH), array)
+    require_determined(recording.thinned(SKETCH), array)
     moments = gather(recording, "fast rotation", with_platform=True)
     center, unmix = ellipsoid.fitted(moments.quartic)
     sensors = recording.sensor_count
     to_platform = field_products(moments.joint, unmix, center)[:, :sensors, sensors]
     matrix = into_frame_of_first(inv(unmix[:, :sensors]) @ procrustes(to_platform))
     return finish("fast_rotation", recording, array, moments.data, matrix, center[:, :sensors])
-
-
-def count_determined(recording: Recording, array: Array) -> tuple[int, int]:
-    """Return how many parameters the directions of a recording determine, and how many there are.
-
-    The rank of the Jacobian: the differences between sensors see each row of [D Λ | o] along (b, 1), the intensity sees
-    the nine parameters of an ellipsoid along the monomials of the readings. What rises above the noise is counted.
-
-    Parameters
-    ----------
-    recording : Recording
-        Raw readings; the directions are those of sensor 1 about the mean of its readings.
-    array : Array
-        Noise of the K sensors; it is estimated where it is not stated.
-
-    Returns
-    -------
-    int, int
-        How many are determined, and 12 K - 3 in all, less one without a scalar reference.
-    """
-    noisy, _ = complete_noise(array, recording)
-    centered = recording.readings_T[:, 0] - recording.readings_T[:, 0].mean(axis=0)
-    radius = np.sqrt(np.mean(np.sum(centered**2, axis=1)))
-    points = centered / radius
-    # Times the noise that a direction must be turned through to count: less would let noise determine a
-    # parameter.
-    # Least turn that counts without noise, of the field: least squares lose as much to rounding.
-    least = max(10.0 * float(noisy.vector_noise_T[0]) / radius, 1e-9) * np.sqrt(len(points))
-    linear = _rank(np.column_stack([points, np.ones(len(points))]), least)
-    quadratic = min(_rank(ellipsoid.monomial_columns(points.T, np.ones(len(points)))[:10].T, least), 9)
-    scale = 1 if recording.scalar_T is None else 0
-    others = recording.sensor_count - 1
-    return 3 * others * linear + quadratic - scale, 12 * others + 9 - scale
-
-
-def _rank(rows: FloatArray, least: float) -> int:
-    return int(np.sum(np.linalg.svd(rows, compute_uv=False) > least))
-
-
-def _require_turns(recording: Recording, array: Array) -> None:
-    try:
-        require_determined(recording, array)
-    except InputError as problem:
-        determined, every = count_determined(recording, array)
-        raise InputError(f"the turns determine {determined} of {every} parameters: {problem}") from None
 
 
 def lossless(recording: SampleSource, array: Array, *, as_published: bool = False) -> Calibration:
@@ -327,33 +279,10 @@ def lossless(recording: SampleSource, array: Array, *, as_published: bool = Fals
     """
     moments = gather(recording, "lossless")
     center = ellipsoid.center_of((moments.with_constant_intensity() if as_published else moments).quartic)
-    name = "lossless (as published)" if as_published else "lossless"
-    return finish(name, recording, array, moments.data, _matrix_about(moments, center), center)
-
-
-def estimate(recording: SampleSource) -> SensorErrors:
-    """Return the errors alone, without covariance and quality: the same numbers in a third of the time.
-
-    Parameters
-    ----------
-    recording : SampleSource
-        Samples in a uniform field.
-
-    Raises
-    ------
-    InputError
-        When the readings determine no ellipsoid, or sensors are mirror images of others.
-    """
-    moments = gather(recording, "lossless", groups=1)
-    center = ellipsoid.center_of(moments.quartic)
-    return moments.data.errors_at(_matrix_about(moments, center)[0], center[0])[0]
-
-
-def _matrix_about(moments: Moments, center: FloatArray) -> FloatArray:
-    """Return the matrices D Λ (S, K, 3, 3) of steps 2 and 3, about the centres (S, K, 3) of step 1."""
     unmix = ellipsoid.square_root(ellipsoid.shape_about(moments.quartic, center))
-    rotation = procrustes(field_products(moments.joint, unmix, center)[:, :, 0])
-    return inv(unmix) @ rotation
+    matrix = inv(unmix) @ procrustes(field_products(moments.joint, unmix, center)[:, :, 0])
+    name = "lossless (as published)" if as_published else "lossless"
+    return finish(name, recording, array, moments.data, matrix, center)
 
 
 FRAME_STATEMENT = (
@@ -407,11 +336,9 @@ def _turns(moments: Moments, matrix: FloatArray, center: FloatArray) -> FloatArr
     has_attitude = np.isfinite(known.attitude).all(axis=1)
     to_world = Rotation.from_quat(known.attitude[has_attitude]).as_matrix()
     points = (known.readings_T[has_attitude, 0] - moments.data.origin_T[0]) / moments.data.radius_T
-    chosen = np.ones((len(matrix), known.sample_count), dtype=bool)
-    for index, left_out in enumerate(moments.left_out()):
-        chosen[index + 1, left_out] = False
-    chosen, turns = chosen[:, has_attitude], []
-    for unmix, bias, samples in zip(inv(matrix[:, 0]), center[:, 0], chosen, strict=True):
+    set_without, turns = moments.set_without()[has_attitude], []
+    for number, (unmix, bias) in enumerate(zip(inv(matrix[:, 0]), center[:, 0], strict=True)):
+        samples = set_without != number
         field = (points[samples] - bias) @ unmix.T
         turns.append(recorded_attitude.find_turn(field, to_world[samples]))
     return np.array(turns)

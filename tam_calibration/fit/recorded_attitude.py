@@ -7,24 +7,20 @@ it constant, the recording was written in that way.
 """
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.correction.calibration import AmbientGradientEstimate
 from tam_calibration.effects.ambient_gradient import require_attitude, without_gradient
+from tam_calibration.fit.ellipsoid import sphere_center
 from tam_calibration.fit.likelihood import Turning
-from tam_calibration.fit.scale import sphere_center
 from tam_calibration.model.array import UNIT_TENSORS, Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording, SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, to_degrees
-
-if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
-
 
 FRAME_STATEMENT = (
     "The array frame is the one whose attitude was recorded. It was found from the uniform field, "
@@ -262,7 +258,7 @@ class _Convention:
     is_scalar_first: bool = False
     half_turn: str = ""
 
-    def to_world(self, quaternions: FloatArray) -> "Rotation":
+    def to_world(self, quaternions: FloatArray) -> Any:
         """Return the turns from the array's axes to the world of quaternions that were written so."""
         ordered = quaternions[:, _SCALAR_FIRST] if self.is_scalar_first else quaternions
         from scipy.spatial.transform import Rotation  # takes as long to load as a calibration

@@ -1,4 +1,4 @@
-"""The reference intensity between the readings of a scalar magnetometer that is slower than the sensors.
+"""The scalar magnetometer: the intensity between its readings, and whether it reads the field of the sensors.
 
 Between two readings the intensity is taken as the straight line, off which it wanders as a random walk that is tied to
 both. The distances of the readings from the lines between their neighbours show how far it wanders.
@@ -6,14 +6,26 @@ both. The distances of the readings from the lines between their neighbours show
 All samples between two readings share the errors of both. Taken for their own, one reading would count hundreds of
 times; the likelihood therefore needs the covariance of all samples, C = D + q B + σ² H Hᵀ: D the variances of the
 sensors' field, B the walk's covariance within each interval at unit rate, H the two weights of each sample's line.
+
+In a uniform field the intensity does not depend on how the array is turned. Where the scalar does, it is near a
+magnet, iron or a current, and the fit takes that for errors of all sensors, with small residuals. In terms of any
+sensor's readings, which are an affine map of the field, every such dependence of a magnet and of soft iron is a
+polynomial of second order. What slow cosines of time explain is left to the field of the site.
 """
 
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.linalg import norm
 
-from tam_calibration.model.units import FloatArray
+from tam_calibration.core.least_squares import whitening
+from tam_calibration.core.noise import complete_noise
+from tam_calibration.core.slow_cosines import BLOCKS, SlowSums, slow_cosines
+from tam_calibration.fit.coverage import ellipsoid_rows
+from tam_calibration.model.array import Array
+from tam_calibration.model.recording import SKETCH, SampleSource
+from tam_calibration.model.units import FloatArray, to_nanotesla
 
 LARGEST_SHARE = 0.5
 """Largest part of the samples with a reading of their own at which interpolation is worth its time."""
@@ -72,13 +84,18 @@ class InterpolationNoise:
             What the shared errors take from the normal equations.
         """
         from scipy.linalg import solveh_banded
+        from scipy.sparse import coo_array
 
         line = self.noise * np.stack([1 - self.way, self.way], axis=1)
         columns = np.hstack([weighted, precision[:, None] * line])
         wandering = self._wandering(columns, precision)
         by_walk = weighted.T @ wandering[:, :-2]
         rest = columns - precision[:, None] * wandering
-        at_readings = self._gather(line, rest[:, :-2])
+        # σ Hᵀ times the columns: a row for each reading.
+        place = np.concatenate([np.arange(len(line))] * 2)
+        rows = np.concatenate([self.interval, self.interval + 1])
+        transposed = coo_array((line.T.ravel(), (rows, place)), (int(self.interval.max()) + 2, len(line)))
+        at_readings = transposed.tocsr() @ rest[:, :-2]
         # The line's own part: 2 × 2 blocks of neighbouring readings, overlapping on the diagonal.
         size = len(at_readings)
         bands = np.zeros((2, size))
@@ -111,16 +128,6 @@ class InterpolationNoise:
         bands[0, :-1] += stiffness
         bands[1, :-1] = np.where(free[1:] & free[:-1], -stiffness, 0.0)
         return free, bands
-
-    def _gather(self, line: FloatArray, columns: FloatArray) -> FloatArray:
-        """Return σ Hᵀ times columns (M, F): a row for each reading."""
-        from scipy.sparse import coo_array
-
-        place = np.arange(len(line))
-        rows = np.concatenate([self.interval, self.interval + 1])
-        shape = (int(self.interval.max()) + 2, len(line))
-        transposed = coo_array((line.T.ravel(), (rows, np.concatenate([place, place]))), shape)
-        return np.asarray(transposed.tocsr() @ columns)
 
 
 def is_worth_interpolating(scalar: FloatArray) -> bool:
@@ -186,3 +193,86 @@ def _rate_over(when_s: FloatArray, reading: FloatArray, noise: float, steps: int
     off_line = reading[steps:-steps] - (1 - way) * reading[: -2 * steps] - way * reading[2 * steps :]
     by_noise = noise**2 * (1 + (1 - way) ** 2 + way**2)
     return float(np.sum(off_line**2 - by_noise) / np.sum(way * after))
+
+
+FOLLOWS = "the scalar follows the direction of the field"
+"""How the sentence of a scalar begins that does."""
+
+
+@dataclass(frozen=True)
+class TurningScalar:
+    """A scalar that follows the direction of the field.
+
+    Parameters
+    ----------
+    mean_T : float
+        Mean of its readings, tesla.
+    size_T : float
+        Size of the field that turns with the array at the scalar, tesla.
+    is_most : bool
+        Whether that is no chance, and explains most of what the scalar reads in addition to slow changes.
+    """
+
+    mean_T: float
+    size_T: float
+    is_most: bool
+
+    @property
+    def sentence(self) -> str:
+        """What it is and what became of it, for people."""
+        counts = "so only its mean is used" if self.is_most else "and the standard errors include that"
+        size = f"{to_nanotesla(self.size_T):.2g} nT"
+        return f"{FOLLOWS} by {size}, as near a magnet or a current, {counts}: move it away, or fit its heading error"
+
+
+def turning_scalar(recording: SampleSource, array: Array) -> TurningScalar | None:
+    """Return what a scalar reads that follows the direction of the field; None where it does not.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        Raw readings of K sensors in a uniform field.
+    array : Array
+        Geometry and noise.
+    """
+    some = recording.thinned(SKETCH)
+    # 10 * BLOCKS: scalar readings: ten for each block of time.
+    if some.scalar_T is None or np.count_nonzero(np.isfinite(some.scalar_T)) < 10 * BLOCKS:
+        return None
+    known = np.isfinite(some.scalar_T)
+    scalar_T, field = some.scalar_T[known], some.readings_T[known].mean(axis=1)
+    field, count = field / np.mean(norm(field, axis=1)), len(scalar_T)
+    block = np.arange(count) * BLOCKS // count
+    slow = np.linalg.qr(np.column_stack([np.ones(count), slow_cosines()[block]]))[0]
+    left_T = scalar_T - slow @ (slow.T @ scalar_T)
+    rows = ellipsoid_rows(field)
+    rows = rows - slow @ (slow.T @ rows)
+    # Part of the largest eigenvalue below which a column is the noise of the readings.
+    columns = rows @ whitening(rows.T @ rows, 1e-6)
+    explained = columns.T @ left_T
+    residual_T = left_T - columns @ explained
+    noise_T = float(np.sqrt(np.sum(residual_T**2) / (count - columns.shape[1] - slow.shape[1])))
+    edges = np.searchsorted(block, np.arange(1, BLOCKS))
+    parts = list(zip(np.split(columns, edges), np.split(residual_T / noise_T, edges), strict=True))
+    lasting = SlowSums.of(
+        np.array([own.T @ own for own, _ in parts]), np.array([own.T @ left for own, left in parts])
+    ).factor
+    energy = float(explained @ explained)
+    # The cube root of a χ² is nearly normal (Wilson and Hilferty 1931).
+    variance = 2 / 9 / len(explained)
+    deviation = (np.cbrt(energy / (len(explained) * noise_T**2 * lasting)) - 1 + variance) / np.sqrt(variance)
+    # Standard deviations of a normal law from which standard errors hold what the dependence may do: once in a
+    # hundred.
+    if deviation < 2.33:
+        return None
+    noisy, _ = complete_noise(array, recording)
+    variance_T2 = noise_T**2 + 1 / float(np.sum(1 / noisy.vector_noise_T**2))
+    # Squared standard errors by which the dependence moves the errors, and which are not worth losing a scalar.
+    is_harmful = energy > 4.0 * variance_T2 * lasting
+    unit = np.column_stack([slow, field / norm(field, axis=1, keepdims=True)])
+    size_T = float(norm(np.linalg.lstsq(unit, scalar_T, rcond=1e-6)[0][-3:]))
+    # Standard deviations of a normal law: once in ten thousand sound recordings.
+    # Part of what is not slow that a magnet near the scalar explains at least: a field that varies faster may
+    # follow the direction in part by chance.
+    is_most = bool(deviation > 3.72 and is_harmful and energy >= 0.5 * float(left_T @ left_T))
+    return TurningScalar(float(scalar_T.mean()), size_T, is_most)

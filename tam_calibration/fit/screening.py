@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.linalg import norm
 from numpy.typing import NDArray
 
 from tam_calibration.core.noise import complete_noise
@@ -174,9 +175,9 @@ def _far_off(recording: SampleSource) -> NDArray[np.bool_]:
     """Return which samples (N,) hold a reading so far from most of its sensor that no fit would begin well."""
     some_T = recording.thinned(SKETCH).readings_T
     center_T = np.median(some_T, axis=0)
-    usual_T = np.median([_lengths(some_T - center_T), _lengths(some_T)], axis=1).max(axis=0)
+    usual_T = np.median([norm(some_T - center_T, axis=2), norm(some_T, axis=2)], axis=1).max(axis=0)
     # Distance from the median reading, over its median or over the field: a turned sensor reaches 2.
-    far = [(_lengths(block.readings_T - center_T) > 2.2 * usual_T).any(axis=1) for block in recording.blocks()]
+    far = [(norm(block.readings_T - center_T, axis=2) > 2.2 * usual_T).any(axis=1) for block in recording.blocks()]
     return np.concatenate(far)
 
 
@@ -197,10 +198,10 @@ class _Judge:
 
     def __init__(self, errors: SensorErrors, array: KnownNoiseArray, some: Recording, is_stated: bool) -> None:
         count = errors.sensor_count
-        self._unmix, self._bias_T = np.linalg.inv(errors.matrix), errors.bias_T
+        self._errors = errors
         self._variance_T2, self._scalar_T2 = array.vector_noise_T**2, array.scalar_noise_T**2
         self._has_scalar = some.scalar_T is not None  # else it is slower than these samples, and not judged
-        self._intensity_T = float(np.median(_lengths(self._fields(some.readings_T).mean(axis=1))))
+        self._intensity_T = float(np.median(norm(errors.restore(some.readings_T).mean(axis=1), axis=1)))
         freedom = np.append(np.full(count, 3 if count >= _COMPARED else 1), 1)
         distances = self._distances(some)
         scale = np.nanmedian(distances, axis=0) / [_MEDIANS[each] for each in freedom]
@@ -223,25 +224,18 @@ class _Judge:
     def _ratios(self, samples: Block | Recording) -> FloatArray:
         return np.asarray(np.nan_to_num(self._distances(samples) / self._limits))
 
-    def _fields(self, readings_T: FloatArray) -> FloatArray:
-        return np.asarray(np.einsum("kij,nkj->nki", self._unmix, readings_T - self._bias_T))
-
     def _distances(self, samples: Block | Recording) -> FloatArray:
         """Return each sensor's and the scalar's squared distances (N, K + 1) from the others, over their variance."""
-        fields, variance_T2 = self._fields(samples.readings_T), self._variance_T2
+        fields, variance_T2 = self._errors.restore(samples.readings_T), self._variance_T2
         count, total_T2 = len(variance_T2), float(variance_T2.sum())
         own_T = samples.scalar_T if self._has_scalar else None
         scalar_T = np.full(len(fields), self._intensity_T) if own_T is None else own_T
-        of_scalar = _lengths(fields.mean(axis=1)) - scalar_T
+        of_scalar = norm(fields.mean(axis=1), axis=1) - scalar_T
         if count < _COMPARED:
-            squares = (_lengths(fields) - scalar_T[:, None]) ** 2
+            squares = (norm(fields, axis=2) - scalar_T[:, None]) ** 2
             variance_T2 = variance_T2 + self._scalar_T2
         else:
             others = (fields.sum(axis=1, keepdims=True) - fields) / (count - 1)
             squares = ((fields - others) ** 2).sum(axis=2)
             variance_T2 = variance_T2 + (total_T2 - variance_T2) / (count - 1) ** 2
         return np.column_stack([squares / variance_T2, of_scalar**2 / (total_T2 / count**2 + self._scalar_T2)])
-
-
-def _lengths(vectors: FloatArray) -> FloatArray:
-    return np.asarray(np.linalg.norm(vectors, axis=-1))

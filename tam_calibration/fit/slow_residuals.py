@@ -17,15 +17,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from operator import mul
 
 import numpy as np
 
 from tam_calibration.core.least_squares import whitening
 from tam_calibration.core.slow_cosines import BLOCKS, WHITE, SlowSums, VarianceFactors
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.fit.ellipsoid import Normalized
 from tam_calibration.fit.information import rows_by_unknowns
 from tam_calibration.fit.likelihood import Likelihood
-from tam_calibration.fit.scale import Normalized
 from tam_calibration.model.recording import Recording, SampleSource
 from tam_calibration.model.units import FloatArray
 
@@ -103,10 +104,6 @@ _FRAME = np.s_[9:12]
 """Turns of sensor 1: a turn of all sensors is seen by no uniform field."""
 
 
-_DIFFERENTIAL, _COMMON_MODE = 0, 1
-"""Places of the channels in what is summed by blocks."""
-
-
 def variance_factors(calibration: Calibration, recording: SampleSource) -> VarianceFactors:
     """Return the variance of what each channel tells a fit over that of white noise.
 
@@ -156,13 +153,11 @@ def widened(calibration: Calibration, recording: SampleSource) -> Calibration:
         return with_variance_factors(calibration, factors)
     assert calibration.covariance is not None
     covariance = calibration.covariance.copy()
-    differential = by_block[0][_DIFFERENTIAL].sum(axis=0)
+    differential = by_block[0][0].sum(axis=0)
     if student:
-        differential /= student[_DIFFERENTIAL].spread_of(2) * student[_DIFFERENTIAL].variance_factor
-        stated = VarianceFactors(
-            factors.differential * student[_DIFFERENTIAL].variance_factor,
-            factors.common_mode * student[_COMMON_MODE].variance_factor,
-        ).at_least(WHITE)
+        differential /= student[0].spread_of(2) * student[0].variance_factor
+        excess = (noise.variance_factor for noise in student)
+        stated = VarianceFactors(*map(mul, factors, excess)).at_least(WHITE)
     seen = np.delete(np.arange(len(covariance)), _FRAME)
     inside, size = np.ix_(seen, seen), len(seen)
     covariance[inside] = _sandwich(covariance[inside], differential[:size, :size], factors)

@@ -16,8 +16,7 @@ from numpy.linalg import norm
 from tam_calibration.core.least_squares import scaled
 from tam_calibration.core.normal_equations import Normal
 from tam_calibration.correction.calibration import Calibration, KnownSource
-from tam_calibration.fit.gauss_newton import descend
-from tam_calibration.fit.information import inverted
+from tam_calibration.fit.information import descend, inverted
 from tam_calibration.fit.prior import turned
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
@@ -26,58 +25,6 @@ from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 from tam_calibration.sources.dipole import Source
 from tam_calibration.sources.poses import Poses, amplitudes_of
-
-
-@dataclass(frozen=True, eq=False)
-class SourceReadings:
-    """What the sensors of an array read of a source.
-
-    Parameters
-    ----------
-    source : Source
-        In the world.
-    poses : Poses
-        Of the array in the world, N.
-    errors : SensorErrors
-        Of the sensors, in the frame of the calibration so far.
-    array : Array
-        As stated.
-    """
-
-    source: Source
-    poses: Poses
-    errors: SensorErrors
-    array: Array
-
-    def predict(self, scale: float, rotation: FloatArray, offsets_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the readings (N, K, 3) in tesla and their derivatives (N, K, 3, 4 + 9 K).
-
-        Parameters
-        ----------
-        scale : float
-            True distances of the sensors from the centre over the stated ones.
-        rotation : (3, 3) array
-            From the array frame into that of the calibration so far.
-        offsets_m : (K, 3, 3) array
-            Places of the elements of axis x, y, z of each sensor from there, metres.
-        """
-        turn, positions = self.poses.matrix, self.array.positions_m
-        elements = scale * positions[:, None] + offsets_m
-        world = self.poses.position_m[:, None, None] + np.einsum("nij,kaj->nkai", turn, elements)
-        field = np.einsum("nji,nkaj->nkai", turn, self.source.field_T(world))
-        gradient = np.einsum("nji,nkajl,nlm->nkaim", turn, self.source.gradient_T_per_m(world), turn, optimize=True)
-        rows = self.errors.matrix
-        turned = field @ rotation.T
-        by_place = np.einsum("kai,ij,nkajm->nkam", rows, rotation, gradient, optimize=True)
-        derivative = np.zeros((*field.shape[:3], 4 + 9 * len(positions)))
-        derivative[..., 0] = np.einsum("nkam,km->nka", by_place, positions)
-        # A further turn by ω adds ω × b, of which the row takes b × row · ω.
-        derivative[..., 1:4] = np.cross(turned, rows)
-        own = derivative[..., 4:].reshape(*field.shape[:3], len(positions), 3, 3)
-        for sensor, axis in np.ndindex(*field.shape[1:3]):
-            own[:, sensor, axis, sensor, axis] = by_place[:, sensor, axis]
-        return np.einsum("kai,nkai->nka", rows, turned), derivative
-
 
 _OTHER_SOURCE = (
     "the readings cannot be those of the stated source: check its position, axis, strength and radius, and the poses"
@@ -174,15 +121,25 @@ def calibrate_by_source(
     Refused
         When the poses do not determine the parameters.
     """
-    readings, noise = _check(amplitudes_T, noise_T, poses, array)
-    model, allowed = SourceReadings(source, poses, errors, array), _allowed(array)
-    start = _Point(1.0, np.eye(3), np.zeros((array.sensor_count, 3, 3)))
+    from scipy.spatial.transform import Rotation
 
-    def normal_at(point: _Point) -> tuple[FloatArray, FloatArray, Normal]:
-        inside = _linearize(model, point, readings, noise).by(allowed)
-        if not _is_determined(inside):
+    readings, noise = _check(amplitudes_T, noise_T, poses, array)
+    allowed, start = _allowed(array), _Point(1.0, np.eye(3), np.zeros((array.sensor_count, 3, 3)))
+
+    def linearize(point: _Point) -> Normal:
+        predicted, derivative = _predict(source, poses, errors, array, point)
+        signs = np.sign(np.sum(readings * predicted, axis=(1, 2)))[:, None, None]
+        residual = ((signs * readings - predicted) / noise).ravel()
+        design = (derivative / noise[..., None]).reshape(len(residual), -1)
+        return Normal(design.T @ design, design.T @ residual, float(residual @ residual), residual.size)
+
+    def normal_at(point: _Point) -> tuple[FloatArray, FloatArray, None]:
+        inside = linearize(point).by(allowed)
+        is_seen = inside.count >= len(inside.score) and (np.diag(inside.information) > 0).all()
+        # Condition of the scaled design from which a parameter is open: its error is a thousand times the usual.
+        if not is_seen or np.linalg.cond(scaled(inside.information)[0]) > 1e6**2:
             raise InputError(_UNDETERMINED if point is start else _OTHER_SOURCE)
-        return inside.information, inside.score, inside
+        return inside.information, inside.score, None
 
     try:
         end, _ = descend(normal_at, lambda point, step: point.moved(allowed @ step), start)
@@ -190,15 +147,9 @@ def calibrate_by_source(
         raise Refused(str(problem)) from None
     except Refused:
         raise Refused(_OTHER_SOURCE) from None
-    last = _linearize(model, end, readings, noise)
-    return SourceCalibration(
-        end.scale,
-        _vector(end.rotation),
-        end.offsets_m,
-        inverted(last.information, allowed),
-        last.energy,
-        readings.size - allowed.shape[1],
-    )
+    last, rotation = linearize(end), Rotation.from_matrix(end.rotation).as_rotvec()
+    covariance, freedom = inverted(last.information, allowed), readings.size - allowed.shape[1]
+    return SourceCalibration(end.scale, rotation, end.offsets_m, covariance, last.energy, freedom)
 
 
 class _Point(NamedTuple):
@@ -214,21 +165,26 @@ class _Point(NamedTuple):
         return _Point(self.scale + float(step[0]), rotation_matrix(step[1:4]) @ self.rotation, offsets)
 
 
-def _linearize(model: SourceReadings, point: _Point, readings: FloatArray, noise: FloatArray) -> Normal:
-    """Return the normal equations of scale, rotation and offsets."""
-    predicted, derivative = model.predict(*point)
-    signs = np.sign(np.sum(readings * predicted, axis=(1, 2)))[:, None, None]
-    residual = ((signs * readings - predicted) / noise).ravel()
-    design = (derivative / noise[..., None]).reshape(len(residual), -1)
-    return Normal(design.T @ design, design.T @ residual, float(residual @ residual), residual.size)
-
-
-def _is_determined(normal: Normal) -> bool:
-    if normal.count < len(normal.score) or not (np.diag(normal.information) > 0).all():
-        return False
-    values = np.linalg.eigvalsh(scaled(normal.information)[0])
-    # Condition of the scaled design from which a parameter is open: its error is a thousand times the usual.
-    return bool(values[0] * 1e6**2 >= values[-1])
+def _predict(
+    source: Source, poses: Poses, errors: SensorErrors, array: Array, point: _Point
+) -> tuple[FloatArray, FloatArray]:
+    """Return the readings (N, K, 3) of a source in tesla and their derivatives (N, K, 3, 4 + 9 K)."""
+    turn, positions = poses.matrix, array.positions_m
+    elements = point.scale * positions[:, None] + point.offsets_m
+    world = poses.position_m[:, None, None] + np.einsum("nij,kaj->nkai", turn, elements)
+    field = np.einsum("nji,nkaj->nkai", turn, source.field_T(world))
+    gradient = np.einsum("nji,nkajl,nlm->nkaim", turn, source.gradient_T_per_m(world), turn, optimize=True)
+    rows = errors.matrix
+    turned_field = field @ point.rotation.T
+    by_place = np.einsum("kai,ij,nkajm->nkam", rows, point.rotation, gradient, optimize=True)
+    derivative = np.zeros((*field.shape[:3], 4 + 9 * len(positions)))
+    derivative[..., 0] = np.einsum("nkam,km->nka", by_place, positions)
+    # A further turn by ω adds ω × b, of which the row takes b × row · ω.
+    derivative[..., 1:4] = np.cross(turned_field, rows)
+    own = derivative[..., 4:].reshape(*field.shape[:3], len(positions), 3, 3)
+    for sensor, axis in np.ndindex(*field.shape[1:3]):
+        own[:, sensor, axis, sensor, axis] = by_place[:, sensor, axis]
+    return np.einsum("kai,nkai->nka", rows, turned_field), derivative
 
 
 def _allowed(array: Array) -> FloatArray:
@@ -261,12 +217,6 @@ def rotation_matrix(vector: FloatArray) -> FloatArray:
     from scipy.spatial.transform import Rotation
 
     return np.asarray(Rotation.from_rotvec(vector).as_matrix())
-
-
-def _vector(matrix: FloatArray) -> FloatArray:
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_matrix(matrix).as_rotvec())
 
 
 _FRAME_STATEMENT = (

@@ -6,7 +6,7 @@ free count against it (Schwarz 1978).
 """
 
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from itertools import combinations, permutations, product
 
@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from tam_calibration.core.slow_cosines import WHITE
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.change_within import Span, find_change, steady_intensity
+from tam_calibration.fit.ellipsoid import normalize, sphere_center
 from tam_calibration.fit.maximum_likelihood import estimate, principal_form
-from tam_calibration.fit.scale import normalize, sphere_center
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording, SampleSource
@@ -339,7 +339,10 @@ def despite_changes(
     change = what_changed(recording, array)
     if change is None:
         return calibration
-    off = _distance(calibration, recording.take(change.is_calibrated))
+    off = None
+    with suppress(InputError, Refused):
+        alone = estimate(recording.take(change.is_calibrated), calibration.array)
+        off = (calibration.errors.to_vector() - alone.to_vector()).ravel()
     # Standard errors by which the calibration of all readings may differ from that of the longer part.
     is_wrong = off is None or bool(np.any(np.abs(off) > 3.0 * calibration.standard_errors.ravel()))
     if change.is_plain and is_wrong and "residual" not in accept:
@@ -348,17 +351,6 @@ def despite_changes(
     if off is None or calibration.covariance is None:
         return calibration
     return replace(calibration, covariance=calibration.covariance + np.outer(off, off))
-
-
-def _distance(calibration: Calibration, part: SampleSource) -> FloatArray | None:
-    """Return by how much errors (12 K,) differ from those of a part of the samples; None where that tells none."""
-    if calibration.covariance is None:
-        return None
-    try:
-        alone = estimate(part, calibration.array)
-    except (InputError, Refused):
-        return None
-    return (calibration.errors.to_vector() - alone.to_vector()).ravel()
 
 
 def what_changed(recording: SampleSource, array: Array) -> Change | None:
@@ -478,12 +470,11 @@ def _in_words(span: Span, words: str) -> tuple[str, str]:
 def _failing_in_words(span: Span, words: str, is_inside: bool) -> tuple[str, str]:
     """Say what fails within a span, or at all other times, and what to do."""
     first, last = _times(span)
-    if is_inside:
-        return _in_words(span, words)[
-            0
-        ], f"leave that time out (--until {first}{f', or --from {last}' if last else ''})"
-    when = f"but for the time between {first} and {last} s" if last else f"until {first} s"
-    return f"{words} {when}", f"leave that time out (--from {first}{f' --until {last}' if last else ''})"
+    when, options = _in_words(span, words)[0], f"--until {first}{f', or --from {last}' if last else ''}"
+    if not is_inside:
+        when = f"{words} but for the time between {first} and {last} s" if last else f"{words} until {first} s"
+        options = f"--from {first}{f' --until {last}' if last else ''}"
+    return when, f"leave that time out ({options})"
 
 
 def _times(span: Span) -> tuple[str, str]:

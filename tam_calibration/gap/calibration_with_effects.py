@@ -15,7 +15,7 @@ from tam_calibration.effects.effect import Effect, LinearEffect
 from tam_calibration.effects.library import effect_named, installed_effects, shown_by
 from tam_calibration.effects.removal import linear_effect, on_sensors
 from tam_calibration.fit import calibrate
-from tam_calibration.fit.estimate import Estimate, make_calibration
+from tam_calibration.fit.estimate import make_calibration
 from tam_calibration.fit.identifiability import refuse_open, require_determined
 from tam_calibration.gap.conclude import conclude
 from tam_calibration.gap.hypothesis import EVERYWHERE, Hypothesis, Part, refined
@@ -215,8 +215,7 @@ def _in_world(model: Model, array: Array, accept: Collection[str]) -> Calibratio
     """Return the calibration of one sensor as its attitude determines it, which its intensity alone may not."""
     errors = replace(model.errors, misalignment=np.zeros((1, 3)))  # the frame is the sensor's own, but for rounding
     covariance = Joint.of(model).covariance_in_world
-    estimate = Estimate(errors, covariance, covariance_from_noise=False, intensity_T=model.intensity_T)
-    calibration = make_calibration(IN_WORLD, _without(model), array, estimate)
+    calibration = make_calibration(IN_WORLD, _without(model), array, errors, covariance, model.intensity_T)
     refuse_open(calibration.standard_errors.ravel(), calibration.intensity_T)
     return within_limits(calibration, accept)
 

@@ -20,7 +20,7 @@ from tam_calibration.core.slow_cosines import BLOCKS, COSINES, slow_cosines
 from tam_calibration.correction.calibration import EffectSize
 from tam_calibration.effects.removal import on_sensors
 from tam_calibration.effects.term import Coefficient, Term
-from tam_calibration.fit.scale import free_scale
+from tam_calibration.fit.ellipsoid import free_scale
 from tam_calibration.gap.checks import CHANCE
 from tam_calibration.gap.hypothesis import Part
 from tam_calibration.gap.model import Model

@@ -341,19 +341,16 @@ class ChangeWindow:
         self._after.append(step)
         found = weigh(self._sums(self._first, self._after)[0])
         if found and found[0].ratio > FAR_RATIO:
-            found = self._weigh_far(self._first, self._after, end_s, temperature_C) or found
+            moments = sum((each.moments for each in self._after), SampleMoments.none(step.before.errors.sensor_count))
+            before = self._before(self._first, end_s, temperature_C, moments.count)
+            linearize = partial(step.likelihood.linearize, moments)
+            found = self._weighing.weigh_far(linearize, self._first.before.errors, before) or found
         if found and _passes(found[0], self._first, self._after):
             self._after = self._after[-MOST_AFTER:]
             return Suspicion(self._first, tuple(self._after), (), False)
         is_late = not 0 <= end_s - self._first.begin_s < DECIDE_S
         is_decided = len(self._after) >= FEWEST_AFTER and (len(found) < 2 or is_late)
         return Suspicion(self._first, tuple(self._after), found, is_decided)
-
-    def _weigh_far(self, first: Step, after: list[Step], end_s: float, temperature_C: float) -> tuple[Evidence, ...]:
-        errors = first.before.errors
-        moments = sum((step.moments for step in after), SampleMoments.none(errors.sensor_count))
-        before = self._before(first, end_s, temperature_C, moments.count)
-        return self._weighing.weigh_far(partial(after[-1].likelihood.linearize, moments), errors, before)
 
     def _before(self, first: Step, end_s: float, temperature_C: float, count: int) -> Before:
         walked = self._walk.covariance(first.before, end_s, temperature_C)

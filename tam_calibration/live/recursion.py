@@ -26,9 +26,8 @@ from tam_calibration.core.least_squares import scaled
 from tam_calibration.core.normal_equations import Elimination, Normal, gram
 from tam_calibration.core.slow_cosines import WHITE, VarianceFactors
 from tam_calibration.correction.acceptance import are_possible
-from tam_calibration.fit.gauss_newton import descend
-from tam_calibration.fit.information import rows_by_unknowns
-from tam_calibration.fit.likelihood import UNIFORM, ChannelMaps, CommonModeSums, Linearization, normal_equations
+from tam_calibration.fit.information import descend, rows_by_unknowns
+from tam_calibration.fit.likelihood import ChannelMaps, CommonModeSums, Linearization, normal_equations
 from tam_calibration.fit.prior import Prior
 from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.exceptions import Refused
@@ -129,7 +128,7 @@ class MomentLikelihood:
             Where they are linearised.
         """
         offset = (errors.bias_T - self.origin.bias_T) / self.unit_T
-        channels = ChannelMaps.at(errors.matrix, offset, UNIFORM, self._vector_noise, None)
+        channels = ChannelMaps.of_uniform_field(errors.matrix, offset, self._vector_noise)
         common = self._common_mode(moments, errors, offset)
         rows = normal_equations(channels, moments.second, common, moments.count)
         return rows.by(rows_by_unknowns(errors, self.unit_T, None)).weighed(self.factors)

@@ -92,9 +92,9 @@ class Stretch:
             scalar_T if np.isfinite(scalar_T).any() else None,
             angular_velocity_rad_s=rates,
         )
-        judged = judge_gyroscope(recording, calibration.array, known)
-        if judged.use is None or judged.place is None:
+        recording, judged = judge_gyroscope(recording, calibration.array, known)
+        if judged.fit is None:
             return None
-        known = replace(known, gyroscope=judged.use, start=judged.place)
-        problem = Problem.of(judged.recording, calibration.array, known)
+        known = replace(known, gyroscope=judged.fit.begun, start=judged.fit.place)
+        problem = Problem.of(recording, calibration.array, known)
         return problem.errors_by_motion(problem.start), problem.start.errors

@@ -7,9 +7,10 @@ determine no calibration; ours is from all poses.
 
 import numpy as np
 
+from tam_calibration.core.noise import complete_noise
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.moments import procrustes
-from tam_calibration.fit.published import count_determined
+from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -176,3 +177,40 @@ def _measured(case: SetUp) -> Draws:
 def turned(own_T: FloatArray, samples: int) -> FloatArray:
     """Return the orthogonal fields (N, 5, 3) turned onto the platform's by some samples of the turn about z."""
     return aligned(own_T, own_T[:, -1], slice(0, 36, 36 // samples))
+
+
+def count_determined(recording: Recording, array: Array) -> tuple[int, int]:
+    """Return how many parameters the directions of a recording determine, and how many there are.
+
+    The rank of the Jacobian: the differences between sensors see each row of [D Λ | o] along (b, 1), the intensity sees
+    the nine parameters of an ellipsoid along the monomials of the readings. What rises above the noise is counted.
+
+    Parameters
+    ----------
+    recording : Recording
+        Raw readings; the directions are those of sensor 1 about the mean of its readings.
+    array : Array
+        Noise of the K sensors; it is estimated where it is not stated.
+
+    Returns
+    -------
+    int, int
+        How many are determined, and 12 K - 3 in all, less one without a scalar reference.
+    """
+    noisy, _ = complete_noise(array, recording)
+    centered = recording.readings_T[:, 0] - recording.readings_T[:, 0].mean(axis=0)
+    radius = np.sqrt(np.mean(np.sum(centered**2, axis=1)))
+    points = centered / radius
+    # Times the noise that a direction must be turned through to count: less would let noise determine a
+    # parameter.
+    # Least turn that counts without noise, of the field: least squares lose as much to rounding.
+    least = max(10.0 * float(noisy.vector_noise_T[0]) / radius, 1e-9) * np.sqrt(len(points))
+    linear = _rank(np.column_stack([points, np.ones(len(points))]), least)
+    quadratic = min(_rank(ellipsoid.monomial_columns(points.T, np.ones(len(points)))[:10].T, least), 9)
+    scale = 1 if recording.scalar_T is None else 0
+    others = recording.sensor_count - 1
+    return 3 * others * linear + quadratic - scale, 12 * others + 9 - scale
+
+
+def _rank(rows: FloatArray, least: float) -> int:
+    return int(np.sum(np.linalg.svd(rows, compute_uv=False) > least))

@@ -7,11 +7,11 @@ import numpy as np
 from numpy.linalg import norm
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.fit.published import count_determined
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, from_nanotesla, to_nanotesla
 from tam_calibration.results.scenario import read_scenario
 from tam_validation.papers.cross import SetUp
+from tam_validation.papers.li2018b import count_determined
 from tam_validation.papers.row import Draws
 from tam_validation.papers.wu2025_coil import Experiment, Plate, directions
 from tam_validation.papers.wu2025_sweeps import DRIFT_NT, published_errors

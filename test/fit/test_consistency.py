@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.consistency import require_one_calibration, require_one_sphere
-from tam_calibration.fit.scale import sphere_of_most
+from tam_calibration.fit.ellipsoid import sphere_of_most
 from tam_calibration.model.exceptions import Refused
 
 

@@ -8,10 +8,10 @@ from numpy.testing import assert_allclose
 
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.coverage import field_of, measure_coverage
+from tam_calibration.fit.ellipsoid import normalize
 from tam_calibration.fit.estimate import measure_chi_square, measure_quality
 from tam_calibration.fit.likelihood import Likelihood, UniformLikelihood
 from tam_calibration.fit.maximum_likelihood import estimate, maximum_likelihood
-from tam_calibration.fit.scale import normalize
 from tam_calibration.model.array import Array
 from tam_calibration.model.residuals import residual_series
 from tam_calibration.simulation import simulate

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import pytest
 
-from tam_calibration.fit.published import count_determined, fast_rotation
+from tam_calibration.fit.published import fast_rotation
 from tam_calibration.model.exceptions import InputError
 from tam_validation.papers import li2018b
 
@@ -15,15 +15,15 @@ def test_what_turns_determine(axes, determined, noise_free):
     recording = case.recording
     if noise_free:
         recording = replace(recording, readings_T=case.errors.distort(case.field_T))
-    assert count_determined(recording, case.array) == (determined, 45)
-    assert count_determined(replace(recording, scalar_T=None), case.array) == (determined - 1, 44)
+    assert li2018b.count_determined(recording, case.array) == (determined, 45)
+    assert li2018b.count_determined(replace(recording, scalar_T=None), case.array) == (determined - 1, 44)
 
 
-@pytest.mark.parametrize(("axes", "determined"), [("z", 32), ("zx", 44)])
-def test_turns_that_leave_parameters_open_are_refused_by_name(axes, determined):
+@pytest.mark.parametrize("axes", ["z", "zx"])
+def test_turns_that_leave_parameters_open_are_refused_by_name(axes):
     """The ten samples of one turn of the paper are refused, and what they leave open is named."""
     case = li2018b.turns_about(axes)
-    with pytest.raises(InputError, match=f"the turns determine {determined} of 45 parameters.*bias x.*of every sensor"):
+    with pytest.raises(InputError, match=r"bias x.*of every sensor"):
         fast_rotation(case.recording, case.array)
 
 
@@ -39,5 +39,5 @@ def test_directions_are_those_of_sensor_1():
     case = li2018b.turns_about("zxy")
     readings = case.recording.readings_T.copy()
     readings[:, 1:] = 1e-3
-    found = count_determined(replace(case.recording, readings_T=readings), case.array)
-    assert found == count_determined(case.recording, case.array)
+    found = li2018b.count_determined(replace(case.recording, readings_T=readings), case.array)
+    assert found == li2018b.count_determined(case.recording, case.array)

@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.core.normal_equations import Normal
-from tam_calibration.fit.gauss_newton import Point, free_rows, gauss_newton
 from tam_calibration.fit.likelihood import Linearization
+from tam_calibration.fit.maximum_likelihood import Point, free_rows, gauss_newton
 from tam_calibration.model.exceptions import Refused
 
 FREE = np.append(free_rows(2), np.full(5, True))

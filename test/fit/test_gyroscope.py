@@ -13,7 +13,7 @@ from tam_calibration.fit import calibrate
 from tam_calibration.fit.gyroscope_check import judge_gyroscope
 from tam_calibration.fit.gyroscope_likelihood import GyroscopeLikelihood
 from tam_calibration.fit.gyroscope_path import GyroscopePath, GyroscopeState, GyroscopeUse
-from tam_calibration.fit.likelihood import UNIFORM, ChannelMaps
+from tam_calibration.fit.likelihood import ChannelMaps
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.problem import Known
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -60,10 +60,10 @@ def test_its_derivatives_are_those_of_its_residuals():
     matrix, bias = errors.matrix, errors.bias_T / 50e-6
 
     def residual(matrix, bias, state):
-        channels = ChannelMaps.at(matrix, bias, UNIFORM, likelihood.vector_noise, None)
+        channels = ChannelMaps.of_uniform_field(matrix, bias, likelihood.vector_noise)
         return likelihood._chain(channels, state).residual
 
-    channels = ChannelMaps.at(matrix, bias, UNIFORM, likelihood.vector_noise, None)
+    channels = ChannelMaps.of_uniform_field(matrix, bias, likelihood.vector_noise)
     chain = likelihood._chain(channels, state)
     columns = likelihood._columns(chain, likelihood._factor(chain, use.density), state)
     for index in range(state.size):
@@ -82,11 +82,11 @@ def test_its_derivatives_are_those_of_its_residuals():
 def test_few_long_turns_tell_as_much_as_many_short_ones():
     """Turns over several samples know the bias of the gyroscope as well."""
     recording, array, _ = made()
-    judged = judge_gyroscope(recording, array, Known())
-    assert judged.use is not None and judged.use.stride == 1
+    _, judged = judge_gyroscope(recording, array, Known())
+    assert judged.fit is not None and judged.fit.use.stride == 1
     rows = recording.readings_T.reshape(COUNT, 3).T / 50e-6
     path = GyroscopePath(recording.time_s, recording.angular_velocity_rad_s, 0.1, recording.time_span_s)
-    state = judged.use.start
+    state = judged.fit.state
     use = GyroscopeUse(GYROSCOPE.noise_density, GYROSCOPE.bias, 0.1, state)
     fine = GyroscopeLikelihood(rows, path, np.full(1, 2e-5), use)
     own = slice(12, 15)

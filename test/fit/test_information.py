@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from tam_calibration.fit.ellipsoid import free_scale
 from tam_calibration.fit.information import InformationModel, bound, information_of
-from tam_calibration.fit.scale import free_scale
 from tam_calibration.model.array import Array
 from tam_calibration.model.sensor_errors import SensorErrors
 

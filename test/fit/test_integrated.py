@@ -113,7 +113,7 @@ def test_each_turn_is_that_of_the_samples_that_its_set_has():
     center = (bias_T - moments.data.origin_T) / moments.data.radius_T
     field = (case.recording.readings_T[:, 0] - bias_T[0]) @ np.linalg.inv(matrix[0]).T / moments.data.radius_T
     to_world = Rotation.from_quat(case.recording.attitude).as_matrix()
-    sets = [np.arange(0), *moments.left_out()]
+    sets = [moments.set_without() == number for number in range(len(moments.joint))]
     expected = [find_turn(np.delete(field, out, axis=0), np.delete(to_world, out, axis=0)) for out in sets]
     found = _turns(moments, np.tile(matrix, (len(sets), 1, 1, 1)), np.tile(center, (len(sets), 1, 1)))
     assert np.abs(np.diff(expected, axis=0)).max() > 1e-9

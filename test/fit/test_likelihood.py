@@ -168,7 +168,7 @@ def test_the_score_that_noise_makes_is_taken_off_as_far_as_there_is_noise(noisie
     rows = np.repeat(field[:, None], 4, axis=1).reshape(count, 12).T + noisier * 1e-4 * generator.normal(
         size=(12, count)
     )
-    channels = ChannelMaps.at(np.broadcast_to(np.eye(3), (4, 3, 3)), np.zeros((4, 3)), UNIFORM, noise, None)
+    channels = ChannelMaps.of_uniform_field(np.broadcast_to(np.eye(3), (4, 3, 3)), np.zeros((4, 3)), noise)
     there = common_mode(channels, rows, 1 + noisier * 5e-5 * generator.normal(size=count), 5e-5)
     columns, score = whitened(there, rows[:0]), expected_score(there, rows[:0])
     extended = np.concatenate([rows, np.ones((1, count))])
@@ -187,7 +187,7 @@ def test_the_score_that_noise_makes_is_its_mean():
     generator, count = np.random.default_rng(4), 400_000
     noise, field = np.full(2, 0.05), np.array([0.6, -0.5, 0.9])
     matrix = np.stack([np.diag([1.0, 1.05, 0.97]), np.diag([0.98, 1.02, 1.0])])
-    channels = ChannelMaps.at(matrix, np.zeros((2, 3)), UNIFORM, noise, None)
+    channels = ChannelMaps.of_uniform_field(matrix, np.zeros((2, 3)), noise)
     rows = (matrix @ field).reshape(6, 1) + 0.05 * generator.normal(size=(6, count))
     there = common_mode(channels, rows, np.linalg.norm(field) + 0.01 * generator.normal(size=count), 0.01)
     columns = whitened(there, rows[:0])

@@ -5,10 +5,9 @@ import pytest
 from live_mission import dive, recording_of
 from numpy.testing import assert_allclose
 
-from tam_calibration.fit.gauss_newton import Point
+from tam_calibration.fit.ellipsoid import normalize
 from tam_calibration.fit.information import bound
-from tam_calibration.fit.maximum_likelihood import _errors, closed_form, maximum_likelihood
-from tam_calibration.fit.scale import normalize
+from tam_calibration.fit.maximum_likelihood import Point, _errors, closed_form, maximum_likelihood
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording

@@ -13,11 +13,10 @@ from scipy.stats import chi2
 
 from tam_calibration.core.slow_cosines import BLOCKS, COSINES, WHITE, VarianceFactors
 from tam_calibration.fit import calibrate, slow_residuals
-from tam_calibration.fit.information import keeping, rows_by_unknowns
+from tam_calibration.fit.information import free_basis, rows_by_unknowns
 from tam_calibration.fit.likelihood import Likelihood
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.prior import in_first_frame
-from tam_calibration.fit.scale import free_scale_gradient
 from tam_calibration.fit.slow_residuals import GROWING, variance_factors, widened
 from tam_calibration.model.array import Array
 from tam_calibration.model.data_sheet import Tolerances
@@ -242,7 +241,7 @@ def sandwich(calibration, recording):
     rows = rows_by_unknowns(errors, unit_T, None if has_scalar else unit_T)
     free = np.ones(rows.shape[1], dtype=bool)
     free[9:12] = False
-    basis = np.eye(len(free))[:, free] if has_scalar else keeping(np.append(free_scale_gradient(errors), 0.0), free)
+    basis = free_basis(errors, free, holds_scale=not has_scalar)
     inside = basis.T @ rows.T @ here.both.information @ rows @ basis
     weighed = calibration.variance_factors
     spread = weighed.differential * (here.both.information - here.common.information)

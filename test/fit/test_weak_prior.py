@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 from tam_calibration.core.slow_cosines import VarianceFactors
 from tam_calibration.fit import calibrate
 from tam_calibration.fit import maximum_a_posteriori as weak_prior
+from tam_calibration.fit.ellipsoid import free_scale
 from tam_calibration.fit.maximum_a_posteriori import (
     calibrate_with_weak_prior,
     is_weak,
@@ -18,7 +19,6 @@ from tam_calibration.fit.maximum_a_posteriori import (
 )
 from tam_calibration.fit.prior import in_first_frame, prior_of
 from tam_calibration.fit.problem import Known
-from tam_calibration.fit.scale import free_scale
 from tam_calibration.model.data_sheet import ChangeRates, Tolerances
 from tam_calibration.model.exceptions import InputError, Refused
 

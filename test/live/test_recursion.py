@@ -8,10 +8,10 @@ from live_mission import UNCHANGING, ashore, dive, moved, recording_of
 from numpy.testing import assert_allclose
 
 from tam_calibration.core.slow_cosines import VarianceFactors
+from tam_calibration.fit.ellipsoid import Normalized
 from tam_calibration.fit.likelihood import UniformLikelihood
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.problem import Known, posterior_of
-from tam_calibration.fit.scale import Normalized
 from tam_calibration.live.recursion import LARGEST_WALK, Belief, MomentLikelihood, Recursion, SampleMoments, Walk
 from tam_calibration.model.data_sheet import DAY_S, ChangeRates
 from tam_calibration.model.exceptions import Refused
