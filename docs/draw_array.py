@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tam_calibration.model.array import Array
-from tam_calibration.report.style import STYLE
+from tam_calibration.report.page import STYLE
 
 TARGET = Path(__file__).parent / "images" / "cross_array.png"
 _BASELINE_M, _AXIS_M = 0.5, 0.09

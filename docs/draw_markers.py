@@ -26,7 +26,7 @@ from tam_calibration.localization.turned_samples import Regional, Samples, locat
 from tam_calibration.messages.point_cloud import GRADIENT_ROW_MAJOR
 from tam_calibration.model.recording import Recording
 from tam_calibration.nodes.markers import coverage_markers, field_marker, source_markers
-from tam_calibration.report.style import PAGE_WIDTH_INCH, STYLE
+from tam_calibration.report.page import PAGE_WIDTH_INCH, STYLE
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 

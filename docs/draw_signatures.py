@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from tam_calibration.gap.laws.law import CAUSES
 from tam_calibration.model.units import FloatArray
-from tam_calibration.report.style import STYLE
+from tam_calibration.report.page import STYLE
 
 TARGET = Path(__file__).parent / "images" / "signatures.png"
 

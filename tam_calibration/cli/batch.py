@@ -10,7 +10,6 @@ import click
 
 from tam_calibration.cli import terminal
 from tam_calibration.fleet import missions as fleet_rows
-from tam_calibration.fleet.missions import ParameterDrift, all_drifts, all_missions
 from tam_calibration.fleet.task import Result
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.libraries import require
@@ -22,14 +21,15 @@ if TYPE_CHECKING:
     from tam_calibration.fleet.batch import Run
 
 
-def _blocks(results: Sequence[Result], drifts: Sequence[ParameterDrift], missions: Sequence[str]) -> list[Block]:
+def _blocks(results: Sequence[Result]) -> list[Block]:
     """Return counts by platform, the drifts that stand out most, and which platforms have none."""
     blocks: list[Block] = [Table(fleet_rows.COUNTS_HEADER, fleet_rows.count_rows(results), "What was found")]
     blocks += [Text(f"Law of the gap: {words}.") for words in fleet_rows.law_points(results)[:_FEW]]
-    if drifts:
+    if drifts := fleet_rows.largest(fleet_rows.all_drifts(results)):
         rows = [fleet_rows.drift_row(found)[:-1] for found in drifts]
         blocks.append(Table(fleet_rows.DRIFT_HEADER[:-1], rows, "Largest drift of each kind, ± standard errors"))
-    return blocks + [Text(words) for words in missions]
+    missions = fleet_rows.all_missions(results)
+    return [*blocks, *(Text(f"{each.platform}: {each.no_drift}") for each in missions if each.no_drift)]
 
 
 _FEW = 5
@@ -45,11 +45,9 @@ def _answer(results: Sequence[Result], points: Sequence[str]) -> str:
 @click.command()
 @click.argument("recordings", nargs=-1, required=True)
 @terminal.array_option
-@click.option(
+@terminal.path_option(
     "--calibration",
-    "calibration_path",
-    type=terminal.PATH,
-    help="Calibration YAML to correct with; its effects are removed first. By default each recording's own.",
+    "Calibration YAML to correct with; its effects are removed first. By default each recording's own.",
 )
 @click.option("-o", "--output", type=terminal.PATH, required=True, help="Folder of the results.")
 @click.option("--jobs", type=terminal.JOBS, help="Number of processes on this machine; by default one for each core.")
@@ -84,10 +82,7 @@ def command(
     require_separate_folder(output, inputs)
     run = _runner(paths, jobs, scheduler)
     with terminal.showing_progress() as progress:
-        task = progress.add_task("recordings", total=len(paths))
-        results = run_batch(
-            paths, output, options, run, lambda done, total: progress.update(task, completed=done, total=total)
-        )
+        results = run_batch(paths, output, options, run, terminal.working(progress, "recordings"))
     _print(results, output, detail)
     ctx.exit(0 if all(result.is_settled for result in results) else 1)
 
@@ -108,9 +103,7 @@ def _runner(paths: Sequence[Path], jobs: int | None, scheduler: str | None) -> "
 def _print(results: Sequence[Result], output: Path, detail: terminal.Detail) -> None:
     from tam_calibration.fleet.summary import SUMMARIES
 
-    drifts, points = fleet_rows.largest(all_drifts(results)), fleet_rows.open_points(results)
-    without = [f"{each.platform}: {each.no_drift}" for each in all_missions(results) if each.no_drift]
-    blocks = _blocks(results, drifts, without)
+    blocks, points = _blocks(results), fleet_rows.open_points(results)
     terminal.print_answer(
         _answer(results, points),
         [*map(Text, points[1:_FEW]), *blocks],

@@ -25,12 +25,13 @@ from tam_calibration.model.geomagnetic_field import field_at
 from tam_calibration.model.recording import SKETCH, Recording, SampleSource
 from tam_calibration.model.units import from_degrees, to_nanotesla
 from tam_calibration.recordings import provenance, read_array, transforms_in
-from tam_calibration.recordings.fit_input import fit_with_usage, read_known_source, read_source
+from tam_calibration.recordings.fit_input import StatedSource, fit_with_usage, read_known_source, read_source
 from tam_calibration.recordings.reading import AS_IT_IS, Reading
 from tam_calibration.report import calibration_rows
 from tam_calibration.report.blocks import Block, Text
 from tam_calibration.report.formatting import sentence, with_errors
 from tam_calibration.results import FORMULA, calibration_to_mapping, calibration_to_yaml, read_calibration
+from tam_calibration.results.results_json import attributes
 
 if TYPE_CHECKING:
     from tam_calibration.gap.delays import Delays
@@ -119,11 +120,8 @@ def _gradient(gradient: AmbientGradientEstimate) -> str:
     help="LAT,LON,DATE: take the intensity from IGRF if the recording has no scalar; with --prior or "
     "--attitude-noise-deg use the field of IGRF with its error.",
 )
-@click.option(
-    "--prior",
-    "prior_path",
-    type=terminal.PATH,
-    help="Earlier calibration YAML of the same array, used with allowance for changes since then.",
+@terminal.path_option(
+    "--prior", "Earlier calibration YAML of the same array, used with allowance for changes since then."
 )
 @click.option(
     "--attitude-noise-deg",
@@ -142,10 +140,8 @@ def _gradient(gradient: AmbientGradientEstimate) -> str:
     help="Also fit effects and keep them in the calibration: names such as temperature_drift,current_interference, or "
     "auto for those that tam diagnose finds.",
 )
-@click.option(
-    "--source",
-    type=terminal.PATH,
-    help="YAML of a known source and its recording: also fit baselines, common frame and places of the axes.",
+@terminal.path_option(
+    "--source", "YAML of a known source and its recording: also fit baselines, common frame and places of the axes."
 )
 @click.option(
     "--estimate-delays",
@@ -163,7 +159,7 @@ def command(
     recording: Path,
     array_path: Path,
     output: Path | None,
-    source: Path | None,
+    source_path: Path | None,
     how: Reading,
     answer: Answer,
     report: Path | None,
@@ -175,7 +171,10 @@ def command(
     1 when it is bad (nothing is written, unless --accept names the finding), 2 on bad input.
     """
     wanted = Wanted(**asked)
-    inputs = [recording, array_path, wanted.prior_path, *_files_of(source), *how.files]
+    source = None if source_path is None else read_known_source(source_path)
+    inputs = [recording, array_path, wanted.prior_path, source_path, *how.files]
+    if source is not None:
+        inputs.append(source.recording)
     with terminal.graded(answer.is_json), answer.files(inputs, yaml=output, report=report) as places:
         with terminal.showing_progress() as progress:
             found = _calibrate(recording, array_path, wanted, how, progress)
@@ -188,8 +187,9 @@ def command(
 
             write_calibration_report(places["report"], found.calibration, found.shown)
         remarks = _remarks(found)
+        delays = {} if found.delays is None else {"delays": attributes(found.delays, "delay_s", "standard_error_s")}
         answer.give(
-            _to_mapping(found),
+            calibration_to_mapping(found.calibration) | delays,
             f"{found.calibration.quality}.",
             _summary(found.calibration, remarks),
             _tables(found.calibration, remarks),
@@ -197,13 +197,6 @@ def command(
         )
     if found.calibration.quality.grade == "bad":
         ctx.exit(1)
-
-
-def _to_mapping(found: Found) -> dict[str, Any]:
-    content, delays = calibration_to_mapping(found.calibration), found.delays
-    if delays is not None:
-        content["delays"] = {"delay_s": delays.delay_s.tolist(), "standard_error_s": delays.standard_error_s.tolist()}
-    return content
 
 
 def _delays(path: Path, array: Array, place: str | None, how: Reading, progress: Progress) -> "Delays":
@@ -279,21 +272,12 @@ def _calibrate(path: Path, array_path: Path, wanted: Wanted, how: Reading, progr
     return Found(calibration, shown, usage, delays)
 
 
-def _files_of(source: Path | None) -> list[Path]:
-    """Return the files that a known source is read from."""
-    if source is None:
-        return []
-    return [source, read_known_source(source).recording]
-
-
-def _complete(calibration: Calibration, path: Path, how: Reading, progress: Progress) -> Calibration:
+def _complete(calibration: Calibration, stated: StatedSource, how: Reading, progress: Progress) -> Calibration:
     """Return the calibration with what the recording of a known source shows."""
     from tam_calibration.fit.source_calibration import complete
 
-    stated = read_known_source(path)
-    array = calibration.array
-    given = stated.recording, array, replace(how, channel_map=None, window=AS_IT_IS.window), terminal.reading(progress)
-    seen, usage = read_source(*given)
+    how = replace(how, channel_map=None, window=AS_IT_IS.window)
+    seen, usage = read_source(stated.recording, calibration.array, how, terminal.reading(progress))
     if usage is not None:
         usage.require_enough()
     completed = complete(calibration, seen.whole(), stated.source, stated.frequency_hz)

@@ -23,15 +23,12 @@ from tam_calibration.results.comparison_json import Sources, comparison_to_mappi
 @click.argument("simulation", type=terminal.PATH)
 @click.argument("recording", type=terminal.PATH)
 @terminal.array_option
-@click.option(
-    "--array-of-simulation",
-    "simulated_array_path",
-    type=terminal.PATH,
-    help="Array YAML of the simulation, if it differs; it needs the same number of sensors.",
+@terminal.path_option(
+    "--array-of-simulation", "Array YAML of the simulation, if it differs; it needs the same number of sensors."
 )
-@click.option("--report", type=terminal.PATH, help="Write an HTML page: what differs, drawn, and corrections to copy.")
-@click.option("--mend", type=terminal.PATH, help="Write what the simulation lacks, for tam simulate --from-comparison.")
-@click.option("--map-of-simulation", type=terminal.PATH, help="Map YAML of the simulation, if its names differ.")
+@terminal.path_option("--report", "Write an HTML page: what differs, drawn, and corrections to copy.")
+@terminal.path_option("--mend", "Write what the simulation lacks, for tam simulate --from-comparison.")
+@terminal.path_option("--map-of-simulation", "Map YAML of the simulation, if its names differ.")
 @terminal.reading_options
 @answering
 @click.pass_context
@@ -40,10 +37,10 @@ def command(
     simulation: Path,
     recording: Path,
     array_path: Path,
-    simulated_array_path: Path | None,
-    report: Path | None,
-    mend: Path | None,
-    map_of_simulation: Path | None,
+    array_of_simulation_path: Path | None,
+    report_path: Path | None,
+    mend_path: Path | None,
+    map_of_simulation_path: Path | None,
     how: Reading,
     answer: Answer,
 ) -> None:
@@ -52,20 +49,20 @@ def command(
     Each may have any format; path, length, rate and site may differ. Exits 0 when they are the same, 1 when they
     differ or it cannot be decided, 2 on bad input.
     """
-    inputs = [simulation, recording, array_path, simulated_array_path, map_of_simulation, *how.files]
-    simulated_map = None if map_of_simulation is None else read_map(map_of_simulation)
+    inputs = [simulation, recording, array_path, array_of_simulation_path, map_of_simulation_path, *how.files]
+    simulated_map = None if map_of_simulation_path is None else read_map(map_of_simulation_path)
     simulated_how = replace(AS_IT_IS, channel_map=simulated_map, tolerance_s=how.tolerance_s)
-    with terminal.graded(answer.is_json), answer.files(inputs, report=report, mend=mend) as places:
-        comparison = _compare(simulation, recording, array_path, simulated_array_path, simulated_how, how)
+    with terminal.graded(answer.is_json), answer.files(inputs, report=report_path, mend=mend_path) as places:
+        comparison = _compare(simulation, recording, array_path, array_of_simulation_path, simulated_how, how)
         sources = Sources(provenance(simulation), provenance(recording))
         if "report" in places:
             from tam_calibration.report.comparison_report import write_comparison_report
 
             write_comparison_report(places["report"], comparison, sources)
-        if mend is not None and comparison.mend is not None:
+        if comparison.mend is None:
+            places.pop("mend", None)
+        elif "mend" in places:
             write_mend(places["mend"], comparison.mend)
-        elif mend is not None:
-            del places["mend"]
         answer.give(
             comparison_to_mapping(comparison, sources),
             comparison_rows.answer(comparison),
@@ -73,8 +70,8 @@ def command(
             _tables(comparison),
             comparison_rows.next_words(comparison),
         )
-    if mend is not None and comparison.mend is None and not answer.is_json:
-        say(f"not written: {mend}, as nothing was compared")
+    if mend_path is not None and comparison.mend is None and not answer.is_json:
+        say(f"not written: {mend_path}, as nothing was compared")
     ctx.exit(0 if comparison.verdict == "same" else 1)
 
 
@@ -91,13 +88,11 @@ def _compare(
     simulated = array if simulated_array_path is None else read_array_of("simulation", simulated_array_path, simulation)
     with terminal.showing_progress() as progress:
         begun = terminal.working(progress, "reading the simulation"), terminal.reading(progress)
-        simulated_source, simulated_remarks = read_compared(
-            "simulation", simulation, simulated, simulated_how, begun[0]
-        )
+        theirs, remarks_on_theirs = read_compared("simulation", simulation, simulated, simulated_how, begun[0])
         source, remarks = read_compared("recording", recording, array, how, begun[1])
         going_on = terminal.progress_of(progress, "comparing")
-        comparison = compare(simulated_source, source, array, array_of_simulation=simulated, progress=going_on)
-    return replace(comparison, remarks=(*simulated_remarks, *remarks, *comparison.remarks))
+        comparison = compare(theirs, source, array, array_of_simulation=simulated, progress=going_on)
+    return replace(comparison, remarks=(*remarks_on_theirs, *remarks, *comparison.remarks))
 
 
 def _tables(comparison: Comparison) -> list[Block]:

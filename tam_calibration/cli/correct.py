@@ -12,17 +12,16 @@ import numpy as np
 
 from tam_calibration.cli.answer import Answer, answering
 from tam_calibration.cli.streams import say
-from tam_calibration.cli.terminal import PATH, reading, reading_options, showing_progress, working
+from tam_calibration.cli.terminal import PATH, path_option, reading, reading_options, showing_progress, working
 from tam_calibration.correction.acceptance import ScalarAgreement
 from tam_calibration.correction.calibration import Calibration, Corrected
 from tam_calibration.correction.partial import sensors_of
-from tam_calibration.model.array import OUTPUT_NAMES
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.units import IntArray, to_nanotesla
 from tam_calibration.recordings import read_array, transforms_in
 from tam_calibration.recordings.reading import Reading
 from tam_calibration.results import read_calibration, write_corrected_pieces
-from tam_calibration.results.data_files import correct_file
+from tam_calibration.results.data_files import OUTPUT_COLUMNS, correct_file
 from tam_calibration.results.overwriting import require_separate
 
 Pieces = Iterator[tuple[Corrected, IntArray | None]]
@@ -33,8 +32,8 @@ RESIDUAL = "residual"
 
 @click.command()
 @click.argument("recording", type=PATH)
-@click.option("--calibration", "calibration_path", type=PATH, required=True, help="Calibration YAML of this array.")
-@click.option("--array", "array_path", type=PATH, help="Array YAML, to check that the calibration belongs to it.")
+@path_option("--calibration", "Calibration YAML of this array.", required=True)
+@path_option("--array", "Array YAML, to check that the calibration belongs to it.")
 @click.option("-o", "--output", type=PATH, required=True, help="A .csv or .mcap file, or the folder of a bag.")
 @reading_options
 @click.option("--accept", type=click.Choice([RESIDUAL]), multiple=True, help="Overrule the refusal of this name.")
@@ -72,9 +71,8 @@ def _correct(
     with showing_progress() as progress:
         corrected = correct_file(recording, calibration, how, reading(progress))
         written = working(progress, f"writing {output}")
-        counted = _counted(corrected, intensity, agreement)
-        agreeing = counted if RESIDUAL in accept else _agreeing(counted, agreement, calibration)
-        write_corrected_pieces(output, agreeing, recording, written, how, calibration.array)
+        counted = _counted(corrected, intensity, agreement, calibration, RESIDUAL in accept)
+        write_corrected_pieces(output, counted, recording, written, how, calibration.array)
     return intensity, agreement
 
 
@@ -123,27 +121,26 @@ class _Intensity:
         return math.sqrt(max(0.0, self.squares_T2 / self.known - (self.sum_T / self.known) ** 2))
 
 
-def _counted(pieces: Pieces, intensity: _Intensity, agreement: ScalarAgreement) -> Pieces:
-    """Yield the corrected pieces, their intensities and the residuals from the scalar added up."""
+def _counted(
+    pieces: Pieces, intensity: _Intensity, agreement: ScalarAgreement, calibration: Calibration, is_accepted: bool
+) -> Pieces:
+    """Yield the corrected pieces, their intensities and the residuals from the scalar added up.
+
+    At the end, before they are put in their place, they are refused where the residuals are wrong and not accepted.
+    """
     for corrected, stamps_ns in pieces:
         intensity.add(corrected)
         if corrected.scalar_T is not None:
             agreement.add(corrected.outputs[:, :3], corrected.scalar_T)
         yield corrected, stamps_ns
-
-
-def _agreeing(pieces: Pieces, agreement: ScalarAgreement, calibration: Calibration) -> Pieces:
-    """Yield the pieces; at the end, before they are put in their place, refuse them where they are wrong."""
-    yield from pieces
-    if agreement.is_wrong:
+    if agreement.is_wrong and not is_accepted:
         raise Refused(f"nothing is written, {agreement.sentence(calibration)}; where that is so, accept {RESIDUAL}")
 
 
 def _summarise(
     intensity: _Intensity, agreement: ScalarAgreement, calibration: Calibration, output: Path
 ) -> dict[str, Any]:
-    errors = to_nanotesla(calibration.output_standard_errors)
-    units = ["nT" if name.startswith("b") else "nT_per_m" for name in OUTPUT_NAMES]
+    errors = to_nanotesla(calibration.output_standard_errors).tolist()
     return {
         "output": str(output),
         "samples": intensity.samples,
@@ -154,9 +151,7 @@ def _summarise(
         "intensity_mean_nT": to_nanotesla(intensity.mean_T),
         "intensity_standard_deviation_nT": to_nanotesla(intensity.standard_deviation_T),
         "scalar_residual_nT": to_nanotesla(agreement.residual_T),
-        "standard_errors": {
-            f"{name}_{unit}": float(error) for name, unit, error in zip(OUTPUT_NAMES, units, errors, strict=True)
-        },
+        "standard_errors": dict(zip(OUTPUT_COLUMNS, errors, strict=True)),
     }
 
 

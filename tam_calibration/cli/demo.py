@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 import numpy as np
 from numpy.linalg import norm
+from rich.console import Console
 
 from tam_calibration.cli.nodes import watched
 from tam_calibration.cli.streams import say
@@ -20,26 +21,21 @@ from tam_calibration.model.residuals import noise_floor
 from tam_calibration.model.units import FloatArray, to_nanotesla
 from tam_calibration.nodes.children import NODES, Children, node_commands
 from tam_calibration.nodes.session import ros_session
+from tam_calibration.recordings import provenance
 from tam_calibration.report.blocks import Table
+from tam_calibration.results import read_calibration, write_recording
+from tam_calibration.results.overwriting import require_outside_bags
+from tam_calibration.results.scenario import read_scenario
+from tam_calibration.simulation import Simulation, simulate
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
-    from tam_calibration.model.units import FloatArray
     from tam_calibration.nodes.monitor import Monitor
-    from tam_calibration.simulation import Simulation
 
 _ACCEPTED_RATIO = 1.05
 """Largest tensor error over the noise floor that counts as success."""
 
 
-def true_outputs(run: "Simulation") -> FloatArray:
-    """Return the (N, 9) true outputs of a run, in the order of ``OUTPUT_NAMES``."""
-    upper = run.gradient_T_per_m[:, *np.triu_indices(3)]
-    return np.hstack([run.center_field_T, upper])
-
-
-def errors_of(run: "Simulation", outputs: FloatArray) -> tuple[float, float]:
+def errors_of(run: Simulation, outputs: FloatArray) -> tuple[float, float]:
     """Return the root mean square errors of |B| at the centre and of the tensor's five components, T and T/m.
 
     Parameters
@@ -49,37 +45,37 @@ def errors_of(run: "Simulation", outputs: FloatArray) -> tuple[float, float]:
     outputs : (N, 9) array
         Estimated centre vector, T, and gradient components xx, xy, xz, yy, yz, zz, T/m, in the array frame.
     """
-    true = true_outputs(run)
+    true = np.hstack([run.center_field_T, run.gradient_T_per_m[:, *np.triu_indices(3)]])
     intensity = norm(outputs[:, :3], axis=1) - norm(true[:, :3], axis=1)
     tensor = (outputs - true)[:, TENSOR_OUTPUTS]
     return float(np.sqrt(np.mean(intensity**2))), float(np.sqrt(np.mean((tensor**2).sum(axis=1))))
 
 
-def _floor_of(run: "Simulation") -> tuple[float, float]:
+def _floor_of(run: Simulation) -> tuple[float, float]:
     """Return what the sensors' noise alone makes of `errors_of`, whatever the calibration."""
     floor = noise_floor(run.errors, run.scenario.array.with_stated_noise(), scalar_noise_T=0.0)
     return floor.center_intensity_T, floor.tensor_rmse_T_per_m
 
 
-def raw_outputs(run: "Simulation") -> FloatArray:
+def raw_outputs(run: Simulation) -> FloatArray:
     """Return the (N, 9) outputs of the raw readings, taken as the field."""
     readings = run.recording.readings_T
     return readings.reshape(len(readings), -1) @ run.scenario.array.operator.T
 
 
-def _gains_table(run: "Simulation", live: FloatArray) -> Table:
+def _gains_table(run: Simulation, live: FloatArray) -> Table:
     """Return errors before and after, and the noise floor, of the run that the calibration has not seen."""
-    rows = []
     names = ("|B| at the centre, nT", "tensor, 5 components, nT/m")
-    figures = zip(errors_of(run, raw_outputs(run)), errors_of(run, live[:, :9]), _floor_of(run), strict=True)
-    for name, (before, after, floor) in zip(names, figures, strict=True):
-        in_nanotesla = [f"{to_nanotesla(value):.3f}" for value in (before, after, floor)]
-        rows.append([name, *in_nanotesla, f"{after / floor:.4f}"])
+    figures = zip(names, errors_of(run, raw_outputs(run)), errors_of(run, live[:, :9]), _floor_of(run), strict=True)
+    rows = [
+        [name, *(f"{to_nanotesla(value):.3f}" for value in (before, after, floor)), f"{after / floor:.4f}"]
+        for name, before, after, floor in figures
+    ]
     header = ("RMS error", "raw", "corrected, live", "noise floor", "ratio")
     return Table(header, rows, f"{len(live)} samples of the second run against the truth")
 
 
-def require_success(run: "Simulation", live: FloatArray) -> None:
+def require_success(run: Simulation, live: FloatArray) -> None:
     """Check that every sample was corrected, and the tensor error is near the noise floor.
 
     Parameters
@@ -126,10 +122,6 @@ def command(output: Path) -> None:
     Exits 0 only if the nodes joined every sample, and the tensor error that the corrector published in the second run
     is within 5 % of the noise floor.
     """
-    from rich.console import Console
-
-    from tam_calibration.results.overwriting import require_outside_bags
-
     require("bags", "the demonstration")
     require("report", "the demonstration")
     console = Console()
@@ -145,12 +137,8 @@ def command(output: Path) -> None:
         console.print(f"{time.monotonic() - begin:.0f} s in all")
 
 
-def _simulate(output: Path) -> tuple["Simulation", "Simulation"]:
+def _simulate(output: Path) -> tuple[Simulation, Simulation]:
     """Return the run that is calibrated with, and a later one to judge by; write both as bags."""
-    from tam_calibration.results import write_recording
-    from tam_calibration.results.scenario import read_scenario
-    from tam_calibration.simulation import simulate
-
     scenario = read_scenario(_SCENARIO)
     turned = simulate(scenario)
     check = simulate(replace(scenario, seed=scenario.seed + 1, sample_count=CHECK_SAMPLES))
@@ -161,7 +149,7 @@ def _simulate(output: Path) -> tuple["Simulation", "Simulation"]:
     return turned, check
 
 
-def _run_nodes(console: "Console", output: Path, turned: "Simulation", check: "Simulation") -> "FloatArray":
+def _run_nodes(console: Console, output: Path, turned: Simulation, check: Simulation) -> FloatArray:
     """Return the rows of ``field_gradient`` of the second run, corrected with the calibration by the first."""
     from tam_calibration.nodes.monitor import call, rows_of
 
@@ -195,7 +183,7 @@ def _play(monitor: "Monitor", bag: Path, logs: Path) -> None:
         monitor.wait_until(lambda: not player.is_running("player"), f"the end of {bag}", 2 * _TIMEOUT_S)
 
 
-def _conclude(console: "Console", output: Path, turned: "Simulation", check: "Simulation", live: "FloatArray") -> None:
+def _conclude(console: Console, output: Path, turned: Simulation, check: Simulation, live: FloatArray) -> None:
     """Show what was gained, write the page, and refuse when the tensor error is above the accepted ratio.
 
     Raises
@@ -203,16 +191,13 @@ def _conclude(console: "Console", output: Path, turned: "Simulation", check: "Si
     Refused
         With the figures.
     """
-    from tam_calibration.recordings import provenance
     from tam_calibration.report.calibration_report import write_calibration_report
-    from tam_calibration.results import read_calibration
 
     calibration = read_calibration(output / "calibration.yaml")
     page = output / "calibration.html"
     with console.status("writing the page"):
-        write_calibration_report(
-            page, replace(calibration, source=provenance(output / "turned.mcap")), turned.recording
-        )
+        source = provenance(output / "turned.mcap")
+        write_calibration_report(page, replace(calibration, source=source), turned.recording)
     print_blocks([_gains_table(check, live)])
     say(f"page: {page}")
     require_success(check, live)

@@ -32,8 +32,6 @@ from tam_calibration.report.signature_rows import first_sentence, law_blocks
 from tam_calibration.results import read_calibration
 from tam_calibration.results.results_json import gap_to_mapping
 
-_LEFT = "What remains with the causes, and the simulated twin does not have:"
-
 
 def _blocks(gap: Gap) -> list[Block]:
     """Return the size of the gap, its causes, where it lies, what became of each hypothesis, and what to record."""
@@ -44,13 +42,9 @@ def _blocks(gap: Gap) -> list[Block]:
     if gap.causes:
         blocks += cause_blocks(gap, sensor_count)
     if gap.checks is not None and gap.checks.sentences:
-        blocks.append(Text(_LEFT if gap.causes else "What the simulated twin does not have:"))
-        blocks.append(Points(gap.checks.sentences))
+        left = "What remains with the causes, and" if gap.causes else "What"
+        blocks += [Text(f"{left} the simulated twin does not have:"), Points(gap.checks.sentences)]
     return [*blocks, Text("Hypotheses:"), hypotheses(gap.considered), *next_blocks(gap)]
-
-
-_ANSWERS = ("no_gap", "explained")
-"""Verdicts that leave nothing open."""
 
 
 @click.command()
@@ -64,11 +58,8 @@ _ANSWERS = ("no_gap", "explained")
     shell_complete=terminal.completed(installed_effects),
     help="Do not try this effect; may be repeated.",
 )
-@click.option(
-    "--calibration",
-    "calibration_path",
-    type=terminal.PATH,
-    help="Calibration YAML whose effects are removed first: the gap that they do not explain remains.",
+@terminal.path_option(
+    "--calibration", "Calibration YAML whose effects are removed first: the gap that they do not explain remains."
 )
 @click.option(
     "--place",
@@ -114,7 +105,7 @@ def command(
             [*_blocks(gap), *used],
             f"tam calibrate {recording} --array {array_path} --effects {effects}" if effects else "",
         )
-    ctx.exit(0 if gap.verdict in _ANSWERS else 1)
+    ctx.exit(0 if gap.verdict in ("no_gap", "explained") else 1)
 
 
 def _diagnose(
@@ -138,9 +129,8 @@ def _diagnose(
             seen, of_stretches = in_stretches(source)
             source, remarks = calibration.without_effects(seen), (*remarks, *of_stretches)
             source = source if usage is None else usage.with_each_reading_once(source)
-        gap = diagnose(
-            source, array, without=without, progress=terminal.progress_of(progress, "diagnosing"), accept=accept
-        )
+        going_on = terminal.progress_of(progress, "diagnosing")
+        gap = diagnose(source, array, without=without, progress=going_on, accept=accept)
     return replace(gap, remarks=(*remarks, *gap.remarks)), usage
 
 

@@ -28,9 +28,7 @@ from tam_calibration.results import read_calibration, targets_file
 
 @click.command()
 @click.argument("recordings", type=terminal.PATH, nargs=-1, required=True)
-@click.option(
-    "--calibration", "calibration_path", type=terminal.PATH, required=True, help="Calibration YAML of this array."
-)
+@terminal.path_option("--calibration", "Calibration YAML of this array.", required=True)
 @click.option(
     "--index", default=3.0, show_default=True, help="Structural index: 3 dipole, 2 line of dipoles, 1 current."
 )
@@ -48,24 +46,24 @@ from tam_calibration.results import read_calibration, targets_file
 @click.option(
     "--attitude-noise-deg", default=0.0, show_default=True, help="Standard deviation of the attitude about each axis."
 )
-@click.option("--targets", "table", type=terminal.PATH, help="Write the targets of lines as a table: .csv or .geojson.")
-@click.option("--grid", type=terminal.PATH, help="Write a map of the field over lines: netCDF, .nc.")
+@terminal.path_option("--targets", "Write the targets of lines as a table: .csv or .geojson.")
+@terminal.path_option("--grid", "Write a map of the field over lines: netCDF, .nc.")
 @click.option(
     "--origin",
     help="LAT,LON or LAT,LON,HEIGHT [°, m] where x = y = z = 0: geographic positions count from there, and the "
     "table has latitudes and longitudes.",
 )
 @terminal.reading_options
-@click.option("--report", type=terminal.PATH, help="Write an HTML page with a map.")
+@terminal.path_option("--report", "Write an HTML page with a map.")
 @answering
 def command(
     recordings: tuple[Path, ...],
     calibration_path: Path,
-    table: Path | None,
-    grid: Path | None,
+    targets_path: Path | None,
+    grid_path: Path | None,
     how: Reading,
     answer: Answer,
-    report: Path | None,
+    report_path: Path | None,
     **asked: Any,
 ) -> None:
     """Locate the sources in RECORDINGS, of any format.
@@ -75,18 +73,18 @@ def command(
     regional field is subtracted. An alternating source is located in each pose in which the array was at rest.
     """
     wanted = Wanted(**asked)
-    if table is not None:
-        targets_file.require_table(table, wanted.begin)
+    if targets_path is not None:
+        targets_file.require_table(targets_path, wanted.begin)
     calibration = read_calibration(calibration_path)
     inputs = [*recordings, calibration_path, *how.files]
     graded = terminal.graded(answer.is_json, lambda reason: {"targets": [], "refused": reason})
-    with graded, answer.files(inputs, report=report, table=table, grid=grid) as places:
+    with graded, answer.files(inputs, report=report_path, table=targets_path, grid=grid_path) as places:
         data = [_read(each, calibration.array, replace(how, origin=wanted.begin)) for each in recordings]
         if wanted.are_lines(data):
-            suffix = "" if table is None else table.suffix
+            suffix = "" if targets_path is None else targets_path.suffix
             _give_targets(data, calibration, wanted, answer, places, suffix, [each.name for each in recordings])
         else:
-            wanted.require_one(data, of_lines=table is not None or grid is not None)
+            wanted.require_one(data, of_lines="table" in places or "grid" in places)
             _give_survey(_located(data[0], calibration, wanted), answer, places.get("report"), recordings[0].name)
 
 
@@ -141,8 +139,8 @@ def _give_targets(
         write_targets_report(places["report"], lines, targets, names)
     rows = survey_rows.target_table(targets)
     notes = [f"{name}: {line.note}." for name, line in zip(names, lines, strict=True) if line.note]
-    below: list[Block] = [Text(note) for note in notes]
-    few = [rows, *below] if targets else below
+    below = [*map(Text, notes)]
+    few: list[Block] = [rows, *below] if targets else [*below]
     mapping = targets_file.targets_to_mapping(targets, notes)
     answer.give(mapping, survey_rows.targets_answer(targets), few, [rows, *below])
 

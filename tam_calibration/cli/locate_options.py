@@ -5,6 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
+from tam_calibration.cli.terminal import numbers_in
 from tam_calibration.localization.euler import DIPOLE_INDEX
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import field_at
@@ -74,14 +75,14 @@ class Wanted:
         """(3,) velocity on a straight track, m/s; None without one."""
         if self.velocity is None:
             return None
-        return _numbers("--velocity", "X,Y,Z in m/s such as 1.5,0,0", self.velocity, (3,))
+        return numbers_in("--velocity", "X,Y,Z in m/s such as 1.5,0,0", self.velocity, (3,))
 
     @cached_property
     def begin(self) -> Origin | None:
         """Latitude, longitude (degrees) and height (metres) where x = y = z = 0; None without ``--origin``."""
         if self.origin is None:
             return None
-        values = _numbers("--origin", "LAT,LON or LAT,LON,HEIGHT such as 54.3,10.1", self.origin, (2, 3))
+        values = numbers_in("--origin", "LAT,LON or LAT,LON,HEIGHT such as 54.3,10.1", self.origin, (2, 3))
         latitude, longitude, *height = values.tolist()
         if abs(latitude) > 90 or abs(longitude) > 360:
             raise InputError(f"--origin must be a latitude and a longitude in degrees, not {self.origin!r}")
@@ -138,13 +139,3 @@ def _require_one_frame(data: list[Recording]) -> None:
             "several lines need positions in one frame, and these begin at 0, 0, 0 or have none: record x_m, y_m, z_m "
             "of one frame, or state the --origin from which latitudes and longitudes count"
         )
-
-
-def _numbers(option: str, form: str, words: str, counts: tuple[int, ...]) -> FloatArray:
-    try:
-        values = np.array([float(word) for word in words.split(",")])
-    except ValueError:
-        values = np.zeros(0)
-    if len(values) not in counts or not np.isfinite(values).all():
-        raise InputError(f"{option} must be {form}, not {words!r}")
-    return values

@@ -19,6 +19,8 @@ from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.libraries import use_one_thread
 from tam_calibration.model.signals import Ending
 
+_LOGGER = logging.getLogger("tam_calibration")
+
 
 class HeldWarnings(logging.Handler):
     """Prints notes of this package on stderr while it is entered, and its warnings once nothing is refused."""
@@ -43,18 +45,16 @@ class HeldWarnings(logging.Handler):
 
     def __enter__(self) -> None:
         """Begin to hear what is logged."""
-        logger = logging.getLogger("tam_calibration")
-        self._level = logger.level
-        logger.setLevel(logging.INFO)
-        logger.addHandler(self)
+        self._level = _LOGGER.level
+        _LOGGER.setLevel(logging.INFO)
+        _LOGGER.addHandler(self)
 
     def __exit__(
         self, kind: type[BaseException] | None, problem: BaseException | None, traceback: TracebackType | None
     ) -> None:
         """Say what was held, unless the command ends in a sentence."""
-        logger = logging.getLogger("tam_calibration")
-        logger.removeHandler(self)
-        logger.setLevel(self._level)
+        _LOGGER.removeHandler(self)
+        _LOGGER.setLevel(self._level)
         if not isinstance(problem, InputError | Refused):
             for sentence in self._sentences:
                 say(sentence, err=True)

@@ -11,7 +11,16 @@ from rich.progress import Progress
 
 from tam_calibration.cli.answer import Answer, answering
 from tam_calibration.cli.streams import say
-from tam_calibration.cli.terminal import PATH, Number, array_option, reading, reading_options, showing_progress
+from tam_calibration.cli.terminal import (
+    PATH,
+    Number,
+    array_option,
+    numbers_in,
+    path_option,
+    reading,
+    reading_options,
+    showing_progress,
+)
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit import plan as planning
 from tam_calibration.fit.coverage import ENOUGH_STANDARD_ERROR, describe
@@ -77,13 +86,15 @@ def _percent(part: float) -> str:
 
 def _to_mapping(turn: Turn) -> dict[str, Any]:
     return {
-        "yaw_deg": to_degrees(turn.yaw),
-        "pitch_deg": to_degrees(turn.pitch),
-        "roll_deg": to_degrees(turn.roll),
+        **_angles(turn.yaw, turn.pitch, turn.roll),
         "duration_s": turn.duration_s,
         "excess_after": turn.excess,
         "gain_per_minute": turn.gain_per_minute,
     }
+
+
+def _angles(*radians: float) -> dict[str, float]:
+    return dict(zip(("yaw_deg", "pitch_deg", "roll_deg"), map(to_degrees, radians), strict=True))
 
 
 _HOW_TO_TURN = (
@@ -186,10 +197,11 @@ def _proposal_to_mapping(proposal: Proposal) -> dict[str, Any]:
     plan, start, reach = proposal.plan, proposal.start, proposal.reach
     errors = start.standard_errors
     poses = [
-        dict(
-            zip(("yaw_deg", "pitch_deg", "roll_deg"), np.round(to_degrees(reach.angles[pose]), 6).tolist(), strict=True)
-        )
-        | {"field_direction": reach.directions[pose].tolist(), "worst_standard_error_in_noise": float(worst)}
+        {
+            **{name: round(angle, 6) for name, angle in _angles(*reach.angles[pose].tolist()).items()},
+            "field_direction": reach.directions[pose].tolist(),
+            "worst_standard_error_in_noise": float(worst),
+        }
         for pose, worst in zip(plan.poses, plan.worst, strict=True)
     ]
     return {
@@ -209,11 +221,10 @@ def _proposal_to_mapping(proposal: Proposal) -> dict[str, Any]:
 
 
 def _sensors(standard_errors: FloatArray) -> list[dict[str, Any]]:
-    keys = [f"{kind.name.replace('-', '_').replace(' ', '_')}_{kind.unit}".rstrip("_") for kind in KINDS]
     blocks = []
     for sensor, twelve in enumerate(standard_errors, start=1):
-        parts = zip(keys, twelve.reshape(4, 3), KINDS, strict=True)
-        blocks.append({"sensor": sensor} | {key: (kind.factor * part).tolist() for key, part, kind in parts})
+        parts = zip(KINDS, twelve.reshape(4, 3), strict=True)
+        blocks.append({"sensor": sensor} | {kind.key(): (kind.factor * part).tolist() for kind, part in parts})
     return blocks
 
 
@@ -227,13 +238,8 @@ _ASSUMED_INCLINATION, _ASSUMED_INTENSITY_T = from_degrees(60.0), 50e-6
 @click.command()
 @click.argument("recording", type=PATH, required=False)
 @array_option
-@click.option("--calibration", "calibration_path", type=PATH, help="Calibration YAML instead of a recording.")
-@click.option(
-    "--prior",
-    "prior_path",
-    type=PATH,
-    help="Calibration YAML at its present age: rank a vehicle's turns by what they add per minute.",
-)
+@path_option("--calibration", "Calibration YAML instead of a recording.")
+@path_option("--prior", "Calibration YAML at its present age: rank a vehicle's turns by what they add per minute.")
 @click.option("--turn-rate-deg-s", type=Number(0.1, 180), help="Turn rate of a vehicle about each axis.  [default: 5]")
 @click.option("--sample-rate-hz", type=Number(0.1, 10_000), help="Sample rate of its sensors.  [default: 10]")
 @click.option("--turntable", help="Steps of a turntable, degrees: one for all, or YAW,PITCH,ROLL; 0 for a fixed axis.")
@@ -340,12 +346,6 @@ def _reach(
         raise InputError("say what can be reached: either --turntable, or --pitch-limit-deg and --roll-limit-deg")
     if turntable is None:
         return planning.reach_of_vehicle(from_degrees(pitch_deg or 0.0), from_degrees(roll_deg or 0.0), inclination)
-    try:
-        steps = np.array([float(step) for step in turntable.split(",")])
-    except ValueError:
-        steps = np.empty(0)
-    if len(steps) not in (1, 3):
-        raise InputError(
-            f"--turntable must be one step in degrees or YAW,PITCH,ROLL such as 30,60,60, not {turntable!r}"
-        )
+    form = "one step in degrees or YAW,PITCH,ROLL such as 30,60,60"
+    steps = numbers_in("--turntable", form, turntable, (1, 3))
     return planning.reach_of_turntable(from_degrees(np.broadcast_to(steps, 3)), inclination)

@@ -4,46 +4,45 @@ import shlex
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 import numpy as np
 from numpy.linalg import norm
+from rich.console import Console
 
 from tam_calibration.cli.answer import Answer, answering
-from tam_calibration.cli.terminal import PATH, write_together
+from tam_calibration.cli.terminal import PATH, path_option, write_together
+from tam_calibration.comparison.additions import mended
+from tam_calibration.comparison.mend import Mend
+from tam_calibration.effects.removal import agreed_field
+from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.further_channels import channel_in_words
 from tam_calibration.model.recording import CHANNELS, Recording
 from tam_calibration.model.units import FloatArray, to_nanotesla
+from tam_calibration.recordings import read_recording, write_array
 from tam_calibration.recordings.bag_storages import storage_alone
 from tam_calibration.report.blocks import Block, Points
-
-if TYPE_CHECKING:
-    from tam_calibration.comparison.mend import Mend
-    from tam_calibration.model.array import Array
-    from tam_calibration.simulation import Simulation
+from tam_calibration.results import read_calibration, write_recording
+from tam_calibration.results.comparison_json import read_mend
+from tam_calibration.results.scenario import files_of_scenario, read_scenario, write_truth
+from tam_calibration.simulation import Simulation, simulate
+from tam_calibration.simulation.observe import twin
 
 
 @click.command()
 @click.argument("scenario", required=False)
-@click.option(
+@path_option(
     "--from-calibration",
-    "calibration_path",
-    type=PATH,
-    help="Calibration YAML whose array, errors, noise and effects are simulated, instead of the scenario's.",
+    "Calibration YAML whose array, errors, noise and effects are simulated, instead of the scenario's.",
 )
-@click.option(
-    "--from-comparison",
-    "mend_path",
-    type=PATH,
-    help="Corrections that tam compare wrote: added to the scenario's run, or to that of --recording.",
+@path_option(
+    "--from-comparison", "Corrections that tam compare wrote: added to the scenario's run, or to that of --recording."
 )
-@click.option(
+@path_option(
     "--recording",
-    "run_path",
-    type=PATH,
-    help="Recording whose field, attitude, temperature and current the twin gets, instead of a scenario's; "
+    "Recording whose field, attitude, temperature and current the twin gets, instead of a scenario's; "
     "with --from-comparison the simulated run itself.",
 )
 @click.option("-o", "--output", type=PATH, required=True, help="A .csv, a .mcap, or a bag's folder.")
@@ -51,9 +50,9 @@ if TYPE_CHECKING:
 @answering
 def command(
     scenario: str | None,
-    calibration_path: Path | None,
-    mend_path: Path | None,
-    run_path: Path | None,
+    from_calibration_path: Path | None,
+    from_comparison_path: Path | None,
+    recording_path: Path | None,
     output: Path,
     seed: int | None,
     answer: Answer,
@@ -64,17 +63,18 @@ def command(
     calibrated array is made, on the run of SCENARIO or of a recording. With --from-comparison the run of SCENARIO, or a
     recording that another simulator made, gets the effects and the noise that tam compare found missing.
     """
-    if calibration_path is not None and mend_path is not None:
+    if from_calibration_path is not None and from_comparison_path is not None:
         raise InputError("--from-calibration and --from-comparison exclude each other")
-    if run_path is not None and (scenario is not None or (calibration_path is None and mend_path is None)):
+    given = from_calibration_path or from_comparison_path
+    if recording_path is not None and (scenario is not None or given is None):
         raise InputError("--recording takes the place of a scenario, and needs --from-calibration or --from-comparison")
-    with answer.files([calibration_path, mend_path, run_path, output]):
+    with answer.files([given, recording_path, output]):
         if scenario is not None:
-            result = _simulate(scenario, calibration_path, mend_path, output, seed)
-        elif run_path is not None and mend_path is not None:
-            result = _mend(mend_path, run_path, output, seed or 0)
-        elif run_path is not None and calibration_path is not None:
-            result = _twin(calibration_path, run_path, output, seed or 0)
+            result = _simulate(scenario, from_calibration_path, from_comparison_path, output, seed)
+        elif recording_path is not None and from_comparison_path is not None:
+            result = _mend(from_comparison_path, recording_path, output, seed or 0)
+        elif recording_path is not None and from_calibration_path is not None:
+            result = _twin(from_calibration_path, recording_path, output, seed or 0)
         else:
             raise InputError(
                 "say what to simulate: a scenario, or --from-calibration or --from-comparison with --recording"
@@ -85,14 +85,6 @@ def command(
 def _simulate(
     scenario: str, calibration_path: Path | None, mend_path: Path | None, output: Path, seed: int | None
 ) -> dict[str, Any]:
-    from rich.console import Console
-
-    from tam_calibration.recordings import write_array
-    from tam_calibration.results import read_calibration, write_recording
-    from tam_calibration.results.comparison_json import read_mend
-    from tam_calibration.results.scenario import files_of_scenario, read_scenario, write_truth
-    from tam_calibration.simulation import simulate
-
     inputs = [*files_of_scenario(scenario), *(path for path in (calibration_path, mend_path) if path is not None)]
     paths = {"recording": output, "array": beside(output, "array.yaml"), "truth": beside(output, "truth.yaml")}
     with write_together(paths, inputs) as places, Console(stderr=True).status("simulating") as status:
@@ -112,10 +104,8 @@ def _simulate(
     return summary | {name: str(path) for name, path in paths.items()}
 
 
-def _mended(made: "Simulation", mend: "Mend") -> "Simulation":
+def _mended(made: Simulation, mend: Mend) -> Simulation:
     """Return a simulation with what it lacks; its array then states the noise of the mend's recording."""
-    from tam_calibration.comparison.additions import mended
-
     plan, noise = made.scenario, mend.calibration.array
     recording = mended(made.recording, mend, plan.seed, plan.errors)
     array = plan.array.with_noise(noise.vector_noise_T, noise.scalar_noise_T)
@@ -123,10 +113,6 @@ def _mended(made: "Simulation", mend: "Mend") -> "Simulation":
 
 
 def _twin(calibration_path: Path, run_path: Path, output: Path, seed: int) -> dict[str, Any]:
-    from tam_calibration.effects.removal import agreed_field
-    from tam_calibration.results import read_calibration
-    from tam_calibration.simulation.observe import twin
-
     calibration = read_calibration(calibration_path)
     array = calibration.array
     made, paths = _on_run(lambda run: twin(calibration, run, seed), calibration_path, array, run_path, output)
@@ -135,9 +121,6 @@ def _twin(calibration_path: Path, run_path: Path, output: Path, seed: int) -> di
 
 
 def _mend(mend_path: Path, run_path: Path, output: Path, seed: int) -> dict[str, Any]:
-    from tam_calibration.comparison.additions import mended
-    from tam_calibration.results.comparison_json import read_mend
-
     mend = read_mend(mend_path)
     array = mend.calibration.array
     made, paths = _on_run(lambda run: mended(run, mend, seed), mend_path, array, run_path, output)
@@ -146,14 +129,9 @@ def _mend(mend_path: Path, run_path: Path, output: Path, seed: int) -> dict[str,
 
 
 def _on_run(
-    make: Callable[[Recording], Recording], given: Path, array: "Array", run_path: Path, output: Path
+    make: Callable[[Recording], Recording], given: Path, array: Array, run_path: Path, output: Path
 ) -> tuple[Recording, dict[str, str]]:
     """Return what is made of the run of a recording, and the paths of the recording and array file written."""
-    from rich.console import Console
-
-    from tam_calibration.recordings import read_recording, write_array
-    from tam_calibration.results import write_recording
-
     paths = {"recording": output, "array": beside(output, "array.yaml")}
     with write_together(paths, [given, run_path]) as places, Console(stderr=True).status("simulating") as status:
         made = make(read_recording(run_path, array.sensor_count, array=replace(array, delay_s=None)))

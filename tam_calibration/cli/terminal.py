@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import click
+import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table as RichTable
@@ -21,6 +22,7 @@ from tam_calibration.integrity.fault import ACCEPTABLE
 from tam_calibration.messages.samples import Progress as ProgressCallback
 from tam_calibration.model.exceptions import InputError, Refused, printable
 from tam_calibration.model.libraries import require
+from tam_calibration.model.units import FloatArray
 from tam_calibration.recordings.channel_map import read_map
 from tam_calibration.recordings.reading import TOLERANCE_S, Moment, Reading, Window
 from tam_calibration.report.blocks import Block, Points, Table, Text
@@ -52,9 +54,13 @@ PATH = NamedPath(path_type=Path, readable=False)
 """A path that is checked where it is used, in one sentence."""
 
 
-ARRAY_HELP = "Array YAML: positions and noise of the sensors."
+def path_option(name: str, help_text: str, required: bool = False) -> Callable[..., Any]:
+    """Return an option that takes a path, which the command gets as ``NAME_path``."""
+    parameter = f"{name.removeprefix('--').replace('-', '_')}_path"
+    return click.option(name, parameter, type=PATH, required=required, help=help_text)
 
-array_option = click.option("--array", "array_path", type=PATH, required=True, help=ARRAY_HELP)
+
+array_option = path_option("--array", "Array YAML: positions and noise of the sensors.", required=True)
 
 
 def completed(names: Callable[[], Iterable[str]]) -> Callable[[click.Context, click.Parameter, str], list[str]]:
@@ -125,14 +131,40 @@ class NumberOrEstimate(Number):
         return math.inf if value == "estimate" else super().convert(value, param, ctx)
 
 
+def numbers_in(option: str, form: str, words: str, counts: tuple[int, ...]) -> FloatArray:
+    """Return the numbers of an option, which commas separate.
+
+    Parameters
+    ----------
+    option, form : str
+        Name of the option, and what it should be, for the error.
+    words : str
+        What the user typed.
+    counts : tuple of int
+        How many numbers there may be.
+
+    Raises
+    ------
+    InputError
+        When these are no finite numbers, or not so many.
+    """
+    try:
+        values = np.array([float(word) for word in words.split(",")])
+    except ValueError:
+        values = np.zeros(0)
+    if len(values) not in counts or not np.isfinite(values).all():
+        raise InputError(f"{option} must be {form}, not {words!r}")
+    return values
+
+
 MAP_HELP = "Map YAML: which topics or columns are sensors and channels (`tam inspect --write-map` writes one)."
 
 _READING_OPTIONS = (
-    click.option("--map", "map_path", type=PATH, help=MAP_HELP),
+    path_option("--map", MAP_HELP),
     click.option("--from", "start", metavar="TIME", help="Start reading here: seconds from the start, or ISO 8601."),
     click.option("--until", metavar="TIME", help="Stop reading here: seconds from the start, or ISO 8601."),
     click.option("--unwrap", is_flag=True, help="Continue sensor counters that overflow."),
-    click.option("--base-station", type=PATH, help="IAGA-2002 file with the intensity, if the recording has none."),
+    path_option("--base-station", "IAGA-2002 file with the intensity, if the recording has none."),
     click.option(
         "--tolerance-s",
         type=Number(0, 60),
@@ -159,14 +191,14 @@ def reading_options(function: Callable[..., Any]) -> Callable[..., Any]:
         start: str | None,
         until: str | None,
         unwrap: bool,
-        base_station: Path | None,
+        base_station_path: Path | None,
         tolerance_s: float,
         **extra: Any,
     ) -> Any:
         window = Window(*(None if each is None else Moment.of(each) for each in (start, until)))
         channel_map = None if map_path is None else read_map(map_path)
-        files = tuple(path for path in (map_path, base_station) if path is not None)
-        how = Reading(channel_map, window, unwrap, base_station, tolerance_s, files)
+        files = tuple(path for path in (map_path, base_station_path) if path is not None)
+        how = Reading(channel_map, window, unwrap, base_station_path, tolerance_s, files)
         return function(*args, how=how, **extra)
 
     command: Callable[..., Any] = with_reading

@@ -395,7 +395,7 @@ class Calibration:
             As ``correct``, or when matplotlib is not installed.
         """
         require("report", "Calibration.plot")
-        figures = import_module("tam_calibration.report.calibration_figure")  # a room above: loaded when it is used
+        figures = import_module("tam_calibration.report.calibration_report")  # a room above: loaded when it is used
         return figures.plot_calibration(self, recording)
 
     @overload

@@ -33,8 +33,7 @@ from tam_calibration.fleet.missions import (
 from tam_calibration.fleet.task import Result
 from tam_calibration.report.blocks import Block, Gallery, Points, Section, Table, Text
 from tam_calibration.report.formatting import KINDS, Kind, count, number, sentence
-from tam_calibration.report.page import embed, write_page
-from tam_calibration.report.style import COLORS, QUIET_COLOR, STYLE, WIDTH_INCH
+from tam_calibration.report.page import COLORS, QUIET_COLOR, STYLE, WIDTH_INCH, embed, write_page
 from tam_calibration.results.results_json import attributes
 
 

@@ -1,23 +1,103 @@
-"""The report on a calibration: one HTML page for the people who will rely on it, section by section."""
+"""The report on a calibration: one HTML page for the people who will rely on it, and a figure of the same residuals.
+
+What every section of the report draws on is worked out once.
+"""
 
 from dataclasses import replace
 from itertools import cycle
 from pathlib import Path
 
+import matplotlib
 import numpy as np
+from matplotlib.figure import Figure
 
 from tam_calibration import __version__
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.coverage import Coverage
+from tam_calibration.fit.coverage import Coverage, measure_coverage
 from tam_calibration.fit.identifiability import find_weakness
 from tam_calibration.model.recording import Recording
+from tam_calibration.model.residuals import ResidualSeries, residual_series
+from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import to_nanotesla
-from tam_calibration.report import calibration_figure, recording_plots
-from tam_calibration.report.blocks import Block, Gallery, Image, Points, Section, Table, Text
+from tam_calibration.report.blocks import Block, Gallery, Points, Section, Table, Text
 from tam_calibration.report.calibration_rows import known_source_blocks, parameter_blocks, quality_blocks, update_blocks
 from tam_calibration.report.formatting import count, fixed, number, sentence
-from tam_calibration.report.page import embed, write_page
-from tam_calibration.report.style import COLORS
+from tam_calibration.report.page import AFTER_COLOR, BEFORE_COLOR, COLORS, PAGE_WIDTH_INCH, STYLE, embed, write_page
+from tam_calibration.report.recording_plots import (
+    Panel,
+    draw_coverage,
+    draw_over_time,
+    height_inch,
+    intensity_panels,
+    plot_coverage,
+    plot_distributions,
+    plot_over_time,
+    tensor_panels,
+    thinning_note,
+)
+
+_NO_GRADIENT = "The geometry of this array does not determine a gradient tensor, so there is no tensor residual."
+
+
+class _View:
+    """A calibration, the recording it came from, and what follows from the two.
+
+    Residuals are those of the raw and of the corrected recording, what effects add taken off.
+    """
+
+    def __init__(self, calibration: Calibration, recording: Recording) -> None:
+        self.calibration, self.recording = calibration, recording
+        self.coverage = measure_coverage(calibration.correct(recording).outputs[:, :3])
+        uncorrected = SensorErrors.none(calibration.errors.sensor_count)
+        self.before = residual_series(uncorrected, calibration.array, recording, calibration.intensity_T)
+        self.after = calibration.residuals(recording)
+        is_measured = calibration.has_scalar_reference
+        self.reference_name = "the scalar reference" if is_measured else "the fitted constant intensity"
+
+    def panels(self, series: ResidualSeries, color: str) -> dict[str, list[Panel]]:
+        """Return the panels of the intensity, nT, and of the tensor where there is one, nT/m, by what they show."""
+        floor = self.calibration.floor
+        kinds = {f"|B| − {self.reference_name}": intensity_panels(series, floor, color)}
+        if self.calibration.array.has_gradient:
+            kinds["Tensor components"] = tensor_panels(series, floor, color)
+        return kinds
+
+    def plots(self) -> list[list[tuple[str, list[Panel], str]]]:
+        """Return title, panels and unit of each kind of residual, before and after calibration."""
+        states = {"before": self.panels(self.before, BEFORE_COLOR), "after": self.panels(self.after, AFTER_COLOR)}
+        return [
+            [(f"{what}, {state} calibration", kinds[what], unit) for state, kinds in states.items()]
+            for what, unit in zip(states["before"], ("nT", "nT/m"), strict=False)
+        ]
+
+
+@matplotlib.rc_context(STYLE)
+def plot_calibration(calibration: Calibration, recording: Recording) -> Figure:
+    """Draw residuals over time, before (left) and after (right), and the directions of the field.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        Of the recording's array.
+    recording : Recording
+        Raw readings.
+
+    Raises
+    ------
+    InputError
+        When the recording is not of the calibration's array.
+    """
+    view = _View(calibration, recording)
+    kinds = view.plots()
+    heights = [*(height_inch(panels) for (_, panels, _), _ in kinds), 3.8]
+    figure = Figure(figsize=(1.5 * PAGE_WIDTH_INCH, sum(heights)), layout="constrained")
+    *rows, last = figure.subfigures(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0]
+    for row, plots in zip(rows, kinds, strict=True):
+        for part, (title, panels, unit) in zip(row.subfigures(1, 2, squeeze=False)[0], plots, strict=True):
+            part.suptitle(title)
+            draw_over_time(part, recording.time_s, panels, unit)
+    draw_coverage(last, view.coverage)
+    return figure
 
 
 def _verdict(calibration: Calibration) -> list[Block]:
@@ -48,30 +128,21 @@ def _limits(calibration: Calibration) -> list[str]:
     return limits
 
 
-def _residuals(evidence: calibration_figure.CalibrationView) -> list[Block]:
+def _residuals(view: _View) -> list[Block]:
     """Return the residuals over time, before and after."""
-    blocks: list[Block] = [Text(_introduce(evidence))]
-    blocks += [
-        Gallery([_over_time(evidence, plot) for plot in plots]) for plots in calibration_figure.residual_plots(evidence)
-    ]
-    if not evidence.calibration.array.has_gradient:
-        blocks.append(Text(calibration_figure.NO_GRADIENT))
-    return blocks
-
-
-def _over_time(evidence: calibration_figure.CalibrationView, plot: calibration_figure.ResidualPlot) -> Image:
-    figure = recording_plots.plot_over_time(evidence.recording.time_s, plot.panels, plot.unit)
-    return embed(figure, f"{plot.title}, over time", plot.title)
-
-
-def _introduce(evidence: calibration_figure.CalibrationView) -> str:
-    tensor = ", and the gradient tensor is zero" if evidence.calibration.array.has_gradient else ""
-    return (
-        f"In a uniform field the length |B| of every corrected vector equals {evidence.reference_name}{tensor}; "
+    has_gradient = view.calibration.array.has_gradient
+    introduction = (
+        f"In a uniform field the length |B| of every corrected vector equals {view.reference_name}"
+        f"{', and the gradient tensor is zero' if has_gradient else ''}; "
         "the rest is the residual. The dashed lines are ± one standard deviation of the noise floor, which no "
         "calibration can remove. Before and after are drawn to their own scales. "
-        f"{recording_plots.thinning_note(evidence.recording.sample_count)}"
-    ).strip()
+        f"{thinning_note(view.recording.sample_count)}"
+    )
+    blocks: list[Block] = [Text(introduction.strip())]
+    for plots in view.plots():
+        figures = {title: plot_over_time(view.recording.time_s, panels, unit) for title, panels, unit in plots}
+        blocks.append(Gallery([embed(figure, f"{title}, over time", title) for title, figure in figures.items()]))
+    return blocks if has_gradient else [*blocks, Text(_NO_GRADIENT)]
 
 
 _INTRO = (
@@ -80,34 +151,27 @@ _INTRO = (
 )
 
 
-def _histograms(evidence: calibration_figure.CalibrationView) -> list[Block]:
+def _histograms(view: _View) -> list[Block]:
     """Return how often the residuals have which size."""
-    floor = evidence.calibration.floor
-    kinds = {f"|B| − {evidence.reference_name}": recording_plots.intensity_panels(evidence.after, floor)}
-    if evidence.calibration.array.has_gradient:
-        kinds["Tensor components"] = recording_plots.tensor_panels(evidence.after, floor)
     blocks: list[Block] = [Text(_INTRO)]
-    for what, panels in kinds.items():
+    for what, panels in view.panels(view.after, AFTER_COLOR).items():
         drawn = [replace(panel, color=color) for panel, color in zip(panels, cycle(COLORS), strict=False)]
         label = f"{what}, after calibration"
-        blocks.append(
-            embed(
-                recording_plots.plot_distributions(drawn, f"{label}, in noise floors"), f"Distributions: {label}", label
-            )
-        )
+        figure = plot_distributions(drawn, f"{label}, in noise floors")
+        blocks.append(embed(figure, f"Distributions: {label}", label))
     return blocks
 
 
-def _coverage(evidence: calibration_figure.CalibrationView) -> list[Block]:
+def _coverage(view: _View) -> list[Block]:
     """Return which directions of the field were visited."""
     picture = embed(
-        recording_plots.plot_coverage(evidence.coverage),
+        plot_coverage(view.coverage),
         "Map of the directions of the field",
         "Direction of the field in the array frame, equal-area (Hammer) map: forward is +x, left +y, up +z.",
     )
-    weakness = find_weakness(evidence.recording, evidence.calibration)
-    doubts = [Text(str(weakness))] if weakness.parameters and evidence.calibration.update is None else []
-    return [Text(_summary(evidence.coverage)), *doubts, picture]
+    weakness = find_weakness(view.recording, view.calibration)
+    doubts = [Text(str(weakness))] if weakness.parameters and view.calibration.update is None else []
+    return [Text(_summary(view.coverage)), *doubts, picture]
 
 
 def _summary(coverage: Coverage) -> str:
@@ -127,15 +191,19 @@ def _parameters(calibration: Calibration) -> list[Block]:
     blocks = parameter_blocks(calibration)
     blocks += [Text(statement) for statement in calibration.statements]
     if not calibration.array.has_gradient:
-        blocks.append(Text(f"The field at the centre is the mean of all sensors. {calibration_figure.NO_GRADIENT}"))
+        blocks.append(Text(f"The field at the centre is the mean of all sensors. {_NO_GRADIENT}"))
     return blocks
 
 
 def _provenance(calibration: Calibration) -> list[Block]:
     """Return where the calibration comes from."""
     first, last = calibration.time_span_s
+    origin = [["recording", "not from a file"]]
+    if (source := calibration.source) is not None:
+        size = f"{count(source.size_bytes)} bytes"
+        origin = [["recording", source.name], ["size", size], ["SHA-256", source.sha256]]
     rows = [
-        *_source(calibration),
+        *origin,
         ["samples", count(calibration.samples)],
         ["time", f"{fixed(first, 3)} s to {fixed(last, 3)} s, a span of {number(last - first, 4)} s"],
         ["mean intensity", f"{fixed(to_nanotesla(calibration.intensity_T), 1)} nT"],
@@ -143,24 +211,11 @@ def _provenance(calibration: Calibration) -> list[Block]:
         ["method", calibration.method],
         ["software", f"tam_calibration {__version__}"],
     ]
-    return [Table([], rows, numeric=False), _positions(calibration)]
-
-
-def _source(calibration: Calibration) -> list[list[str]]:
-    if calibration.source is None:
-        return [["recording", "not from a file"]]
-    source = calibration.source
-    return [["recording", source.name], ["size", f"{count(source.size_bytes)} bytes"], ["SHA-256", source.sha256]]
-
-
-def _positions(calibration: Calibration) -> Table:
-    rows = [
-        [str(i + 1), *(fixed(float(value), 4) for value in place)]
-        for i, place in enumerate(calibration.array.positions_m)
-    ]
-    return Table(
-        ["sensor", "x (m)", "y (m)", "z (m)"], rows, "Array: positions of the sensors, x forward, y left, z up."
-    )
+    places = calibration.array.positions_m.tolist()
+    positions = [[str(sensor), *(fixed(value, 4) for value in place)] for sensor, place in enumerate(places, start=1)]
+    header = ["sensor", "x (m)", "y (m)", "z (m)"]
+    caption = "Array: positions of the sensors, x forward, y left, z up."
+    return [Table([], rows, numeric=False), Table(header, positions, caption)]
 
 
 def write_calibration_report(path: Path, calibration: Calibration, recording: Recording) -> None:
@@ -180,22 +235,19 @@ def write_calibration_report(path: Path, calibration: Calibration, recording: Re
     InputError
         When the recording is not of the calibration's array, or the file cannot be written.
     """
-    evidence = calibration_figure.view_of(calibration, recording)
+    view = _View(calibration, recording)
     sections = [
         Section("Verdict", _verdict(calibration)),
-        Section("Residuals over time", _residuals(evidence)),
-        Section("Coverage of the sphere", _coverage(evidence)),
-        Section("Distribution of the residuals", _histograms(evidence)),
+        Section("Residuals over time", _residuals(view)),
+        Section("Coverage of the sphere", _coverage(view)),
+        Section("Distribution of the residuals", _histograms(view)),
         Section("Parameters", _parameters(calibration)),
         Section("Prior and data", update_blocks(calibration.update) if calibration.update else []),
         Section("Known source", known_source_blocks(calibration)),
         Section("Quality", quality_blocks(calibration)),
         Section("Provenance", _provenance(calibration)),
     ]
-    write_page(path, "Calibration report", _subtitle(calibration), sections)
-
-
-def _subtitle(calibration: Calibration) -> str:
+    name = [calibration.source.name] if calibration.source else []
     sensors = "1 sensor" if calibration.errors.sensor_count == 1 else f"{calibration.errors.sensor_count} sensors"
-    source = f"{calibration.source.name}, " if calibration.source else ""
-    return f"{source}{sensors}, {count(calibration.samples)} samples"
+    subtitle = ", ".join([*name, sensors, f"{count(calibration.samples)} samples"])
+    write_page(path, "Calibration report", subtitle, sections)

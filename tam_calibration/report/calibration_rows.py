@@ -38,7 +38,8 @@ def parameter_blocks(calibration: Calibration) -> list[Block]:
             for row in number_rows(fitted, units_of(fitted, calibration.errors, calibration.array))
         ]
         blocks.append(Table(["effect", "parameter", "value ± standard error", "unit"], numbers, _EFFECTS))
-    if rows := _effect_size_rows(calibration):
+    sized = zip(calibration.effects, calibration.effect_sizes, strict=True)
+    if rows := [[each.effect, *map(number, to_nanotesla(size.rms).tolist())] for each, size in sized if size.rms.any()]:
         units = ("nT" if name.startswith("b") else "nT/m" for name in OUTPUT_NAMES)
         header = ["effect", *(f"{name} ({unit})" for name, unit in zip(OUTPUT_NAMES, units, strict=True))]
         blocks.append(Table(header, rows, _SIZES))
@@ -57,15 +58,6 @@ def parameter_rows(calibration: Calibration) -> list[list[str]]:
     if set(mounted) != {"x y z"}:
         rows.append(["mounted with its axes along the array's", *mounted])
     return rows
-
-
-def _effect_size_rows(calibration: Calibration) -> list[list[str]]:
-    """Return what is taken off each output, root mean square: the effect, nine outputs in nT and nT/m."""
-    return [
-        [fitted.effect, *(number(to_nanotesla(float(value))) for value in size.rms)]
-        for fitted, size in zip(calibration.effects, calibration.effect_sizes, strict=True)
-        if size.rms.any()
-    ]
 
 
 def _residual_figures(residuals: Residuals) -> dict[str, float]:
@@ -171,7 +163,14 @@ def known_source_blocks(calibration: Calibration) -> list[Block]:
     found = calibration.known_source
     if found is None:
         return []
-    return [Text(_INTRODUCTION), _common(found), *_verdict(found), _places(calibration, found)]
+    blocks: list[Block] = [Text(_INTRODUCTION), _common(found)]
+    if found.reduced_chi_square > 2.0:
+        doubt = (
+            f"Reduced χ² is {number(found.reduced_chi_square)} where 1 is expected. The source is not quite where or "
+            "what it was stated to be, or the array has an error of another kind. The standard errors are too small."
+        )
+        blocks.append(Text(doubt, "doubt"))
+    return [*blocks, _places(calibration, found)]
 
 
 def _common(found: KnownSource) -> Table:
@@ -182,18 +181,6 @@ def _common(found: KnownSource) -> Table:
         ["reduced χ²", number(found.reduced_chi_square)],
     ]
     return Table(["quantity", "value"], rows, _COMMON)
-
-
-def _verdict(found: KnownSource) -> list[Text]:
-    if found.reduced_chi_square <= 2.0:
-        return []
-    return [
-        Text(
-            f"Reduced χ² is {number(found.reduced_chi_square)} where 1 is expected. The source is not quite where or "
-            "what it was stated to be, or the array has an error of another kind. The standard errors are too small.",
-            "doubt",
-        )
-    ]
 
 
 def _places(calibration: Calibration, found: KnownSource) -> Table:
@@ -217,10 +204,14 @@ def update_sentences(update: Update) -> list[str]:
     if update.rates is None:
         return ["Prior: the tolerances that the array file states.", f"Data against tolerances: {chance}."]
     verdict = "Data and prior agree" if not update.moved else "The data contradict the prior"
+    warming = "temperatures unknown, assumed equal"
+    if update.warming_K is not None:
+        warming = f"warmer by {number(update.warming_K)} K since"
+    changes = groupby(update.moved, key=lambda moved: (_change_of(moved), moved.since_s))
     return [
-        f"Prior: {update.prior}, {age_in_words(update.elapsed_s)}; {_warming(update)}.",
+        f"Prior: {update.prior}, {age_in_words(update.elapsed_s)}; {warming}.",
         f"{verdict}: {chance}.",
-        *(_told(list(parts)) for _, parts in groupby(update.moved, key=_change_of)),
+        *(_told(list(parts)) for _, parts in changes),
     ]
 
 
@@ -250,21 +241,15 @@ def age_in_words(elapsed_s: float | None) -> str:
     return f"{number(days)} days old" if days >= 1 else f"{number(24 * days)} h old"
 
 
-def _warming(update: Update) -> str:
-    if update.warming_K is None:
-        return "temperatures unknown, assumed equal"
-    return f"warmer by {number(update.warming_K)} K since"
-
-
-def _change_of(moved: Moved) -> tuple[str, int, float | None]:
-    """Return what a part of a change is of: kind, sensor, and since when."""
-    return *(moved.together or (moved.kind, moved.sensor)), moved.since_s
+def _change_of(moved: Moved) -> tuple[str, int]:
+    """Return kind and sensor of the change that one is a part of."""
+    return moved.together or (moved.kind, moved.sensor)
 
 
 def _told(parts: list[Moved]) -> str:
     """Return the sentence of what moved in one piece."""
-    moved, kind, sensor = parts[0], *(parts[0].together or (parts[0].kind, parts[0].sensor))
-    words = f"The {in_words(kind, sensor)} moved"
+    moved = parts[0]
+    words = f"The {in_words(*_change_of(moved))} moved"
     if moved.together is None:
         words += f" by {_change(moved)}"
     elif len(parts) <= 8:  # of more the table of errors says more

@@ -11,7 +11,6 @@ from matplotlib.ticker import FuncFormatter
 
 from tam_calibration.comparison.result import Comparison, NoiseDifference
 from tam_calibration.comparison.side import Side
-from tam_calibration.correction.calibration import Provenance
 from tam_calibration.files.yaml_document import dump_mapping
 from tam_calibration.fit.coverage import cell_directions
 from tam_calibration.gap.noise import AxisNoise
@@ -21,15 +20,21 @@ from tam_calibration.report.blocks import Block, Code, Points, Section, Table, T
 from tam_calibration.report.comparison_rows import axis_name
 from tam_calibration.report.formatting import count, number
 from tam_calibration.report.gap_cause_plots import SHADES, GapView, cell_means, draw_means
-from tam_calibration.report.page import embed, write_page
+from tam_calibration.report.page import (
+    AFTER_COLOR,
+    BEFORE_COLOR,
+    MISSING_COLOR,
+    PAGE_WIDTH_INCH,
+    QUIET_COLOR,
+    STYLE,
+    embed,
+    write_page,
+)
 from tam_calibration.report.recording_plots import Panel, plot_distributions
-from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR, MISSING_COLOR, PAGE_WIDTH_INCH, QUIET_COLOR, STYLE
 from tam_calibration.results.comparison_json import Sources, mend_in_texts
 
-SIMULATION_COLOR, RECORDING_COLOR = AFTER_COLOR, BEFORE_COLOR
+COLORS = {"simulation": AFTER_COLOR, "recording": BEFORE_COLOR}
 """Of the two columns, on all figures."""
-
-_COLORS = {"simulation": SIMULATION_COLOR, "recording": RECORDING_COLOR}
 
 
 @matplotlib.rc_context(STYLE)
@@ -57,11 +62,8 @@ def plot_noise(noise: Sequence[NoiseDifference]) -> Figure:
 def _range(noise: Sequence[NoiseDifference]) -> tuple[float, float]:
     """Return the ends of a logarithmic axis, nT/√Hz, that shows the spectra of all but of what has no noise."""
     sides = [side for each in noise for side in (each.simulation, each.recording)]
-    bounds = [
-        _amplitude(side, density)
-        for side in sides
-        for density in (side.density_low_T2_per_hz, side.density_high_T2_per_hz)
-    ]
+    bounds = [_amplitude(side, side.density_low_T2_per_hz) for side in sides]
+    bounds += [_amplitude(side, side.density_high_T2_per_hz) for side in sides]
     drawn = np.concatenate([each[each > 0] for each in bounds])
     low, high = (float(drawn.min()), float(drawn.max())) if len(drawn) else (1.0, 1.0)
     middle, least = np.sqrt(low * high), 10**0.6  # more than a decade, so that there is a tick with a number
@@ -77,8 +79,8 @@ def _draw_noise(axes: Axes, noise: NoiseDifference, ends: tuple[float, float]) -
     for name, side in (("simulation", noise.simulation), ("recording", noise.recording)):
         frequency = side.frequency_hz[side.frequency_hz > 0]
         low, high = (_amplitude(side, each) for each in (side.density_low_T2_per_hz, side.density_high_T2_per_hz))
-        axes.fill_between(frequency, low, high, color=_COLORS[name], alpha=0.25, linewidth=0)
-        axes.plot(frequency, _amplitude(side, side.density_T2_per_hz), color=_COLORS[name], linewidth=1.1, label=name)
+        axes.fill_between(frequency, low, high, color=COLORS[name], alpha=0.25, linewidth=0)
+        axes.plot(frequency, _amplitude(side, side.density_T2_per_hz), color=COLORS[name], linewidth=1.1, label=name)
     axes.set(xscale="log", yscale="log", ylim=ends)
     axes.minorticks_off()
     for axis in (axes.xaxis, axes.yaxis):
@@ -144,29 +146,28 @@ def plot_histograms(simulation: Side, recording: Side, row: int, name: str) -> F
     """
     floor = float(recording.gap.residue.floor_T[row])
     sides = {"simulation": simulation, "recording": recording}
-    drawn = [Panel(side, each.gap.residue.before[:, row], floor, _COLORS[side]) for side, each in sides.items()]
+    drawn = [Panel(side, each.gap.residue.before[:, row], floor, COLORS[side]) for side, each in sides.items()]
     return plot_distributions(drawn, f"residual of {name}, in noise floors of the recording")
 
 
 def _verdict(comparison: Comparison) -> list[Block]:
     """Return the verdict, the simulator's gross mistakes, and what to do."""
-    next_words = Text(comparison_rows.next_words(comparison))
-    blocks = [*comparison_rows.verdict_blocks(comparison), next_words]
-    if comparison.simulation is not None and comparison.recording is not None:
-        header = ("", "simulation", "recording")
-        blocks.append(Table(header, _side_rows(comparison.simulation, comparison.recording)))
-    return blocks
-
-
-def _side_rows(simulation: Side, recording: Side) -> list[list[str]]:
-    sides = simulation, recording
-    spans = [side.recording.time_s[-1] - side.recording.time_s[0] for side in sides]
-    return [
-        ["samples", *(count(side.recording.sample_count) for side in sides)],
-        ["span (s)", *(number(float(span)) for span in spans)],
-        ["sensors", *(count(side.array.sensor_count) for side in sides)],
-        ["against its own model", *(side.gap.verdict.replace("_", " ") for side in sides)],
+    emphasis = "good" if comparison.verdict == "same" else "doubt"
+    blocks = [
+        Text(comparison_rows.headline(comparison), emphasis),
+        *comparison_rows.mistake_blocks(comparison),
+        Text(comparison_rows.next_words(comparison)),
     ]
+    sides = [side for side in (comparison.simulation, comparison.recording) if side is not None]
+    if len(sides) == 2:
+        rows = [
+            ["samples", *(count(side.recording.sample_count) for side in sides)],
+            ["span (s)", *(number(float(np.ptp(side.recording.time_s))) for side in sides)],
+            ["sensors", *(count(side.array.sensor_count) for side in sides)],
+            ["against its own model", *(side.gap.verdict.replace("_", " ") for side in sides)],
+        ]
+        blocks.append(Table(("", "simulation", "recording"), rows))
+    return blocks
 
 
 def _differences(comparison: Comparison) -> list[Block]:
@@ -219,13 +220,12 @@ def _residuals(comparison: Comparison) -> list[Block]:
 
 def _figures(comparison: Comparison) -> list[Block]:
     """Return every figure of the simulation beside that of the recording."""
-    if not comparison.figures:
-        return []
+    tables = comparison_rows.figure_tables(comparison)
     about = Text(
         "Scale factors, non-orthogonality, biases and misalignment are what a calibration removes: that they differ is "
         "stated, and is no difference of the simulation."
     )
-    return [about, *comparison_rows.figure_tables(comparison)]
+    return [about, *tables] if tables else []
 
 
 _COMMAND = "tam simulate --from-comparison mend.yaml --recording SIMULATION -o mended.csv"
@@ -263,7 +263,11 @@ def write_comparison_report(path: Path, comparison: Comparison, sources: Sources
     InputError
         When the file cannot be written.
     """
-    subtitle = f"simulation: {_named(sources.simulation)} | recording: {_named(sources.recording)}"
+    names = [
+        "what the nodes collected" if source is None else f"{source.name}, SHA-256 {source.sha256}"
+        for source in (sources.simulation, sources.recording)
+    ]
+    subtitle = f"simulation: {names[0]} | recording: {names[1]}"
     sections = [
         Section("Verdict", _verdict(comparison)),
         Section("What differs", _differences(comparison)),
@@ -274,7 +278,3 @@ def write_comparison_report(path: Path, comparison: Comparison, sources: Sources
         Section("The mend, to copy", _mend(comparison)),
     ]
     write_page(path, "The simulation and the recording", subtitle, sections)
-
-
-def _named(source: Provenance | None) -> str:
-    return "what the nodes collected" if source is None else f"{source.name}, SHA-256 {source.sha256}"

@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from itertools import islice
 
 from tam_calibration.comparison import result
-from tam_calibration.comparison.side import Figure
 from tam_calibration.gap.noise import AxisNoise
 from tam_calibration.model.exceptions import sensors_in_words
 from tam_calibration.model.units import for_people, to_nanotesla
@@ -26,12 +25,6 @@ def headline(comparison: result.Comparison) -> str:
 def mistake_words(mistake: result.Mistake) -> str:
     """Return a gross mistake of the simulator, where it is, and what mends it."""
     return f"{sentence(mistake.what)} Where: {mistake.where}. Mend: {sentence(mistake.mend)}"
-
-
-def verdict_blocks(comparison: result.Comparison) -> list[Block]:
-    """Return the verdict, the simulator's gross mistakes, and remarks on the two recordings."""
-    emphasis = "good" if comparison.verdict == "same" else "doubt"
-    return [Text(headline(comparison), emphasis), *mistake_blocks(comparison)]
 
 
 def mistake_blocks(comparison: result.Comparison) -> list[Block]:
@@ -69,8 +62,8 @@ def difference_blocks(comparison: result.Comparison) -> list[Block]:
     """Return the effects that one side lacks or has otherwise, with parameters; empty where there are none."""
     laws = law_blocks(comparison)
     rows = [
-        (effect_name(each.effect), *sides, _where(each, comparison), percent(each.probability), number(each.size))
-        for each, *sides in _differing(comparison)
+        (effect_name(each.effect), *words, _where(each, comparison), percent(each.probability), number(each.size))
+        for each, words, _ in _differing(comparison)
     ]
     if not rows:
         return laws
@@ -85,7 +78,12 @@ def noise_blocks(comparison: result.Comparison) -> list[Block]:
     others, axes = sum(each.differs for each in comparison.noise), len(comparison.noise)
     words = f"The noise of {others} of {axes} axes differs." if others else f"The noise of all {axes} axes is the same."
     header = ("noise of", "simulation (nT)", "recording (nT)", "colour: simulation", "colour: recording", "")
-    rows = list(map(_noise_row, comparison.noise))
+    rows = []
+    for each in comparison.noise:
+        sides = each.simulation, each.recording
+        levels = (with_error(to_nanotesla(side.level_T), to_nanotesla(side.level_error_T), 3) for side in sides)
+        standing = "differs" if each.differs else "the same"
+        rows.append([axis_name(each.recording), *levels, *map(_colour, sides), standing])
     return [Text(words), Table(header, rows, "Standard deviation ± standard error", numeric=False)]
 
 
@@ -112,12 +110,17 @@ def closing_blocks(comparison: result.Comparison) -> list[Block]:
     return blocks
 
 
-def _differing(comparison: result.Comparison) -> list[tuple[result.EffectDifference, str, str]]:
-    """Return each effect that one side lacks or has otherwise, and what each side has of it."""
+_Differing = tuple[result.EffectDifference, tuple[str, str], tuple[result.EffectDifference | None, ...]]
+"""An effect, and what simulation and recording have of it: in words, and with parameters."""
+
+
+def _differing(comparison: result.Comparison) -> list[_Differing]:
+    """Return each effect that one side lacks or has otherwise."""
+    others = comparison.other_parameters
     return [
-        *((each, _lacking(each), "has it") for each in comparison.missing),
-        *((each, "has it", _lacking(each)) for each in comparison.surplus),
-        *((each.recording, "has it otherwise", "has it") for each in comparison.other_parameters),
+        *((each, (_lacking(each), "has it"), (None, each)) for each in comparison.missing),
+        *((each, ("has it", _lacking(each)), (each, None)) for each in comparison.surplus),
+        *((each.recording, ("has it otherwise", "has it"), (each.simulation, each.recording)) for each in others),
     ]
 
 
@@ -125,17 +128,13 @@ def _difference_sentences(comparison: result.Comparison) -> Iterator[str]:
     """Yield a sentence on each difference, the gravest kind first and the largest of a kind first."""
     yield from (mistake_words(mistake) for mistake in comparison.mistakes)
     begins = {"has it": "Only the simulation has {}.", "has it otherwise": "The parameters of {} are others."}
-    told = [(begins.get(own, "The simulation lacks {}."), each) for each, own, _ in _differing(comparison)]
+    told = [(begins.get(words[0], "The simulation lacks {}."), each) for each, words, _ in _differing(comparison)]
     for words, each in sorted(told, key=lambda one: ("parameters" in one[0], -one[1].size)):
-        yield words.format(_named(each, comparison))
+        yield words.format(f"{effect_name(each.effect)} ({_where(each, comparison)})")
     for noise in comparison.noise:
         if noise.differs:
             levels = [f"{number(to_nanotesla(side.level_T))} nT" for side in (noise.simulation, noise.recording)]
             yield f"The noise of {axis_name(noise.recording)} is {levels[0]} in the simulation, {levels[1]} recorded."
-
-
-def _named(each: result.EffectDifference, comparison: result.Comparison) -> str:
-    return f"{effect_name(each.effect)} ({_where(each, comparison)})"
 
 
 def _where(each: result.EffectDifference, comparison: result.Comparison) -> str:
@@ -183,15 +182,10 @@ def _lacking(difference: result.EffectDifference) -> str:
 
 def _parameter_tables(comparison: result.Comparison) -> list[Table]:
     """Return a table of the parameters of each difference that has some."""
-    differing: list[tuple[result.EffectDifference, result.EffectDifference | None, result.EffectDifference | None]] = [
-        *((each, None, each) for each in comparison.missing),
-        *((each, each, None) for each in comparison.surplus),
-        *((each.recording, each.simulation, each.recording) for each in comparison.other_parameters),
-    ]
     header = ("parameter", "simulation", "recording", "unit")
     tables = []
-    for each, simulation, recording in differing:
-        theirs, own = _parameters(simulation), _parameters(recording)
+    for each, _, sides in _differing(comparison):
+        theirs, own = map(_parameters, sides)
         rows = [[key[0], theirs.get(key, "–"), own.get(key, "–"), key[1]] for key in own | theirs]
         if rows:
             caption = sentence(f"{effect_name(each.effect)} of {_where(each, comparison)}")[:-1]
@@ -204,13 +198,6 @@ def _parameters(difference: result.EffectDifference | None) -> dict[tuple[str, s
     if difference is None or difference.fitted is None:
         return {}
     return {(name, unit): value for name, value, unit in number_rows(difference.fitted, difference.units)}
-
-
-def _noise_row(each: result.NoiseDifference) -> list[str]:
-    """Return level and colour of an axis's noise on both sides."""
-    sides = each.simulation, each.recording
-    levels = [with_error(to_nanotesla(side.level_T), to_nanotesla(side.level_error_T), 3) for side in sides]
-    return [axis_name(each.recording), *levels, *map(_colour, sides), "differs" if each.differs else "the same"]
 
 
 def _colour(noise: AxisNoise) -> str:
@@ -251,17 +238,10 @@ def figure_tables(comparison: result.Comparison) -> list[Table]:
     """Return a table of each group of figures, in units of files."""
     groups: dict[str, list[list[str]]] = {}
     for figure in comparison.figures:
-        groups.setdefault(figure.recording.group, []).append(_figure_row(figure))
+        sides, name = (figure.simulation, figure.recording), figure.recording.name
+        factor, unit = for_people(figure.recording.unit)
+        values = (valued(factor * side.value, factor * side.standard_error) for side in sides)
+        row = [name, *values, "" if unit == "1" else unit, number(figure.standard_errors, 2), figure.standing]
+        groups.setdefault(figure.recording.group, []).append(row)
     header = ("figure", "simulation", "recording", "unit", "standard errors apart", "")
     return [Table(header, rows, sentence(group)[:-1]) for group, rows in groups.items()]
-
-
-def _figure_row(figure: Figure) -> list[str]:
-    factor, unit = for_people(figure.recording.unit)
-    return [
-        figure.recording.name,
-        *(valued(factor * one.value, factor * one.standard_error) for one in (figure.simulation, figure.recording)),
-        "" if unit == "1" else unit,
-        number(figure.standard_errors, 2),
-        figure.standing,
-    ]

@@ -15,8 +15,8 @@ from tam_calibration.fit.coverage import CELLS, cell_of
 from tam_calibration.gap.result import Gap
 from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
 from tam_calibration.report.gap_rows import percent
+from tam_calibration.report.page import AFTER_COLOR, BEFORE_COLOR, FLOOR_COLOR, PAGE_WIDTH_INCH, QUIET_COLOR, STYLE
 from tam_calibration.report.recording_plots import cells_on_map, draw_borders
-from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR, FLOOR_COLOR, PAGE_WIDTH_INCH, QUIET_COLOR, STYLE
 
 
 @dataclass(frozen=True, eq=False)

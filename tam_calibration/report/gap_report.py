@@ -157,31 +157,20 @@ def write_gap_report(path: Path, gap: Gap, source: Provenance | None = None) -> 
     """
     view = GapView(gap)
     verdict = [*gap_rows.verdict_blocks(gap), Text("Words of this page:"), Points(_TERMS)]
-    sections = [
-        Section("What the gap does", _signature(view)),
-        Section("Verdict", verdict),
-        *(_found_sections(view) if gap.verdict != "not_identifiable" else ()),
+    sections = [Section("What the gap does", _signature(view)), Section("Verdict", verdict)]
+    if gap.verdict != "not_identifiable":
+        sections += [
+            Section("Where it lies", _where(view)),
+            Section("Causes, ranked" if gap.causes else "Causes", _causes(view)),
+            Section("How far it shrinks" if gap.causes else "The residuals", _shrinkage(view)),
+        ]
+    sections += [
         Section("Against the simulated twin", checks_blocks(view)),
         Section("What explained nothing", _considered(gap)),
         Section("What to record next", [Text(sentence(gap.next_recording))] if gap.next_recording else []),
     ]
-    write_page(path, "The gap between recording and simulation", _subtitle(view, source), sections)
-
-
-def _found_sections(view: GapView) -> list[Section]:
-    """Return where the gap lies, what causes it, and how far it shrinks."""
-    causes, shrinkage = "Causes", "The residuals"
-    if view.gap.causes:
-        causes, shrinkage = "Causes, ranked", "How far it shrinks"
-    return [
-        Section("Where it lies", _where(view)),
-        Section(causes, _causes(view)),
-        Section(shrinkage, _shrinkage(view)),
-    ]
-
-
-def _subtitle(view: GapView, source: Provenance | None) -> str:
-    sensors = "1 sensor" if view.sensor_count == 1 else f"{view.sensor_count} sensors"
-    name = f"{source.name}, " if source else ""
-    digest = f", SHA-256 {source.sha256}" if source else ""
-    return f"{name}{sensors}, {count(len(view.gap.residue.time_s))} samples{digest}"
+    parts = ["1 sensor" if view.sensor_count == 1 else f"{view.sensor_count} sensors"]
+    parts.append(f"{count(len(gap.residue.time_s))} samples")
+    if source is not None:
+        parts = [source.name, *parts, f"SHA-256 {source.sha256}"]
+    write_page(path, "The gap between recording and simulation", ", ".join(parts), sections)

@@ -11,8 +11,8 @@ from tam_calibration.gap.laws.law import Course
 from tam_calibration.model.units import FloatArray, to_nanotesla
 from tam_calibration.report.formatting import ratio
 from tam_calibration.report.gap_cause_plots import GapView, State
+from tam_calibration.report.page import BEFORE_COLOR, FLOOR_COLOR, MISSING_COLOR, PAGE_WIDTH_INCH, STYLE
 from tam_calibration.report.recording_plots import Panel, draw_over_time, plot_distributions
-from tam_calibration.report.style import BEFORE_COLOR, FLOOR_COLOR, MISSING_COLOR, PAGE_WIDTH_INCH, STYLE
 
 _SHADES = LinearSegmentedColormap.from_list("gap", ["#f4f6f8", BEFORE_COLOR, "#5a2f06"])
 

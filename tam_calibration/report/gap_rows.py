@@ -33,7 +33,12 @@ def summary_blocks(gap: Gap) -> list[Block]:
                 f"after its causes are added: {number(size.after)} noise floors, {after} nT."
             )
         )
-    blocks += [Text(f"{cause.fitted.effect}: {_in_short(cause, sensor_count)}.") for cause in gap.causes]
+    for cause in gap.causes:
+        others = cause.indistinguishable_from
+        like = f"; cannot be told from {join([name.replace('_', ' ') for name in others])}" if others else ""
+        where = sensors_in_words(cause.sensors, sensor_count, cause.axes)
+        found = f"probability {percent(cause.probability)}, explains {percent(cause.r2_cv)} out of sample"
+        blocks.append(Text(f"{cause.fitted.effect}: {where}; {found}{like}."))
     return [*blocks, *_remainder(gap), *next_blocks(gap)]
 
 
@@ -44,14 +49,6 @@ def next_blocks(gap: Gap) -> list[Block]:
 
 def _remainder(gap: Gap) -> list[Block]:
     return [Text(f"What no cause explains: {gap.remainder}", "doubt")] if gap.remainder else []
-
-
-def _in_short(cause: Cause, sensor_count: int) -> str:
-    others = cause.indistinguishable_from
-    like = f"; cannot be told from {join([name.replace('_', ' ') for name in others])}" if others else ""
-    where = sensors_in_words(cause.sensors, sensor_count, cause.axes)
-    chance, part = percent(cause.probability), percent(cause.r2_cv)
-    return f"{where}; probability {chance}, explains {part} out of sample{like}"
 
 
 def size_blocks(gap: Gap) -> list[Block]:
@@ -76,15 +73,16 @@ def cause_blocks(gap: Gap, sensor_count: int) -> list[Block]:
     sensor_count : int
         Number of sensors of the array.
     """
+    header = ("cause", "where", "probability", "share", "explains out of sample", "ΔBIC", "cannot be told from")
     rows = [_cause_row(cause, sensor_count) for cause in gap.causes]
-    blocks: list[Block] = [Table(_CAUSES_HEADER, rows, numeric=False)]
+    blocks: list[Block] = [Table(header, rows, numeric=False)]
     for cause in gap.causes:
         effect = effect_named(cause.fitted.effect)
         blocks.append(Text(f"{cause.fitted.effect}: {effect.title}. {effect.physics}"))
         if rows := number_rows(cause.fitted, cause.units):
             where = sensors_in_words(cause.sensors, sensor_count, cause.axes)
-            header = ("parameter", "value ± standard error", "unit")
-            blocks.append(Table(header, rows, f"{cause.fitted.effect}: {where}", numeric=False))
+            columns = ("parameter", "value ± standard error", "unit")
+            blocks.append(Table(columns, rows, f"{cause.fitted.effect}: {where}", numeric=False))
         if words := cause_words(cause):
             blocks.append(Points(words))
     return blocks
@@ -136,17 +134,12 @@ def unseen_words(gap: Gap) -> list[str]:
     return [words]
 
 
-_CAUSES_HEADER = ("cause", "where", "probability", "share", "explains out of sample", "ΔBIC", "cannot be told from")
-
-
 def _size_table(size: Size) -> Table:
     """Return the size before and after, in noise floors, nT and nT/m."""
+    at_axis = (number(to_nanotesla(value)) for value in (size.before_T, size.after_T, size.floor_T))
     rows = [
         ["in noise floors", number(size.before), number(size.after), "1"],
-        [
-            "at one axis of a sensor (nT)",
-            *(number(to_nanotesla(x)) for x in (size.before_T, size.after_T, size.floor_T)),
-        ],
+        ["at one axis of a sensor (nT)", *at_axis],
     ]
     if math.isfinite(size.before_T_per_m):
         gradients = (number(to_nanotesla(value)) for value in (size.before_T_per_m, size.after_T_per_m))
@@ -195,15 +188,7 @@ def where_words(where: Where, sensor_count: int) -> str:
 
 
 def _cause_row(cause: Cause, sensor_count: int) -> list[str]:
-    """Return the evidence for a cause in the order of ``_CAUSES_HEADER``.
-
-    Parameters
-    ----------
-    cause : Cause
-        A cause of the gap.
-    sensor_count : int
-        Number of sensors of the array.
-    """
+    """Return what a cause is, where, and the evidence for it."""
     return [
         cause.fitted.effect,
         sensors_in_words(cause.sensors, sensor_count, cause.axes),
@@ -211,7 +196,7 @@ def _cause_row(cause: Cause, sensor_count: int) -> list[str]:
         percent(cause.share),
         percent(cause.r2_cv),
         fixed(cause.delta_bic, 0),
-        join(list(cause.indistinguishable_from)) if cause.indistinguishable_from else "–",
+        join(list(cause.indistinguishable_from)) or "–",
     ]
 
 
@@ -234,9 +219,8 @@ def number_rows(fitted: FittedEffect, units: Mapping[str, str]) -> list[list[str
 
 def percent(part: float) -> str:
     """Format a part of one."""
-    return (
-        "–" if math.isnan(part) else f"{fixed(100 * part, 1 if 0.0005 <= part < 0.1 or 0.99 < part < 0.9995 else 0)} %"
-    )
+    is_near_an_end = 0.0005 <= part < 0.1 or 0.99 < part < 0.9995
+    return "–" if math.isnan(part) else f"{fixed(100 * part, 1 if is_near_an_end else 0)} %"
 
 
 def valued(value: float, standard_error: float) -> str:

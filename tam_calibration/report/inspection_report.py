@@ -9,9 +9,8 @@ from matplotlib.figure import Figure
 from tam_calibration.recordings.inspection_result import InspectedChannel, InspectedTable, Inspection
 from tam_calibration.report.blocks import Block, Code, Image, Points, Section, Table, Text
 from tam_calibration.report.inspection_rows import HEADER, headline, rows_of
-from tam_calibration.report.page import embed, write_page
+from tam_calibration.report.page import COLORS, PAGE_WIDTH_INCH, STYLE, embed, write_page
 from tam_calibration.report.recording_plots import time_axis
-from tam_calibration.report.style import COLORS, PAGE_WIDTH_INCH, STYLE
 
 _MOST_CHANNELS = 200
 """Channels that are drawn: a page of more takes a minute to draw, and a browser as long to show."""

@@ -15,20 +15,20 @@ from tam_calibration.fit.coverage import BANDS, SECTORS, Coverage, cell_of
 from tam_calibration.model.array import OUTPUT_NAMES, TENSOR_OUTPUTS
 from tam_calibration.model.residuals import Residuals, ResidualSeries
 from tam_calibration.model.units import FloatArray, from_degrees, to_nanotesla
-from tam_calibration.report import style
+from tam_calibration.report import page
 from tam_calibration.report.formatting import count, number
 
-_SHADES = LinearSegmentedColormap.from_list("samples", ["#d3e3f1", style.AFTER_COLOR, "#0d2c4b"])
-_MISSING = ListedColormap([style.MISSING_COLOR])
+_SHADES = LinearSegmentedColormap.from_list("samples", ["#d3e3f1", page.AFTER_COLOR, "#0d2c4b"])
+_MISSING = ListedColormap([page.MISSING_COLOR])
 
 
-@matplotlib.rc_context(style.STYLE)
+@matplotlib.rc_context(page.STYLE)
 def plot_coverage(coverage: Coverage) -> Figure:
     """Draw the samples in each cell of the sphere of field directions, equal in area (Hammer), seen from the array.
 
     Left of the array (+y) is left of the map; cells without a sample stand out.
     """
-    figure = Figure(figsize=(1.3 * style.WIDTH_INCH, 3.8), layout="constrained")
+    figure = Figure(figsize=(1.3 * page.WIDTH_INCH, 3.8), layout="constrained")
     draw_coverage(figure, coverage)
     return figure
 
@@ -46,7 +46,7 @@ def draw_coverage(figure: FigureBase, coverage: Coverage) -> None:
     draw_borders(axes)
     _name_directions(axes)
     figure.colorbar(mesh, ax=axes, location="bottom", shrink=0.5, aspect=30, label="samples in a cell", format="%d")
-    key = [Patch(color=style.MISSING_COLOR, label="no sample")]
+    key = [Patch(color=page.MISSING_COLOR, label="no sample")]
     axes.legend(handles=key, loc="upper right", bbox_to_anchor=(1.02, 1.05), frameon=False)
 
 
@@ -95,17 +95,12 @@ class Panel:
     name: str
     values: FloatArray
     floor: float
-    color: str = style.AFTER_COLOR
+    color: str = page.AFTER_COLOR
 
     @property
     def known(self) -> FloatArray:
         """The values that are not NaN."""
         return self.values[np.isfinite(self.values)]
-
-    @property
-    def root_mean_square(self) -> float:
-        """Root mean square of the known values; NaN where there is none."""
-        return float(np.sqrt(np.mean(self.known**2))) if len(self.known) else np.nan
 
 
 def thinning_note(sample_count: int) -> str:
@@ -116,7 +111,7 @@ def thinning_note(sample_count: int) -> str:
     return f"Thinned for display: each stroke spans the smallest to the largest of {size} consecutive samples."
 
 
-@matplotlib.rc_context(style.STYLE)
+@matplotlib.rc_context(page.STYLE)
 def plot_over_time(time_s: FloatArray, panels: Sequence[Panel], unit: str) -> Figure:
     """Draw residuals over time, one row a panel on common axes, with dashed lines at ± the noise floor.
 
@@ -129,7 +124,7 @@ def plot_over_time(time_s: FloatArray, panels: Sequence[Panel], unit: str) -> Fi
     unit : str
         Unit of all residuals.
     """
-    figure = Figure(figsize=(style.WIDTH_INCH, height_inch(panels)), layout="constrained")
+    figure = Figure(figsize=(page.WIDTH_INCH, height_inch(panels)), layout="constrained")
     draw_over_time(figure, time_s, panels, unit)
     return figure
 
@@ -146,16 +141,17 @@ def draw_over_time(figure: FigureBase, time_s: FloatArray, panels: Sequence[Pane
     time_unit, seconds = time_axis(float(elapsed[-1]))
     for axes, panel in zip(rows, panels, strict=True):
         draw_series(axes, elapsed / seconds, panel.values, panel.color)
-        axes.hlines([-panel.floor, panel.floor], 0, elapsed[-1] / seconds, style.FLOOR_COLOR, "dashed", linewidth=0.8)
+        axes.hlines([-panel.floor, panel.floor], 0, elapsed[-1] / seconds, page.FLOOR_COLOR, "dashed", linewidth=0.8)
         axes.set_title(panel.name, loc="left", color=panel.color)
-        axes.set_title(f"RMS {number(panel.root_mean_square)} {unit}", loc="right")
+        size = float(np.sqrt(np.mean(panel.known**2))) if len(panel.known) else np.nan
+        axes.set_title(f"RMS {number(size)} {unit}", loc="right")
         axes.margins(x=0.01)
     rows[-1].set_xlabel(f"time from the first sample ({time_unit})")
     figure.supylabel(f"residual ({unit})")
     return seconds
 
 
-@matplotlib.rc_context(style.STYLE)
+@matplotlib.rc_context(page.STYLE)
 def plot_distributions(panels: Sequence[Panel], label: str) -> Figure:
     """Draw distributions over each other, in noise floors, on a logarithmic scale, beside that of unit noise.
 
@@ -166,7 +162,7 @@ def plot_distributions(panels: Sequence[Panel], label: str) -> Figure:
     label : str
         Of the axis.
     """
-    figure = Figure(figsize=(style.PAGE_WIDTH_INCH, 3.0), layout="constrained")
+    figure = Figure(figsize=(page.PAGE_WIDTH_INCH, 3.0), layout="constrained")
     axes = figure.subplots()
     known = [panel.known / panel.floor for panel in panels]
     # The axis goes beyond white noise, but not so far that the floor is no longer visible.
@@ -178,7 +174,7 @@ def plot_distributions(panels: Sequence[Panel], label: str) -> Figure:
         axes.stairs(density, edges, color=panel.color, linewidth=1.4, label=panel.name)
     x = np.linspace(-reach, reach, 401)
     gaussian = np.exp(-0.5 * x**2) / np.sqrt(2 * np.pi)
-    axes.plot(x, gaussian, color=style.FLOOR_COLOR, linestyle="dashed", linewidth=0.9, label="noise floor alone")
+    axes.plot(x, gaussian, color=page.FLOOR_COLOR, linestyle="dashed", linewidth=0.9, label="noise floor alone")
     axes.set(yscale="log", xlabel=label, ylabel="probability density")
     axes.set_ylim(0.3 / (max(len(known[0]), 1) * (2 * reach / bins)), 1.5)
     axes.legend(frameon=False, fontsize=8)
@@ -219,11 +215,7 @@ def draw_series(axes: Axes, time: FloatArray, values: FloatArray, color: str) ->
     axes.vlines(time[starts], low, high, color=pale, linewidth=0.8, rasterized=True)
 
 
-COMPONENT_NAMES = tuple(OUTPUT_NAMES[output][1:] for output in TENSOR_OUTPUTS)
-"""Names of the independent tensor components: xx, xy, xz, yy, yz."""
-
-
-def intensity_panels(series: ResidualSeries, floor: Residuals, color: str = style.AFTER_COLOR) -> list[Panel]:
+def intensity_panels(series: ResidualSeries, floor: Residuals, color: str) -> list[Panel]:
     """Return a panel of |B| − reference, nT, for each sensor and, of more than one, for their centre.
 
     Parameters
@@ -232,7 +224,7 @@ def intensity_panels(series: ResidualSeries, floor: Residuals, color: str = styl
         Residuals of N samples of K sensors.
     floor : Residuals
         Their root mean squares from noise alone.
-    color : str, optional
+    color : str
         As matplotlib names it.
     """
     sensors = zip(series.sensor_intensity_T.T, floor.sensor_intensity_T, strict=True)
@@ -246,8 +238,8 @@ def intensity_panels(series: ResidualSeries, floor: Residuals, color: str = styl
     return panels
 
 
-def tensor_panels(series: ResidualSeries, floor: Residuals, color: str = style.AFTER_COLOR) -> list[Panel]:
-    """Return a panel for each independent component of the gradient tensor, nT/m.
+def tensor_panels(series: ResidualSeries, floor: Residuals, color: str) -> list[Panel]:
+    """Return a panel for each independent component of the gradient tensor, nT/m: xx, xy, xz, yy, yz.
 
     Parameters
     ----------
@@ -255,8 +247,9 @@ def tensor_panels(series: ResidualSeries, floor: Residuals, color: str = style.A
         Residuals of N samples.
     floor : Residuals
         Their root mean squares from noise alone.
-    color : str, optional
+    color : str
         As matplotlib names it.
     """
-    components = zip(COMPONENT_NAMES, series.tensor_T_per_m.T, floor.tensor_T_per_m, strict=True)
+    names = [OUTPUT_NAMES[output][1:] for output in TENSOR_OUTPUTS]
+    components = zip(names, series.tensor_T_per_m.T, floor.tensor_T_per_m, strict=True)
     return [Panel(name, to_nanotesla(values), to_nanotesla(float(noise)), color) for name, values, noise in components]

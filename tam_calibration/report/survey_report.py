@@ -20,8 +20,16 @@ from tam_calibration.localization.targets import SurveyLine
 from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
 from tam_calibration.report.blocks import Block, Points, Section, Text
 from tam_calibration.report.formatting import count, fixed
-from tam_calibration.report.page import embed, write_page
-from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR, FLOOR_COLOR, PAGE_WIDTH_INCH, QUIET_COLOR, STYLE
+from tam_calibration.report.page import (
+    AFTER_COLOR,
+    BEFORE_COLOR,
+    FLOOR_COLOR,
+    PAGE_WIDTH_INCH,
+    QUIET_COLOR,
+    STYLE,
+    embed,
+    write_page,
+)
 from tam_calibration.report.survey_rows import sample_blocks, source_blocks, statements, target_table, targets_answer
 from tam_calibration.sources.demodulation import Spectrum
 

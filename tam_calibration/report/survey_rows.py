@@ -104,15 +104,12 @@ def targets_answer(targets: Sequence[Target]) -> str:
 def target_table(targets: Sequence[Target]) -> Table:
     """Return a table with a row for each target: place and moment ± standard errors, distance, and what it is."""
     header = ("x (m)", "y (m)", "z (m)", "moment (A m²)", "distance (m)", "lines", "")
-    return Table(
-        header, [_target_row(each) for each in targets], "Places in the world of the attitude ± standard errors."
-    )
-
-
-def _target_row(target: Target) -> list[str]:
-    places = with_errors(target.position_m, standard_errors(target.position_covariance_m2), 3)
-    size = _size(target.moment_Am2, target.moment_covariance_A2m4)
-    what = "dipole"
-    if target.is_extended:
-        what = f"extended over {number(target.extent_m, 2)} m" if target.extent_m else "extended or too near"
-    return [*places, size, number(target.distance_m), count(target.lines), what]
+    rows = []
+    for each in targets:
+        places = with_errors(each.position_m, standard_errors(each.position_covariance_m2), 3)
+        size = _size(each.moment_Am2, each.moment_covariance_A2m4)
+        what = "dipole"
+        if each.is_extended:
+            what = f"extended over {number(each.extent_m, 2)} m" if each.extent_m else "extended or too near"
+        rows.append([*places, size, number(each.distance_m), count(each.lines), what])
+    return Table(header, rows, "Places in the world of the attitude ± standard errors.")

@@ -29,6 +29,7 @@ from tam_calibration.results.results_json import (
     attributes,
     law_to_mapping,
     numbers_of,
+    place_of,
     rounded,
     sizes,
     source_to_mapping,
@@ -226,14 +227,8 @@ def comparison_to_mapping(comparison: result.Comparison, sources: Sources) -> di
         "laws": {name: [law_to_mapping(law) for law in laws] for name, laws in comparison.laws_of_one.items()},
         "remarks": list(comparison.remarks),
         "mistakes": [attributes(each, "kind", "what", "where", "mend") for each in comparison.mistakes],
-        "missing_in_simulation": [
-            _difference(each) | _shown(by_simulation=each.is_shown_by_other_run, by_recording=True)
-            for each in comparison.missing
-        ],
-        "surplus_in_simulation": [
-            _difference(each) | _shown(by_simulation=True, by_recording=each.is_shown_by_other_run)
-            for each in comparison.surplus
-        ],
+        "missing_in_simulation": [_shown(each, "simulation", "recording") for each in comparison.missing],
+        "surplus_in_simulation": [_shown(each, "recording", "simulation") for each in comparison.surplus],
         "other_parameters": [
             {
                 "effect": each.recording.effect,
@@ -259,16 +254,17 @@ def _difference(difference: result.EffectDifference) -> dict[str, Any]:
     }
 
 
-def _shown(by_simulation: bool, by_recording: bool) -> dict[str, bool]:
-    """Say whose run shows an effect, or would if it were there: the side that has it does."""
-    return {"shown_by_simulation_run": by_simulation, "shown_by_recording_run": by_recording}
+def _shown(difference: result.EffectDifference, lacking: str, having: str) -> dict[str, Any]:
+    """Return an effect and whose run shows it, or would if it were there: that of the side that has it does."""
+    shows = {lacking: difference.is_shown_by_other_run, having: True}
+    sides = ("simulation", "recording")
+    return _difference(difference) | {f"shown_by_{side}_run": shows[side] for side in sides}
 
 
 def _noise(difference: result.NoiseDifference) -> dict[str, Any]:
     simulation, recording = difference.simulation, difference.recording
     return {
-        "sensor": recording.sensor or "scalar",
-        "axis": recording.axis or None,
+        **place_of(recording),
         **_level("simulation", simulation),
         **_level("recording", recording),
         "simulation_colour": simulation.colour,
@@ -299,18 +295,14 @@ def _source_error(error: result.SourceError | None) -> dict[str, Any] | None:
 
 
 def _figure(figure: Figure) -> dict[str, Any]:
-    simulation, recording = figure.simulation, figure.recording
-    factor, unit = for_people(recording.unit)
-    values = {
-        "simulation": simulation.value,
-        "recording": recording.value,
-        "simulation_standard_error": simulation.standard_error,
-        "recording_standard_error": recording.standard_error,
-    }
+    sides = {"simulation": figure.simulation, "recording": figure.recording}
+    factor, unit = for_people(figure.recording.unit)
+    values = {name: factor * side.value for name, side in sides.items()}
+    errors = {f"{name}_standard_error": factor * side.standard_error for name, side in sides.items()}
     return {
-        **attributes(recording, "group", "name"),
+        **attributes(figure.recording, "group", "name"),
         "unit": unit,
-        **rounded({name: factor * value for name, value in values.items()}),
+        **rounded(values | errors),
         **rounded(attributes(figure, "standard_errors", "standing")),
     }
 

@@ -54,26 +54,8 @@ def write_csv_recording(path: Path, recording: Recording) -> None:
     _write_blocks(path, names, (rows[start : start + BLOCK] for start in range(0, len(rows), BLOCK)))
 
 
-_COLUMNS = ("time_s", *(f"{name}_nT" if name.startswith("b") else f"{name}_nT_per_m" for name in OUTPUT_NAMES))
-
-
-def write_csv_corrected(path: Path, pieces: Iterable[Corrected]) -> None:
-    """Write the centre vector in nT and the gradient tensor in nT/m, piece by piece; nan where there is no gradient.
-
-    Parameters
-    ----------
-    path : Path
-        The CSV file; one that is there is replaced once the new one is complete.
-    pieces : iterable of Corrected
-        Results in the order of time.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be written.
-    """
-    blocks = (np.column_stack([piece.time_s, nanotesla_to_write(piece.outputs)]) for piece in pieces)
-    _write_blocks(path, _COLUMNS, blocks)
+OUTPUT_COLUMNS = tuple(f"{name}_nT" if name.startswith("b") else f"{name}_nT_per_m" for name in OUTPUT_NAMES)
+"""Names of the nine outputs with their units."""
 
 
 def write_recording(path: Path, recording: Recording, storage: str = DEFAULT) -> None:
@@ -113,6 +95,9 @@ def write_corrected_pieces(
 ) -> None:
     """Write corrected data piece by piece: CSV for the suffix .csv, a single mcap file for .mcap, else a bag's folder.
 
+    A CSV has the centre vector in nT and the gradient tensor in nT/m, nan where there is no gradient; one that is there
+    is replaced once the new one is complete.
+
     Parameters
     ----------
     path : Path
@@ -136,7 +121,8 @@ def write_corrected_pieces(
     """
     path = Path(path)
     if path.suffix == ".csv":
-        write_csv_corrected(path, (corrected for corrected, _ in pieces))
+        blocks = (np.column_stack([piece.time_s, nanotesla_to_write(piece.outputs)]) for piece, _ in pieces)
+        _write_blocks(path, ("time_s", *OUTPUT_COLUMNS), blocks)
     else:
         require("bags", "writing bags")
         from tam_calibration.results.bag_corrected import write_bag_corrected

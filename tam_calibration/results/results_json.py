@@ -150,7 +150,12 @@ def _noise(noise: AxisNoise) -> dict[str, Any]:
     names = ("level_nT", "standard_error_nT", "white_nT", "stated_nT")
     levels = to_nanotesla(np.array([noise.level_T, noise.level_error_T, noise.white_T, noise.stated_T]))
     sized = rounded(dict(zip(names, levels, strict=True)))
-    return {"sensor": noise.sensor or "scalar", "axis": noise.axis or None, **sized, "colour": noise.colour}
+    return {**place_of(noise), **sized, "colour": noise.colour}
+
+
+def place_of(noise: AxisNoise) -> dict[str, Any]:
+    """Return the sensor and the axis of a row of noise."""
+    return {"sensor": noise.sensor or "scalar", "axis": noise.axis or None}
 
 
 def _checks(checks: Checks) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from tam_calibration.simulation import simulate
 def test_demo_reaches_the_noise_floor(ros_domain, tmp_path, monkeypatch, undrawn):
     """A shorter run over DDS ends with exit code 0, a page and a calibration."""
     scenario = replace(read_scenario("tumble_100_hz"), sample_count=1200)
-    monkeypatch.setattr("tam_calibration.results.scenario.read_scenario", lambda name: scenario)
+    monkeypatch.setattr("tam_calibration.cli.demo.read_scenario", lambda name: scenario)
     monkeypatch.setattr("tam_calibration.cli.demo.PLAY_RATE", 4.0)
     monkeypatch.setattr("tam_calibration.cli.demo.CHECK_SAMPLES", 500)
     output = tmp_path / "output"
@@ -45,4 +45,5 @@ def test_judge_accepts_the_true_correction_only(run):
 
 def test_error_of_the_truth_is_zero(run):
     """The figures are errors against the simulated truth."""
-    assert np.allclose(demo.errors_of(run, demo.true_outputs(run)), 0)
+    truth = np.hstack([run.center_field_T, run.gradient_T_per_m[:, *np.triu_indices(3)]])
+    assert np.allclose(demo.errors_of(run, truth), 0)

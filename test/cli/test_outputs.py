@@ -163,7 +163,7 @@ def test_a_signal_ends_a_command_with_its_code_and_leaves_nothing(tmp_path, monk
                 raise RuntimeError("it is not as it should be") from None
             raise
 
-    monkeypatch.setattr("tam_calibration.simulation.simulate", simulate)
+    monkeypatch.setattr("tam_calibration.cli.simulate.simulate", simulate)
     result = CliRunner().invoke(main, ["simulate", "wu_table_1", "-o", "x.csv"])
     assert (result.exit_code, result.output, os.listdir()) == (code, "", [])
     for each, handler in before.items():
@@ -186,7 +186,7 @@ def test_a_signal_in_the_callback_of_an_object_that_goes_ends_the_command(tmp_pa
         while reference() is None and time.monotonic() < limit:
             pass
 
-    monkeypatch.setattr("tam_calibration.simulation.simulate", simulate)
+    monkeypatch.setattr("tam_calibration.cli.simulate.simulate", simulate)
     result = CliRunner().invoke(main, ["simulate", "wu_table_1", "-o", "x.csv"])
     assert (result.exit_code, result.output, os.listdir()) == (143, "", [])
     assert capsys.readouterr().err == ""
