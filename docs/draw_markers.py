@@ -91,7 +91,8 @@ def located(recording: Recording, calibration: Calibration) -> tuple[np.ndarray,
 
 def draw_source_markers(axes, calibration, solutions):
     """Draw the sources of some samples, as they are shown one after another."""
-    precise = solutions.distance_standard_errors_m < PRECISE * solutions.distance_m
+    place, covariance = solutions.position_m, solutions.position_covariance_m2
+    precise = np.sqrt(np.einsum("ni,nij,nj->n", place, covariance, place)) < PRECISE * solutions.distance_m**2
     found = np.flatnonzero(solutions.is_located & precise)
     draw_array(axes, calibration.array)
     for index in found[np.linspace(0, len(found) - 1, MOMENTS).astype(int)]:

@@ -120,27 +120,6 @@ def test_factors_of_white_noise_change_no_bit(at_truth):
             assert own.score.tolist() == (before.score / factor).tolist()
 
 
-def test_each_sample_may_have_its_own_scalar_noise(scenario):
-    """Equal noises are one noise, and unequal ones add up from samples of each."""
-    run = simulate(replace(scenario, site_gradient_T_per_m=None))
-    matrix, bias = run.errors.matrix + 1e-6, run.errors.bias_T / UNIT_T
-    one = likelihood_of(run).linearize(matrix, bias)
-    same = likelihood_of(run, np.full(40, 2e-6)).linearize(matrix, bias)
-    assert_allclose(same.both.information, one.both.information, rtol=1e-12)
-    noise = np.where(np.arange(40) < 15, 2e-6, 7e-6)
-    mixed = likelihood_of(run, noise).linearize(matrix, bias)
-    whole = likelihood_of(run)
-    parts = [
-        replace(
-            whole, points=whole.points[chosen], intensity=whole.intensity[chosen], scalar_noise=noise[chosen][0]
-        ).linearize(matrix, bias)
-        for chosen in (slice(15), slice(15, None))
-    ]
-    assert_allclose(mixed.both.information, sum(part.both.information for part in parts), rtol=1e-9)
-    assert_allclose(mixed.both.score, sum(part.both.score for part in parts), rtol=1e-9, atol=1e-3)
-    assert mixed.common.energy == pytest.approx(sum(part.common.energy for part in parts))
-
-
 def test_interpolation_noise_reaches_the_common_mode_across_pieces(scenario, monkeypatch):
     """What samples share is taken over the whole run, however it is cut into pieces."""
     run = simulate(replace(scenario, site_gradient_T_per_m=None))
