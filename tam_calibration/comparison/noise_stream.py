@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.comparison.mend import NoiseTerm
-from tam_calibration.effects.covariates import follow
+from tam_calibration.effects.recursions import follow
 from tam_calibration.model.recording import BLOCK
 from tam_calibration.model.units import FloatArray
 
