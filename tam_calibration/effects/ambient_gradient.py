@@ -114,7 +114,7 @@ class AmbientGradient(LinearEffect):
 
         if not covariates.array.positions_m.any() and not _has_distant_scalar(covariates.array):
             return "all sensors are at the centre of rotation"
-        rotation = Rotation.from_quat(covariates.attitude)
+        rotation = Rotation.from_quat(covariates.channel("attitude"))
         turn = float(np.sqrt(np.mean((rotation.mean().inv() * rotation).magnitude() ** 2)))
         return f"the attitude changes by {turn:.2f} rad only" if turn < LEAST_TURN else None
 
@@ -122,12 +122,9 @@ class AmbientGradient(LinearEffect):
         """Yield the harmonic potentials of degree 2, 3 and 4, by their derivatives in the world at the centre."""
         array = covariates.array
         rotation = np.ascontiguousarray(to_world(covariates).transpose(1, 2, 0))
-        places = [
-            (position, matrix[:, :, None])
-            for position, matrix in zip(array.positions_m, covariates.errors.matrix, strict=True)
-        ]
+        places = list(zip(array.positions_m, covariates.errors.matrix[..., None], strict=True))
         if array.scalar_position_m is not None and _has_distant_scalar(array):
-            places.append((array.scalar_position_m, (covariates.field_T.T / covariates.intensity_T)[None]))
+            places.append((array.scalar_position_m, covariates.direction.T[None]))
         for degree, unit in _DEGREES.items():
             names = ["".join(np.repeat(list("xyz"), orders)) for orders in derivatives(degree)]
             row_count = sum(len(matrix) for _, matrix in places)

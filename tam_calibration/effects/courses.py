@@ -25,8 +25,7 @@ class TemperatureDrift(LinearEffect):
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that the temperature is constant, where it is."""
-        assert covariates.temperature_C is not None
-        change, _ = _change_of(covariates.temperature_C)
+        change, _ = _change_of(covariates.channel("temperature_C"))
         # Less is the noise of usual thermometers.
         return f"the temperature changes by {change:.2g} K only" if change < 0.2 else None
 
@@ -35,9 +34,8 @@ class TemperatureDrift(LinearEffect):
 
         A longer lag is a drift with time. As the order of the layers does not matter, the inner one has at most half.
         """
-        assert covariates.temperature_C is not None
         begin, end = float(covariates.time_s[0]), float(covariates.time_s[-1])
-        reference = {"reference_C": float(np.mean(covariates.temperature_C))}
+        reference = {"reference_C": float(np.mean(covariates.channel("temperature_C")))}
         return [
             {"time_constant_s": 0.0} | reference,
             *(
@@ -53,10 +51,9 @@ class TemperatureDrift(LinearEffect):
         The shape has ``time_constant_s`` and ``start_s``, seconds, ``reference_C``, °C, and ``inner_share``, part of
         the lag.
         """
-        assert covariates.temperature_C is not None
         inner = shape.get("inner_share", 0.0) * shape["time_constant_s"]
         outer = shape["time_constant_s"] - inner
-        change = covariates.temperature_C - shape["reference_C"]
+        change = covariates.channel("temperature_C") - shape["reference_C"]
         for constant in (outer, inner):
             change = lagged(change, covariates.time_s, constant, covariates.memory)
         courses = [("offset", "T/K", change), ("quadratic offset", "T/K²", change**2)]
@@ -75,14 +72,12 @@ class CurrentInterference(LinearEffect):
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that the current is constant, where it is."""
-        assert covariates.current_A is not None
-        change, size = _change_of(covariates.current_A)
+        change, size = _change_of(covariates.channel("current_A"))
         return f"the current changes by {change:.2g} A only" if change <= NEGLIGIBLE * size else None
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
         """Return the field without a lagged part, then with one of some steps of time."""
-        assert covariates.current_A is not None
-        reference = {"reference_A": float(np.mean(covariates.current_A))}
+        reference = {"reference_A": float(np.mean(covariates.channel("current_A")))}
         lags = (1.0, 5.0, 25.0, 125.0)
         return [reference, *({**reference, "time_constant_s": lag * covariates.step_s} for lag in lags)]
 
@@ -91,8 +86,7 @@ class CurrentInterference(LinearEffect):
 
         The shape has ``reference_A``, ampere, and with a lagged part ``time_constant_s``, seconds.
         """
-        assert covariates.current_A is not None
-        current = (covariates.current_A - shape["reference_A"])[:, None]
+        current = (covariates.channel("current_A") - shape["reference_A"])[:, None]
         courses = [("field", "T/A", current), ("quadratic", "T/A²", current**2)]
         if "time_constant_s" in shape:
             late = lagged(current, covariates.time_s, shape["time_constant_s"], covariates.memory)

@@ -76,6 +76,10 @@ class Covariates:
         """The row of the scalar magnetometer, 3 K."""
         return 3 * self.sensor_count
 
+    def channel(self, name: str) -> FloatArray:
+        """Return a channel (N, ...) that is recorded, by the name of its field."""
+        return np.asarray(getattr(self, name))
+
     @cached_property
     def sensed_T(self) -> FloatArray:
         """(N, 3K) readings without bias, tesla."""
@@ -215,5 +219,4 @@ def to_world(covariates: Covariates) -> FloatArray:
     """Return the (N, 3, 3) matrices that turn vectors of the array frame into the world's."""
     from scipy.spatial.transform import Rotation
 
-    assert covariates.attitude is not None
-    return np.asarray(Rotation.from_quat(covariates.attitude).as_matrix())
+    return np.asarray(Rotation.from_quat(covariates.channel("attitude")).as_matrix())

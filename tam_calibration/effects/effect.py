@@ -424,7 +424,7 @@ class FoundEffect(Effect):
 
     def of_samples(
         self,
-        parts: Sequence[Contribution],
+        parts: Iterable[Contribution],
         residuals: WhitenedResiduals,
         flagged: NDArray[np.bool_],
         saved: float,
@@ -435,7 +435,7 @@ class FoundEffect(Effect):
 
         Parameters
         ----------
-        parts : sequence of Contribution
+        parts : iterable of Contribution
             Where it was found, with its numbers.
         residuals : WhitenedResiduals
             Of N samples.
@@ -451,8 +451,26 @@ class FoundEffect(Effect):
         used = residuals.is_counted | flagged
         before, count = float(residuals.energy[used].sum()), float(residuals.channel_count[used].sum())
         gain = count * float(np.log(before / max(before - saved, np.finfo(float).tiny)))
-        paid = parameter_count + int(np.ceil(2 * nats / np.log(count)))
-        return Finding(FittedEffect(self.name, {}, tuple(parts)), gain, paid, flagged, is_certain=self.is_certain)
+        return self.found(parts, gain, parameter_count + int(np.ceil(2 * nats / np.log(count))), flagged=flagged)
+
+    def found(
+        self, parts: Iterable[Contribution], gain: float, parameter_count: int, **arrays: NDArray[Any]
+    ) -> Finding:
+        """Return a finding of this effect.
+
+        Parameters
+        ----------
+        parts : iterable of Contribution
+            Where it was found, with its numbers.
+        gain : float
+            See ``Finding``, as the rest.
+        parameter_count : int
+            Number of its parameters.
+        **arrays : array
+            ``flagged``, ``variance`` or ``spread_T``.
+        """
+        fitted = FittedEffect(self.name, {}, tuple(parts))
+        return Finding(fitted, gain, parameter_count, is_certain=self.is_certain, **arrays)
 
     def add(self, rows_T: FloatArray, covariates: Covariates, fitted: FittedEffect, generator: Generator) -> FloatArray:
         """Return simulated rows (N, 3K + 1) with the effect in them, tesla.

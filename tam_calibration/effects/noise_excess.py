@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 from numpy.random import Generator
 
-from tam_calibration.effects.effect import ALL, Contribution, Covariates, Finding, FittedEffect, FoundEffect
+from tam_calibration.effects.effect import ALL, Contribution, Covariates, Finding, FoundEffect
 from tam_calibration.effects.grades import LEAST_SAMPLES, MINOR
 from tam_calibration.effects.outliers import without_spikes
 from tam_calibration.effects.residuals import WhitenedResiduals, places
@@ -83,34 +83,11 @@ class Spread:
         return self.part * self._floor(self.part)
 
     @property
-    def size(self) -> float:
-        """Its root, the standard deviation."""
-        return float(np.sqrt(self.variance))
-
-    @property
     def relative_error(self) -> float:
         """Relative standard error of the standard deviation, from the curvature of the likelihood."""
         step = 0.2  # of the logarithm: within the parabola of the log-likelihood, far above rounding
         low, middle, high = (self._profile(self.part * float(np.exp(way))) for way in (-step, 0.0, step))
         return float(np.sqrt(2 * step**2 / max(low - 2 * middle + high, np.finfo(float).tiny))) / 2
-
-    def contribution(self, sensor: int, axis: int | None, term: str, part: float = 1.0) -> Contribution:
-        """Return the standard deviation, or a part of it, as a contribution of a sensor or axis.
-
-        Parameters
-        ----------
-        sensor : int
-            Index of the sensor, or ``SCALAR``.
-        axis : int, optional
-            Index of the axis; None for all.
-        term : str
-            Name of the contribution.
-        part : float
-            Of the standard deviation.
-        """
-        size = part * self.size
-        values, errors = {"standard deviation": size}, {"standard deviation": size * self.relative_error}
-        return Contribution(sensor, axis, term, values, errors)
 
     def _floor(self, part: float) -> float:
         explained = float(np.sum(part * self._score_square / (1 + part * self._square)))
@@ -119,6 +96,11 @@ class Spread:
     def _profile(self, part: float) -> float:
         """Return minus twice the log likelihood at some ρ, a constant left out."""
         return self._channel_count * float(np.log(self._floor(part))) + float(np.sum(np.log1p(part * self._square)))
+
+
+def _deviation(sensor: int, axis: int | None, term: str, size: float, relative_error: float) -> Contribution:
+    values, errors = {"standard deviation": size}, {"standard deviation": size * relative_error}
+    return Contribution(sensor, axis, term, values, errors)
 
 
 class NoiseExcess(FoundEffect):
@@ -159,10 +141,9 @@ class NoiseExcess(FoundEffect):
                 variance = np.zeros(row_count)
                 variance[rows] = spread.variance * weight
                 is_alike = bool(np.ptp(weight) == 0)
-                keys = zip(place.contribution_keys(is_alike), np.sqrt(weight).tolist(), strict=False)
-                parts = tuple(spread.contribution(*key, "noise", part) for key, part in keys)
-                count = 2 if is_alike else 1 + len(rows)
-                yield Finding(FittedEffect(self.name, {}, parts), spread.gain, count, variance=variance)
+                keys = zip(place.contribution_keys(is_alike), np.sqrt(variance[rows]).tolist(), strict=False)
+                parts = [_deviation(*key, "noise", size, spread.relative_error) for key, size in keys]
+                yield self.found(parts, spread.gain, 2 if is_alike else 1 + len(rows), variance=variance)
 
     def _shared(self, residuals: WhitenedResiduals) -> Finding | str:
         """Return the noise of all sensors beyond what a data sheet may be wrong by, or that there is none."""
@@ -172,15 +153,10 @@ class NoiseExcess(FoundEffect):
         if variance <= LARGEST_NOISE**2 or noise_T is None:
             return "no row is noisier than the others, spikes left out"
         surplus, beyond = variance - 1, variance / LARGEST_NOISE**2
-        size = float(np.sqrt(surplus * np.mean(noise_T**2)))
-        error = size * variance / surplus / float(np.sqrt(2 * count))
-        values, errors = {"standard deviation": size}, {"standard deviation": error}
-        return Finding(
-            FittedEffect(self.name, {}, (Contribution(ALL, None, "noise", values, errors),)),
-            gain=count * (beyond - 1 - float(np.log(beyond))),
-            parameter_count=1,
-            variance=np.append(surplus * np.repeat(noise_T**2, 3), 0.0),
-        )
+        size, relative_error = float(np.sqrt(surplus * np.mean(noise_T**2))), variance / surplus / np.sqrt(2 * count)
+        parts = [_deviation(ALL, None, "noise", size, float(relative_error))]
+        gain = count * (beyond - 1 - float(np.log(beyond)))
+        return self.found(parts, gain, 1, variance=np.append(surplus * np.repeat(noise_T**2, 3), 0.0))
 
     def put(self, rows_T: FloatArray, part: Contribution, run: Covariates, source: Generator) -> FloatArray:
         """Return the readings (N, n) of the n rows that a contribution acts on with the effect; see `FoundEffect`."""
@@ -203,11 +179,11 @@ class TimingJitter(FoundEffect):
         best = found[sensor]
         if best.gain <= 0:
             return "no sensor scatters along the path of the field"
-        spread = np.zeros((len(rate), rate.shape[1] + 1))
-        spread[:, rows[sensor]] = best.size * rate[:, rows[sensor]]
-        fitted = FittedEffect(self.name, {}, (best.contribution(sensor, None, "jitter"),))
+        size, spread = float(np.sqrt(best.variance)), np.zeros((len(rate), rate.shape[1] + 1))
+        spread[:, rows[sensor]] = size * rate[:, rows[sensor]]
+        parts = [_deviation(sensor, None, "jitter", size, best.relative_error)]
         # Jitter has two numbers: its size, and the sensor.
-        return Finding(fitted, best.gain, parameter_count=2, spread_T=spread)
+        return self.found(parts, best.gain, 2, spread_T=spread)
 
     def put(self, rows_T: FloatArray, part: Contribution, run: Covariates, source: Generator) -> FloatArray:
         """Return the readings (N, n) of the n rows that a contribution acts on with the effect; see `FoundEffect`."""

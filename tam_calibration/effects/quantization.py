@@ -19,7 +19,7 @@ from numpy.random import Generator
 
 from tam_calibration.effects.effect import Covariates, Finding, FoundEffect, WhitenedResiduals
 from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, MINOR, MOST, NEGLIGIBLE, NOTABLE
-from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
+from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution
 from tam_calibration.model.units import FloatArray
 
 _FINEST = 0.5
@@ -58,13 +58,9 @@ class Quantization(FoundEffect):
         rounding = min(float((information @ variance).sum()), max(energy - MOST * count, 0.0))
         if rounding < MINOR * (energy - count):
             return "rounding to the steps of the readings is a small part of the gap"
-        return Finding(
-            FittedEffect(self.name, {}, _contributions(lattices, residuals.covariates.sensor_count)),
-            gain=count * float(np.log(energy / (energy - rounding))),
-            parameter_count=len(_by_step(lattices)),
-            variance=variance,
-            is_certain=self.is_certain,
-        )
+        gain = count * float(np.log(energy / (energy - rounding)))
+        parts = _contributions(lattices, residuals.covariates.sensor_count)
+        return self.found(parts, gain, len(_by_step(lattices)), variance=variance)
 
     def put(self, rows_T: FloatArray, part: Contribution, run: Covariates, source: Generator) -> FloatArray:
         """Return the readings (N, n) of the n rows that a contribution acts on with the effect; see `FoundEffect`."""
@@ -183,7 +179,7 @@ def _visible(lattices: list[Lattice], square: FloatArray, information: FloatArra
     return sorted(kept, key=lambda lattice: lattice.row)
 
 
-def _contributions(lattices: list[Lattice], sensor_count: int) -> tuple[Contribution, ...]:
+def _contributions(lattices: list[Lattice], sensor_count: int) -> list[Contribution]:
     """Return the one step of all sensors where they share it, and the steps of the other rows."""
     scalar, steps = 3 * sensor_count, [lattice.step_T for lattice in lattices]
     have_all = sensor_count > 1 and {lattice.row for lattice in lattices}.issuperset(range(scalar))
@@ -194,4 +190,4 @@ def _contributions(lattices: list[Lattice], sensor_count: int) -> tuple[Contribu
     for one in lattices:
         sensor, axis = (SCALAR, None) if one.row == scalar else divmod(one.row, 3)
         parts.append(Contribution(sensor, axis, "lattice", {"step": one.step_T, "offset": one.offset_T}))
-    return tuple(parts)
+    return parts

@@ -41,12 +41,9 @@ class Saturation(FoundEffect):
         if not limits:
             return "no axis stays at its largest or smallest reading where the others say that it should read more"
         flagged = np.zeros(len(residuals.energy), dtype=bool)
-        saved = 0.0
-        for limit in limits:
-            flagged[limit.samples] = True
-            chosen = limit.samples, limit.row
-            saved += float(np.sum(residuals.row_shift_T[chosen] ** 2 * residuals.row_information[chosen] - 1))
-        return self.of_samples(list(_contributions(limits)), residuals, flagged, saved, 2 * len(limits))
+        flagged[np.concatenate([limit.samples for limit in limits])] = True
+        saved = sum(float(np.sum(residuals.row_deviations[one.samples, one.row] ** 2 - 1)) for one in limits)
+        return self.of_samples(_contributions(limits), residuals, flagged, saved, 2 * len(limits))
 
     def put(self, rows_T: FloatArray, part: Contribution, run: Covariates, source: Generator) -> FloatArray:
         """Return the readings (N, n) of the n rows that a contribution acts on with the effect; see `FoundEffect`."""
@@ -78,10 +75,8 @@ def _limit_of(residuals: WhitenedResiduals, row: int, end: str, reading: FloatAr
         at_limit = piled if len(piled) or not is_repeated else at_limit
     if len(at_limit) < 2:
         return None
-    shortfall = -sign * residuals.row_shift_T[at_limit, row]
-    sure = np.sqrt(information[at_limit])
-    excess = shortfall @ sure / (CERTAIN * np.sqrt(len(at_limit)))
-    deviations = residuals.row_shift_T[:, row] * np.sqrt(information)
+    deviations = residuals.row_deviations[:, row]
+    excess = -sign * np.sum(deviations[at_limit]) / (CERTAIN * np.sqrt(len(at_limit)))
     if not excess > max(1.0, float(noise_deviation(deviations))):
         return None
     spread = float(np.std(outward[at_limit]))
