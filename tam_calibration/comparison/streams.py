@@ -21,10 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.comparison.mend import NoiseTerm, slow_modes
-from tam_calibration.effects.covariates import Covariates, Memory, follow
-from tam_calibration.effects.displaced import samples_in
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import FoundEffect, LinearEffect
 from tam_calibration.effects.library import effect_named
+from tam_calibration.effects.outliers import samples_in
+from tam_calibration.effects.recursions import Memory, follow
 from tam_calibration.effects.term import rows_of
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import FittedEffect

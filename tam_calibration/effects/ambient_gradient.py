@@ -10,7 +10,7 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.core.harmonics import derivatives, fields
-from tam_calibration.effects.covariates import LEAST_TURN, to_world, turn_spread
+from tam_calibration.effects.covariates import LEAST_TURN, to_world
 from tam_calibration.effects.effect import ALL, Coefficient, Covariates, LinearEffect, Shape, Term
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
@@ -108,35 +108,23 @@ _DEGREES = {2: "T/m", 3: "T/m²", 4: "T/m³"}
 class AmbientGradient(LinearEffect):
     """The field of the site is not uniform; the array turns about its centre, which stays where it is."""
 
-    name = "ambient_gradient"
-
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that all sensors are at the centre or that the array was not turned, where it is so."""
+        from scipy.spatial.transform import Rotation
+
         if not covariates.array.positions_m.any() and not _has_distant_scalar(covariates.array):
             return "all sensors are at the centre of rotation"
-        turn = turn_spread(covariates)
-        if turn < LEAST_TURN:
-            return f"the attitude changes by {turn:.2f} rad only"
-        return None
+        rotation = Rotation.from_quat(covariates.channel("attitude"))
+        turn = float(np.sqrt(np.mean((rotation.mean().inv() * rotation).magnitude() ** 2)))
+        return f"the attitude changes by {turn:.2f} rad only" if turn < LEAST_TURN else None
 
     def terms(self, covariates: Covariates, shape: Shape) -> Iterator[Term]:
-        """Yield the harmonic potentials of degree 2, 3 and 4, by their derivatives in the world at the centre.
-
-        Parameters
-        ----------
-        covariates : Covariates
-            Time, field in the array frame and recorded channels of the N samples.
-        shape : Shape
-            Not used: this effect has no shape parameters.
-        """
+        """Yield the harmonic potentials of degree 2, 3 and 4, by their derivatives in the world at the centre."""
         array = covariates.array
         rotation = np.ascontiguousarray(to_world(covariates).transpose(1, 2, 0))
-        places = [
-            (position, matrix[:, :, None])
-            for position, matrix in zip(array.positions_m, covariates.errors.matrix, strict=True)
-        ]
+        places = list(zip(array.positions_m, covariates.errors.matrix[..., None], strict=True))
         if array.scalar_position_m is not None and _has_distant_scalar(array):
-            places.append((array.scalar_position_m, (covariates.field_T.T / covariates.intensity_T)[None]))
+            places.append((array.scalar_position_m, covariates.direction.T[None]))
         for degree, unit in _DEGREES.items():
             names = ["".join(np.repeat(list("xyz"), orders)) for orders in derivatives(degree)]
             row_count = sum(len(matrix) for _, matrix in places)

@@ -1,53 +1,37 @@
-"""Effects of an axis' own field: a reading that is a curve of it, or depends on where it came from."""
+"""Effects of the field itself: a reading that is a curve of it, or depends on where it came from or its direction."""
 
 from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
-from tam_calibration.effects.covariates import Memory, follow
+from tam_calibration.core.harmonics import harmonics
 from tam_calibration.effects.effect import Coefficient, Covariates, LinearEffect, Shape, Term, WhitenedResiduals
-from tam_calibration.effects.grades import MINOR
-from tam_calibration.effects.laws import angles_of, axis_at, order_terms
-from tam_calibration.model.units import FloatArray
+from tam_calibration.effects.grades import MINOR, SLIGHT
+from tam_calibration.effects.recursions import play, rounded_loop
+from tam_calibration.effects.term import angles_of, axis_at, order_terms, scalar_term
 
-_ORDERS = {"quadratic": (2,), "cubic": (3,), "higher": (4, 5), "highest": (6, 7, 8, 9)}
+_ORDERS = {"quadratic": [2], "cubic": [3], "higher": [4, 5], "highest": [6, 7, 8, 9]}
 """Orders of the polynomials that stand or fall together, by name: bends, and kinks as of a limit that is soft."""
 
 
 class Nonlinearity(LinearEffect):
     """The reading of an axis is a curve of the field along it."""
 
-    name = "nonlinearity"
-
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that no axis was turned far enough, where it is so."""
         spread = float(np.ptp(covariates.sensed_T, axis=0).max() / covariates.intensity_T.max())
-        if spread < MINOR:
-            return f"no axis sees the field change by more than {100 * spread:.2g} % of its length"
-        return None
+        told = f"no axis sees the field change by more than {100 * spread:.2g} % of its length"
+        return told if spread < MINOR else None
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
-        """Return the largest field as the full scale.
-
-        Parameters
-        ----------
-        covariates : Covariates
-            Time, field in the array frame and recorded channels of the N samples.
-        residuals : WhitenedResiduals
-            Not used: the full scale follows from the field.
-        """
+        """Return the largest field as the full scale."""
         return ({"full_scale_T": full_scale(covariates)},)
 
     def terms(self, covariates: Covariates, shape: Shape) -> Iterator[Term]:
         """Yield Legendre polynomials of degree 2 to 9 of the field along each axis.
 
-        Parameters
-        ----------
-        covariates : Covariates
-            Time, field in the array frame and recorded channels of the N samples.
-        shape : Shape
-            ``full_scale_T``, the field that the polynomials are scaled by, tesla.
+        The shape has ``full_scale_T``, the field that the polynomials are scaled by, tesla.
         """
         for row in range(covariates.scalar_row):
             curves = legvander(covariates.sensed_T[:, row] / shape["full_scale_T"], 9)
@@ -85,12 +69,9 @@ _DIRECTIONS = np.array(
 class Hysteresis(LinearEffect):
     """The reading follows the field in loops of several widths, without depending on the rate."""
 
-    name = "hysteresis"
-
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that the field was not turned back along any axis, where it was not."""
-        size = full_scale(covariates)
-        width = MINOR * size / 2
+        width = MINOR * full_scale(covariates) / 2
         state = play(covariates.sensed_T, np.array([width]))[:, :, 0]
         movement = np.diff(state, axis=0)
         if not ((movement > 0).any(axis=0) & (movement < 0).any(axis=0)).any():
@@ -98,32 +79,17 @@ class Hysteresis(LinearEffect):
         return None
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
-        """Return the largest field as the full scale, alone and with directions of soft iron.
-
-        Parameters
-        ----------
-        covariates : Covariates
-            Time, field in the array frame and recorded channels of the N samples.
-        residuals : WhitenedResiduals
-            Not used: the directions are fixed.
-        """
+        """Return the largest field as the full scale, alone and with directions of soft iron."""
         scale = {"full_scale_T": full_scale(covariates)}
         return [scale, *({**scale, **angles} for angles in angles_of(_DIRECTIONS))]
 
     def terms(self, covariates: Covariates, shape: Shape) -> Iterator[Term]:
         """Yield loops of each axis in its own field, or in the field along a direction of the array.
 
-        Parameters
-        ----------
-        covariates : Covariates
-            Time, field in the array frame and recorded channels of the N samples.
-        shape : Shape
-            ``full_scale_T``, tesla; for soft iron its direction too: ``azimuth_rad``, ``elevation_rad``, array frame.
+        The shape has ``full_scale_T``, tesla, and for soft iron its direction: ``azimuth_rad``, ``elevation_rad``.
         """
         scale = shape["full_scale_T"]
-        drives = covariates.sensed_T
-        if "azimuth_rad" in shape:
-            drives = covariates.field_T @ axis_at(shape)[:, None]
+        drives = covariates.field_T @ axis_at(shape)[:, None] if "azimuth_rad" in shape else covariates.sensed_T
         # Less than a per cent of the full scale counts as noise, which must not erase the memory.
         states = play(drives, scale * np.array([0.01, *_PLAYS]), covariates.memory)
         rounded = [rounded_loop(states[:, :, 0], scale * width, covariates.memory) for width in _ROUNDED]
@@ -137,71 +103,49 @@ class Hysteresis(LinearEffect):
                 yield Term.of_row(covariates, row, name, parts, features)
 
 
-def rounded_loop(drive: FloatArray, width: float, memory: Memory | None = None) -> FloatArray:
-    """Return x (N, R) of dx = ds - |ds| x / width for drives s (N, R), from rest at zero (Dahl's model of friction).
+_AXIS_ORDERS = ([3], [4], [5, 6], [7, 8], [9, 10], [11, 12])
+"""Of the polynomials about one axis that stand or fall together; dead zones are sharp."""
 
-    Parameters
-    ----------
-    drive : (N, R) array
-        Field that drives each of R loops, tesla.
-    width : float
-        Path of the drive over which a loop settles, tesla.
-    memory : Memory, optional
-        State after the previous batch of samples; by default the loops start from rest.
+
+class ScalarHeadingError(LinearEffect):
+    """The scalar reading is off by a function of the direction of the field in the array frame.
+
+    Up to the second degree such a function is inside the calibration; what can be seen begins with the third.
     """
-    before = None if memory is None else memory.recall()
-    path, state = (drive[:1], np.zeros(drive.shape[1])) if before is None else before
-    change = np.diff(np.concatenate([path, drive]), axis=0)
-    limit = width * np.sign(change)
-    loop = follow(limit, limit, state, np.abs(change) / width)[1:]
-    if memory is not None:
-        memory.keep((drive[-1:], loop[-1]))
-    return loop
 
+    def obstacle(self, covariates: Covariates) -> str | None:
+        """Return that the directions are too few to tell a third degree from a calibration error, where they are."""
+        functions = harmonics(covariates.direction, 3)
+        scatter = functions.T @ functions
+        # A calibration error makes any of the nine harmonics up to degree 2: they are eliminated.
+        own, both, others = scatter[:9, :9], scatter[9:, :9], scatter[9:, 9:]
+        left = others - both @ np.linalg.pinv(own, rcond=1e-9, hermitian=True) @ both.T
+        is_hidden = np.trace(left) < SLIGHT**2 * np.trace(others)
+        return "the field does not come from enough directions" if is_hidden else None
 
-def play(drive: FloatArray, widths: FloatArray, memory: Memory | None = None) -> FloatArray:
-    """Return the states (N, R, W) of play operators of half-widths (W,) that drives (N, R) push.
+    def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
+        """Return any function of the direction, and functions of the angle to 96 axes, fourteen degrees apart.
 
-    They start from rest at zero, or from where they stood in their memory.
+        They lie evenly over half the sphere: opposite axes have the same polynomials but for signs.
+        """
+        index = np.arange(96)
+        z, azimuth = 1 - (index + 0.5) / 96, np.pi * (1 + np.sqrt(5)) * index
+        flat = np.sqrt(1 - z**2)
+        return [{}, *angles_of(np.column_stack([flat * np.cos(azimuth), flat * np.sin(azimuth), z]))]
 
-    p_n = min(s_n + w, max(s_n - w, p_{n-1})). Such steps in a row are one step of the same kind, so that blocks of
-    samples are worked through side by side: first from the extremes, which tells what each makes of any state before,
-    then what all blocks up to each make of the first, by doubling their reach.
+    def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
+        """Return spherical harmonics of degrees 3 to 6, or Legendre polynomials about an axis of degrees 3 to 12.
 
-    Parameters
-    ----------
-    drive : (N, R) array
-        Field that pushes the operators, tesla.
-    widths : (W,) array
-        Half-widths w, tesla.
-    memory : Memory, optional
-        State after the previous batch of samples; by default the operators start from rest.
-    """
-    count = len(drive)
-    length = max(int(np.cbrt(count)), 1)
-    padded = np.concatenate([drive, np.repeat(drive[-1:], -count % length, axis=0)])
-    blocks = padded.reshape(-1, length, drive.shape[1], 1)
-
-    def pushed(state: FloatArray, step: int) -> FloatArray:
-        now = blocks[:, step]
-        return np.minimum(now + widths, np.maximum(now - widths, state))
-
-    shape = (len(blocks), drive.shape[1], len(widths))
-    low, high = np.full(shape, -np.inf), np.full(shape, np.inf)
-    for step in range(length):
-        low, high = pushed(low, step), pushed(high, step)
-    reach = 1
-    while reach < len(blocks):
-        last = low[reach:].copy(), high[reach:].copy()
-        low[reach:], high[reach:] = (np.clip(own[:-reach], *last) for own in (low, high))
-        reach *= 2
-    before = None if memory is None else memory.recall()
-    first = np.zeros(shape[1:]) if before is None else before
-    state: FloatArray = np.concatenate([first[None], np.clip(first, low[:-1], high[:-1])])
-    states = np.empty((len(blocks), length, *shape[1:]))
-    for step in range(length):
-        state = pushed(state, step)
-        states[:, step] = state
-    if memory is not None:
-        memory.keep(state[-1])
-    return states.reshape(-1, *shape[1:])[:count]
+        The shape is empty, or has ``azimuth_rad`` and ``elevation_rad`` of an axis in the array frame.
+        """
+        direction = covariates.direction
+        if "azimuth_rad" in shape:
+            curves = legvander(np.clip(direction @ axis_at(shape), -1, 1), _AXIS_ORDERS[-1][-1])
+            groups = {f"about an axis, degree {orders[0]}": orders for orders in _AXIS_ORDERS}
+            return order_terms(covariates, covariates.scalar_row, groups, "P", curves)
+        functions, terms = harmonics(direction, 6), []
+        for degree in (3, 4, 5, 6):
+            units = {f"degree {degree}, order {order}": "T" for order in range(-degree, degree + 1)}
+            own = functions[:, degree**2 : (degree + 1) ** 2]
+            terms.append(scalar_term(covariates, f"degree {degree}", units, own))
+        return terms

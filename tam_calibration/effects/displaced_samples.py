@@ -1,31 +1,150 @@
-"""Readings that a driver repeats, delivers late, or fills in for lost ones."""
+"""Readings of a sensor that belong to another sample: those that a driver repeats, delivers late, or fills in.
 
-from collections.abc import Sequence
+A sensor is held against the field that all others measure, calibrated by the better half of the samples, so that the
+displaced ones do not tilt it. A sample counts as displaced where another sample's reading lowers its energy by more
+than the code length of the sample and the displacement, 2 ln (N k), and leaves no more than noise reaches once in N
+samples.
+"""
+
+from abc import abstractmethod
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import NDArray
 
-from tam_calibration.effects.displaced import (
-    NOWHERE_T,
-    AgainstOthers,
-    Explained,
-    bursts_of,
-    displaced,
-    drawn_bursts,
-    finding_of,
-    position_nats,
-    samples_in,
-)
+from tam_calibration.core.noise import noise_energy
+from tam_calibration.core.normal_equations import ridged
 from tam_calibration.effects.effect import Contribution, Covariates, Finding, FoundEffect
 from tam_calibration.effects.grades import MOST, NEGLIGIBLE
-from tam_calibration.effects.term import WhitenedResiduals
+from tam_calibration.effects.outliers import bursts_of, drawn_bursts, position_nats, samples_in
+from tam_calibration.effects.residuals import WhitenedResiduals
 from tam_calibration.model.units import FloatArray
 
 LATEST = 8
 """Longest delay of a reading, in samples: the length of a usual queue."""
 
 
-class StaleSamples(FoundEffect):
+class AgainstOthers:
+    """One sensor against the field that all others measure, of which there must be one at least.
+
+    Parameters
+    ----------
+    residuals : WhitenedResiduals
+        Of all sensors.
+    sensor : int
+        Index of the one that is compared.
+
+    Attributes
+    ----------
+    is_usable : (N,) array of bool
+        Samples whose channels are told.
+    whitening : (3, 3) array
+        ``beyond_T @ whitening`` has unit variance under the noise stated, that of the others included, 1/T.
+    calibration_T : (N, 3) array
+        What bias and matrix that fit the better half of the samples best change in its readings, tesla.
+    beyond_T : (N, 3) array
+        Residual beside that: reading minus expected reading, tesla.
+    expected_T : (N, 3) array
+        Expected reading without bias, tesla.
+    """
+
+    def __init__(self, residuals: WhitenedResiduals, sensor: int) -> None:
+        own = residuals.directions[3 * sensor : 3 * sensor + 3]
+        information = ridged(own @ own.T)
+        self.is_usable = residuals.channel_count > 0
+        self.whitening = np.linalg.cholesky(information)
+        beyond = np.linalg.solve(information, own @ residuals.differential.T).T
+        expected = residuals.recording.readings_T[:, sensor] - residuals.covariates.errors.bias_T[sensor] - beyond
+        self.calibration_T = self._calibration(beyond, expected)
+        self.beyond_T, self.expected_T = beyond - self.calibration_T, expected + self.calibration_T
+
+    def energy(self, shift_T: FloatArray) -> FloatArray:
+        """Return the energy (...) of shifts (..., 3) of its readings, in units of the noise stated."""
+        return np.asarray(np.sum((shift_T @ self.whitening) ** 2, axis=-1))
+
+    def _calibration(self, beyond_T: FloatArray, expected_T: FloatArray) -> FloatArray:
+        """Return the part (N, 3) of a residual that is linear in the expected reading.
+
+        By least trimmed squares (Rousseeuw, Least median of squares regression, J. Am. Stat. Assoc. 79, 1984), so that
+        a minority of samples has no influence.
+        """
+        functions = np.column_stack([np.ones(len(expected_T)), expected_T / np.abs(expected_T).max()])
+        usable, beyond = functions[self.is_usable], beyond_T[self.is_usable]
+        left = beyond
+        for _ in range(8):  # concentration steps
+            better = np.argpartition(self.energy(left), len(left) // 2)[: len(left) // 2 + 1]
+            own = usable[better]
+            values = np.linalg.lstsq(own.T @ own, own.T @ beyond[better], rcond=None)[0]
+            left = beyond - usable @ values
+        return np.asarray(functions @ values)
+
+    def displaced(self, displacement_T: FloatArray) -> NDArray[np.intp]:
+        """Return which displacement each sample (N,) has, -1 for none.
+
+        Parameters
+        ----------
+        displacement_T : (k, N, 3) array
+            Residual that each displacement would cause, tesla.
+        """
+        from scipy.special import chdtri
+
+        energy = self.energy(self.beyond_T)
+        floor, price = noise_energy(energy[self.is_usable], 3), 2 * np.log(displacement_T[..., 0].size)
+        samples = np.flatnonzero((energy > price * floor) & self.is_usable)
+        left = self.energy(self.beyond_T[samples] - displacement_T[:, samples]) / floor
+        best = np.argmin(left, axis=0)
+        least = left[best, np.arange(len(samples))]
+        claimed = (energy[samples] / floor - least > price) & (least < chdtri(3, 1 / len(energy)))
+        which = np.full(len(energy), -1)
+        which[samples[claimed]] = best[claimed]
+        return which
+
+
+@dataclass(frozen=True, eq=False)
+class Explained:
+    """Displaced samples (N,) of one sensor, what is explained of its readings (N, 3), tesla, and the parameters."""
+
+    samples: NDArray[np.bool_]
+    shift_T: FloatArray
+    contribution: Contribution
+
+
+class DisplacedEffect(FoundEffect):
+    """Displaced readings of one or several sensors; their samples are excluded.
+
+    Attributes
+    ----------
+    unseen : str
+        What is told where no sensor has any.
+    """
+
+    unseen: ClassVar[str]
+
+    @abstractmethod
+    def explained(self, residuals: WhitenedResiduals, sensor: int) -> Explained | None:
+        """Return the displaced samples of a sensor; None where there are none."""
+
+    def find(self, residuals: WhitenedResiduals) -> Finding | str:
+        """Return the displaced samples, flagged, or why there are none."""
+        of_sensors = (self.explained(residuals, sensor) for sensor in range(residuals.covariates.sensor_count))
+        found = [one for one in of_sensors if one is not None]
+        if not found:
+            return self.unseen
+        flagged = np.any([one.samples for one in found], axis=0)
+        shift = np.zeros((len(flagged), len(residuals.directions)))
+        for one in found:
+            shift[:, 3 * one.contribution.sensor :][:, :3] = one.shift_T
+        saved = float((residuals.energy - residuals.energy_without(shift))[residuals.is_counted | flagged].sum())
+        # What the readings do not prove is told by the positions, which cost nats.
+        nats = 0.0 if self.is_certain else sum(position_nats(len(flagged), int(one.samples.sum())) for one in found)
+        parts = [one.contribution for one in found]
+        return self.of_samples(parts, residuals, flagged, saved, len(parts), nats)
+
+
+class StaleSamples(DisplacedEffect):
     """Readings of a sensor that are those of some samples before.
 
     A telegram that goes out before the sensor has a new value holds the last one; a packet that was held up on its way
@@ -33,64 +152,46 @@ class StaleSamples(FoundEffect):
     is -M (b_n - b_{n-k}), along the path of the field and as large as the way that this has made meanwhile.
     """
 
-    name = "stale_samples"
+    unseen = "no sensor reads at some times what it should have read just before"
 
-    def obstacle(self, covariates: Covariates) -> str | None:
-        """Return that there is no other sensor, where that is so."""
-        return "one sensor alone does not tell where the field was" if covariates.sensor_count == 1 else None
+    def explained(self, residuals: WhitenedResiduals, sensor: int) -> Explained | None:
+        """Return how often and how long readings are stale, and by how much: a value is held, or packets are late."""
+        against = AgainstOthers(residuals, sensor)
+        back = _ways_back(against.expected_T, residuals.covariates.stretches)
+        which = against.displaced(back)
+        samples = np.flatnonzero(which >= 0)
+        if not 0 < len(samples) < MOST * len(which):
+            return None
+        late, shift = which[samples] + 1, against.calibration_T.copy()
+        shift[samples] += back[late - 1, samples]
+        # A held value ages by a sample with each that repeats it.
+        starts = samples[np.diff(samples, prepend=-2) > 1]
+        since = samples - starts[np.searchsorted(starts, samples, side="right") - 1]
+        is_held = np.sum(late == since + 1) > len(samples) / 2
+        values, errors = bursts_of(which >= 0)
+        values["samples late"] = 1.0 if is_held else float(np.median(late))
+        part = Contribution(sensor, None, "repeats" if is_held else "late packets", values, errors)
+        return Explained(which >= 0, shift, part)
 
-    def find(self, residuals: WhitenedResiduals) -> Finding | str:
-        """Return the samples that are stale, flagged, or why there is none."""
-        found = []
-        for sensor in range(residuals.covariates.sensor_count):
-            against = AgainstOthers.of(residuals, sensor).recalibrated()
-            back = _ways_back(against)
-            which = displaced(against, back)
-            if 0 < np.sum(which >= 0) < MOST * len(which):
-                found.append(_late(against, which, back))
-        if not found:
-            return "no sensor reads at some times what it should have read just before"
-        count = residuals.covariates.sample_count
-        nats = sum(position_nats(count, int(one.samples.sum())) for one in found)
-        return finding_of(self.name, residuals, found, nats)
-
-    def put(self, rows_T: FloatArray, part: Contribution, run: Covariates, source: np.random.Generator) -> FloatArray:
+    def put(self, rows_T: FloatArray, part: Contribution, run: Covariates, source: Generator) -> FloatArray:
         """Return the readings (N, n) of the n rows that a contribution acts on with the effect; see `FoundEffect`."""
-        count = len(rows_T)
-        (starts, burst), late = drawn_bursts(part, count, source), samples_in(part, "samples late", count)
-        struck = np.minimum(starts[:, None] + np.arange(burst), count - 1)
-        taken = np.broadcast_to(starts[:, None] - 1, struck.shape) if part.term == "repeats" else struck - late
+        struck, late = drawn_bursts(part, len(rows_T), source), samples_in(part, "samples late", len(rows_T))
+        taken = np.broadcast_to(struck[:, :1] - 1, struck.shape) if part.term == "repeats" else struck - late
         rows_T[struck] = rows_T[np.maximum(taken, 0)]
         return rows_T
 
 
-def _ways_back(against: AgainstOthers) -> FloatArray:
+def _ways_back(expected_T: FloatArray, stretches: Iterable[slice]) -> FloatArray:
     """Return the residual (k, N, 3) of readings that are those of 1 to k samples before, tesla."""
-    expected = against.expected_T
-    back = np.full((LATEST, *expected.shape), NOWHERE_T)
-    for stretch in against.residuals.covariates.stretches:
-        own = expected[stretch]
+    back = np.ones((LATEST, *expected_T.shape))  # of a tesla, where there is no such sample: none is displaced by that
+    for stretch in stretches:
+        own = expected_T[stretch]
         for late in range(1, min(LATEST, len(own) - 1) + 1):
             back[late - 1, stretch.start + late : stretch.stop] = own[:-late] - own[late:]
     return back
 
 
-def _late(against: AgainstOthers, which: NDArray[np.intp], back: FloatArray) -> Explained:
-    """Return how often and how long readings are stale, and by how much: a value is held, or packets are late."""
-    is_stale, samples = which >= 0, np.flatnonzero(which >= 0)
-    late, left = which[samples] + 1, against.beyond_T.copy()
-    left[samples] -= back[late - 1, samples]
-    # A held value ages by a sample with each that repeats it.
-    starts = samples[np.diff(samples, prepend=-2) > 1]
-    since = samples - starts[np.searchsorted(starts, samples, side="right") - 1]
-    is_held = np.sum(late == since + 1) > len(samples) / 2
-    values, errors = bursts_of(is_stale)
-    values["samples late"] = 1.0 if is_held else float(np.median(late))
-    part = Contribution(against.sensor, None, "repeats" if is_held else "late packets", values, errors)
-    return Explained(is_stale, left, part)
-
-
-class InterpolatedSamples(FoundEffect):
+class InterpolatedSamples(DisplacedEffect):
     """Lost readings of a sensor, filled on straight lines between their neighbours.
 
     Where the field is in motion the line cuts its curve short: the residual is the error of linear interpolation, up to
@@ -98,30 +199,26 @@ class InterpolatedSamples(FoundEffect):
     what was filled vanish, to the last digit that is written.
     """
 
-    name = "interpolated_samples"
+    unseen = "no sensor reads along straight lines where the others see the field turn"
 
-    def obstacle(self, covariates: Covariates) -> str | None:
-        """Return that there is no other sensor, where that is so."""
-        return "one sensor alone does not tell how the field went" if covariates.sensor_count == 1 else None
+    def explained(self, residuals: WhitenedResiduals, sensor: int) -> Explained | None:
+        """Return the samples that were filled, and what lines between their neighbours leave of the residual."""
+        windows = _lines(residuals.recording.readings_T[:, sensor], residuals.covariates)
+        if not windows:
+            return None
+        against = AgainstOthers(residuals, sensor)
+        shift, are_filled = against.calibration_T.copy(), np.zeros(len(against.beyond_T), dtype=bool)
+        for inside in windows:
+            are_filled[inside] = True
+            shift[inside] += _on_line(against.expected_T, inside) - against.expected_T[inside]
+        return Explained(are_filled, shift, Contribution(sensor, None, "lines", *bursts_of(are_filled)))
 
-    def find(self, residuals: WhitenedResiduals) -> Finding | str:
-        """Return the samples that were filled, flagged, or why there are none."""
-        found = []
-        for sensor in range(residuals.covariates.sensor_count):
-            windows = _lines(residuals.recording.readings_T[:, sensor], residuals.covariates)
-            if windows:
-                found.append(_filled(AgainstOthers.of(residuals, sensor).recalibrated(), windows))
-        if not found:
-            return "no sensor reads along straight lines where the others see the field turn"
-        return finding_of(self.name, residuals, found, is_certain=True)
-
-    def put(self, rows_T: FloatArray, part: Contribution, run: Covariates, source: np.random.Generator) -> FloatArray:
+    def put(self, rows_T: FloatArray, part: Contribution, run: Covariates, source: Generator) -> FloatArray:
         """Return the readings (N, n) of the n rows that a contribution acts on with the effect; see `FoundEffect`."""
-        rows, count = rows_T.copy(), len(rows_T)
-        starts, burst = drawn_bursts(part, count, source)
-        for start in starts[(starts > 0) & (starts + burst < count)]:
-            inside = np.arange(start, start + burst)
-            rows[inside] = _on_line(rows_T, inside)
+        rows = rows_T.copy()
+        for inside in drawn_bursts(part, len(rows_T), source):
+            if inside[0] > 0 and inside[-1] < len(rows_T) - 1:
+                rows[inside] = _on_line(rows_T, inside)
         return rows
 
 
@@ -154,12 +251,3 @@ def _on_line(values: FloatArray, inside: NDArray[np.intp]) -> FloatArray:
     """Return values (n, C) on the straight lines between the neighbours of some samples (n,) that follow each other."""
     ends = [max(inside[0] - 1, 0), min(inside[-1] + 1, len(values) - 1)]
     return np.column_stack([np.interp(inside, ends, own) for own in values[ends].T])
-
-
-def _filled(against: AgainstOthers, windows: Sequence[NDArray[np.intp]]) -> Explained:
-    """Return the samples of the rows, what lines between their ends leave of the residual, and the numbers."""
-    left, are_filled = against.beyond_T.copy(), np.zeros(len(against.beyond_T), dtype=bool)
-    for inside in windows:
-        are_filled[inside] = True
-        left[inside] += against.expected_T[inside] - _on_line(against.expected_T, inside)
-    return Explained(are_filled, left, Contribution(against.sensor, None, "lines", *bursts_of(are_filled)))

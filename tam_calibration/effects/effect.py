@@ -12,15 +12,16 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import NDArray
 
-from tam_calibration.effects.covariates import Covariates
+from tam_calibration.effects.covariates import Covariates, jumps
 from tam_calibration.effects.grades import LEAST_SAMPLES
-from tam_calibration.effects.limits import Limit, Sized
-from tam_calibration.effects.term import Coefficient, Key, Term, WhitenedResiduals, rows_of
+from tam_calibration.effects.residuals import Finding, WhitenedResiduals
+from tam_calibration.effects.term import Coefficient, Key, Term, rows_of
 from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect, Shape
-from tam_calibration.model.units import FloatArray
+from tam_calibration.model.units import FloatArray, to_nanotesla
 
 __all__ = [
     "ALL",
@@ -42,89 +43,55 @@ __all__ = [
 ]
 
 
-@dataclass(frozen=True, eq=False)
-class Finding:
-    """An effect that is found in a residual otherwise than by regression.
+@dataclass(frozen=True)
+class Limit:
+    """The largest size, in SI units, that a value of an effect has in nature, and the source that says so."""
 
-    Parameters
-    ----------
-    fitted : FittedEffect
-        Where it was found, with its numbers.
-    gain : float
-        Twice the logarithm of the likelihood ratio against white noise of one free variance, at its best.
-    parameter_count : int
-        Number of free parameters, positions included.
-    flagged : (N,) array of bool, optional
-        Samples that cannot be used once it is known.
-    variance : (3K + 1,) array, optional
-        What it adds to the variance of each row, T².
-    spread_T : (N, 3K + 1) array, optional
-        The standard deviation of what it adds to the rows of each sample along one direction of its own, tesla.
-    is_certain : bool
-        Whether the readings prove it beyond chance, so that it precedes effects that explain as much.
-    """
+    largest: float
+    source: str
+    unit: str = "1"
 
-    fitted: FittedEffect
-    gain: float
-    parameter_count: int
-    flagged: NDArray[np.bool_] | None = None
-    variance: FloatArray | None = None
-    spread_T: FloatArray | None = None
-    is_certain: bool = False
+    def with_unit(self, value: float) -> str:
+        """Return a value in this unit as people read it."""
+        is_field = self.unit.startswith("T")
+        number = np.format_float_positional(to_nanotesla(value) if is_field else value, 3, fractional=False, trim="-")
+        return number if self.unit == "1" else f"{number} {'n' * is_field}{self.unit}"
 
-    @classmethod
-    def of_samples(
-        cls,
-        fitted: FittedEffect,
-        residuals: WhitenedResiduals,
-        flagged: NDArray[np.bool_],
-        saved: float,
-        parameter_count: int,
-        nats: float = 0.0,
-        is_certain: bool = False,
-    ) -> "Finding":
-        """Return the finding of an effect that explains a part of the energy of the counted and flagged samples.
 
-        Parameters
-        ----------
-        fitted : FittedEffect
-            Where it was found, with its numbers.
-        residuals : WhitenedResiduals
-            Of N samples.
-        flagged : (N,) array of bool
-            Samples that it strikes.
-        saved : float
-            Energy that it explains.
-        parameter_count : int
-            Number of its parameters.
-        nats : float
-            Code length of what it needs besides, which counts as further parameters.
-        is_certain : bool
-            As above.
-        """
-        used = residuals.is_counted | flagged
-        before, count = float(residuals.energy[used].sum()), float(residuals.channel_count[used].sum())
-        left = max(before - saved, np.finfo(float).tiny)
-        paid = int(np.ceil(2 * nats / np.log(count)))
-        gain = count * float(np.log(before / left))
-        return cls(fitted, gain, parameter_count + paid, flagged, is_certain=is_certain)
+@dataclass(frozen=True)
+class Sized:
+    """A value of a fitted effect by its name, the largest over its places, beside the largest in nature."""
+
+    name: str
+    value: float
+    limit: Limit
 
     @property
-    def is_variance(self) -> bool:
-        """Whether it is a variance of every sample, which no reading proves."""
-        return self.flagged is None and not self.is_certain and not (self.variance is None and self.spread_T is None)
+    def excess(self) -> str | None:
+        """That it is larger than any in nature, whatever its sign, in one clause; None where it is not."""
+        if abs(self.value) <= self.limit.largest:
+            return None
+        size, known = self.limit.with_unit(self.value), self.limit.with_unit(self.limit.largest)
+        return f"its {self.name} of {size} is more than the {known} known ({self.limit.source})"
 
 
-CAUSES: dict[str, dict[str, Any]] = tomllib.loads(Path(__file__).with_name("causes.toml").read_text(encoding="utf-8"))
-"""What is known of the causes of this package, by the names of their effects."""
+def _told(value: Any) -> Any:
+    """Return a value of ``causes.toml``: texts on one line, lists as tuples, largest sizes as limits."""
+    if isinstance(value, str):
+        return " ".join(value.split())
+    if isinstance(value, list):
+        return tuple(value)
+    if not isinstance(value, dict):
+        return value
+    told = {key: _told(each) for key, each in value.items()}
+    return Limit(**told) if "largest" in told else told
 
 
-def _limit_of(known: Mapping[str, Any]) -> Limit:
-    return Limit(known["largest"], _on_one_line(known["source"]), known.get("unit", "1"))
-
-
-def _on_one_line(text: str) -> str:
-    return " ".join(text.split())
+CAUSES: dict[str, dict[str, Any]] = {
+    known.pop("class"): {"name": name, **known}
+    for name, known in _told(tomllib.loads(Path(__file__).with_name("causes.toml").read_text(encoding="utf-8"))).items()
+}
+"""What is known of the causes of this package, by module and class of their effects."""
 
 
 class Effect(ABC):
@@ -144,6 +111,10 @@ class Effect(ABC):
         What a recording must do to make it visible.
     told_of_samples : str
         What it takes ``LEAST_SAMPLES`` to tell: "a jump"; empty where its own ``obstacle`` says when samples are few.
+    told_by_others : str
+        What one sensor alone does not tell: "where the field was"; empty where one is enough.
+    needs_motion : bool
+        Whether only a continuous motion shows it.
     limits : mapping
         The largest sizes of its values, by the name of a value, or of a term for all values of it.
     may_repeat : bool
@@ -154,6 +125,8 @@ class Effect(ABC):
         Names of the faults of channels that it makes, as the check before a fit has them (``integrity``).
     output_stage : int
         When it acts on the rows of a simulation: an effect of a higher stage comes after all of lower ones.
+    units : dict
+        SI unit of each value of an effect that has no terms to tell it.
     """
 
     name: ClassVar[str]
@@ -162,24 +135,21 @@ class Effect(ABC):
     channels: ClassVar[tuple[str, ...]] = ()
     excitation: ClassVar[str]
     told_of_samples: ClassVar[str] = ""
+    told_by_others: ClassVar[str] = ""
+    needs_motion: ClassVar[bool] = False
     limits: ClassVar[Mapping[str, Limit]] = {}
     may_repeat: ClassVar[bool] = False
     is_of_lone_samples: ClassVar[bool] = False
     shows_as: ClassVar[tuple[str, ...]] = ()
     output_stage: ClassVar[int] = 0
+    units: ClassVar[Mapping[str, str]] = {}
 
     def __init_subclass__(cls) -> None:
         """Take over what ``causes.toml`` tells of an effect of this package; others state it themselves."""
         super().__init_subclass__()
-        for key, value in CAUSES.get(cls.__dict__.get("name", ""), {}).items():
-            if key == "limits":
-                value = {name: _limit_of(known) for name, known in value.items()}
-            elif key == "largest_signal":
-                value = _limit_of(value)
-            elif isinstance(value, str):
-                value = _on_one_line(value)
-            if key != "class":
-                setattr(cls, key, tuple(value) if isinstance(value, list) else value)
+        place = f"{cls.__module__}:{cls.__name__}".removeprefix(f"{__package__}.")
+        for key, value in CAUSES.get(place, {}).items():
+            setattr(cls, key, value)
 
     def oversize(self, covariates: Covariates, fitted: FittedEffect) -> str | None:
         """Return which value of a fitted effect is larger than any in nature, in one clause; None where none is.
@@ -215,12 +185,12 @@ class Effect(ABC):
         """Return why a recording that has the channels cannot show this effect, in one clause; None where it can."""
         if self.told_of_samples and covariates.sample_count < LEAST_SAMPLES:
             return f"{covariates.sample_count} samples are too few to tell {self.told_of_samples}"
-        return None
+        if self.told_by_others and covariates.sensor_count == 1:
+            return f"one sensor alone does not tell {self.told_by_others}"
+        return jumps(covariates) if self.needs_motion else None
 
     @abstractmethod
-    def add(
-        self, rows_T: FloatArray, covariates: Covariates, fitted: FittedEffect, generator: np.random.Generator
-    ) -> FloatArray:
+    def add(self, rows_T: FloatArray, covariates: Covariates, fitted: FittedEffect, generator: Generator) -> FloatArray:
         """Return simulated rows (N, 3K + 1) with the effect in them, tesla.
 
         Parameters
@@ -391,9 +361,7 @@ class LinearEffect(Effect):
             total += term.signal(values, row_count)
         return total
 
-    def add(
-        self, rows_T: FloatArray, covariates: Covariates, fitted: FittedEffect, generator: np.random.Generator
-    ) -> FloatArray:
+    def add(self, rows_T: FloatArray, covariates: Covariates, fitted: FittedEffect, generator: Generator) -> FloatArray:
         """Return simulated rows (N, 3K + 1) with the effect in them, tesla.
 
         Parameters
@@ -442,17 +410,69 @@ class FoundEffect(Effect):
     ----------
     stream : str
         How it is added to samples as they arrive, see ``StreamKind``.
+    is_certain : bool
+        Whether the readings prove it beyond chance, so that it precedes effects that explain as much.
     """
 
     stream: ClassVar[StreamKind] = "of_whole"
+    is_certain: ClassVar[bool] = False
+    units: ClassVar[Mapping[str, str]] = {}
 
     @abstractmethod
     def find(self, residuals: WhitenedResiduals) -> Finding | str:
         """Return what was found, or why nothing was, in one clause."""
 
-    def add(
-        self, rows_T: FloatArray, covariates: Covariates, fitted: FittedEffect, generator: np.random.Generator
-    ) -> FloatArray:
+    def of_samples(
+        self,
+        parts: Iterable[Contribution],
+        residuals: WhitenedResiduals,
+        flagged: NDArray[np.bool_],
+        saved: float,
+        parameter_count: int,
+        nats: float = 0.0,
+    ) -> Finding:
+        """Return the finding of an effect that explains a part of the energy of the counted and flagged samples.
+
+        Parameters
+        ----------
+        parts : iterable of Contribution
+            Where it was found, with its numbers.
+        residuals : WhitenedResiduals
+            Of N samples.
+        flagged : (N,) array of bool
+            Samples that it strikes.
+        saved : float
+            Energy that it explains.
+        parameter_count : int
+            Number of its parameters.
+        nats : float
+            Code length of what it needs besides, which counts as further parameters.
+        """
+        used = residuals.is_counted | flagged
+        before, count = float(residuals.energy[used].sum()), float(residuals.channel_count[used].sum())
+        gain = count * float(np.log(before / max(before - saved, np.finfo(float).tiny)))
+        return self.found(parts, gain, parameter_count + int(np.ceil(2 * nats / np.log(count))), flagged=flagged)
+
+    def found(
+        self, parts: Iterable[Contribution], gain: float, parameter_count: int, **arrays: NDArray[Any]
+    ) -> Finding:
+        """Return a finding of this effect.
+
+        Parameters
+        ----------
+        parts : iterable of Contribution
+            Where it was found, with its numbers.
+        gain : float
+            See ``Finding``, as the rest.
+        parameter_count : int
+            Number of its parameters.
+        **arrays : array
+            ``flagged``, ``variance`` or ``spread_T``.
+        """
+        fitted = FittedEffect(self.name, {}, tuple(parts))
+        return Finding(fitted, gain, parameter_count, is_certain=self.is_certain, **arrays)
+
+    def add(self, rows_T: FloatArray, covariates: Covariates, fitted: FittedEffect, generator: Generator) -> FloatArray:
         """Return simulated rows (N, 3K + 1) with the effect in them, tesla.
 
         Parameters
@@ -472,7 +492,7 @@ class FoundEffect(Effect):
             rows[:, touched] = self.put(rows[:, touched], part, covariates, generator)
         return rows
 
-    def put(self, rows_T: FloatArray, part: Contribution, run: Covariates, source: np.random.Generator) -> FloatArray:
+    def put(self, rows_T: FloatArray, part: Contribution, run: Covariates, source: Generator) -> FloatArray:
         """Return the readings of the rows that a contribution acts on with the effect in them.
 
         Parameters

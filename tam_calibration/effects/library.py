@@ -26,9 +26,9 @@ def installed_effects() -> dict[str, Effect]:
         When an entry point cannot be imported, or is no effect.
     """
     effects: dict[str, Effect] = {}
-    own = [EntryPoint(name, f"{__package__}.{known['class']}", GROUP) for name, known in CAUSES.items()]
-    others = [point for point in entry_points(group=GROUP) if point.name not in CAUSES]
-    for point in sorted([*own, *others], key=lambda point: point.name):
+    own = {known["name"]: EntryPoint(known["name"], f"{__package__}.{place}", GROUP) for place, known in CAUSES.items()}
+    others = {point.name: point for point in entry_points(group=GROUP)}
+    for _, point in sorted((others | own).items()):
         try:
             effect = point.load()()
         except Exception as problem:  # the code of another package may raise anything when it is imported
@@ -74,7 +74,7 @@ def units_of(fitted: FittedEffect, errors: SensorErrors, array: Array) -> dict[s
     """
     effect = effect_named(fitted.effect)
     if not isinstance(effect, LinearEffect):
-        return dict(getattr(effect, "units", {}))
+        return dict(effect.units)
     terms = effect.terms(_some_covariates(errors, array, effect.needs(fitted)), fitted.shape)
     return dict(effect.shape_units) | {part.name: part.unit for term in terms for part in term.coefficients}
 

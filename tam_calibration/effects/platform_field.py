@@ -2,15 +2,16 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from itertools import combinations_with_replacement
 
 import numpy as np
 
 from tam_calibration.core.harmonics import derivatives, fields
-from tam_calibration.effects.covariates import mode
+from tam_calibration.effects.covariates import jumps
 from tam_calibration.effects.effect import Coefficient, Covariates, LinearEffect, Sized, Term, WhitenedResiduals
 from tam_calibration.effects.lags import SLOWER, followed, time_constants_s
-from tam_calibration.effects.laws import OF_MATRIX, matrix_terms, scalar_term
-from tam_calibration.effects.motion import jumps
+from tam_calibration.effects.recursions import mode
+from tam_calibration.effects.term import matrix_terms, matrix_units, scalar_term
 from tam_calibration.model.fitted_effect import ALL, FittedEffect, Shape
 from tam_calibration.model.further_channels import is_further, unit_of
 from tam_calibration.model.units import FloatArray
@@ -18,9 +19,6 @@ from tam_calibration.model.units import FloatArray
 _DEGREES = {2: ("gradient", "1/m"), 3: ("curvature", "1/m²")}
 """Name and unit of what potentials make, by their degree: beyond the third, four sensors tell no law in space."""
 
-
-_PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-"""Axes of the six elements of a symmetric matrix."""
 
 _INDUCED = "induced"
 
@@ -33,29 +31,13 @@ class PlatformField(LinearEffect):
     These three and six stand here for simulations and for fits of the scalar alone.
     """
 
-    name = "platform_field"
-
     def needs(self, fitted: FittedEffect) -> tuple[str, ...]:
-        """Return the names of the currents and actuators that have a part in a fitted effect.
-
-        Parameters
-        ----------
-        fitted : FittedEffect
-            With its numbers.
-        """
+        """Return the names of the currents and actuators that have a part in a fitted effect."""
         names = (one.term.partition(",")[0] for one in fitted.contributions)
         return tuple(dict.fromkeys(name for name in names if is_further(name) or name == "current_A"))
 
     def sizes(self, covariates: Covariates, fitted: FittedEffect) -> list[Sized]:
-        """Return the sizes of the coefficients, and which part of what conductors do is not that of a uniform gradient.
-
-        Parameters
-        ----------
-        covariates : Covariates
-            Time, field in the array frame and recorded channels of the N samples.
-        fitted : FittedEffect
-            With its numbers.
-        """
+        """Return the sizes of the coefficients, and which part of what conductors do no uniform gradient makes."""
         sizes = super().sizes(covariates, fitted)
         law = tuple(one for one in fitted.contributions if one.sensor == ALL)
         if not law:
@@ -69,15 +51,7 @@ class PlatformField(LinearEffect):
         return None if covariates.further else jumps(covariates)
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
-        """Return the time constants of eddy currents; none where the field jumps from pose to pose.
-
-        Parameters
-        ----------
-        covariates : Covariates
-            Time, field in the array frame and recorded channels of the N samples.
-        residuals : WhitenedResiduals
-            Not used: the constants follow from the motion.
-        """
+        """Return the time constants of eddy currents; none where the field jumps from pose to pose."""
         if jumps(covariates) is not None:
             return ({},)
         return [{"time_constant_s": constant} for constant in time_constants_s(covariates)[::2]]
@@ -85,45 +59,31 @@ class PlatformField(LinearEffect):
     def terms(self, covariates: Covariates, shape: Shape) -> Iterator[Term]:
         """Yield the eighteen terms of the scalar, the gradients of its eddy currents, and what follows each channel.
 
-        Parameters
-        ----------
-        covariates : Covariates
-            Time, field in the array frame and recorded channels of the N samples.
-        shape : Shape
-            ``time_constant_s`` of the first mode of the eddy currents, seconds; without it there are none.
+        The shape has ``time_constant_s`` of the first mode of the eddy currents, seconds; without it there are none.
         """
         permanent = {f"permanent {axis}": "T" for axis in "xyz"}
-        yield scalar_term(covariates, "permanent", permanent, _direction(covariates))
+        yield scalar_term(covariates, "permanent", permanent, covariates.direction)
         yield _induced(covariates, _INDUCED, "")
         if "time_constant_s" in shape:
             late = _followed(covariates, shape["time_constant_s"])
             later = _followed(covariates, SLOWER * shape["time_constant_s"])
             for name, change in (("first mode", covariates.field_T - late), ("slower mode", late - later)):
-                yield _at_scalar(covariates, name, change)
+                along = (covariates.direction[:, :, None] * change[:, None, :]).reshape(len(change), 9)
+                yield scalar_term(covariates, name, matrix_units(name), along)
                 # Between fewer sensors the field of distant currents differs as that of currents at one of them.
                 if covariates.sensor_count >= 4:
                     yield from (_gradient(covariates, name, degree, change) for degree in _DEGREES)
         channels = {} if covariates.current_A is None else {"current_A": covariates.current_A}
         for name, values in (channels | dict(covariates.further)).items():
-            yield from _of_channel(covariates, name, values)
-
-
-def _direction(covariates: Covariates) -> FloatArray:
-    return covariates.field_T / covariates.intensity_T[:, None]
+            yield from _of_channel(covariates, name, values[:, None])
 
 
 def _induced(covariates: Covariates, name: str, prefix: str, part: FloatArray | float = 1.0) -> Term:
     """Return what the field that six elements of a symmetric matrix induce adds to the intensity, or parts of it."""
-    units = {f"{prefix}induced {'xyz'[i]}{'xyz'[j]}": "1" for i, j in _PAIRS}
-    direction = _direction(covariates)
-    squares = np.column_stack([direction[:, i] * covariates.field_T[:, j] for i, j in _PAIRS])
+    pairs = list(combinations_with_replacement(range(3), 2))
+    units = {f"{prefix}induced {'xyz'[i]}{'xyz'[j]}": "1" for i, j in pairs}
+    squares = np.column_stack([covariates.direction[:, i] * covariates.field_T[:, j] for i, j in pairs])
     return scalar_term(covariates, name, units, squares * part)
-
-
-def _at_scalar(covariates: Covariates, name: str, change_T: FloatArray) -> Term:
-    """Return what eddy currents that answer to a change of the field (N, 3) add to the intensity, nine elements."""
-    along = (_direction(covariates)[:, :, None] * change_T[:, None, :]).reshape(len(change_T), 9)
-    return scalar_term(covariates, name, {f"{name}, {of}": "1" for of in OF_MATRIX}, along)
 
 
 def _part_beyond_gradient(covariates: Covariates, rows_T: FloatArray) -> float:
@@ -153,19 +113,15 @@ def _gradient(covariates: Covariates, mode_name: str, degree: int, change_T: Flo
 
 
 def _of_channel(covariates: Covariates, name: str, values: FloatArray) -> Iterator[Term]:
-    """Yield the field in proportion to a channel, and of an actuator what it makes of the field by its iron."""
-    unit = "A" if name == "current_A" else unit_of(name)
-    per_unit = "T/A" if unit == "A" else "T"
-    column, axes = values[:, None], np.arange(3)
-    units = {f"{name} {axis}": per_unit for axis in "xyz"}
-    parts = tuple(Coefficient(*each) for each in units.items())
-    features = np.tile(column, 3)
-    for sensor in range(covariates.sensor_count):
-        yield Term(sensor, None, name, parts, features, 3 * sensor + axes, axes)
-    yield scalar_term(covariates, name, units, _direction(covariates) * column)
-    if unit != "A":
-        yield from matrix_terms(covariates, f"{name}, {_INDUCED}", name, covariates.field_T * column)
-        yield _induced(covariates, f"{name}, {_INDUCED}", f"{name}, ", column)
+    """Yield the field in proportion to a channel (N, 1), and of an actuator what it makes of the field by its iron."""
+    is_current = unit_of(name) == "A"
+    units = {f"{name} {axis}": "T/A" if is_current else "T" for axis in "xyz"}
+    yield from matrix_terms(covariates, name, units, values)
+    yield scalar_term(covariates, name, units, covariates.direction * values)
+    if not is_current:
+        own = f"{name}, {_INDUCED}"
+        yield from matrix_terms(covariates, own, matrix_units(name), covariates.field_T * values)
+        yield _induced(covariates, own, f"{name}, ", values)
 
 
 def _followed(covariates: Covariates, time_constant_s: float) -> FloatArray:
@@ -176,20 +132,13 @@ def _followed(covariates: Covariates, time_constant_s: float) -> FloatArray:
     memory = covariates.memory
     if memory is None:
         return followed(covariates, time_constant_s)
-    before = memory.recall()
-    if before is None:
-        time, field, rate = covariates.time_s, covariates.field_T, _rates_so_far(covariates.time_s, covariates.field_T)
-        late = mode(field, rate, time, time_constant_s)
-    else:
-        last_time, last_field, last_rate, last_state = before
-        time = np.concatenate([last_time, covariates.time_s])
-        field = np.concatenate([last_field, covariates.field_T])
-        rate, last = _rates_so_far(time, field), len(last_time) - 1
-        rate[last] = last_rate
-        settled = mode(field[last:], rate[last:], time[last:], time_constant_s)
-        decay = np.exp(-(time[last:] - time[last]) / time_constant_s)[:, None]
-        late = (settled + decay * (last_state - settled[0]))[1:]
-    memory.keep((time[-2:], field[-2:], rate[-1], late[-1]))
+    last_times, last_fields, state = memory.recall((covariates.time_s[:0], covariates.field_T[:0], None))
+    time = np.concatenate([last_times, covariates.time_s])
+    field = np.concatenate([last_fields, covariates.field_T])
+    known = max(len(last_times) - 1, 0)
+    rate = _rates_so_far(time, field)
+    late = mode(field[known:], rate[known:], time[known:], time_constant_s, state)[len(last_times) - known :]
+    memory.keep((time[-3:], field[-3:], late[-1]))
     return late
 
 

@@ -15,11 +15,11 @@ residual is not as large as rounding would make it, the stated noise holds it al
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.random import Generator
 
 from tam_calibration.effects.effect import Covariates, Finding, FoundEffect, WhitenedResiduals
 from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, MINOR, MOST, NEGLIGIBLE, NOTABLE
-from tam_calibration.effects.term import row_deviations
-from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
+from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution
 from tam_calibration.model.units import FloatArray
 
 _FINEST = 0.5
@@ -41,8 +41,6 @@ class Lattice:
 class Quantization(FoundEffect):
     """Readings rounded to coarse steps."""
 
-    name = "quantization"
-
     def find(self, residuals: WhitenedResiduals) -> Finding | str:
         """Return the steps, or why rounding is no visible part of the noise."""
         lattices = find_lattices(residuals)
@@ -50,26 +48,21 @@ class Quantization(FoundEffect):
             return "no readings are multiples of a step that is large beside the noise"
         counted = residuals.is_counted
         information = residuals.row_information[counted]
-        square = np.mean(row_deviations(residuals)[counted] ** 2, axis=0)
+        square = np.mean(residuals.row_deviations[counted] ** 2, axis=0)
         lattices = _visible(lattices, square, information.mean(axis=0), int(counted.sum()))
         if not lattices:
             return "readings are multiples of a step, but the stated noise already holds its rounding"
         variance = np.zeros(information.shape[1])
-        for lattice in lattices:
-            variance[lattice.row] = lattice.step_T**2 / 12
+        variance[[one.row for one in lattices]] = [one.step_T**2 / 12 for one in lattices]
         energy, count = float(residuals.energy[counted].sum()), float(residuals.channel_count[counted].sum())
         rounding = min(float((information @ variance).sum()), max(energy - MOST * count, 0.0))
         if rounding < MINOR * (energy - count):
             return "rounding to the steps of the readings is a small part of the gap"
-        return Finding(
-            FittedEffect(self.name, {}, _contributions(lattices, residuals.covariates.sensor_count)),
-            gain=count * float(np.log(energy / (energy - rounding))),
-            parameter_count=len(_by_step(lattices)),
-            variance=variance,
-            is_certain=True,
-        )
+        gain = count * float(np.log(energy / (energy - rounding)))
+        parts = _contributions(lattices, residuals.covariates.sensor_count)
+        return self.found(parts, gain, len(_by_step(lattices)), variance=variance)
 
-    def put(self, rows_T: FloatArray, part: Contribution, run: Covariates, source: np.random.Generator) -> FloatArray:
+    def put(self, rows_T: FloatArray, part: Contribution, run: Covariates, source: Generator) -> FloatArray:
         """Return the readings (N, n) of the n rows that a contribution acts on with the effect; see `FoundEffect`."""
         step, offset = part.values["step"], part.values.get("offset", 0.0)
         return np.round((rows_T - offset) / step) * step + offset
@@ -81,14 +74,9 @@ def find_lattices(residuals: WhitenedResiduals) -> list[Lattice]:
     columns = list(recording.readings_T.reshape(recording.sample_count, -1).T)
     if recording.scalar_T is not None:
         columns.append(recording.scalar_T[np.isfinite(recording.scalar_T)])
-    noise = _row_noise(residuals)
-    found = []
-    for row, readings in enumerate(columns):
-        if np.isfinite(noise[row]):
-            lattice = _lattice(row, readings, float(noise[row]))
-            if lattice is not None:
-                found.append(lattice)
-    return found
+    noise = _row_noise(residuals).tolist()
+    told = [_lattice(row, own, noise[row]) for row, own in enumerate(columns) if np.isfinite(noise[row])]
+    return [lattice for lattice in told if lattice is not None]
 
 
 def _row_noise(residuals: WhitenedResiduals) -> FloatArray:
@@ -107,14 +95,11 @@ def _lattice(row: int, readings: FloatArray, noise_T: float) -> Lattice | None:
     if frequency is None:
         return None
     # Differences fix the frequency to a part of one over their size; the whole range fixes it finer, by steps.
-    step = 1 / frequency
     reach = 4 * _DISTANCE
-    while True:
-        within = ordered[ordered <= reach]
-        step = _adjusted(within, step)
-        if reach >= ordered[-1]:
-            break
+    step = _adjusted(ordered[ordered <= reach], 1 / frequency)
+    while reach < ordered[-1]:
         reach *= 4
+        step = _adjusted(ordered[ordered <= reach], step)
     phase = np.angle(np.mean(np.exp(2j * np.pi * ordered / step))) / (2 * np.pi)
     distance = ordered / step - phase
     distance = (distance - np.round(distance)) * step
@@ -194,19 +179,15 @@ def _visible(lattices: list[Lattice], square: FloatArray, information: FloatArra
     return sorted(kept, key=lambda lattice: lattice.row)
 
 
-def _contributions(lattices: list[Lattice], sensor_count: int) -> tuple[Contribution, ...]:
-    steps = np.array([lattice.step_T for lattice in lattices])
-    of_vectors = [lattice for lattice in lattices if lattice.row < 3 * sensor_count]
-    if (
-        len(of_vectors) == 3 * sensor_count
-        and np.ptp(np.log(steps[: len(of_vectors)])) < NEGLIGIBLE
-        and sensor_count > 1
-    ):
-        whole = Contribution(ALL, None, "lattice", {"step": float(np.median(steps))})
-        return (whole, *(_of_row(lattice, sensor_count) for lattice in lattices[len(of_vectors) :]))
-    return tuple(_of_row(lattice, sensor_count) for lattice in lattices)
-
-
-def _of_row(lattice: Lattice, sensor_count: int) -> Contribution:
-    sensor, axis = (SCALAR, None) if lattice.row == 3 * sensor_count else divmod(lattice.row, 3)
-    return Contribution(sensor, axis, "lattice", {"step": lattice.step_T, "offset": lattice.offset_T})
+def _contributions(lattices: list[Lattice], sensor_count: int) -> list[Contribution]:
+    """Return the one step of all sensors where they share it, and the steps of the other rows."""
+    scalar, steps = 3 * sensor_count, [lattice.step_T for lattice in lattices]
+    have_all = sensor_count > 1 and {lattice.row for lattice in lattices}.issuperset(range(scalar))
+    parts = []
+    if have_all and np.ptp(np.log(steps[:scalar])) < NEGLIGIBLE:
+        parts = [Contribution(ALL, None, "lattice", {"step": float(np.median(steps))})]
+        lattices = lattices[scalar:]
+    for one in lattices:
+        sensor, axis = (SCALAR, None) if one.row == scalar else divmod(one.row, 3)
+        parts.append(Contribution(sensor, axis, "lattice", {"step": one.step_T, "offset": one.offset_T}))
+    return parts

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.core.normal_equations import Elimination
-from tam_calibration.effects.covariates import Memory
 from tam_calibration.effects.effect import SCALAR, Covariates, FittedEffect, LinearEffect
 from tam_calibration.effects.library import effect_named
+from tam_calibration.effects.recursions import Memory
 from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.further_channels import channel_in_words
@@ -183,11 +183,8 @@ def of_sensors(effects: Iterable[FittedEffect]) -> tuple[FittedEffect, ...]:
 
 def on_sensors(fitted: FittedEffect) -> FittedEffect | None:
     """Return the part of an effect on the sensors; None where it cannot be removed, or belongs to the site."""
-    effect = effect_named(fitted.effect)
-    if not isinstance(effect, LinearEffect) or effect.is_of_site:
-        return None
     contributions = tuple(one for one in fitted.contributions if one.sensor != SCALAR)
-    return replace(fitted, contributions=contributions) if contributions else None
+    return replace(fitted, contributions=contributions) if contributions and of_array([fitted]) else None
 
 
 def linear_effect(fitted: FittedEffect) -> LinearEffect:

@@ -5,22 +5,19 @@ at the largest or smallest value, where the other sensors say that the axis shou
 1241-2010, Standard for Terminology and Test Methods for Analog-to-Digital Converters, on overload.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import groupby
-from typing import ClassVar
-from weakref import WeakKeyDictionary
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import NDArray
 
 from tam_calibration.core.noise import noise_deviation
-from tam_calibration.effects.effect import Contribution, Covariates, Finding, FittedEffect, FoundEffect
+from tam_calibration.effects.effect import Contribution, Covariates, Finding, FoundEffect
 from tam_calibration.effects.grades import CERTAIN, FEWEST, NOTABLE
-from tam_calibration.effects.term import WhitenedResiduals
+from tam_calibration.effects.residuals import WhitenedResiduals
 from tam_calibration.model.units import FloatArray
-
-_KNOWN: "WeakKeyDictionary[WhitenedResiduals, list[_Limit]]" = WeakKeyDictionary()
 
 _ENDS = {"upper limit": 1.0, "lower limit": -1.0}
 """Signs that turn either end of a range into an upper one."""
@@ -38,49 +35,31 @@ class _Limit:
 class Saturation(FoundEffect):
     """An axis that reads the end of its range where the field lies beyond."""
 
-    name = "saturation"
-    units: ClassVar[Mapping[str, str]] = {"upper limit": "T", "lower limit": "T"}
-
     def find(self, residuals: WhitenedResiduals) -> Finding | str:
         """Return the limits, and as flagged the samples at them, or why there is none."""
         limits = find_limits(residuals)
         if not limits:
             return "no axis stays at its largest or smallest reading where the others say that it should read more"
         flagged = np.zeros(len(residuals.energy), dtype=bool)
-        saved = 0.0
-        for limit in limits:
-            flagged[limit.samples] = True
-            chosen = limit.samples, limit.row
-            saved += float(np.sum(residuals.row_shift_T[chosen] ** 2 * residuals.row_information[chosen] - 1))
-        fitted = FittedEffect(self.name, {}, tuple(_contributions(limits)))
-        return Finding.of_samples(fitted, residuals, flagged, saved, 2 * len(limits), is_certain=True)
+        flagged[np.concatenate([limit.samples for limit in limits])] = True
+        saved = sum(float(np.sum(residuals.row_deviations[one.samples, one.row] ** 2 - 1)) for one in limits)
+        return self.of_samples(_contributions(limits), residuals, flagged, saved, 2 * len(limits))
 
-    def put(self, rows_T: FloatArray, part: Contribution, run: Covariates, source: np.random.Generator) -> FloatArray:
+    def put(self, rows_T: FloatArray, part: Contribution, run: Covariates, source: Generator) -> FloatArray:
         """Return the readings (N, n) of the n rows that a contribution acts on with the effect; see `FoundEffect`."""
         return np.clip(rows_T, part.values.get("lower limit", -np.inf), part.values.get("upper limit", np.inf))
 
 
 def find_limits(residuals: WhitenedResiduals) -> list[_Limit]:
-    """Return the limits at which axes stay, at the upper and the lower end; kept as long as the residuals exist."""
-    if residuals not in _KNOWN:
-        _KNOWN[residuals] = _find_limits(residuals)
-    return _KNOWN[residuals]
-
-
-def _find_limits(residuals: WhitenedResiduals) -> list[_Limit]:
+    """Return the limits at which axes stay, at the upper and the lower end."""
     readings = residuals.recording.readings_T.reshape(len(residuals.energy), -1)
-    found = []
-    for row in range(readings.shape[1]):
-        for end, sign in _ENDS.items():
-            limit = _limit_of(residuals, row, end, sign, readings[:, row])
-            if limit is not None:
-                found.append(limit)
-    return found
+    told = [_limit_of(residuals, row, end, own) for row, own in enumerate(readings.T) for end in _ENDS]
+    return [limit for limit in told if limit is not None]
 
 
-def _limit_of(residuals: WhitenedResiduals, row: int, end: str, sign: float, reading: FloatArray) -> _Limit | None:
+def _limit_of(residuals: WhitenedResiduals, row: int, end: str, reading: FloatArray) -> _Limit | None:
     """Return the limit at one end of a row: where readings repeat, or where they pile up within their noise."""
-    information = residuals.row_information[:, row]
+    sign, information = _ENDS[end], residuals.row_information[:, row]
     if not (information > 0).any():
         return None
     noise = 1 / np.sqrt(float(np.mean(information[information > 0])))
@@ -96,10 +75,8 @@ def _limit_of(residuals: WhitenedResiduals, row: int, end: str, sign: float, rea
         at_limit = piled if len(piled) or not is_repeated else at_limit
     if len(at_limit) < 2:
         return None
-    shortfall = -sign * residuals.row_shift_T[at_limit, row]
-    sure = np.sqrt(information[at_limit])
-    excess = shortfall @ sure / (CERTAIN * np.sqrt(len(at_limit)))
-    deviations = residuals.row_shift_T[:, row] * np.sqrt(information)
+    deviations = residuals.row_deviations[:, row]
+    excess = -sign * np.sum(deviations[at_limit]) / (CERTAIN * np.sqrt(len(at_limit)))
     if not excess > max(1.0, float(noise_deviation(deviations))):
         return None
     spread = float(np.std(outward[at_limit]))

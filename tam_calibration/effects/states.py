@@ -1,17 +1,23 @@
-"""States in time: a bias, response or gain that changes at some times, once or again and again."""
+"""States in time: a bias, response or gain that changes at some times, once or again and again.
 
-from collections.abc import Iterable, Sequence
+A jump of the bias may be so large that no calibration fits without it. Such a gross jump is searched before any
+calibration: two fits, one to the samples between two cuts and one to the others, or one fit with an offset between
+them, leave a quarter of the residual of one fit to all.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
+from numpy.linalg import norm
 from numpy.typing import NDArray
 
-from tam_calibration.effects.covariates import Covariates, Memory
-from tam_calibration.effects.effect import LinearEffect
-from tam_calibration.effects.grades import MINOR
-from tam_calibration.effects.laws import axis_terms, course_terms, sensor_terms, turned
-from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
-from tam_calibration.model.fitted_effect import Shape
+from tam_calibration.effects.effect import Coefficient, Covariates, LinearEffect, Shape, Term, WhitenedResiduals
+from tam_calibration.effects.grades import LEAST_SAMPLES, MINOR
+from tam_calibration.effects.recursions import relays
+from tam_calibration.effects.term import axis_terms, course_terms, sensor_terms, turned
+from tam_calibration.model.fitted_effect import Contribution, FittedEffect
+from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
 
 _MOST_WINDOWS = 300
@@ -30,9 +36,6 @@ _FEWEST_CHANGES = 3
 class StateEffect(LinearEffect):
     """What comes and goes with a law, at the times at which that does."""
 
-    is_free_in_time: ClassVar[bool] = True
-    has_exact_shapes: ClassVar[bool] = True
-
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
         """Return no shape: those at the times of a law are tried."""
         return ()
@@ -40,10 +43,6 @@ class StateEffect(LinearEffect):
 
 class StepEffect(StateEffect):
     """What begins at a time, and may end at another."""
-
-    is_step: ClassVar[bool] = True
-    may_repeat: ClassVar[bool] = True
-    shape_units: ClassVar[dict[str, str]] = {"time_s": "s", "end_s": "s"}
 
     def shapes_at(self, times_s: Sequence[float], covariates: Covariates) -> list[Shape]:
         """Return a step at each of a few times, and one that lasts from each to each later one."""
@@ -56,17 +55,10 @@ class StepEffect(StateEffect):
 class BiasJump(StepEffect):
     """Offsets of axes change at one time, for good or until another time."""
 
-    name = "bias_jump"
-
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
         """Return an offset of each row from the one time on, until the other where there is one.
 
-        Parameters
-        ----------
-        covariates : Covariates
-            Time, field in the array frame and recorded channels of the N samples.
-        shape : Shape
-            ``time_s`` of the jump and, where it ends, ``end_s``, seconds.
+        The shape has ``time_s`` of the jump and, where it ends, ``end_s``, seconds.
         """
         step = is_on(covariates.time_s, shape)[:, None].astype(float)
         return course_terms(covariates, "offset", {"offset": "T"}, step, with_scalar=True)
@@ -75,30 +67,19 @@ class BiasJump(StepEffect):
 class ScaleStep(StepEffect):
     """The response of a sensor changes at one time, for good or until another time: it reads (M + ΔM) b."""
 
-    name = "scale_step"
-    not_sought = ("tilt", "turn")
-
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
         """Return from the one time on a scale and a tilt of each axis and a turn of each sensor.
 
         The axes' scales and tilts together are any change of the response; what changes a scale amplifies the bias too.
-
-        Parameters
-        ----------
-        covariates : Covariates
-            Time, field in the array frame and recorded channels of the N samples.
-        shape : Shape
-            ``time_s`` of the step and, where it ends, ``end_s``, seconds.
+        The shape has ``time_s`` of the step and, where it ends, ``end_s``, seconds.
         """
         since = is_on(covariates.time_s, shape)[:, None]
+        terms = axis_terms(covariates, "scale", {"scale": "1"}, np.where(since, covariates.read_T, 0.0))
         sensed = np.where(since, covariates.sensed_T, 0.0)
-        amplified = np.where(since, covariates.sensed_T + covariates.errors.bias_T.ravel(), 0.0)
-        terms = axis_terms(covariates, "scale", {"scale": "1"}, amplified)
         for row in range(covariates.scalar_row):
-            sensor, axis = divmod(row, 3)
-            others = [other for other in range(3) if other != axis]
+            others = [other for other in range(3) if other != row % 3]
             tilts = [Coefficient(f"tilt towards {'xyz'[other]}", "rad") for other in others]
-            read = sensed[:, [3 * sensor + other for other in others]]
+            read = sensed[:, [row - row % 3 + other for other in others]]
             terms.append(Term.of_row(covariates, row, "tilt", tilts, read))
         turns = {f"turn about {axis}": "rad" for axis in "xyz"}
         field = np.where(since, covariates.field_T, 0.0)
@@ -108,20 +89,16 @@ class ScaleStep(StepEffect):
 class GainSwitching(StateEffect):
     """The gain of an axis is another in windows of time, or while the reading is large."""
 
-    name = "gain_switching"
-    shape_units: ClassVar[dict[str, str]] = {
-        "upper_T": "T",
-        "lower_T": "T",
-        "sensor_upper_T": "T",
-        "sensor_lower_T": "T",
-    } | WINDOW_UNITS
+    shape_units: ClassVar[Mapping[str, str]] = (
+        dict.fromkeys(("upper_T", "lower_T", "sensor_upper_T", "sensor_lower_T"), "T") | WINDOW_UNITS
+    )
     """Thresholds of the size of an axis' reading, or of the largest of its sensor, or windows of time."""
 
     def shapes_at(self, times_s: Sequence[float], covariates: Covariates) -> list[Shape]:
         """Return the windows, where there are several, and the thresholds of an axis or a sensor that make them."""
         if len(times_s) < _FEWEST_CHANGES:
             return []
-        sizes = _sizes(covariates)
+        sizes = np.abs(covariates.read_T)
         thresholds = [
             _thresholds(size, times_s, covariates, whose)
             for whose, of_whose in (("", sizes), ("sensor_", _largest(sizes)))
@@ -132,15 +109,11 @@ class GainSwitching(StateEffect):
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
         """Return the change of each axis' gain, by which the bias is amplified too.
 
-        Parameters
-        ----------
-        covariates : Covariates
-            Time, field in the array frame and recorded channels of the N samples.
-        shape : Shape
-            Thresholds of the size of the reading, tesla, or the limits of windows, seconds.
+        The shape has thresholds of the size of the reading, tesla, or the limits of windows, seconds.
         """
-        amplified = covariates.sensed_T + covariates.errors.bias_T.ravel()
-        return axis_terms(covariates, "gain", {"gain": "1"}, np.where(_states(covariates, shape), amplified, 0.0))
+        return axis_terms(
+            covariates, "gain", {"gain": "1"}, np.where(_states(covariates, shape), covariates.read_T, 0.0)
+        )
 
 
 def is_on(time_s: FloatArray, shape: Shape) -> NDArray[np.bool_]:
@@ -187,19 +160,13 @@ def _thresholds(size: FloatArray, times_s: Sequence[float], covariates: Covariat
 
 
 def _states(covariates: Covariates, shape: Shape) -> NDArray[np.bool_]:
-    """Return whether each row (N, 3K) has its other gain."""
-    sizes = _sizes(covariates)
+    """Return whether each row (N, 3K), or all rows (N, 1), have their other gain."""
+    sizes, memory = np.abs(covariates.read_T), covariates.memory
     if "upper_T" in shape:
-        return _relays(sizes, shape["upper_T"], shape["lower_T"], covariates.memory)
+        return relays(sizes, shape["upper_T"], shape["lower_T"], memory)
     if "sensor_upper_T" in shape:
-        thresholds = shape["sensor_upper_T"], shape["sensor_lower_T"]
-        return np.repeat(_relays(_largest(sizes), *thresholds, covariates.memory), 3, axis=1)
-    return np.broadcast_to(in_windows(covariates, shape)[:, None], sizes.shape)
-
-
-def _sizes(covariates: Covariates) -> FloatArray:
-    """Return the size (N, 3K) of the readings, on which an automatic gain depends."""
-    return np.abs(covariates.sensed_T + covariates.errors.bias_T.ravel())
+        return np.repeat(relays(_largest(sizes), shape["sensor_upper_T"], shape["sensor_lower_T"], memory), 3, axis=1)
+    return in_windows(covariates, shape)[:, None]
 
 
 def _largest(sizes: FloatArray) -> FloatArray:
@@ -207,13 +174,107 @@ def _largest(sizes: FloatArray) -> FloatArray:
     return np.asarray(sizes.reshape(len(sizes), -1, 3).max(axis=2))
 
 
-def _relays(sizes: FloatArray, upper: float, lower: float, memory: Memory | None) -> NDArray[np.bool_]:
-    """Return whether relays (N, R) are on: from above the upper threshold on, until below the lower; off at first."""
-    before = None if memory is None else memory.recall()
-    event = np.where(sizes > upper, 1, np.where(sizes < lower, -1, 0))
-    last = np.maximum.accumulate(np.where(event != 0, np.arange(len(sizes))[:, None], -1))
-    is_first = np.zeros(sizes.shape[1], dtype=bool) if before is None else before
-    are_on: NDArray[np.bool_] = np.where(last < 0, is_first, np.take_along_axis(event, last, axis=0) > 0)
-    if memory is not None:
-        memory.keep(are_on[-1])
-    return are_on
+_BLOCKS = 300
+"""Blocks of time between which a jump is searched first: 45 000 pairs."""
+
+LEAST_FALL = 4.0
+"""Ratio of the residual energies without and with a gross jump that it must reach: far above that of noise."""
+
+Cuts = NDArray[np.intp]
+"""Pairs of cuts (C, 2): the samples from the first on and before the second are those with the jump."""
+
+
+def best_cuts(energy: Callable[[Cuts], FloatArray], count: int) -> Cuts | None:
+    """Return the two cuts of least residual energy, the second at the end for a jump that lasts; None of few samples.
+
+    Parameters
+    ----------
+    energy : callable
+        Residual energies (C,) of pairs of cuts (C, 2).
+    count : int
+        Number of samples.
+    """
+    # In the shortest recordings as well a sphere lies through several blocks.
+    bounds = np.linspace(0, count, min(_BLOCKS, count // LEAST_SAMPLES) + 1).astype(int)
+    if len(bounds) < 4:
+        return None
+    first, last = (index.ravel() for index in np.meshgrid(bounds[1:-1], bounds[1:], indexing="ij"))
+    pairs = np.column_stack([first, last])[first < last]
+    best: Cuts = pairs[np.argmin(energy(pairs))]
+    reach = int(bounds[1])
+    for end in (0, 1, 0, 1):
+        if best[end] == count:
+            continue
+        moved = best[end] + np.arange(-reach, reach + 1)
+        tried = np.where(np.arange(2) == end, moved[:, None], best)
+        inside = (tried[:, 0] > 0) & (tried[:, 0] < tried[:, 1]) & (tried[:, 1] <= count)
+        best = tried[inside][np.argmin(energy(tried[inside]))]
+    return best
+
+
+def shape_of(time_s: FloatArray, cuts: Cuts) -> Shape:
+    """Return the times of a jump at two cuts (2,) of samples at some times (N,)."""
+    inner = cuts[cuts < len(time_s)]
+    return dict(zip(BiasJump.shape_units, ((time_s[inner] + time_s[inner - 1]) / 2).tolist(), strict=False))
+
+
+def gross_bias_jump(recording: Recording) -> FittedEffect | None:
+    """Return the bias jump, once or on and off, that explains most of a gross residual; None where none does.
+
+    Parameters
+    ----------
+    recording : Recording
+        In a field of constant intensity, turned about several axes before and after the jump.
+    """
+    # Sums of 200 bytes are kept of each reading: a longer recording is thinned.
+    thinning = recording.sample_count * recording.sensor_count // 500_000 + 1
+    recording = recording.take(slice(None, None, thinning))
+    sums = _Sums(recording)
+    best = best_cuts(sums.residual_energy, recording.sample_count)
+    if best is None:
+        return None
+    one, two = sums.residual_energy(np.array([[0, recording.sample_count], best]))
+    jump = sums.jump(best)
+    if one < LEAST_FALL * two or norm(jump, axis=1).max() < MINOR:
+        return None
+    contributions = tuple(
+        Contribution(sensor, axis, "offset", {"offset": float(jump[sensor, axis] * sums.unit_T[sensor])})
+        for sensor in range(recording.sensor_count)
+        for axis in range(3)
+    )
+    return FittedEffect(BiasJump.name, shape_of(recording.time_s, best), contributions)
+
+
+class _Sums:
+    """Sums over the samples before each, for each sensor: of [y, 1, |y|²] times itself, readings in units of the field.
+
+    ``total`` is (N + 1, K, 5, 5), ``unit_T`` (K,).
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        self.unit_T = np.median(norm(recording.readings_T, axis=2), axis=0)
+        # The fourth powers of readings a thousand times the field would swamp the sums.
+        reading = np.clip(recording.readings_T / self.unit_T[:, None], -1e3, 1e3)
+        size = np.sum(reading**2, axis=2, keepdims=True)
+        own = np.concatenate([reading, np.ones_like(size), size], axis=2)
+        self.total = np.zeros((recording.sample_count + 1, recording.sensor_count, 5, 5))
+        np.cumsum(own[..., :, None] * own[..., None, :], axis=0, out=self.total[1:])
+
+    def residual_energy(self, cuts: NDArray[np.intp]) -> FloatArray:
+        """Return the residual energies (C,) of two spheres, one between each pair of cuts (C, 2), one outside."""
+        inside = self.total[cuts[:, 1]] - self.total[cuts[:, 0]]
+        return np.asarray(np.sum(self._fit(inside)[1] + self._fit(self.total[-1] - inside)[1], axis=1))
+
+    def jump(self, cuts: NDArray[np.intp]) -> FloatArray:
+        """Return the offset of the sphere between two cuts from the other, (K, 3), in units of the field."""
+        inside = self.total[cuts[1]] - self.total[cuts[0]]
+        return (self._fit(inside)[0] - self._fit(self.total[-1] - inside)[0])[:, :3] / 2
+
+    def _fit(self, sums: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return coefficients (..., 4) and residual energy (...) of spheres fitted to samples with sums (..., 5, 5)."""
+        # As large as the rounding of differences of all sums.
+        ridge = 1e-12 * (1 + np.trace(self.total[-1, ..., :4, :4], axis1=-2, axis2=-1))
+        information = sums[..., :4, :4] + ridge[:, None, None] * np.eye(4)
+        score = sums[..., :4, 4]
+        step = np.linalg.solve(information, score[..., None])[..., 0]
+        return step, sums[..., 4, 4] - np.sum(score * step, axis=-1)

@@ -1,181 +1,19 @@
-"""Terms: regressors of an effect with their rows; places; and the whitened residuals of a model."""
+"""Terms: regressors of an effect with their rows, and the laws of which most effects are made.
 
-from collections.abc import Iterable, Iterator, Sequence
+The laws are courses, gains, turns and matrices.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
-from itertools import combinations
 from typing import Any
 from weakref import ref
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.core.normal_equations import ridged
 from tam_calibration.effects.covariates import Covariates
-from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution
-from tam_calibration.model.recording import Recording
+from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, Shape
 from tam_calibration.model.units import FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class WhitenedResiduals:
-    """Whitened residuals of a model, for effects that are found otherwise than by regression.
-
-    Parameters
-    ----------
-    recording : Recording
-        As read.
-    covariates : Covariates
-        Field and channels at each sample.
-    differential : (N, C) array
-        Whitened residuals between the sensors, or against the field of the world, of unit variance under the model.
-    directions : (3K, C) array
-        Their derivatives by a shift of each row, 1/T.
-    common_mode : (N,) array
-        Whitened residual of the scalar against the length of the field; NaN where there is no reference.
-    row_slope : (N, 3K + 1) array
-        Derivative of the common mode by a shift of each row, 1/T.
-    channel_count : (N,) array
-        Number of whitened channels of each sample.
-    is_counted : (N,) array of bool
-        False where a sample is excluded, as an outlier or as saturated.
-    """
-
-    recording: Recording
-    covariates: Covariates
-    differential: FloatArray
-    directions: FloatArray
-    common_mode: FloatArray
-    row_slope: FloatArray
-    channel_count: FloatArray
-    is_counted: NDArray[np.bool_]
-
-    @cached_property
-    def energy(self) -> FloatArray:
-        """(N,) sums of the squares of each sample's whitened channels."""
-        return np.asarray(np.sum(self.differential**2, axis=1) + np.nan_to_num(self.common_mode) ** 2)
-
-    @cached_property
-    def row_information(self) -> FloatArray:
-        """(N, 3K + 1) information of a sample on a shift of one row alone, 1/T²."""
-        of_rows = np.append(np.sum(self.directions**2, axis=1), 0.0)
-        has_reference = np.isfinite(self.common_mode)
-        return of_rows + has_reference[:, None] * self.row_slope**2
-
-    @cached_property
-    def row_shift_T(self) -> FloatArray:
-        """(N, 3K + 1) the shift of one row alone that explains a sample best, tesla; 0 without information."""
-        score = np.nan_to_num(self.common_mode)[:, None] * self.row_slope
-        score[:, :-1] += self.differential @ self.directions.T
-        information = self.row_information
-        return np.divide(score, information, out=np.zeros_like(score), where=information > 0)
-
-    def energy_without(self, shift_T: FloatArray) -> FloatArray:
-        """Return the residual energy (N,) after subtracting shifts (N, 3K) from the readings, tesla."""
-        common = self.common_mode - np.sum(self.row_slope[:, :-1] * shift_T, axis=1)
-        return np.asarray(
-            np.sum((self.differential - shift_T @ self.directions) ** 2, axis=1) + np.nan_to_num(common) ** 2
-        )
-
-
-@dataclass(frozen=True)
-class Place:
-    """Some axes of a sensor, or the scalar magnetometer, or all.
-
-    Parameters
-    ----------
-    sensor : int
-        Index of the sensor, or ``SCALAR`` or ``ALL``.
-    axes : tuple of int
-        Indices of its axes.
-    rows : tuple of int
-        The same as rows of a sample.
-    """
-
-    sensor: int
-    axes: tuple[int, ...]
-    rows: tuple[int, ...]
-
-    def contribution_keys(self, is_whole: bool = True) -> tuple[tuple[int, int | None], ...]:
-        """Return sensor and axis of each contribution: one without axis for a sensor as a whole, else one per axis."""
-        if not self.axes or (is_whole and len(self.axes) == 3):
-            return ((self.sensor, None),)
-        return tuple((self.sensor, axis) for axis in self.axes)
-
-
-def places(sensor_count: int) -> list[Place]:
-    """Return the scalar, and of every sensor each axis, each pair of axes and all three."""
-    found = [Place(SCALAR, (), (3 * sensor_count,))]
-    for sensor in range(sensor_count):
-        for count in (1, 2, 3):
-            for axes in combinations(range(3), count):
-                found.append(Place(sensor, axes, tuple(3 * sensor + axis for axis in axes)))
-    return found
-
-
-def everywhere(sensor_count: int) -> Place:
-    """Return the place of an effect that is common to all sensors."""
-    return Place(ALL, (), tuple(range(3 * sensor_count)))
-
-
-def rows_of(part: Contribution, covariates: Covariates) -> list[int]:
-    """Return the rows on which a contribution acts.
-
-    Parameters
-    ----------
-    part : Contribution
-        Its sensor and axis are used.
-    covariates : Covariates
-        Tell the number of sensors.
-    """
-    if part.sensor == SCALAR:
-        return [covariates.scalar_row]
-    sensors = range(covariates.sensor_count) if part.sensor == ALL else [part.sensor]
-    axes = range(3) if part.axis is None else [part.axis]
-    return [3 * sensor + axis for sensor in sensors for axis in axes]
-
-
-def row_deviations(residuals: WhitenedResiduals) -> FloatArray:
-    """Return the (N, 3K + 1) shift of each row alone in its standard errors: its square is the energy it explains."""
-    return residuals.row_shift_T * np.sqrt(residuals.row_information)
-
-
-def normal_of(
-    residuals: WhitenedResiduals, samples: NDArray[np.intp], rows: Sequence[int]
-) -> tuple[FloatArray, FloatArray]:
-    """Return the information (S, r, r), 1/T², and the score (S, r), 1/T, of shifts of some rows in each sample.
-
-    Parameters
-    ----------
-    residuals : WhitenedResiduals
-        Of all samples.
-    samples : (S,) array of int
-        Indices of the chosen samples.
-    rows : sequence of int
-        Indices of the r rows.
-    """
-    chosen = np.array(rows)
-    slope = residuals.row_slope[samples][:, chosen] * np.isfinite(residuals.common_mode[samples, None])
-    own = np.vstack([residuals.directions, np.zeros((1, residuals.directions.shape[1]))])[chosen]
-    information: FloatArray = own @ own.T + slope[:, :, None] * slope[:, None, :]
-    return information, (residuals.row_shift_T[samples] * residuals.row_information[samples])[:, chosen]
-
-
-def explained_energy(residuals: WhitenedResiduals, samples: NDArray[np.intp], place: Place) -> FloatArray:
-    """Return the energy (S,) of chosen samples that shifts of the rows of a place explain.
-
-    Parameters
-    ----------
-    residuals : WhitenedResiduals
-        Of all samples.
-    samples : (S,) array of int
-        Indices of the chosen samples.
-    place : Place
-        Rows that are shifted, in each sample by its own amounts.
-    """
-    information, score = normal_of(residuals, samples, place.rows)
-    return np.asarray(np.sum(score * np.linalg.solve(ridged(information), score[:, :, None])[:, :, 0], axis=1))
-
 
 Key = tuple[int, int | None, str]
 """Sensor, axis and name of a term."""
@@ -242,7 +80,8 @@ class Term:
             Regressor of each coefficient, tesla per unit of the coefficient.
         """
         sensor, axis = (SCALAR, None) if row == covariates.scalar_row else divmod(row, 3)
-        return cls(sensor, axis, name, tuple(coefficients), features, *_of_row(row, len(coefficients)))
+        rows, columns = np.full(len(coefficients), row), np.arange(len(coefficients))
+        return cls(sensor, axis, name, tuple(coefficients), features, rows, columns)
 
     @property
     def key(self) -> Key:
@@ -316,9 +155,190 @@ def thinned(terms: Iterable[Term], stride: int) -> Iterator[Term]:
         yield kept
 
 
-@cache
-def _of_row(row: int, count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the rows and columns of atoms that are all of one row."""
-    rows, columns = np.full(count, row), np.arange(count)
-    rows.flags.writeable = columns.flags.writeable = False
-    return rows, columns
+Units = Mapping[str, str]
+"""SI units of the coefficients of a term, by their names."""
+
+
+def matrix_units(prefix: str) -> Units:
+    """Return names and units of the nine elements of a matrix, row by row."""
+    return {f"{prefix}, {axis} of the field on {row}": "1" for row in "xyz" for axis in "xyz"}
+
+
+def _coefficients(units: Units) -> tuple[Coefficient, ...]:
+    return tuple(Coefficient(name, unit) for name, unit in units.items())
+
+
+def course_terms(
+    covariates: Covariates, name: str, units: Units, courses: FloatArray, with_scalar: bool = False
+) -> list[Term]:
+    """Return a term of each axis, and of the scalar if asked for, that adds courses (N, P) in tesla.
+
+    Parameters
+    ----------
+    covariates : Covariates
+        Of N samples.
+    name : str
+        Of the terms.
+    units : mapping of str to str
+        SI unit of each of the P coefficients.
+    courses : (N, P) array
+        Tesla per unit of the coefficient.
+    with_scalar : bool
+        Whether the scalar has such a term too.
+    """
+    parts = _coefficients(units)
+    return [Term.of_row(covariates, row, name, parts, courses) for row in range(covariates.scalar_row + with_scalar)]
+
+
+def axis_terms(covariates: Covariates, name: str, units: Units, features: FloatArray) -> list[Term]:
+    """Return a term of each axis that has features of its own.
+
+    Parameters
+    ----------
+    covariates : Covariates
+        Of N samples of K sensors.
+    name : str
+        Of the terms.
+    units : mapping of str to str
+        SI unit of each of the P coefficients.
+    features : (N, 3K, P) or (N, 3K) array
+        Tesla per unit of the coefficient; two dimensions for one coefficient.
+    """
+    parts, features = _coefficients(units), features.reshape(*features.shape[:2], len(units))
+    return [Term.of_row(covariates, row, name, parts, features[:, row]) for row in range(covariates.scalar_row)]
+
+
+def sensor_terms(covariates: Covariates, name: str, units: Units, features: FloatArray) -> list[Term]:
+    """Return a term of each sensor whose coefficients act on all its axes.
+
+    Parameters
+    ----------
+    covariates : Covariates
+        Of N samples of K sensors.
+    name : str
+        Of the terms.
+    units : mapping of str to str
+        SI unit of each of the P coefficients.
+    features : (N, 3K, P) or (N, 3K) array
+        Tesla per unit of the coefficient; two dimensions for one coefficient.
+    """
+    parts, count = _coefficients(units), len(features)
+    rows, columns = np.divmod(np.arange(3 * len(parts)), len(parts))
+    return [
+        Term(sensor, None, name, parts, features[:, 3 * sensor : 3 * sensor + 3].reshape(count, -1), row, columns)
+        for sensor, row in enumerate(rows + 3 * np.arange(covariates.sensor_count)[:, None])
+    ]
+
+
+def matrix_terms(covariates: Covariates, name: str, units: Units, vector: FloatArray) -> list[Term]:
+    """Return a term of each sensor that adds a matrix (3, C) times a vector (N, C).
+
+    Parameters
+    ----------
+    covariates : Covariates
+        Of N samples.
+    name : str
+        Of the terms.
+    units : mapping of str to str
+        SI unit of each element of the matrix, row by row.
+    vector : (N, C) array
+        Tesla per unit of the elements.
+    """
+    parts, columns = _coefficients(units), np.arange(len(units))
+    features = np.tile(vector, 3)
+    return [
+        Term(sensor, None, name, parts, features, 3 * sensor + columns // vector.shape[1], columns)
+        for sensor in range(covariates.sensor_count)
+    ]
+
+
+def scalar_term(covariates: Covariates, name: str, units: Units, features: FloatArray) -> Term:
+    """Return a term of the scalar with features (N, P), tesla per unit of the coefficient.
+
+    Parameters
+    ----------
+    covariates : Covariates
+        Of N samples.
+    name : str
+        Of the term.
+    units : mapping of str to str
+        SI unit of each of the P coefficients.
+    features : (N, P) array
+        Tesla per unit of the coefficient.
+    """
+    return Term.of_row(covariates, covariates.scalar_row, name, _coefficients(units), features)
+
+
+def order_terms(
+    covariates: Covariates, row: int, groups: Mapping[str, list[int]], prefix: str, functions: FloatArray
+) -> list[Term]:
+    """Return the terms of a row that add functions of some orders, in groups that are selected together.
+
+    Parameters
+    ----------
+    covariates : Covariates
+        Of N samples.
+    row : int
+        Row of a sample.
+    groups : mapping of str to list of int
+        Orders of the functions of each term, by its name.
+    prefix : str
+        Of the names of the coefficients, in front of the order.
+    functions : (N, orders) array
+        Functions without unit, by order; their coefficients are in tesla.
+    """
+    return [
+        Term.of_row(covariates, row, name, [Coefficient(f"{prefix}{order}", "T") for order in own], functions[:, own])
+        for name, own in groups.items()
+    ]
+
+
+def turned(covariates: Covariates, field_T: FloatArray) -> FloatArray:
+    """Return what each axis reads more when its sensor turns about x, y or z, (N, 3K, 3), tesla per radian.
+
+    Parameters
+    ----------
+    covariates : Covariates
+        Of N samples of K sensors.
+    field_T : (N, 3) array
+        Field in the array frame.
+    """
+    matrix = covariates.errors.matrix.reshape(-1, 3)
+    return np.stack([np.cross(axis, field_T) @ matrix.T for axis in np.eye(3)], axis=2)
+
+
+def angles_of(directions: FloatArray) -> list[Shape]:
+    """Return azimuth and elevation of directions (D, 3), radians, as parameters of shapes.
+
+    Parameters
+    ----------
+    directions : (D, 3) array
+        In the array frame, of any length.
+    """
+    x, y, z = directions.T
+    angles = np.column_stack([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))])
+    return [{"azimuth_rad": azimuth, "elevation_rad": elevation} for azimuth, elevation in angles.tolist()]
+
+
+def axis_at(shape: Shape) -> FloatArray:
+    """Return the unit vector (3,) at the azimuth and elevation of a shape."""
+    azimuth, elevation = shape["azimuth_rad"], shape["elevation_rad"]
+    flat = np.cos(elevation)
+    return np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
+
+
+def rows_of(part: Contribution, covariates: Covariates) -> list[int]:
+    """Return the rows on which a contribution acts.
+
+    Parameters
+    ----------
+    part : Contribution
+        Its sensor and axis are used.
+    covariates : Covariates
+        Tell the number of sensors.
+    """
+    if part.sensor == SCALAR:
+        return [covariates.scalar_row]
+    sensors = range(covariates.sensor_count) if part.sensor == ALL else [part.sensor]
+    axes = range(3) if part.axis is None else [part.axis]
+    return [3 * sensor + axis for sensor in sensors for axis in axes]

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tam_calibration.core.interpolation import without_delays
-from tam_calibration.effects.timing import TimeSkew
+from tam_calibration.effects.lags import TimeSkew
 from tam_calibration.gap.model import Model
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused

@@ -14,8 +14,8 @@ from tam_calibration.core.noise import complete_noise, fast_noise
 from tam_calibration.correction.calibration import without_rows
 from tam_calibration.effects.effect import Finding
 from tam_calibration.effects.grades import NEGLIGIBLE, NOTABLE
-from tam_calibration.effects.gross_jump import gross_bias_jump
 from tam_calibration.effects.removal import added_to, attitude_known, filled, linear_effect, require_channels
+from tam_calibration.effects.states import gross_bias_jump
 from tam_calibration.gap.floor import floor_of
 from tam_calibration.gap.hypothesis import Hypothesis, Part
 from tam_calibration.gap.nominal import (

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.grades import MOST, NEGLIGIBLE
-from tam_calibration.effects.gross_jump import LEAST_FALL
-from tam_calibration.effects.states import BiasJump
+from tam_calibration.effects.states import LEAST_FALL, BiasJump
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.consistency import require_one_sphere
 from tam_calibration.fit.ellipsoid import normalize, sphere_of_most

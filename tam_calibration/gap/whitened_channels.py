@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from tam_calibration.core.normal_equations import Elimination, Normal
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import LinearEffect
-from tam_calibration.effects.term import Term, WhitenedResiduals, at_rows, thinned
+from tam_calibration.effects.residuals import WhitenedResiduals
+from tam_calibration.effects.term import Term, at_rows, thinned
 from tam_calibration.gap.regressors import Regressors, calibration_regressors
 from tam_calibration.gap.world import World, world_design
 from tam_calibration.model.array import KnownNoiseArray

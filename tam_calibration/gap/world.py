@@ -15,8 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tam_calibration.effects.covariates import Covariates
-from tam_calibration.effects.gross_jump import LEAST_FALL, Cuts, best_cuts, shape_of
-from tam_calibration.effects.states import BiasJump, is_on
+from tam_calibration.effects.states import LEAST_FALL, BiasJump, Cuts, best_cuts, is_on, shape_of
 from tam_calibration.fit.ellipsoid import free_scale
 from tam_calibration.gap.regressors import Regressors, update
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect, Shape

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.effects.covariates import Covariates
-from tam_calibration.effects.term import WhitenedResiduals
+from tam_calibration.effects.residuals import WhitenedResiduals
 from tam_calibration.model.array import Array
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 from tam_calibration.model.recording import Recording

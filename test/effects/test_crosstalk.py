@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.effects.timing import Crosstalk
+from tam_calibration.effects.lags import Crosstalk
 from tam_calibration.files.schema import check
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.channels import CurrentInterference
+from tam_calibration.effects.courses import CurrentInterference
 from tam_calibration.model.fitted_effect import SCALAR, Contribution, FittedEffect
 
 SHAPE = {"reference_A": 0.5, "time_constant_s": 0.3}

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.covariates import lagged
 from tam_calibration.effects.lags import EddyCurrent
+from tam_calibration.effects.recursions import lagged
 
 EFFECT = EddyCurrent()
 

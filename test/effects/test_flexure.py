@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.effects.channels import Flexure
+from tam_calibration.effects.courses import Flexure
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 
 EFFECT = Flexure()

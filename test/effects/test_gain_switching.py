@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tam_calibration.effects.covariates import Memory
+from tam_calibration.effects.recursions import Memory
 from tam_calibration.effects.states import GainSwitching
 from tam_calibration.files.schema import check
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect

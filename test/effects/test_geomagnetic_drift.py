@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.scalar_effects import GeomagneticDrift
+from tam_calibration.effects.courses import GeomagneticDrift
 from tam_calibration.model.fitted_effect import SCALAR
 
 SHAPE = {"start_s": 1.7e9, "span_s": 60.0}

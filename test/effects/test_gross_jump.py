@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.gross_jump import gross_bias_jump
+from tam_calibration.effects.states import gross_bias_jump
 from tam_calibration.model.recording import Recording
 
 OFFSETS = 1e-6 * np.array([[-6.0, 1.0, 58.0], [3.0, 20.0, -5.0]])

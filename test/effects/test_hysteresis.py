@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.covariates import Memory
-from tam_calibration.effects.curves import Hysteresis, play, rounded_loop
+from tam_calibration.effects.curves import Hysteresis
+from tam_calibration.effects.recursions import Memory, play, rounded_loop
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 
 EFFECT = Hysteresis()

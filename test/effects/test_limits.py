@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tam_calibration.effects.effect import Limit, LinearEffect
+from tam_calibration.effects.effect import Limit, LinearEffect, Sized
 from tam_calibration.effects.library import effect_named, installed_effects
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
 
@@ -155,5 +155,5 @@ def test_a_value_is_told_in_its_unit():
     """Teslas are told as nanoteslas; what has no unit has none."""
     assert Limit(1.0, "a book", "T/K").with_unit(12e-9) == "12 nT/K"
     assert Limit(1.0, "a book", "rad").with_unit(0.5) == "0.5 rad"
-    assert Limit(1.0, "a book").excess("gain", 1.0) is None
-    assert Limit(1.0, "a book").excess("gain", float(np.nextafter(1, 2))) is not None
+    assert Sized("gain", 1.0, Limit(1.0, "a book")).excess is None
+    assert Sized("gain", float(np.nextafter(1, 2)), Limit(1.0, "a book")).excess is not None

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.periodic_interference import PeriodicInterference, _lattice
+from tam_calibration.effects.courses import PeriodicInterference, _lattice
 from tam_calibration.model.fitted_effect import SCALAR, Contribution, FittedEffect
 
 EFFECT = PeriodicInterference()

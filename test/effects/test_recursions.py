@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.covariates import Memory, lagged, lagged_smooth
+from tam_calibration.effects.recursions import Memory, lagged, mode
 
 
 def irregular(seed, count=300):
@@ -30,7 +30,7 @@ def test_a_ramp_lags_by_the_time_constant(time_constant):
 def test_a_time_constant_of_nothing_is_no_lag(time_constant):
     """Also where its inverse is no number."""
     time, drive = irregular(1)
-    for late in (lagged(drive, time, time_constant), lagged_smooth(drive, drive, time, time_constant)):
+    for late in (lagged(drive, time, time_constant), mode(drive, drive, time, time_constant)):
         assert_allclose(late, drive, rtol=0, atol=0)
 
 
@@ -39,7 +39,7 @@ def test_a_sinusoid_is_followed_with_its_gain_and_phase(time_constant):
     """A smooth drive with known rate comes out as the transfer function 1 / (1 + iωτ) says, below the step too."""
     time, rate = 0.1 * np.arange(800), 2.0
     drive = np.sin(rate * time)[:, None]
-    late = lagged_smooth(drive, rate * np.cos(rate * time)[:, None], time, time_constant)[:, 0]
+    late = mode(drive, rate * np.cos(rate * time)[:, None], time, time_constant)[:, 0]
     expected = np.imag(np.exp(1j * rate * time) / (1 + 1j * rate * time_constant))
     assert_allclose(late[300:], expected[300:], atol=2e-5)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.effects.scalar_effects import ScalarHeadingError
+from tam_calibration.effects.curves import ScalarHeadingError
 from tam_calibration.model.fitted_effect import SCALAR
 
 EFFECT = ScalarHeadingError()

@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
-from tam_calibration.effects.channels import TemperatureDrift
-from tam_calibration.effects.covariates import Memory
+from tam_calibration.effects.courses import TemperatureDrift
+from tam_calibration.effects.recursions import Memory
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 
 SHAPE = {"time_constant_s": 4.0, "inner_share": 0.3, "reference_C": 20.0, "start_s": 0.0}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.timing import TimeSkew
+from tam_calibration.effects.lags import TimeSkew
 from tam_calibration.model.fitted_effect import SCALAR, Contribution, FittedEffect
 
 EFFECT = TimeSkew()

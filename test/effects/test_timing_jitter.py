@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import minimize_scalar
 
-from tam_calibration.effects.timing import TimingJitter
+from tam_calibration.effects.noise_excess import TimingJitter
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 
 JITTER = TimingJitter()

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from tam_calibration.effects.channels import Flexure, TemperatureDrift
+from tam_calibration.effects.courses import Flexure, GeomagneticDrift, TemperatureDrift
 from tam_calibration.effects.curves import Nonlinearity
-from tam_calibration.effects.scalar_effects import GeomagneticDrift
 from tam_calibration.effects.states import BiasJump
 from tam_calibration.gap.hypothesis import Hypothesis, best_form, given_form, places_of, refined
 from tam_calibration.gap.regression import Selection

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tam_calibration.effects.channels import TemperatureDrift
+from tam_calibration.effects.courses import TemperatureDrift
 from tam_calibration.gap.hypothesis import Part
 from tam_calibration.gap.joint import Joint
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import least_squares
 
-from tam_calibration.effects.channels import TemperatureDrift
+from tam_calibration.effects.courses import TemperatureDrift
 from tam_calibration.effects.effect import Finding
 from tam_calibration.gap import model as module
 from tam_calibration.gap.diagnose import judge

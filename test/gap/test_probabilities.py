@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.channels import TemperatureDrift
+from tam_calibration.effects.courses import TemperatureDrift
 from tam_calibration.effects.curves import Nonlinearity
 from tam_calibration.gap.hypothesis import given_form
 from tam_calibration.gap.probabilities import energies_of, features_of, probabilities, right, set_of, shares_of

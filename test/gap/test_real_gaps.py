@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from numpy.linalg import norm
 
-from tam_calibration.effects.gross_jump import gross_bias_jump
-from tam_calibration.effects.states import BiasJump
+from tam_calibration.effects.states import BiasJump, gross_bias_jump
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.hypothesis import EVERYWHERE
 from tam_calibration.gap.joint import sandwich

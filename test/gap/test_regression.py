@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.channels import TemperatureDrift
+from tam_calibration.effects.courses import TemperatureDrift
 from tam_calibration.effects.curves import Nonlinearity
 from tam_calibration.gap.regression import Base, Projected, columns_of, pseudo_inverse, twice_log_likelihood_ratio
 from tam_calibration.gap.regressors import Regressors

@@ -8,8 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy import stats
 
-from tam_calibration.effects.channels import TemperatureDrift
-from tam_calibration.effects.scalar_effects import GeomagneticDrift
+from tam_calibration.effects.courses import GeomagneticDrift, TemperatureDrift
 from tam_calibration.gap.hypothesis import given_form
 from tam_calibration.gap.laws.signature import laws_of
 from tam_calibration.gap.laws.whitened import residual_of

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_array_equal
 from scipy.ndimage import uniform_filter1d
 
-from tam_calibration.effects import periodic_interference
+from tam_calibration.effects import courses
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.diagnose import MOST_SAMPLES, STRETCH, in_stretches
 from tam_calibration.messages.samples import Samples
@@ -31,7 +31,7 @@ def test_up_to_a_hundred_thousand_samples_none_is_left_out():
     recording = long_recording(MOST_SAMPLES)
     assert in_stretches(recording) == (recording, ())
     assert (MOST_SAMPLES, STRETCH) == (100_000, 1000)
-    assert periodic_interference._MOST_STEPS > MOST_SAMPLES
+    assert courses._MOST_STEPS > MOST_SAMPLES
 
 
 @pytest.mark.parametrize("count", [MOST_SAMPLES + 1, 234_567, 1_000_000])

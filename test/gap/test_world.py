@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.channels import Flexure
-from tam_calibration.effects.scalar_effects import GeomagneticDrift
+from tam_calibration.effects.courses import Flexure, GeomagneticDrift
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.gap.world import World

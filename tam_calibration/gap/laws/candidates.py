@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from tam_calibration.effects.covariates import lagged
 from tam_calibration.effects.grades import MOST
+from tam_calibration.effects.recursions import lagged
 from tam_calibration.gap.laws import patterns
 from tam_calibration.gap.laws.decisions import COARSE, LENGTHS, SLOW, TIE
 from tam_calibration.gap.laws.evidence import Bins, constant, course

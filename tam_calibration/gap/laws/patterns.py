@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.core.harmonics import fields
-from tam_calibration.effects.covariates import lagged
-from tam_calibration.effects.curves import play
+from tam_calibration.effects.recursions import lagged, play
 from tam_calibration.gap.laws.decisions import ROUNDING
 from tam_calibration.gap.laws.evidence import Bins, Fit, Sums, constant, course
 from tam_calibration.gap.laws.whitened import Residual

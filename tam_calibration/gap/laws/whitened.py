@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.effects.covariates import to_world
-from tam_calibration.effects.motion import rates
 from tam_calibration.gap.floor import white_variance
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.whitened_channels import WhitenedChannels
@@ -182,7 +181,7 @@ def residual_of(model: Model) -> Residual:
     field = covariates.field_T[index] / unit_T
     # The length of the field holds errors of the scalar, the direction does not.
     unit = field / np.linalg.norm(field, axis=1, keepdims=True)
-    rate = _across(rates(covariates)[index] / unit_T, unit)
+    rate = _across(covariates.rate_T_per_s[index] / unit_T, unit)
     matrix = covariates.errors.matrix.reshape(-1, 3)
     sensors: FloatArray = response[:, :, :-1]
     parts = [sensors, *(sensors * field[:, None, axis, None] for axis in range(3))]
