@@ -113,9 +113,8 @@ class Bins:
     def spread(self, by_bin: NDArray[Any], count: int) -> NDArray[Any]:
         """Return values by bin (B, ...) at the samples (N, ...)."""
         result = np.empty((count, *by_bin.shape[1:]))
-        for_each = np.broadcast_to(np.arange(len(self.order))[:, None], self.order.shape)
-        known = self.order >= 0
-        result[self.order[known]] = by_bin[for_each[known]]
+        bins, places = np.nonzero(self.order >= 0)
+        result[self.order[bins, places]] = by_bin[bins]
         return result
 
 

@@ -75,7 +75,7 @@ class Law:
             Laws beside this one, which are taken off before.
         """
         for one in (found for law in others for found in law.found):
-            residual = one.taken_off(residual)
+            residual = residual.without(one.signal(residual, one.alike(residual)))
         left = sum(one.left_in(residual) for one in self.found)
         part = NOTABLE if self.signature.course in ("channel", "tone") else LEAST_SHARE
         return left < max(part * sum(one.predicted for one in self.found), LEAST_EVIDENCE)
@@ -95,8 +95,10 @@ def laws_of(model: Model, residual: Residual, gap: float) -> tuple[Law, ...]:
     """
     whole, total = max(residual.excess, 1.0), float((residual.z**2).sum())
     laws, found = _signatures(model, residual, whole)
-    fits = [*((one,) for one in found), *(() for _ in laws[len(found) :])]
-    each = [Law(law, law.energy * whole / total, own, residual) for law, own in zip(laws, fits, strict=True)]
+    each = [
+        Law(law, law.energy * whole / total, tuple(found[index : index + 1]), residual)
+        for index, law in enumerate(laws)
+    ]
     kept = [
         one
         for one in each
@@ -166,8 +168,7 @@ def _at_all(residual: Residual, quiet: Residual, found: list[Found]) -> Residual
     """Return the residual of all samples without laws and nominal parameters, fitted to the quiet samples alone."""
     z = residual.z.copy()
     for one in found:
-        factor = float(np.abs(quiet.response).max() / np.abs(one.residual.response).max())
-        z -= one.best.signal(residual.scaled(factor), one.best.fitted(one.residual)) * factor
+        z -= one.signal(residual, one.residual)
     own = residual.nuisance.reshape(z.size, -1)
     taken = (residual.nuisance * quiet.live[:, None, None]).reshape(z.size, -1)
     return replace(residual, z=z - (own @ np.linalg.lstsq(taken, z.ravel(), rcond=None)[0]).reshape(z.shape))
@@ -236,7 +237,7 @@ def _of_found(found: Found, residual: Residual, whole: float) -> Signature:
         pattern.axes,
         min(found.predicted, max(found.residual.excess / found.residual.noise, 1.0)) / whole,
         places,
-        best.follows or pattern.follows or ("motion" if best.course == "motion" else None),
+        pattern.follows or ("motion" if best.course == "motion" else None),
         times_s,
         best.evidence,
         curve_of(best, found.residual),
@@ -245,7 +246,7 @@ def _of_found(found: Found, residual: Residual, whole: float) -> Signature:
 
 def _places(found: Found) -> tuple[Place, ...]:
     best = found.best
-    possible = places_of(best.pattern.sensors, best.signal(found.residual, best.fitted(found.residual)), found.residual)
+    possible = places_of(best.pattern.sensors, best.signal(found.residual, found.residual), found.residual)
     least = max(best.evidence, found.others[0].evidence) - TIE
     others = [one.pattern.sensors for one in found.others if one.evidence >= least and one.pattern.sensors != SCALAR]
     return tuple(dict.fromkeys((*possible, *others)))
@@ -255,14 +256,12 @@ def _merged(laws: list[Law]) -> list[Law]:
     """Return the laws with those that are alike in several sensors as one."""
     merged: list[Law] = []
     for law in laws:
-        first = next((other for other in merged if _are_alike(other.signature, law.signature)), None)
-        if first is None:
+        alike = (at for at, other in enumerate(merged) if _are_alike(other.signature, law.signature))
+        if (at := next(alike, None)) is None:
             merged.append(law)
         else:
-            joined = Law(
-                _joined(first.signature, law.signature), first.part + law.part, first.found + law.found, law.whole
-            )
-            merged[merged.index(first)] = joined
+            first, signature = merged[at], _joined(merged[at].signature, law.signature)
+            merged[at] = Law(signature, first.part + law.part, first.found + law.found, law.whole)
     return merged
 
 
