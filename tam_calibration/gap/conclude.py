@@ -54,31 +54,6 @@ def smallest_gap(count: float) -> float:
     return max(MINOR, float(np.sqrt((LEAST_EVIDENCE + np.log(count)) / count)))
 
 
-def statement(verdict: Verdict, size: Size, where: str, causes: tuple[Cause, ...]) -> str:
-    """Return the verdict in one sentence.
-
-    Parameters
-    ----------
-    verdict : str
-        Of the diagnosis.
-    size : Size
-        Of the gap, before and after the causes.
-    where : str
-        Place of the gap in words.
-    causes : tuple of Cause
-        Ranked; they are named unless the verdict is that there is no gap or no explanation.
-    """
-    if verdict == "no_gap":
-        return "No gap: what the calibration leaves is noise."
-    size_of_gap = f"A gap of {size.before:.2g} times the noise floor in {where}"
-    if verdict == "unexplained":
-        return f"{size_of_gap} that no effect of the library explains."
-    rival = " (or by anything else that changes as slowly)"
-    names = " and ".join(dict.fromkeys(one.fitted.effect.replace("_", " ") + one.is_drift * rival for one in causes))
-    part = "explained" if verdict == "explained" else "partly explained"
-    return f"{size_of_gap}, {part} by {names}: {100 * size.closed:.0f} % of it closes."
-
-
 def conclude(found: Search) -> Gap:
     """Return the gap that a search found."""
     variance = noise_variance(found.model, found.remaining)
@@ -122,12 +97,25 @@ def _stated(gap: Gap, found: Search) -> Gap:
     """Return a gap with its sentence; one of the intensity alone at each of its places, with what separates them."""
     if not gap.signature or not gap.signature[0].is_common:
         where = sensors_in_words(gap.where.sensors) if gap.where.sensors else "all sensors"
-        return replace(gap, statement=statement(gap.verdict, gap.size, where, gap.causes))
+        return replace(gap, statement=_statement(gap, where))
     places = gap.signature[0].places
     gap = placed(gap, gap.signature, places)
     where = in_words(places, found.nominal.recording.sensor_count, is_common=True)
     following = gap.next_recording if len(places) < 2 else f"{_APART} {gap.next_recording}"
-    return replace(gap, statement=statement(gap.verdict, gap.size, where, gap.causes), next_recording=following)
+    return replace(gap, statement=_statement(gap, where), next_recording=following)
+
+
+def _statement(gap: Gap, where: str) -> str:
+    """Return the verdict in one sentence, with the place of the gap in words."""
+    if gap.verdict == "no_gap":
+        return "No gap: what the calibration leaves is noise."
+    size_of_gap = f"A gap of {gap.size.before:.2g} times the noise floor in {where}"
+    if gap.verdict == "unexplained":
+        return f"{size_of_gap} that no effect of the library explains."
+    rival = " (or by anything else that changes as slowly)"
+    names = dict.fromkeys(one.fitted.effect.replace("_", " ") + one.is_drift * rival for one in gap.causes)
+    part = gap.verdict.replace("_", " ")
+    return f"{size_of_gap}, {part} by {' and '.join(names)}: {100 * gap.size.closed:.0f} % of it closes."
 
 
 _APART = (
@@ -270,7 +258,7 @@ def residue_of(nominal: Model, model: Model, before: WhitenedChannels, variance:
         field_T, scalar = covariates.field_T, np.where(before.precision > 0, covariates.intensity_T + drawn, np.nan)
     exact = covariates.errors.distort(field_T)
     made = replace(nominal.recording, readings_T=exact + noise.reshape(exact.shape), scalar_T=scalar)
-    twin = WhitenedChannels.at(made, nominal.array, nominal.errors, nominal.intensity_T, world=nominal.world)
+    twin = replace(nominal, recording=made).channels()
     typical = np.array([np.median(row[row > 0]) if row.any() else np.inf for row in before.residuals.row_information.T])
 
     def shifts(channels: WhitenedChannels) -> FloatArray:

@@ -87,7 +87,7 @@ class _CauseSearch:
             tuple(self._steps),
             laws,
             remaining,
-            self._offers.weighed,
+            tuple(self._offers.weighed.values()),
             self._offers.considered(laws),
         )
 
