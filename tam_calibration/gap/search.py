@@ -6,6 +6,7 @@ from tam_calibration.effects.covariates import Covariates, to_world
 from tam_calibration.effects.effect import Finding, LinearEffect
 from tam_calibration.effects.grades import MINOR, MOST, NEARLY_ALL, NOTABLE, SLIGHT
 from tam_calibration.effects.library import effect_named
+from tam_calibration.gap.causes import sensors_and_axes
 from tam_calibration.gap.hypothesis import Hypothesis, places_of
 from tam_calibration.gap.laws.decisions import LEAST_SHARE
 from tam_calibration.gap.laws.find import repeats
@@ -16,7 +17,6 @@ from tam_calibration.gap.model import Model
 from tam_calibration.gap.offers import Offers, candidates, is_plausible, sensors_for
 from tam_calibration.gap.size import Evidence, examine
 from tam_calibration.gap.steps import LEAST_EVIDENCE, MOST_CAUSES, Search, Step, absorbed, is_elsewhere, is_new
-from tam_calibration.gap.where import sensors_and_axes
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
