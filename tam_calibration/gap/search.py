@@ -62,12 +62,13 @@ class _CauseSearch:
         self._steps: list[Step] = []
         self._open: list[Law] = []  # those that predict, and have no cause
         self._model = nominal
-        self._gap = residual_of(nominal).excess
 
     def run(self) -> Search:
         """Return the causes of the laws, and what they leave."""
         self._tell("laws", 0.0)
-        laws = remaining = laws_of(self._nominal, residual_of(self._nominal), self._gap)
+        whole = residual_of(self._nominal)
+        self._gap = whole.excess
+        laws = remaining = laws_of(self._nominal, whole, self._gap)
         explained, unexplained = set[_Key](), set[_Key]()
         while len(self._steps) < MOST_CAUSES:
             law = next((one for one in remaining if _key(one) not in unexplained and not self._is_small(one)), None)

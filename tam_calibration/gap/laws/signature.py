@@ -130,7 +130,7 @@ def _signatures(model: Model, residual: Residual, whole: float) -> tuple[list[Si
     lost = [one for one in range(held.shape[1]) if FEWEST <= held[:, one].sum() < held.shape[0] / 2]
     outlying = spikes(residual) | outlying_samples(model.recording)[residual.index]
     apart = outlying | held[:, lost].any(axis=1)
-    quiet = residual.taking(~apart) if apart.any() else residual
+    quiet = residual.taking(~apart)
     found, rest = predictive_laws(quiet, positions_m, whole)
     if apart.any():
         rest = _at_all(residual, quiet, found)
