@@ -1,6 +1,7 @@
 """The search for the causes of a gap: for each law, the strongest first, an effect that leaves nothing of it."""
 
 from collections.abc import Callable, Collection, Sequence
+from functools import reduce
 
 from tam_calibration.effects.covariates import Covariates, to_world
 from tam_calibration.effects.effect import Finding, LinearEffect
@@ -68,7 +69,7 @@ class _CauseSearch:
         self._tell("laws", 0.0)
         whole = residual_of(self._nominal)
         self._gap = whole.excess
-        laws = remaining = laws_of(self._nominal, whole, self._gap)
+        laws = remaining = laws_of(whole, self._gap)
         explained, unexplained = set[_Key](), set[_Key]()
         while len(self._steps) < MOST_CAUSES:
             law = next((one for one in remaining if _key(one) not in unexplained and not self._is_small(one)), None)
@@ -81,7 +82,7 @@ class _CauseSearch:
                 continue
             explained.add(_key(law))
             self._tell("laws", len(self._steps) / (MOST_CAUSES + 1))
-            remaining = tuple(one for one in laws_of(self._model, left, self._gap) if _key(one) not in explained)
+            remaining = tuple(one for one in laws_of(left, self._gap) if _key(one) not in explained)
         return Search(
             self._nominal,
             self._model,
@@ -137,7 +138,7 @@ class _CauseSearch:
         channels, part = model.base().channels, model.parts[-1]
         if part.effect.oversize(channels.covariates, part.fitted(part.terms(channels))) is not None:
             return None
-        is_gone = self._is_gone(law, others, model, left) and not _is_open_at_poses(part.effect, self._model, model)
+        is_gone = self._is_gone(law, others, left) and not _is_open_at_poses(part.effect, self._model, model)
         return left if is_gone else None
 
     def _takes_law(self, form: Finding, law: Law) -> bool:
@@ -155,19 +156,14 @@ class _CauseSearch:
 
     def _with(self, chain: Sequence[Evidence]) -> Model:
         """Return the model with further causes."""
-        model = self._model
-        for one in chain:
-            model = model.accept(one.form)
-        return model
+        return reduce(Model.accept, (one.form for one in chain), self._model)
 
-    def _is_gone(self, law: Law, others: Sequence[Law], model: Model, left: Residual) -> bool:
+    def _is_gone(self, law: Law, others: Sequence[Law], left: Residual) -> bool:
         """Say whether a model leaves too little of a law; less than most of one that predicts nothing."""
         if law.found:
             return law.is_gone_from(left, others)
         sensors = set(law.signature.sensors)
-        there = (
-            one.signature for one in laws_of(model, left, self._gap) if not sensors.isdisjoint(one.signature.sensors)
-        )
+        there = (one.signature for one in laws_of(left, self._gap) if not sensors.isdisjoint(one.signature.sensors))
         return sum(one.energy for one in there) < MOST * law.signature.energy
 
     def _repeated(self, chain: Sequence[Evidence], law: Law) -> Evidence | None:

@@ -15,13 +15,13 @@ from tam_calibration.gap.laws.whitened import Residual
 from tam_calibration.model.units import FloatArray
 
 
-def candidates(residual: Residual, positions_m: FloatArray) -> list[Candidate]:
+def candidates(residual: Residual) -> list[Candidate]:
     """Return all laws tried on a residual, the best first."""
     found: list[Candidate] = []
     near, bins = nearest(residual), Bins.of_time(residual.time_s)
     for place in near:
         found += _in_place(residual, place, bins)
-    found += [_steady(residual, one) for one in patterns.everywhere(residual, positions_m)]
+    found += [_steady(residual, one) for one in patterns.everywhere(residual)]
     if len(near) > 2:
         found += [_steady(residual, one) for one in patterns.bent_everywhere(residual)]
     if residual.sensor_count > 1:

@@ -139,15 +139,13 @@ class Found:
         return residual.taking(self.residual.live).scaled(self.residual.noise**-0.5)
 
 
-def predictive_laws(residual: Residual, positions_m: FloatArray, whole: float) -> tuple[list[Found], Residual]:
+def predictive_laws(residual: Residual, whole: float) -> tuple[list[Found], Residual]:
     """Return the laws that predict samples from others, the strongest first, and the residual without them.
 
     Parameters
     ----------
     residual : Residual
         Of the samples that count.
-    positions_m : (K, 3) array
-        Of the sensors.
     whole : float
         Energy of the gap, of which the laws have their shares.
     """
@@ -159,7 +157,7 @@ def predictive_laws(residual: Residual, positions_m: FloatArray, whole: float) -
         error = TOLERANCE**2 * max(residual.excess, 0.0) / residual.size
         factor = float(np.sqrt(max(1 + error, residual.white)))
         scaled = residual.scaled(factor)
-        tried = candidates(scaled, positions_m)
+        tried = candidates(scaled)
         tried = sorted([*tried, *_refined(scaled, tried)], key=lambda one: -one.evidence)
         tried = _in_question(scaled, tried, again)
         accepted = next(_accepted(scaled, tried), None)

@@ -154,9 +154,9 @@ def in_scalar(residual: Residual) -> Iterator[Pattern]:
     yield _of_scalar("gain", residual, residual.field)
 
 
-def everywhere(residual: Residual, positions_m: FloatArray) -> Iterator[Pattern]:
+def everywhere(residual: Residual) -> Iterator[Pattern]:
     """Yield laws of all sensors: rates, the same in all and of each its own, and a field that is not uniform."""
-    yield from _gradients(residual, positions_m)
+    yield from _gradients(residual)
     yield _every("rate", residual, residual.sensed_rate[:, :, None])
     row_count = 3 * residual.sensor_count
     for rates in (residual.rate, _with_lags(residual)):
@@ -244,8 +244,9 @@ def bent_everywhere(residual: Residual) -> Iterator[Pattern]:
         yield _every("attitude", residual, _each(bent, 3 * residual.sensor_count), "attitude")
 
 
-def _gradients(residual: Residual, positions_m: FloatArray) -> Iterator[Pattern]:
+def _gradients(residual: Residual) -> Iterator[Pattern]:
     """Yield a field in the world that is not uniform: harmonic potentials of degree 2, and of 2 and 3."""
+    positions_m = np.asarray(residual.model.array.positions_m)
     if residual.rotation is None or not positions_m.any():
         return
     rotation, parts = residual.rotation, []

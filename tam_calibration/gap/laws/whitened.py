@@ -23,6 +23,8 @@ class Residual:
 
     Parameters
     ----------
+    model : Model
+        That leaves it.
     time_s : (N,) array
         Time stamps, seconds.
     z : (N, C) array
@@ -51,16 +53,11 @@ class Residual:
         Which samples count.
     index : (N,) array
         Which samples of the recording these are.
-    scalar_T : (N,) array, optional
-        Readings of the scalar.
-    scalar_noise_T : float
-        Their noise.
-    follows_attitude : bool
-        Whether the field is that of the world, turned by the recorded attitude.
     noise : float
         Variance of the recording's noise in units of the one that is reckoned with.
     """
 
+    model: Model
     time_s: FloatArray
     z: FloatArray
     response: FloatArray
@@ -76,9 +73,6 @@ class Residual:
     own: FloatArray
     live: NDArray[np.bool_]
     index: NDArray[np.intp]
-    scalar_T: FloatArray | None
-    scalar_noise_T: float
-    follows_attitude: bool
     noise: float = 1.0
 
     @property
@@ -202,6 +196,7 @@ def residual_of(model: Model) -> Residual:
     standard = {name: (one - one.mean()) / one.std() for name, one in named.items() if one.std() > 0}
     own = (model.recording.readings_T[index] - covariates.errors.bias_T).reshape(len(index), -1) / unit_T
     return Residual(
+        model,
         covariates.time_s[index],
         _perpendicular(z, nuisance),
         response,
@@ -217,9 +212,6 @@ def residual_of(model: Model) -> Residual:
         own,
         np.ones(len(index), dtype=bool),
         index,
-        None if model.recording.scalar_T is None else model.recording.scalar_T[index],
-        model.array.scalar_noise_T,
-        covariates.follows_attitude,
     )
 
 
