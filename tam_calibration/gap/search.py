@@ -115,7 +115,7 @@ class _CauseSearch:
                         for other in rest
                         if _is_near(other, one) and self._left_by([other], law, others) is not None
                     ]
-                    self._accept([one], law, as_good)
+                    self._accept([one], left, law, as_good)
                     return left
             tried += possible
         for one in tried:
@@ -124,7 +124,7 @@ class _CauseSearch:
                 chain.append(again)
                 left = self._left_by(chain, law, others)
                 if left is not None:
-                    self._accept(chain, law, ())
+                    self._accept(chain, left, law, ())
                     return left
         return None
 
@@ -146,13 +146,15 @@ class _CauseSearch:
         is_open = any(not set(one.signature.sensors).isdisjoint(law.signature.sensors) for one in self._open)
         return form.is_variance and (bool(law.found) or is_open)
 
-    def _accept(self, chain: Sequence[Evidence], law: Law, as_good: Sequence[str]) -> None:
+    def _accept(self, chain: Sequence[Evidence], left: Residual, law: Law, as_good: Sequence[str]) -> None:
+        """Accept an effect, or several forms of it, beside which so much is left."""
+        accepted = list[Evidence]()
         for one in chain:
-            own = absorbed(one, self._steps)
-            self._model = self._model.accept(own.form)
-            place = sensors_and_axes(places_of(own.form), self._model.recording)
+            accepted.append(absorbed(one, self._steps))
+            place = sensors_and_axes(places_of(accepted[-1].form), self._model.recording)
             made = at_place(as_made_by(one.effect, law.signature), *place)
-            self._steps.append(Step(own, made, tuple(dict.fromkeys(as_good))))
+            self._steps.append(Step(accepted[-1], made, tuple(dict.fromkeys(as_good))))
+        self._model = left.model if accepted == chain else self._with(accepted)
 
     def _with(self, chain: Sequence[Evidence]) -> Model:
         """Return the model with further causes."""

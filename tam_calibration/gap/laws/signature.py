@@ -51,10 +51,8 @@ class Law:
         residual : Residual, optional
             Of a model with more causes; by default that in which the law was found.
         """
-        if self.signature.law not in ("offset", "gain"):
-            return ()
         whole = residual or self.whole
-        if whole is None:
+        if whole is None or self.signature.law not in ("offset", "gain"):
             return ()
         return tuple(
             times
