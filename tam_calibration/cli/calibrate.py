@@ -262,7 +262,7 @@ def _calibrate(path: Path, array_path: Path, wanted: Wanted, how: Reading, progr
     progress.add_task(f"fitting {samples.sample_count} samples", total=None)
     calibration = fit_with_usage(samples, usage, lambda seen: fit(seen, array))
     if is_unexplained(calibration):
-        from tam_calibration.gap.explained import explained  # takes as long to load as a calibration
+        from tam_calibration.gap.calibration_with_effects import explained  # takes as long to load as a calibration
 
         going_on = terminal.progress_of(progress, "diagnosing")
         calibration = explained(calibration, samples, array, progress=going_on, accept=wanted.accept)

@@ -6,7 +6,7 @@ of the periodogram over its mean (Fisher, Proc. R. Soc. A 125, 1929); the part o
 of the direction explain a beta law; the kurtosis that of Anscombe and Glynn (Biometrika 70, 1983).
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -102,16 +102,14 @@ class Checks:
     @property
     def sentences(self) -> tuple[str, ...]:
         """What departs from the twin, one sentence for each statistic, of the row in which it does so most."""
-        return tuple(self._sentences())
-
-    def _sentences(self) -> Iterator[str]:
-        for name, check in self.by_name.items():
+        sentences = []
+        for statistic, check in self.by_name.items():
             departs = check.departs
             if not departs.any():
                 continue
             row, others = check.worst, int(departs.sum()) - 1
             value, low, high = (float(each[row]) for each in (check.values, check.low, check.high))
-            above, below, figures = _SAYS[name]
+            above, below, figures = _SAYS[statistic]
             details = figures.format(
                 value=value,
                 low=low,
@@ -123,20 +121,11 @@ class Checks:
                 percent_high=100 * high,
             ).replace(" -", " −")
             also = f" (axes alike: {others} more)" if others else ""
-            yield f"The residual of {row_name(row, len(departs))} {above if value > high else below}: {details}{also}."
-
-
-def row_name(row: int, row_count: int) -> str:
-    """Return "sensor 2 x", or the scalar magnetometer for the last row.
-
-    Parameters
-    ----------
-    row : int
-        3 i + a for axis a of sensor i, both from 0.
-    row_count : int
-        Number of rows, 3K + 1.
-    """
-    return "the scalar magnetometer" if row == row_count - 1 else f"sensor {row // 3 + 1} {'xyz'[row % 3]}"
+            says = f"{above if value > high else below}: {details}{also}"
+            axis = f"sensor {row // 3 + 1} {'xyz'[row % 3]}"
+            name = "the scalar magnetometer" if row == len(departs) - 1 else axis
+            sentences.append(f"The residual of {name} {says}.")
+        return tuple(sentences)
 
 
 def checks_of(

@@ -1,29 +1,23 @@
-"""From a search to the verdict on a gap, its causes with their numbers, and the sentence that says it."""
+"""From a search to the verdict on a gap, the sentence that says it, and what to record next."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from tam_calibration.effects.covariates import Covariates
-from tam_calibration.effects.effect import Finding, LinearEffect
-from tam_calibration.effects.grades import MINOR, MOST, NEARLY_ALL, NOTABLE
-from tam_calibration.effects.library import effect_named, units_of
+from tam_calibration.effects.grades import MINOR, MOST, NOTABLE
+from tam_calibration.effects.library import effect_named
 from tam_calibration.effects.noise_excess import LARGEST_NOISE
+from tam_calibration.gap.causes import considered, locate, numbered_causes, placed
 from tam_calibration.gap.checks import checks_of
-from tam_calibration.gap.hypothesis import Hypothesis, Place, sensors_of
-from tam_calibration.gap.joint import Joint
-from tam_calibration.gap.laws.law import agrees, in_words
+from tam_calibration.gap.laws.law import causes_of, in_words
 from tam_calibration.gap.model import Model
-from tam_calibration.gap.next_recording import next_recording
-from tam_calibration.gap.probabilities import energies_of, probabilities, set_of, shares_of
-from tam_calibration.gap.result import Cause, Considered, Gap, Residue, Size, Verdict, Where
-from tam_calibration.gap.size import measure, noise_variance
-from tam_calibration.gap.steps import LARGEST_REST, LEAST_EVIDENCE, Search, Step
-from tam_calibration.gap.where import locate, placed, sensors_and_axes
+from tam_calibration.gap.probabilities import probabilities, set_of
+from tam_calibration.gap.result import Cause, Gap, Residue, Size, Verdict, Where
+from tam_calibration.gap.size import measure, noise_variance, words_of
+from tam_calibration.gap.steps import LARGEST_REST, LEAST_EVIDENCE, Search
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.model.exceptions import sensors_in_words
-from tam_calibration.model.fitted_effect import ALL, FittedEffect
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, to_nanotesla
 
@@ -54,31 +48,6 @@ def smallest_gap(count: float) -> float:
     return max(MINOR, float(np.sqrt((LEAST_EVIDENCE + np.log(count)) / count)))
 
 
-def statement(verdict: Verdict, size: Size, where: str, causes: tuple[Cause, ...]) -> str:
-    """Return the verdict in one sentence.
-
-    Parameters
-    ----------
-    verdict : str
-        Of the diagnosis.
-    size : Size
-        Of the gap, before and after the causes.
-    where : str
-        Place of the gap in words.
-    causes : tuple of Cause
-        Ranked; they are named unless the verdict is that there is no gap or no explanation.
-    """
-    if verdict == "no_gap":
-        return "No gap: what the calibration leaves is noise."
-    size_of_gap = f"A gap of {size.before:.2g} times the noise floor in {where}"
-    if verdict == "unexplained":
-        return f"{size_of_gap} that no effect of the library explains."
-    rival = " (or by anything else that changes as slowly)"
-    names = " and ".join(dict.fromkeys(one.fitted.effect.replace("_", " ") + one.is_drift * rival for one in causes))
-    part = "explained" if verdict == "explained" else "partly explained"
-    return f"{size_of_gap}, {part} by {names}: {100 * size.closed:.0f} % of it closes."
-
-
 def conclude(found: Search) -> Gap:
     """Return the gap that a search found."""
     variance = noise_variance(found.model, found.remaining)
@@ -95,14 +64,14 @@ def conclude(found: Search) -> Gap:
     noise = model.recording.interpolated_noise
     checks = checks_of(residue.time_s, residue.direction, residue.after, residue.floor_T, noise)
     chances = probabilities(found, verdict, size, checks.departures)
-    causes = _causes(found, model, size, chances) if is_named else ()
+    causes = numbered_causes(found, model, size, chances) if is_named else ()
     has_gap = verdict != "no_gap"
     gap = Gap(
         verdict,
         size,
         locate(found.nominal.base().channels, causes, found.laws, variance) if has_gap else Where(),
         causes,
-        _considered(found, causes),
+        considered(found, causes),
         chances,
         next_recording(found, verdict, causes),
         "",
@@ -122,12 +91,25 @@ def _stated(gap: Gap, found: Search) -> Gap:
     """Return a gap with its sentence; one of the intensity alone at each of its places, with what separates them."""
     if not gap.signature or not gap.signature[0].is_common:
         where = sensors_in_words(gap.where.sensors) if gap.where.sensors else "all sensors"
-        return replace(gap, statement=statement(gap.verdict, gap.size, where, gap.causes))
+        return replace(gap, statement=_statement(gap, where))
     places = gap.signature[0].places
     gap = placed(gap, gap.signature, places)
     where = in_words(places, found.nominal.recording.sensor_count, is_common=True)
     following = gap.next_recording if len(places) < 2 else f"{_APART} {gap.next_recording}"
-    return replace(gap, statement=statement(gap.verdict, gap.size, where, gap.causes), next_recording=following)
+    return replace(gap, statement=_statement(gap, where), next_recording=following)
+
+
+def _statement(gap: Gap, where: str) -> str:
+    """Return the verdict in one sentence, with the place of the gap in words."""
+    if gap.verdict == "no_gap":
+        return "No gap: what the calibration leaves is noise."
+    size_of_gap = f"A gap of {gap.size.before:.2g} times the noise floor in {where}"
+    if gap.verdict == "unexplained":
+        return f"{size_of_gap} that no effect of the library explains."
+    rival = " (or by anything else that changes as slowly)"
+    names = dict.fromkeys(one.fitted.effect.replace("_", " ") + one.is_drift * rival for one in gap.causes)
+    part = gap.verdict.replace("_", " ")
+    return f"{size_of_gap}, {part} by {' and '.join(names)}: {100 * gap.size.closed:.0f} % of it closes."
 
 
 _APART = (
@@ -144,107 +126,6 @@ def _remainder(verdict: Verdict, size: Size) -> str:
     return (
         f"{share} is open: {size.after:.2g} noise floors, {to_nanotesla(size.after_T):.3g} nT at one axis of a sensor."
     )
-
-
-def _causes(found: Search, model: Model, size: Size, chances: Mapping[str, float]) -> tuple[Cause, ...]:
-    """Return the causes with their numbers, the largest share first.
-
-    Linear effects share the energy that all of them explain; a finding has that of all steps that accepted it.
-    """
-    energy = energies_of(found.steps, found.nominal.base().channels.count)
-    total = sum(energy.values())
-    linear = [step for step in found.steps if isinstance(step.accepted.form, Hypothesis)]
-    of_linear = sum(energy[step] for step in linear) / total
-    parts = zip(linear, Joint.of(model).effects, (of_linear * shares_of(model)).tolist(), strict=True)
-    by_finding: dict[int, tuple[Step, FittedEffect, float]] = {}
-    for step in found.steps:
-        if isinstance(step.accepted.form, Finding):
-            fitted = step.accepted.form.fitted
-            first, _, before = by_finding.get(id(fitted), (step, fitted, 0.0))
-            by_finding[id(fitted)] = first, fitted, before + energy[step] / total
-    covariates = model.channels().covariates
-    causes = []
-    for step, effect, weight in (*parts, *by_finding.values()):
-        places = _places(effect, covariates)
-        sensors, axes = sensors_and_axes(places, model.recording)
-        if isinstance(step.accepted.form, Finding) and ALL in sensors_of(places):
-            sensors = step.law.sensors
-        causes.append(
-            Cause(
-                effect,
-                units_of(effect, model.errors, model.array),
-                sensors,
-                axes,
-                chances.get(effect.effect, 0.0),
-                weight,
-                step.accepted.delta_bic,
-                size.closed * weight,
-                _indistinguishable(step, found),
-                is_drift(effect.effect, model.recording),
-                tuple(effect_named(effect.effect).sizes(covariates, effect)),
-            )
-        )
-    return tuple(sorted(causes, key=lambda cause: -cause.share))
-
-
-def is_drift(effect: str, recording: Recording) -> bool:
-    """Say whether the channel of an effect rises or falls throughout, so that any other slow course explains as much.
-
-    Parameters
-    ----------
-    effect : str
-        Name of an effect.
-    recording : Recording
-        Of N samples, with the channels of the effect.
-    """
-    courses = [
-        getattr(recording, name) for name in ("temperature_C", "current_A") if name in effect_named(effect).channels
-    ]
-    return any(abs(_rank_correlation(course)) > NEARLY_ALL for course in courses)
-
-
-def _rank_correlation(course: FloatArray) -> float:
-    """Return the rank correlation of a course (N,) with its order in time (Spearman); equal values share a rank."""
-    _, place, count = np.unique(course, return_inverse=True, return_counts=True)
-    rank = (np.cumsum(count) - count / 2)[place]
-    return float(np.corrcoef(np.arange(len(course)), rank)[0, 1])
-
-
-def _indistinguishable(step: Step, found: Search) -> tuple[str, ...]:
-    """Return the effects that the data do not separate from a cause, or whose channel is not recorded."""
-    cause = step.accepted
-    names = [*step.others]
-    if isinstance(cause.form, Hypothesis) and cause.form.effect.is_free_in_time:
-        names += [
-            one.effect for one in found.considered if one.status == "channel_missing" and agrees(one.effect, step.law)
-        ]
-    return tuple(dict.fromkeys(names))
-
-
-def _places(fitted: FittedEffect, covariates: Covariates) -> list[Place]:
-    """Return the places of a fitted effect without sensors whose signal is only carried over by the common field."""
-    effect = effect_named(fitted.effect)
-    places = list(dict.fromkeys((one.sensor, one.axis) for one in fitted.contributions))
-    if not isinstance(effect, LinearEffect) or len(sensors_of(places)) < 2:
-        return places
-    rows = np.sqrt(np.mean(effect.signal(covariates, fitted)[:, :-1] ** 2, axis=0))
-    size = np.sqrt(np.mean(rows.reshape(-1, 3) ** 2, axis=1))
-    return [place for place in places if place[0] < 0 or size[place[0]] > MINOR * size.max()]
-
-
-def _considered(found: Search, causes: tuple[Cause, ...]) -> tuple[Considered, ...]:
-    result = {one.effect: one for one in found.considered}
-    for one in found.weighed:
-        if one.delta_bic < LEAST_EVIDENCE:
-            why = "noise alone explains the data as well"
-        else:
-            why = "it leaves a part of the law, or another effect explains it better"
-        result[one.effect] = Considered(one.effect, "not_supported", why, one.delta_bic)
-    for cause in causes:
-        result[cause.fitted.effect] = Considered(
-            cause.fitted.effect, "supported", "the data ask for it", cause.delta_bic, cause.r2_cv
-        )
-    return tuple(result[name] for name in sorted(result))
 
 
 def residue_of(nominal: Model, model: Model, before: WhitenedChannels, variance: float) -> Residue:
@@ -270,7 +151,7 @@ def residue_of(nominal: Model, model: Model, before: WhitenedChannels, variance:
         field_T, scalar = covariates.field_T, np.where(before.precision > 0, covariates.intensity_T + drawn, np.nan)
     exact = covariates.errors.distort(field_T)
     made = replace(nominal.recording, readings_T=exact + noise.reshape(exact.shape), scalar_T=scalar)
-    twin = WhitenedChannels.at(made, nominal.array, nominal.errors, nominal.intensity_T, world=nominal.world)
+    twin = replace(nominal, recording=made).channels()
     typical = np.array([np.median(row[row > 0]) if row.any() else np.inf for row in before.residuals.row_information.T])
 
     def shifts(channels: WhitenedChannels) -> FloatArray:
@@ -291,3 +172,63 @@ def residue_of(nominal: Model, model: Model, before: WhitenedChannels, variance:
         nominal.recording.temperature_C,
         nominal.recording.current_A,
     )
+
+
+_OTHERWISE = (
+    "To see what the rest follows, make the same motion twice with a pause between, at half the rate, in the opposite "
+    "sense, and at another place: what comes again goes with the array, what grows with the rate is a delay or a "
+    "current that the turning drives, what turns round is a memory, what changes with the place belongs to the site."
+)
+
+_ENOUGH = (
+    "No further recording is needed for this question; one more run of the same kind, kept out of the fit, would "
+    "confirm the answer."
+)
+
+
+def next_recording(found: Search, verdict: Verdict, causes: Sequence[Cause]) -> str:
+    """Say what to record next, and which channels with it.
+
+    Parameters
+    ----------
+    found : Search
+        Result of the search in this recording.
+    verdict : str
+        Of the diagnosis.
+    causes : sequence of Cause
+        The largest share first.
+    """
+    if verdict == "no_gap":
+        return _ENOUGH
+    recording = found.model.recording
+    for cause in causes:
+        if cause.indistinguishable_from:
+            pair = cause.fitted.effect, cause.indistinguishable_from[0]
+            return f"To tell {' from '.join(map(_words_of, pair))}, {_asked(recording, pair)}."
+    if drifting := [one.fitted.effect for one in causes if one.is_drift]:
+        return (
+            f"Let the channel of {_words_of(drifting[0])} rise and fall several times in the run: in this one "
+            "any other slow drift explains as much."
+        )
+    if verdict == "explained":
+        return _ENOUGH
+    laws = found.laws if verdict == "unexplained" else found.remaining
+    possible = causes_of(laws[0].signature) if laws else ()
+    hidden = {one.effect for one in found.considered if one.status in ("channel_missing", "not_identifiable")}
+    for one in possible:
+        if one.name in hidden:
+            return f"To see whether it is {_words_of(one.name)}, {_asked(recording, [one.name])}."
+    return f"To see whether it is “{possible[0].title}”, {possible[0].proof}." if possible else _OTHERWISE
+
+
+def _words_of(effect: str) -> str:
+    return effect.replace("_", " ")
+
+
+def _asked(recording: Recording, names: Iterable[str]) -> str:
+    """Return the motion that shows effects, with the channels that they need and that were not recorded."""
+    effects = list(map(effect_named, names))
+    motions = ", and ".join(dict.fromkeys(effect.excitation for effect in effects))
+    needed = dict.fromkeys(channel for effect in effects for channel in effect.channels)
+    missing = [words_of(channel) for channel in needed if getattr(recording, channel) is None]
+    return f"{motions}, with the {' and '.join(missing)} recorded" if missing else motions

@@ -9,7 +9,6 @@ and of the gyroscope explain as much of the residual as they can. What they leav
 are fixed to the array and begin at some time, at once or gradually.
 """
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -39,28 +38,6 @@ _MOST_CHANGES = 8
 """That are looked for: four sources that come and go."""
 
 
-@dataclass(frozen=True)
-class FieldChange:
-    """A field at all sensors that begins within a span of time.
-
-    Parameters
-    ----------
-    time_s : (float, float)
-        The span.
-    size_T : float
-        Of the field across that of the world, tesla.
-    """
-
-    time_s: tuple[float, float]
-    size_T: float
-
-    def __str__(self) -> str:
-        """Return size and time in words."""
-        first, last = self.time_s
-        interval = f"at {last:.1f} s" if last - first < 1.0 else f"from {first:.1f} to {last:.1f} s"
-        return f"by {to_nanotesla(self.size_T):.2g} nT {interval}"
-
-
 def field_direction(model: Model, recording: Recording, array: Array) -> tuple[str, ...]:
     """Return what the gyroscope of a recording says of the direction of the field, in sentences; nothing without one.
 
@@ -86,10 +63,10 @@ def field_direction(model: Model, recording: Recording, array: Array) -> tuple[s
         return (f"The gyroscope: {settled.reason}.",)
     found = [*settled.notes, settled.fit.turned]
     remarks = tuple(f"{one[:1].upper()}{one[1:]}." for one in found if one)
-    changes = sorted(_changes(settled.fit), key=lambda change: change.time_s)
+    changes = sorted(_changes(settled.fit))
     if not changes:
         return remarks
-    words = ", and ".join(str(change) for change in changes)
+    words = ", and ".join(_in_words(*change) for change in changes)
     return (
         *remarks,
         f"The direction of the field at all sensors changes while the gyroscope measures no such turn: {words}. "
@@ -97,8 +74,14 @@ def field_direction(model: Model, recording: Recording, array: Array) -> tuple[s
     )
 
 
-def _changes(fit: GyroscopeFit) -> list[FieldChange]:
-    """Return the fields that begin at some time and that chance does not make, the clearest first."""
+def _in_words(first_s: float, last_s: float, size_T: float) -> str:
+    """Return how large a field is that begins within a span of time, and when."""
+    interval = f"at {last_s:.1f} s" if last_s - first_s < 1.0 else f"from {first_s:.1f} to {last_s:.1f} s"
+    return f"by {to_nanotesla(size_T):.2g} nT {interval}"
+
+
+def _changes(fit: GyroscopeFit) -> list[tuple[float, float, float]]:
+    """Return the fields that chance does not make: in which span of time, s, each begins, and its size, tesla."""
     path = fit.likelihood.path
     turns = fit.likelihood.white_turns(*fit.problem.rows_at(fit.place), fit.state)
     count = turns.by_offset.shape[1]
@@ -119,7 +102,7 @@ def _changes(fit: GyroscopeFit) -> list[FieldChange]:
     for one, size in zip(courses, sizes, strict=True):
         last = one.first + one.length - 1
         angle = float(norm(size @ turns.by_offset[:, last]))
-        changes.append(FieldChange((float(time_s[one.first - 1]), float(time_s[last])), angle * fit.place.intensity_T))
+        changes.append((float(time_s[one.first - 1]), float(time_s[last]), angle * fit.place.intensity_T))
     return changes
 
 

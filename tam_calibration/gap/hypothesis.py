@@ -6,7 +6,6 @@ from heapq import nlargest
 
 import numpy as np
 
-from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Finding, LinearEffect
 from tam_calibration.effects.states import Times
 from tam_calibration.effects.term import Key, Term, chosen
@@ -45,10 +44,6 @@ class Hypothesis:
     selection: Selection
     tried: tuple[Shape, ...] = ()
     values: FloatArray | None = None
-
-    def moved(self, covariates: Covariates) -> "Hypothesis":
-        """Return the same terms of the same shape for other covariates, at all of their samples."""
-        return replace(self, terms=tuple(chosen(self.effect.terms(covariates, self.shape), self.keys)))
 
     @property
     def keys(self) -> tuple[Key, ...]:
@@ -219,12 +214,6 @@ class Part:
         """Accept a hypothesis, with values to start from where it has them."""
         width = sum(len(term.coefficients) for term in form.terms)
         return cls(form.effect, form.shape, form.keys, np.zeros(width) if form.values is None else form.values)
-
-    @property
-    def channels(self) -> set[str]:
-        """Names of the recorded channels that its terms follow, or that its effect always needs."""
-        own = tuple(Contribution(sensor, axis, name, {}) for sensor, axis, name in self.keys)
-        return {*self.effect.channels, *self.effect.needs(FittedEffect(self.effect.name, self.shape, own))}
 
     @classmethod
     def at(cls, base: Base, form: Hypothesis) -> "Part":

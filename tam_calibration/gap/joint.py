@@ -24,7 +24,6 @@ from tam_calibration.fit.ellipsoid import free_scale
 from tam_calibration.gap.checks import CHANCE
 from tam_calibration.gap.hypothesis import Part
 from tam_calibration.gap.model import Model
-from tam_calibration.gap.nominal import stepped
 from tam_calibration.gap.regression import VISIBLE, Base, pseudo_inverse
 from tam_calibration.gap.regressors import Regressors
 from tam_calibration.gap.whitened_channels import WhitenedChannels
@@ -169,9 +168,7 @@ class Joint:
     def effects(self) -> tuple[FittedEffect, ...]:
         """The effects with values and standard errors."""
         effects = []
-        for part, terms, names, covariance in zip(
-            self.model.parts, self._terms, self.free, self._covariances, strict=True
-        ):
+        for (part, terms, covariance), names in zip(self._fits, self.free, strict=True):
             count = len(part.values)
             variance = np.diag(covariance)[count:]
             known = {name: float(np.sqrt(value)) for name, value in zip(names, variance, strict=True) if value > 0}
@@ -209,12 +206,10 @@ class Joint:
 
         Without a scalar the geometric mean of the determinants is kept at 1: nothing determines the common scale.
         """
-        errors, unit = self.model.errors, float(np.mean(self._channels.covariates.intensity_T))
-        if self.model.world is not None:
-            return self.model.world.stepped(errors, step, unit)[0].to_vector().ravel()
-        moved = stepped(errors, step, unit)
-        if self.model.recording.scalar_T is None:
-            moved = SensorErrors.from_matrix(free_scale(moved.matrix) * moved.matrix, moved.bias_T, errors.orientation)
+        moved = self.model.moved(step, self._channels).errors
+        if self.model.world is None and self.model.recording.scalar_T is None:
+            matrix = free_scale(moved.matrix) * moved.matrix
+            moved = SensorErrors.from_matrix(matrix, moved.bias_T, self.model.errors.orientation)
         return moved.to_vector().ravel()
 
     def sizes(self, unmix: FloatArray) -> tuple[EffectSize, ...]:
@@ -222,9 +217,7 @@ class Joint:
         # The uncertainty of an effect's signal is averaged over 2000 samples, spread over the recording.
         some = slice(None, None, -(-self.model.recording.sample_count // 2000))
         sizes = []
-        for part, terms, fitted, covariance in zip(
-            self.model.parts, self._terms, self.effects, self._covariances, strict=True
-        ):
+        for (part, terms, covariance), fitted in zip(self._fits, self.effects, strict=True):
             if on_sensors(fitted) is None:
                 sizes.append(NO_SIZE)
                 continue
@@ -260,10 +253,11 @@ class Joint:
         return covariance_of(self._nominal, [self._design], left_out)
 
     @cached_property
-    def _covariances(self) -> list[FloatArray]:
-        """That of the parameters of each effect."""
+    def _fits(self) -> list[tuple[Part, list[Term], FloatArray]]:
+        """Each effect with its terms and the covariance of its parameters."""
         ends = np.cumsum([0, *(sum(len(term.coefficients) for term in terms) for terms in self._terms)]).tolist()
-        return [self._covariance[start:end, start:end] for start, end in pairwise(ends)]
+        blocks = [self._covariance[start:end, start:end] for start, end in pairwise(ends)]
+        return list(zip(self.model.parts, self._terms, blocks, strict=True))
 
 
 def _slope(part: Part, name: str, channels: WhitenedChannels) -> Term:

@@ -1,6 +1,6 @@
 """A model of a recording: calibration and accepted effects, fitted together."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
@@ -9,7 +9,6 @@ import numpy as np
 from numpy.linalg import LinAlgError
 from numpy.typing import NDArray
 
-from tam_calibration.core.least_squares import iterate
 from tam_calibration.core.noise import complete_noise, fast_noise
 from tam_calibration.correction.calibration import without_rows
 from tam_calibration.effects.effect import Finding
@@ -24,16 +23,15 @@ from tam_calibration.gap.nominal import (
     outlying_samples,
     starts,
     steady_parts,
-    stepped,
     without_calibration,
     without_channels,
-    without_channels_in_world,
     without_jump,
 )
 from tam_calibration.gap.physical import objection_to, sensed_intensity
 from tam_calibration.gap.regression import Base
+from tam_calibration.gap.regressors import update
 from tam_calibration.gap.whitened_channels import WhitenedChannels
-from tam_calibration.gap.world import Oriented, World, turns
+from tam_calibration.gap.world import World, oriented, turns
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.fitted_effect import FittedEffect
@@ -116,42 +114,37 @@ class Model:
         if recording.sensor_count == 1 and recording.scalar_T is None and is_oriented is not None:
             in_world = cls._in_world(recording, array, is_oriented, stride)
             if in_world is None or in_world._is_gross():
-                rest = without_channels_in_world(recording, is_oriented)
+                rest = without_channels(recording, is_oriented)
                 following = None if rest is None else cls._in_world(rest, array, is_oriented, stride)
                 in_world = _most_agreeing(in_world, following)
             if in_world is not None:
                 return replace(in_world, recording=recording)
         noisy, _ = complete_noise(array, recording)
-        plain = cls._within_bounds(recording, noisy, stride)
+        start = cls(recording, noisy, SensorErrors.none(recording.sensor_count), np.nan, stride=stride)
+        plain = start._within_bounds(recording)
         if plain is not None:
             plain = plain._with_floor(array)
-        if plain is not None and not plain._is_gross():
-            return plain
-        beside = cls._beside(recording, noisy, stride, plain)
+            if not plain._is_gross():
+                return plain
+        beside = start._beside(plain)
         if beside is not None:
             return replace(beside._with_floor(array), recording=recording)
-        return cls._of_part(recording, array, stride, plain)
+        return start._of_part(array, plain)
 
-    @classmethod
-    def _beside(
-        cls, recording: Recording, array: KnownNoiseArray, stride: int, plain: "Model | None"
-    ) -> "Model | None":
+    def _beside(self, plain: "Model | None") -> "Model | None":
         """Return the fit to the readings without a jump, or without biases that follow the channels.
 
         The one with which more samples agree; None without a jump where the plain fit is as good.
         """
-        jump, rest = gross_bias_jump(recording), without_channels(recording)
-        jumping = None if jump is None else cls._within_bounds(without_jump(recording, jump), array, stride)
+        jump, rest = gross_bias_jump(self.recording), without_channels(self.recording)
+        jumping = None if jump is None else self._within_bounds(without_jump(self.recording, jump))
+        following = None if rest is None else self._within_bounds(rest)
         if jump is not None and jumping is not None:
-            jumping = replace(jumping, gross=_mostly(jump))
-        following = None if rest is None else cls._within_bounds(rest, array, stride)
-        if jumping is not None:
             # Of equal fits the channel is preferred: it needs no time of its own.
-            return _most_agreeing(following, jumping)
+            return _most_agreeing(following, replace(jumping, gross=_mostly(jump)))
         return following if _most_agreeing(plain, following) is following else None
 
-    @classmethod
-    def _of_part(cls, recording: Recording, array: Array, stride: int, plain: "Model | None") -> "Model":
+    def _of_part(self, stated: Array, plain: "Model | None") -> "Model":
         """Return the plain fit or, where there is none, that to a part of the recording.
 
         Raises
@@ -159,59 +152,55 @@ class Model:
         Refused
             When neither exists, or the calibration that the readings determine is out of the bounds of sensors.
         """
-        noisy, _ = complete_noise(array, recording)
         if plain is None:
-            part = cls._of_most(recording, noisy, stride) or cls._of_steady(recording, noisy, stride)
-            plain = None if part is None else part._with_floor(array, settled=False)
-        begun = next((cls(recording, noisy, *start) for start in starts(recording, noisy)), None)
+            part = self._of_most() or self._of_steady()
+            plain = None if part is None else part._with_floor(stated, settled=False)
+        begun = next(self._begun(self.recording), None)
         # Where the attitudes determine the calibration, and it fits, it may yet be out of the bounds of sensors.
         if plain is None or (
             begun is not None
             and begun.objection is not None
             and not begun._is_gross()
-            and open_parameters(recording, noisy) is None
+            and open_parameters(self.recording, self.array) is None
         ):
-            raise Refused(without_calibration(recording, None if begun is None else begun.objection))
+            raise Refused(without_calibration(self.recording, None if begun is None else begun.objection))
         return plain
 
-    @classmethod
-    def _first(
-        cls, recording: Recording, array: KnownNoiseArray, stride: int, fit: "Callable[[Model], Model | None]"
-    ) -> "Model | None":
+    def _begun(self, recording: Recording) -> Iterator["Model"]:
+        """Yield the starts of a fit to a recording of the same array."""
+        for errors, intensity_T in starts(recording, self.array):
+            yield replace(self, recording=recording, errors=errors, intensity_T=intensity_T)
+
+    def _first(self, recording: Recording, fit: "Callable[[Model], Model | None]") -> "Model | None":
         """Return the first fit from all starts that are within the bounds of sensors and of the Earth's field."""
-        for start in starts(recording, array):
-            model = cls(recording, array, *start, stride=stride)
+        for model in self._begun(recording):
             if model.objection is None:
                 with suppress(InputError, Refused, LinAlgError):
                     if (fitted := fit(model)) is not None:
                         return fitted
         return None
 
-    @classmethod
-    def _within_bounds(cls, recording: Recording, array: KnownNoiseArray, stride: int) -> "Model | None":
+    def _within_bounds(self, recording: Recording) -> "Model | None":
         """Return the first fit, of all starts, that converges within the bounds of sensors and of the Earth's field."""
-        return cls._first(recording, array, stride, _converged)
+        return self._first(recording, _converged)
 
-    @classmethod
-    def _of_most(cls, recording: Recording, array: KnownNoiseArray, stride: int) -> "Model | None":
+    def _of_most(self) -> "Model | None":
         """Return a fit to the half of the samples that it fits best."""
-        return cls._first(recording, array, stride, _of_better_half)
+        return self._first(self.recording, _of_better_half)
 
-    @classmethod
-    def _of_steady(cls, recording: Recording, array: KnownNoiseArray, stride: int) -> "Model | None":
+    def _of_steady(self) -> "Model | None":
         """Return a fit to a steady part of the run and all samples that agree: of the part with the most of them."""
         fits = []
-        for part in steady_parts(recording):
-            try:
-                model = cls._within_bounds(recording.take(part), array, stride)
-            except InputError:
-                continue
-            if model is not None and not model._is_gross():
-                fits.append(replace(model, recording=recording))
+        for part in steady_parts(self.recording):
+            with suppress(InputError):
+                model = self._within_bounds(self.recording.take(part))
+                if model is not None and not model._is_gross():
+                    fits.append(replace(model, recording=self.recording))
         best = _most_agreeing(*fits)
         if best is None:
             return None
-        return replace(replace(best, recording=recording.take(best.agrees)).settled(), recording=recording)
+        agreeing = replace(best, recording=self.recording.take(best.agrees)).settled()
+        return replace(agreeing, recording=self.recording)
 
     def steady(self) -> "Model | None":
         """Return the model with the calibration of a steady part of the run, where the residual of the whole is gross.
@@ -220,8 +209,7 @@ class Model:
         """
         if self.gross is not None or self.world is not None or not self._is_gross():
             return None
-        fits = [find(self.recording, self.array, self.stride) for find in (self._of_most, self._of_steady)]
-        best = _most_agreeing(self, *fits)
+        best = _most_agreeing(self, self._of_most(), self._of_steady())
         if best is None or best is self:
             return None
         return replace(self, errors=best.errors, intensity_T=best.intensity_T)
@@ -258,10 +246,11 @@ class Model:
         """
         noisy, _ = complete_noise(array, recording)
         try:
-            start = Oriented.of(recording.take(is_oriented))
-            clean = recording if start.jump is None else without_jump(recording, start.jump)
-            intensity = start.world.intensity_T
-            model = cls(clean, noisy, start.errors, intensity, start.world, is_oriented, stride=stride).settled()
+            errors, world, jump = oriented(recording.take(is_oriented))
+            clean = recording if jump is None else without_jump(recording, jump)
+            model = cls(
+                clean, noisy, errors, world.intensity_T, world, is_oriented, gross=jump, stride=stride
+            ).settled()
             by_length = replace(model, world=None).base()
         except (InputError, Refused, LinAlgError):
             return None
@@ -271,8 +260,7 @@ class Model:
         # The intensity of the field determines nine parameters of one sensor.
         if by_length.calibration_rank == 9 and bias_variance(by_length) < NOTABLE * bias_variance(base):
             return None
-        world = replace(model.world, variance_T2=attitude_variance(base.channels, model.world))
-        return replace(model, world=world, gross=start.jump)
+        return replace(model, world=replace(model.world, variance_T2=attitude_variance(base.channels, model.world)))
 
     def _is_gross(self) -> bool:
         """Whether the residual is no small disturbance of the field."""
@@ -317,22 +305,22 @@ class Model:
         variances = [finding.variance for finding in self.findings if finding.variance is not None]
         beyond = np.sum(variances, axis=0) if variances else None
         spreads = tuple(finding.spread_T for finding in self.findings if finding.spread_T is not None)
-        return WhitenedChannels.at(
-            self.recording,
-            self.array,
-            self.errors,
-            self.intensity_T,
-            added_T,
-            self.is_counted,
-            beyond,
-            self.stride,
-            self.world,
-        ).whitened(spreads)
+        fit = (self.recording, self.array, self.errors, self.intensity_T)
+        channels = WhitenedChannels.at(*fit, added_T, self.is_counted, beyond, self.stride, self.world)
+        return channels.whitened(spreads)
 
     def settled(self) -> "Model":
         """Return the model with calibration and effects fitted together, by Gauss-Newton steps that do not climb."""
+        model, base = self, self.base()
         # A fit that needs more steps is held back by its bounds or runs away.
-        (model, _), _ = iterate(_downhill, (self, self.base()), 8)
+        for _ in range(8):
+            # A fall of 1e-5 of the energy of one channel is far below any evidence.
+            if base.fall < 1e-5 * max(1.0, base.energy / base.channels.count):
+                break
+            lower = model._lower(base)
+            if lower is None:
+                break
+            model, base = lower
         return model
 
     def _lower(self, base: Base) -> tuple["Model", Base] | None:
@@ -361,11 +349,32 @@ class Model:
         parts = tuple(
             replace(part, values=part.values + change) for part, change in zip(self.parts, others, strict=True)
         )
-        unit_T = float(np.mean(base.channels.covariates.intensity_T))
+        return replace(self.moved(own, base.channels), parts=parts)
+
+    def moved(self, step: FloatArray, channels: WhitenedChannels) -> "Model":
+        """Return the model with its calibration after a step, in the frame of the first sensor.
+
+        Parameters
+        ----------
+        step : (P,) array
+            Of the coefficients of ``channels.calibration``.
+        channels : WhitenedChannels
+            Of the model before the step.
+
+        Raises
+        ------
+        InputError
+            When a matrix is no longer one of a sensor.
+        Refused
+            When the step leads to a value that is not finite.
+        """
+        unit_T = float(np.mean(channels.covariates.intensity_T))
         if self.world is None:
-            return replace(self, errors=stepped(self.errors, own, unit_T), parts=parts)
-        errors, world = self.world.stepped(self.errors, own, unit_T)
-        return replace(self, errors=errors, world=world, intensity_T=world.intensity_T, parts=parts)
+            matrix, bias = update(self.errors, step, unit_T)
+            first = SensorErrors.from_matrix(matrix, bias).rotation[0]
+            return replace(self, errors=SensorErrors.from_matrix(matrix @ first.T, bias, self.errors.orientation))
+        errors, world = self.world.stepped(self.errors, step, unit_T)
+        return replace(self, errors=errors, world=world, intensity_T=world.intensity_T)
 
     def signal(self) -> FloatArray:
         """Return what the effects add to the rows, (N, 3K + 1), tesla."""
@@ -412,18 +421,15 @@ class Model:
         """Return the fit as the base of further hypotheses, linearised where it stands; kept of a short recording."""
         if self in _KNOWN:
             return _KNOWN[self]
-        base = self._base()
-        if self.recording.sample_count <= ENOUGH_SAMPLES:
-            _KNOWN[self] = base
-        return base
-
-    def _base(self) -> Base:
         channels = self.channels(self.signal() if self.parts else None)
         # A step to a sensor with a scale factor of zero leaves no field.
         if not (np.isfinite(channels.energy) and np.median(channels.covariates.intensity_T) > 0):
             raise Refused("the fit does not settle: the readings do not fit one calibration")
         designs = [channels.design(part.terms(channels)) for part in self.parts]
-        return Base(channels, [channels.calibration, *designs])
+        base = Base(channels, [channels.calibration, *designs])
+        if self.recording.sample_count <= ENOUGH_SAMPLES:
+            _KNOWN[self] = base
+        return base
 
     def accept(self, form: Hypothesis | Finding) -> "Model":
         """Return the model with one more effect, fitted together."""
@@ -469,16 +475,6 @@ def _mostly(jump: FittedEffect) -> FittedEffect:
     largest = max(abs(value) for one in jump.contributions for value in one.values.values())
     moved = (one for one in jump.contributions if max(map(abs, one.values.values())) > NEGLIGIBLE * largest)
     return replace(jump, contributions=tuple(moved))
-
-
-def _downhill(state: tuple[Model, Base]) -> tuple[tuple[Model, Base], bool]:
-    """Take a step from a model and its base, and say whether there is no further one."""
-    model, base = state
-    # A fall of 1e-5 of the energy of one channel is far below any evidence.
-    if base.fall < 1e-5 * max(1.0, base.energy / base.channels.count):
-        return state, True
-    moved = model._lower(base)
-    return (state, True) if moved is None else (moved, False)
 
 
 _BIAS = [3, 7, 11]

@@ -7,7 +7,7 @@ eq. 9 is -Q⁻¹ q. Where the attitude tells the field of one sensor, its readin
 c I, in the products of the elements of M and of the field h of the world.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 
@@ -24,7 +24,6 @@ from tam_calibration.fit.ellipsoid import normalize, sphere_of_most
 from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.moments import mirror_images
-from tam_calibration.gap.regressors import update
 from tam_calibration.gap.world import products_of
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
@@ -38,51 +37,27 @@ _Following = tuple[FloatArray, FloatArray]
 """Slopes (C, 3) of a sensor's bias over each channel, tesla, and residual energies (2,) without and with them."""
 
 
-def without_channels(recording: Recording) -> Recording | None:
-    """Return the recording without the biases that follow its channels, determined from the intensity of the field.
-
-    None where they do not explain most of the residual of an ellipsoid.
+def without_channels(recording: Recording, is_oriented: NDArray[np.bool_] | None = None) -> Recording | None:
+    """Return the recording without the biases that follow its channels; None where they are not most of a residual.
 
     Parameters
     ----------
     recording : Recording
-        With filled channels, in a field of constant intensity.
+        With filled channels. Biases are determined from the constant intensity of the field, or that of one sensor from
+        a constant field of the world.
+    is_oriented : (N,) array of bool, optional
+        Whether the attitude of a sample is known, for the field of the world.
     """
-    data = normalize(recording)
-    points = np.moveaxis(data.points, 0, -1) * data.radius_T
-    return _without(recording, lambda courses: [_of_ellipsoid(of_sensor, courses) for of_sensor in points])
-
-
-def without_channels_in_world(recording: Recording, is_oriented: NDArray[np.bool_]) -> Recording | None:
-    """Return the recording of one sensor without the biases that follow its channels, determined with its attitudes.
-
-    None where they do not explain most of the residual of a constant field of the world.
-
-    Parameters
-    ----------
-    recording : Recording
-        With filled channels.
-    is_oriented : (N,) array of bool
-        Whether the attitude of a sample is known.
-    """
-    oriented = recording.take(is_oriented)
-    assert oriented.attitude is not None
-    products = products_of(oriented.attitude)
-
-    def following(courses: FloatArray) -> list[_Following]:
-        values, energies = _fit(products, courses[is_oriented], oriented.readings_T[:, 0])
-        return [(values[products.shape[1] :], energies)]
-
-    return _without(recording, following)
-
-
-def _without(recording: Recording, following: Callable[[FloatArray], list[_Following]]) -> Recording | None:
-    """Return the recording without the biases that follow its channels, where that lowers the residual energy much."""
     courses = _courses(recording)
     if not courses.size:
         return None
     try:
-        found = following(courses)
+        if is_oriented is None:
+            data = normalize(recording)
+            points = np.moveaxis(data.points, 0, -1) * data.radius_T
+            found = [_of_ellipsoid(of_sensor, courses) for of_sensor in points]
+        else:
+            found = [_in_world(recording.take(is_oriented), courses[is_oriented])]
     except InputError:
         return None
     without, within = np.sum([energies for _, energies in found], axis=0)
@@ -90,6 +65,14 @@ def _without(recording: Recording, following: Callable[[FloatArray], list[_Follo
         return None
     added_T = np.stack([courses @ slopes_T for slopes_T, _ in found], axis=1)
     return replace(recording, readings_T=recording.readings_T - added_T)
+
+
+def _in_world(recording: Recording, courses: FloatArray) -> _Following:
+    """Return how the bias of one sensor in a constant field of the world follows courses (N, C)."""
+    assert recording.attitude is not None
+    products = products_of(recording.attitude)
+    values, energies = _fit(products, courses, recording.readings_T[:, 0])
+    return values[products.shape[1] :], energies
 
 
 def _courses(recording: Recording) -> FloatArray:
@@ -148,15 +131,12 @@ def significant_correlation(sample_count: int) -> float:
     return float(min(15.0 / np.sqrt(sample_count), MOST))
 
 
-NominalStart = tuple[SensorErrors, float]
-"""Initial errors of a fit, and the constant intensity that replaces a missing scalar channel."""
-
-
-def starts(recording: Recording, array: Array) -> Iterator[NominalStart]:
+def starts(recording: Recording, array: Array) -> Iterator[tuple[SensorErrors, float]]:
     """Yield the starts of a fit: calibrations of the whole, mounted sensors without errors, and parts.
 
-    A calibration of a part serves where something changed in the rest; sensors with mounting errors only serve where
-    the readings alone determine no calibration.
+    A start has the errors of the sensors, and the constant intensity that replaces a missing scalar channel. A
+    calibration of a part serves where something changed in the rest; sensors with mounting errors only serve where the
+    readings alone determine no calibration.
 
     Parameters
     ----------
@@ -178,7 +158,7 @@ def starts(recording: Recording, array: Array) -> Iterator[NominalStart]:
         yield from _calibrations(recording.take(part), array)
 
 
-def _calibrations(recording: Recording, array: Array) -> Iterator[NominalStart]:
+def _calibrations(recording: Recording, array: Array) -> Iterator[tuple[SensorErrors, float]]:
     """Yield the calibrations by maximum likelihood, of Gaussian and of robust errors, that there are."""
     for robust in (False, True):
         try:
@@ -205,7 +185,7 @@ def _check_handedness(recording: Recording) -> None:
         )
 
 
-def _mounted(recording: Recording, field: FieldBounds) -> Iterator[NominalStart]:
+def _mounted(recording: Recording, field: FieldBounds) -> Iterator[tuple[SensorErrors, float]]:
     """Yield sensors with bias, gain and mounting only, for each centre that the first sensor's sphere may have."""
     readings = recording.readings_T
     centered = readings - np.median(readings, axis=0)
@@ -291,30 +271,6 @@ def _parts(count: int) -> list[slice]:
     # Shorter parts seldom hold all attitudes.
     cuts = [np.linspace(0, count, parts + 1).astype(int) for parts in (1, 2, 3)]
     return [slice(int(low), int(high)) for cut in cuts for low, high in pairwise(cut)]
-
-
-def stepped(errors: SensorErrors, step: FloatArray, unit_T: float) -> SensorErrors:
-    """Return errors after a step of ``calibration_regressors``, in the frame of the first sensor.
-
-    Parameters
-    ----------
-    errors : SensorErrors
-        Before the step, of K sensors.
-    step : (12K,) array
-        Change of each row of [D Λ | o], the biases o in units of ``unit_T``.
-    unit_T : float
-        Mean intensity of the field, tesla.
-
-    Raises
-    ------
-    InputError
-        When a matrix is no longer one of a sensor.
-    Refused
-        When the step leads to a value that is not finite.
-    """
-    matrix, bias = update(errors, step, unit_T)
-    first = SensorErrors.from_matrix(matrix, bias).rotation[0]
-    return SensorErrors.from_matrix(matrix @ first.T, bias, errors.orientation)
 
 
 ENOUGH_SAMPLES = 8000

@@ -31,6 +31,11 @@ class Offers:
         Names of effects that are not tried.
     tell : callable
         Called with the name of an effect and the part of the search that is done.
+
+    Attributes
+    ----------
+    weighed : dict of str to Evidence
+        For the effects that were examined at the nominal model.
     """
 
     def __init__(self, nominal: Model, without: Collection[str], tell: Callable[[str, float], None]) -> None:
@@ -40,18 +45,13 @@ class Offers:
         reasons = {name: unusable(one, channels.recording, channels.covariates) for name, one in effects.items()}
         self._reasons = {name: reason for name, reason in reasons.items() if reason is not None}
         self._effects = {name: effect for name, effect in effects.items() if name not in self._reasons}
-        self._weighed: dict[str, Evidence] = {}
-
-    @property
-    def weighed(self) -> tuple[Evidence, ...]:
-        """Evidence for the effects that were examined at the nominal model."""
-        return tuple(self._weighed.values())
+        self.weighed: dict[str, Evidence] = {}
 
     def considered(self, laws: Sequence[Law]) -> tuple[Considered, ...]:
         """Return why the effects without evidence are no causes, with the laws of the gap."""
         strongest = laws[0].signature.law.replace("_", " ") if laws else ""
         why = f"the gap is a law of {strongest}, which only other effects make" if laws else "no law of a gap was found"
-        others = {name: Considered(name, "not_supported", why) for name in self._effects.keys() - self._weighed.keys()}
+        others = {name: Considered(name, "not_supported", why) for name in self._effects.keys() - self.weighed.keys()}
         return tuple((others | self._reasons).values())
 
     def of(self, base: Base, law: Law, steps: Sequence[Step]) -> Iterator[list[Evidence]]:
@@ -101,12 +101,12 @@ class Offers:
                 self._reasons.setdefault(name, Considered(name, "not_supported", evidence))
                 continue
             if not steps:
-                self._weighed[name] = evidence
+                self.weighed[name] = evidence
             if evidence.delta_bic > LEAST_EVIDENCE and is_new(evidence, steps, base):
                 found.append(evidence)
         sharp = sharpened(base, found)
         if not steps:
-            self._weighed |= {one.effect: one for one in sharp}
+            self.weighed |= {one.effect: one for one in sharp}
         return sorted(sharp, key=lambda one: -one.delta_bic)
 
 

@@ -88,19 +88,13 @@ def prior_at(errors: SensorErrors, intensity_T: float | None, field: FieldBounds
         Bounds of it.
     """
     count = errors.sensor_count
-    blocks: list[FloatArray] = []
-    deviates: list[FloatArray] = []
+    slopes, deviates = np.zeros((count, 6, count, 3, 4)), np.zeros((count, 6))
     for sensor, matrix in enumerate(errors.matrix):
-        own, deviate = _of_axes(matrix)
-        block = np.zeros((len(own), count, 3, 4))
-        block[:, sensor, :, :3] = own
-        blocks.append(block.reshape(len(own), -1))
-        deviates.append(deviate)
+        slopes[sensor, :, sensor, :, :3], deviates[sensor] = _of_axes(matrix)
+    jacobian, deviate = slopes.reshape(6 * count, -1), deviates.ravel()
     if intensity_T is not None:
         slope, one = _of_intensity(errors, intensity_T, field)
-        blocks.append(slope)
-        deviates.append(one)
-    jacobian, deviate = np.concatenate(blocks), np.concatenate(deviates)
+        jacobian, deviate = np.vstack([jacobian, slope]), np.append(deviate, one)
     return Normal(jacobian.T @ jacobian, -jacobian.T @ deviate, float(deviate @ deviate), len(deviate))
 
 

@@ -1,11 +1,13 @@
 """The search for the causes of a gap: for each law, the strongest first, an effect that leaves nothing of it."""
 
 from collections.abc import Callable, Collection, Sequence
+from functools import reduce
 
 from tam_calibration.effects.covariates import Covariates, to_world
 from tam_calibration.effects.effect import Finding, LinearEffect
 from tam_calibration.effects.grades import MINOR, MOST, NEARLY_ALL, NOTABLE, SLIGHT
 from tam_calibration.effects.library import effect_named
+from tam_calibration.gap.causes import sensors_and_axes
 from tam_calibration.gap.hypothesis import Hypothesis, places_of
 from tam_calibration.gap.laws.decisions import LEAST_SHARE
 from tam_calibration.gap.laws.find import repeats
@@ -16,7 +18,6 @@ from tam_calibration.gap.model import Model
 from tam_calibration.gap.offers import Offers, candidates, is_plausible, sensors_for
 from tam_calibration.gap.size import Evidence, examine
 from tam_calibration.gap.steps import LEAST_EVIDENCE, MOST_CAUSES, Search, Step, absorbed, is_elsewhere, is_new
-from tam_calibration.gap.where import sensors_and_axes
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
@@ -62,12 +63,13 @@ class _CauseSearch:
         self._steps: list[Step] = []
         self._open: list[Law] = []  # those that predict, and have no cause
         self._model = nominal
-        self._gap = residual_of(nominal).excess
 
     def run(self) -> Search:
         """Return the causes of the laws, and what they leave."""
         self._tell("laws", 0.0)
-        laws = remaining = laws_of(self._nominal, residual_of(self._nominal), self._gap)
+        whole = residual_of(self._nominal)
+        self._gap = whole.excess
+        laws = remaining = laws_of(whole, self._gap)
         explained, unexplained = set[_Key](), set[_Key]()
         while len(self._steps) < MOST_CAUSES:
             law = next((one for one in remaining if _key(one) not in unexplained and not self._is_small(one)), None)
@@ -80,14 +82,14 @@ class _CauseSearch:
                 continue
             explained.add(_key(law))
             self._tell("laws", len(self._steps) / (MOST_CAUSES + 1))
-            remaining = tuple(one for one in laws_of(self._model, left, self._gap) if _key(one) not in explained)
+            remaining = tuple(one for one in laws_of(left, self._gap) if _key(one) not in explained)
         return Search(
             self._nominal,
             self._model,
             tuple(self._steps),
             laws,
             remaining,
-            self._offers.weighed,
+            tuple(self._offers.weighed.values()),
             self._offers.considered(laws),
         )
 
@@ -113,7 +115,7 @@ class _CauseSearch:
                         for other in rest
                         if _is_near(other, one) and self._left_by([other], law, others) is not None
                     ]
-                    self._accept([one], law, as_good)
+                    self._accept([one], left, law, as_good)
                     return left
             tried += possible
         for one in tried:
@@ -122,7 +124,7 @@ class _CauseSearch:
                 chain.append(again)
                 left = self._left_by(chain, law, others)
                 if left is not None:
-                    self._accept(chain, law, ())
+                    self._accept(chain, left, law, ())
                     return left
         return None
 
@@ -136,7 +138,7 @@ class _CauseSearch:
         channels, part = model.base().channels, model.parts[-1]
         if part.effect.oversize(channels.covariates, part.fitted(part.terms(channels))) is not None:
             return None
-        is_gone = self._is_gone(law, others, model, left) and not _is_open_at_poses(part.effect, self._model, model)
+        is_gone = self._is_gone(law, others, left) and not _is_open_at_poses(part.effect, self._model, model)
         return left if is_gone else None
 
     def _takes_law(self, form: Finding, law: Law) -> bool:
@@ -144,29 +146,26 @@ class _CauseSearch:
         is_open = any(not set(one.signature.sensors).isdisjoint(law.signature.sensors) for one in self._open)
         return form.is_variance and (bool(law.found) or is_open)
 
-    def _accept(self, chain: Sequence[Evidence], law: Law, as_good: Sequence[str]) -> None:
+    def _accept(self, chain: Sequence[Evidence], left: Residual, law: Law, as_good: Sequence[str]) -> None:
+        """Accept an effect, or several forms of it, beside which so much is left."""
+        accepted = list[Evidence]()
         for one in chain:
-            own = absorbed(one, self._steps)
-            self._model = self._model.accept(own.form)
-            place = sensors_and_axes(places_of(own.form), self._model.recording)
+            accepted.append(absorbed(one, self._steps))
+            place = sensors_and_axes(places_of(accepted[-1].form), self._model.recording)
             made = at_place(as_made_by(one.effect, law.signature), *place)
-            self._steps.append(Step(own, made, tuple(dict.fromkeys(as_good))))
+            self._steps.append(Step(accepted[-1], made, tuple(dict.fromkeys(as_good))))
+        self._model = left.model if accepted == chain else self._with(accepted)
 
     def _with(self, chain: Sequence[Evidence]) -> Model:
         """Return the model with further causes."""
-        model = self._model
-        for one in chain:
-            model = model.accept(one.form)
-        return model
+        return reduce(Model.accept, (one.form for one in chain), self._model)
 
-    def _is_gone(self, law: Law, others: Sequence[Law], model: Model, left: Residual) -> bool:
+    def _is_gone(self, law: Law, others: Sequence[Law], left: Residual) -> bool:
         """Say whether a model leaves too little of a law; less than most of one that predicts nothing."""
         if law.found:
             return law.is_gone_from(left, others)
         sensors = set(law.signature.sensors)
-        there = (
-            one.signature for one in laws_of(model, left, self._gap) if not sensors.isdisjoint(one.signature.sensors)
-        )
+        there = (one.signature for one in laws_of(left, self._gap) if not sensors.isdisjoint(one.signature.sensors))
         return sum(one.energy for one in there) < MOST * law.signature.energy
 
     def _repeated(self, chain: Sequence[Evidence], law: Law) -> Evidence | None:

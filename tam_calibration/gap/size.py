@@ -240,18 +240,13 @@ def noise_variance(model: Model, laws: Sequence[Law]) -> float:
         Of what this model leaves.
     """
     base = model.base()
+    floor = floor_of(base.channels, model.array)
+    ratios = floor.level_T[:-1] / floor.stated_T[:-1]
+    white = float(np.median(ratios)) ** 2 if floor.is_determined else LEAST_NOISE**2
     residual = base.energy / max(base.channels.count - base.rank, 1.0)
     variance = min(residual * max(1 - sum(law.part for law in laws), 0.0), LARGEST_NOISE**2)
     # The variance from differences is uncertain by some per cent.
-    return float(max(variance, min(0.8 * _white_part(model), residual, LARGEST_NOISE**2)))
-
-
-def _white_part(model: Model) -> float:
-    """Return the variance of white noise from differences, the median of the rows, over that of the model's array."""
-    floor = floor_of(model.base().channels, model.array)
-    if not floor.is_determined:
-        return LEAST_NOISE**2
-    return float(np.median(floor.level_T[:-1] / floor.stated_T[:-1])) ** 2
+    return float(max(variance, min(0.8 * white, residual, LARGEST_NOISE**2)))
 
 
 def measure(nominal: Model, model: Model, variance: float) -> Size:

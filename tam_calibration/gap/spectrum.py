@@ -282,11 +282,6 @@ class Colour:
         return tuple(part for part in (self.slow, self.band) if part is not None)
 
     @property
-    def freedom(self) -> int:
-        """Number of parameters: variance and exponent of a slow part, variance, centre and width of a band."""
-        return 2 * (self.slow is not None) + 3 * (self.band is not None)
-
-    @property
     def knee(self) -> float:
         """Where the slow part equals the white one, cycles a sample; NaN without one."""
         if self.slow is None:

@@ -7,7 +7,7 @@ from math import log
 
 import numpy as np
 
-from tam_calibration.effects.effect import Effect, Finding, LinearEffect
+from tam_calibration.effects.effect import Finding, LinearEffect
 from tam_calibration.effects.grades import LONGEST_BURST, MINOR, NEARLY_ALL, SLIGHT
 from tam_calibration.effects.library import effect_named
 from tam_calibration.effects.outliers import A_DOZEN
@@ -86,14 +86,10 @@ def _explains_nearly_as_much(one: Evidence, best: Evidence) -> bool:
     """
     if one.gain > NEARLY_ALL * best.gain:
         return True
-    is_exact = not isinstance(one.form, Hypothesis) or best.effect not in one.form.effect.nearly_within
-    return not is_exact and _leaves_what_models_leave(one, best)
-
-
-def _leaves_what_models_leave(one: Evidence, best: Evidence) -> bool:
-    """Whether a form explains what another does but for a twentieth of the amplitude."""
-    forms = [each.form for each in (one, best) if isinstance(each.form, Hypothesis)]
-    return len(forms) == 2 and forms[0].selection.gain > (1 - SLIGHT**2) * forms[1].selection.gain
+    if not isinstance(one.form, Hypothesis) or not isinstance(best.form, Hypothesis):
+        return False
+    is_all_but_slight = one.form.selection.gain > (1 - SLIGHT**2) * best.form.selection.gain
+    return is_all_but_slight and best.effect in one.form.effect.nearly_within
 
 
 def is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:
@@ -108,7 +104,7 @@ def is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:
     base : Base
         The calibration with these causes.
     """
-    form, effect = candidate.form, _effect_of(candidate)
+    form, effect = candidate.form, effect_named(candidate.effect)
     sensors = sensors_of(places_of(form))
     there = [step.accepted for step in steps if sensors & sensors_of(places_of(step.accepted.form))]
     same_effect = [one for one in there if one.effect == candidate.effect]
@@ -130,10 +126,6 @@ def is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:
     ):
         return False
     return not form.effect.is_step or _changes([form, *others], covariates.step_s) <= MOST_STEPS
-
-
-def _effect_of(one: Evidence) -> Effect:
-    return one.form.effect if isinstance(one.form, Hypothesis) else effect_named(one.effect)
 
 
 def _is_nested(one: LinearEffect, other: LinearEffect) -> bool:
@@ -169,7 +161,7 @@ def absorbed(accepted: Evidence, steps: Sequence[Step]) -> Evidence:
     sensors = sensors_of(places_of(accepted.form))
     for step in steps:
         before = step.accepted
-        if not isinstance(before.form, Finding) or _effect_of(before).is_of_lone_samples:
+        if not isinstance(before.form, Finding) or effect_named(before.effect).is_of_lone_samples:
             continue
         is_of_samples = before.is_certain or before.form.flagged is not None
         if is_of_samples and sensors <= sensors_of(places_of(before.form)):

@@ -342,7 +342,11 @@ class WhitenedChannels:
     @cached_property
     def _taken_score(self) -> FloatArray:
         """(n, 3K + 1) score of the rows in the samples that the normal equations take."""
-        return self._row_score(slice(None, None, self.stride))
+        taken = slice(None, None, self.stride)
+        by_row = self.direction[taken] @ self.turn * (self.precision * self.intensity_residual_T)[taken, None]
+        by_row[:, :-1] += self.differential[taken] @ self.directions.T
+        by_row[~self._taken] = 0
+        return np.asarray(by_row)
 
     def score(self, design: Regressors, part: slice | None = None) -> FloatArray:
         """Return the score (P,) of the columns of a design: their products with the residuals.
@@ -358,12 +362,6 @@ class WhitenedChannels:
         for piece in self._pieces(part):
             total += design.features[piece].T @ self._taken_score[piece]
         return design.by_column(design.of_atoms(total))
-
-    def _row_score(self, samples: slice) -> FloatArray:
-        by_row = self.direction[samples] @ self.turn * (self.precision * self.intensity_residual_T)[samples, None]
-        by_row[:, :-1] += self.differential[samples] @ self.directions.T
-        by_row[~self.is_counted[samples]] = 0
-        return by_row
 
     def normal(self, design: Regressors, part: slice | None = None) -> Normal:
         """Return the normal equations of a design.

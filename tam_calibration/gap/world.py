@@ -138,33 +138,32 @@ _OPEN = 1e-6
 """Relative singular value below which the recorded attitudes do not determine a combination of the products."""
 
 
-@dataclass(frozen=True, eq=False)
-class Oriented:
-    """Initial values of the fit in the field of the world: errors and world without a gross jump, and that jump."""
+def oriented(recording: Recording) -> tuple[SensorErrors, World, FittedEffect | None]:
+    """Return initial values of the fit in the field of the world: errors and world without a gross jump, and that jump.
 
-    errors: SensorErrors
-    world: World
-    jump: FittedEffect | None
+    Parameters
+    ----------
+    recording : Recording
+        Of one sensor whose attitude is known in all samples.
 
-    @classmethod
-    def of(cls, recording: Recording) -> "Oriented":
-        """Return the start of the fit of one sensor whose attitude is known in all samples.
-
-        Raises
-        ------
-        InputError
-            When no fit is one of a sensor.
-        """
-        assert recording.attitude is not None
-        readings = recording.readings_T[:, 0]
-        turned, products = turns(recording.attitude), products_of(recording.attitude)
-        shape = _gross_jump(recording.time_s, readings, products)
-        step = np.empty((len(turned), 0)) if shape is None else is_on(recording.time_s, shape)[:, None].astype(float)
-        values = np.linalg.lstsq(np.column_stack([products, step]), readings, rcond=_OPEN)[0]
-        fits = [_linear_fit(matrix, turned, step, readings) for matrix in (_factor(values[:9]), np.eye(3))]
-        _, matrix, field_T, offsets = min(fits, key=lambda one: one[0])
-        errors, world = World.of(matrix[None], offsets[:1], field_T, np.eye(3))
-        return cls(errors, world, None if shape is None else _jump(shape, offsets[1]))
+    Raises
+    ------
+    InputError
+        When no fit is one of a sensor.
+    """
+    assert recording.attitude is not None
+    readings = recording.readings_T[:, 0]
+    turned, products = turns(recording.attitude), products_of(recording.attitude)
+    shape = _gross_jump(recording.time_s, readings, products)
+    step = np.empty((len(turned), 0)) if shape is None else is_on(recording.time_s, shape)[:, None].astype(float)
+    values = np.linalg.lstsq(np.column_stack([products, step]), readings, rcond=_OPEN)[0]
+    fits = [_linear_fit(matrix, turned, step, readings) for matrix in (_factor(values[:9]), np.eye(3))]
+    _, matrix, field_T, offsets = min(fits, key=lambda one: one[0])
+    errors, world = World.of(matrix[None], offsets[:1], field_T, np.eye(3))
+    if shape is None:
+        return errors, world, None
+    jump = tuple(Contribution(0, axis, "offset", {"offset": value}) for axis, value in enumerate(offsets[1].tolist()))
+    return errors, world, FittedEffect(BiasJump.name, shape, jump)
 
 
 def products_of(attitude: FloatArray) -> FloatArray:
@@ -211,8 +210,3 @@ def _factor(products: FloatArray) -> FloatArray:
     matrix = np.sqrt(3) * left[:, 0].reshape(3, 3)
     # (M, h) and (-M, -h) are the same.
     return np.asarray(matrix * np.sign(np.linalg.det(matrix)))
-
-
-def _jump(shape: Shape, offset_T: FloatArray) -> FittedEffect:
-    contributions = (Contribution(0, axis, "offset", {"offset": value}) for axis, value in enumerate(offset_T.tolist()))
-    return FittedEffect(BiasJump.name, shape, tuple(contributions))

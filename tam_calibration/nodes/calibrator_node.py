@@ -15,7 +15,7 @@ from tam_calibration.files.text_files import check_writable
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
 from tam_calibration.fit.consistency import is_unexplained
 from tam_calibration.gap import diagnose
-from tam_calibration.gap.explained import explained
+from tam_calibration.gap.calibration_with_effects import explained
 from tam_calibration.gap.result import Gap
 from tam_calibration.integrity.fault import names_in, require_names
 from tam_calibration.messages.usage import Usage

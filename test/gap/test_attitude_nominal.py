@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.size import measure
-from tam_calibration.gap.world import Oriented
+from tam_calibration.gap.world import oriented
 from tam_calibration.model.fitted_effect import FittedEffect
 
 MAGNET_T = np.array([-3e-6, -0.3e-6, 27e-6])
@@ -46,7 +46,7 @@ def test_a_magnet_is_found_to_the_sample_and_the_fit_does_without_it(lone, stop)
 def test_only_what_is_four_times_the_rest_is_gross(lone, size, is_gross):
     """A jump with three times the squares of all else is taken off before the fit, one with half of that is not."""
     made = lone(noise_T=3.6e-6)
-    jump = Oriented.of(magnet(made, 300, 600, size).recording).jump
+    _, _, jump = oriented(magnet(made, 300, 600, size).recording)
     assert (jump is not None) == is_gross
 
 

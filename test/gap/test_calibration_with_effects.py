@@ -8,7 +8,8 @@ from numpy.testing import assert_allclose
 from scipy.signal import lfilter
 
 from tam_calibration.fit import calibrate
-from tam_calibration.gap.calibration_with_effects import IN_WORLD, calibrate_with_effects
+from tam_calibration.fit.consistency import is_unexplained
+from tam_calibration.gap.calibration_with_effects import IN_WORLD, calibrate_with_effects, explained
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
@@ -236,3 +237,43 @@ def test_standard_errors_by_attitude_do_not_ask_for_the_stated_noise(lone):
     found = [calibrate_with_effects(recording, sheet, ["auto"]) for sheet in sheets]
     assert [one.method for one in found] == [IN_WORLD, IN_WORLD]
     assert_allclose(found[0].standard_errors, found[1].standard_errors, rtol=0.02)
+
+
+@pytest.fixture(scope="module")
+def turning():
+    """Return a turning array and its recording."""
+    return simulate(replace(read_scenario("tumble_100_hz"), sample_count=750, rate_hz=50.0))
+
+
+def reasons_of(turning, readings_T):
+    """Return the reasons to doubt a calibration of readings, with their causes."""
+    recording, array = replace(turning.recording, readings_T=readings_T), turning.scenario.array
+    calibration = calibrate(recording, array)
+    assert is_unexplained(calibration)
+    return explained(calibration, recording, array).quality
+
+
+def test_a_tone_is_named_with_the_command_that_takes_it_off(turning):
+    """The effect, the sensor, and what to do."""
+    readings_T = turning.recording.readings_T.copy()
+    readings_T[:, 1, 0] += 20e-9 * np.sin(2 * np.pi * 7.3 * turning.recording.time_s)
+    quality = reasons_of(turning, readings_T)
+    assert quality.grade == "doubtful" and "periodic interference in sensor 2 explains it" in quality.reasons[0]
+    assert quality.next[0] == "fit that too, with --effects periodic_interference"
+
+
+def test_noise_that_was_stated_too_small_is_told_with_its_size(turning):
+    """It is no effect: the array file should state it."""
+    noise_T = 2e-9 * np.random.default_rng(2).normal(size=turning.recording.readings_T.shape)
+    quality = reasons_of(turning, turning.recording.readings_T + noise_T)
+    assert "white noise of 2.1" in quality.reasons[0] and quality.next[0] == "state that noise in the array file"
+
+
+def test_what_no_effect_explains_is_said(turning):
+    """A slow course that no channel has."""
+    time_s = turning.recording.time_s - turning.recording.time_s[0]
+    course = np.sin(2 * np.pi * time_s / 7.0) * np.sign(np.sin(2 * np.pi * time_s / 3.1))
+    readings_T = turning.recording.readings_T.copy()
+    readings_T[:, 2, 1] += 30e-9 * course
+    quality = reasons_of(turning, readings_T)
+    assert quality.grade == "doubtful" and "explains" in quality.reasons[0] and "tam diagnose" not in quality.next

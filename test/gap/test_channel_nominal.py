@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.gap.model import Model
-from tam_calibration.gap.nominal import without_channels, without_channels_in_world
+from tam_calibration.gap.nominal import without_channels
 
 SLOPES_T = 12e-6 * np.random.default_rng(5).normal(size=(2, 12))
 """What the rows of four sensors do with an ampere, and with a kelvin."""
@@ -42,7 +42,7 @@ def test_the_attitude_tells_it_of_one_sensor(lone):
     attitude[400:470] = attitude[0]
     is_oriented = (np.arange(900) < 400) | (np.arange(900) >= 470)
     disturbed = replace(recording, readings_T=recording.readings_T + added[:, None], attitude=attitude)
-    rest = without_channels_in_world(disturbed, is_oriented)
+    rest = without_channels(disturbed, is_oriented)
     assert_allclose(rest.readings_T, recording.readings_T, atol=2e-9)
 
 
@@ -53,7 +53,7 @@ def test_only_what_is_most_of_the_rest_is_taken_off(lone, size, is_much):
     current = np.sin(0.83 * made.recording.time_s)
     added = size * 1e-6 * np.outer(current / current.std(), [1, -1, 1])
     recording = replace(made.recording, readings_T=made.recording.readings_T + added[:, None], current_A=current)
-    rest = without_channels_in_world(recording, np.ones(900, dtype=bool))
+    rest = without_channels(recording, np.ones(900, dtype=bool))
     assert (rest is not None) == is_much
 
 
@@ -69,7 +69,7 @@ def test_nothing_is_taken_off_that_no_channel_tells(run, lone):
     noise = 1e-6 * np.random.default_rng(1).normal(size=recording.readings_T.shape) ** 3
     assert without_channels(replace(recording, readings_T=noise)) is None
     alone = lone().recording
-    assert without_channels_in_world(replace(alone, temperature_C=20 + alone.time_s), np.ones(900, dtype=bool)) is None
+    assert without_channels(replace(alone, temperature_C=20 + alone.time_s), np.ones(900, dtype=bool)) is None
 
 
 def test_the_nominal_fit_of_an_array_begins_at_the_truth(run):

@@ -1,4 +1,4 @@
-"""From which sizes on a gap is one, and is explained."""
+"""From which sizes on a gap is one and is explained, and what to record next."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -6,20 +6,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tam_calibration.effects.effect import Finding
 from tam_calibration.gap import diagnose
-from tam_calibration.gap.conclude import (
-    _causes,
-    _considered,
-    _indistinguishable,
-    _places,
-    is_drift,
-    smallest_gap,
-    verdict_on,
-)
-from tam_calibration.gap.size import Evidence
-from tam_calibration.gap.steps import Step
+from tam_calibration.gap.conclude import conclude, next_recording, smallest_gap, verdict_on
+from tam_calibration.gap.laws.law import Signature, causes_of
+from tam_calibration.gap.laws.signature import Law
+from tam_calibration.gap.search import search
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
+from tam_calibration.results.scenario import read_scenario
+from tam_calibration.simulation import simulate
+from tam_calibration.simulation.surroundings import Temperature
 
 
 def verdict(has_cause, *, left=0.0, laws=(), **size):
@@ -70,77 +65,6 @@ def test_the_smallest_gap_has_the_least_evidence_with_one_coefficient(count, sma
     assert smallest_gap(count) == pytest.approx(smallest, abs=1e-4)
 
 
-def test_what_leaves_as_little_is_named_beside_a_cause():
-    """As the search found it."""
-    step = SimpleNamespace(accepted=SimpleNamespace(form=None), others=("flexure",))
-    found = _indistinguishable(step, SimpleNamespace(considered=()))
-    assert found == ("flexure",)
-
-
-@pytest.mark.parametrize("other", [3, 6])
-def test_leakage_from_another_sensor_may_be_a_gain(run, other):
-    """All sensors read one field: leakage from the same axis of another is a gain, that from another axis is none."""
-    made = run()
-    windows = np.sin(0.7 * made.recording.time_s) > 0.4
-    leaking = made.with_row(0, 3e-4 * windows * made.recording.readings_T.reshape(-1, 12)[:, other + (other == 6)])
-    (cause,) = diagnose(leaking.recording, leaking.array).causes
-    names = {cause.fitted.effect, *cause.indistinguishable_from}
-    assert ({"gain_switching", "crosstalk"} <= names) == (other == 3) and "crosstalk" in names
-
-
-@pytest.mark.parametrize(("gain", "is_leakage"), [(3e-4, True), (0.03, False)])
-def test_a_large_gain_is_no_leakage(run, gain, is_leakage):
-    """Sensors that are turned against each other by a degree do not read the same: a hundredth of 130 floors shows."""
-    made = run(seed=2)
-    windows = np.sin(0.7 * made.recording.time_s) > 0.4
-    amplified = made.with_row(4, gain * windows * made.recording.readings_T[:, 1, 1])
-    (cause,) = diagnose(amplified.recording, amplified.array).causes
-    assert cause.fitted.effect == "gain_switching"
-    assert ("crosstalk" in cause.indistinguishable_from) == is_leakage
-
-
-@pytest.mark.parametrize(("course", "is_one"), [(np.linspace(18, 26, 300), True), (20 + np.sin(np.arange(300)), False)])
-def test_a_channel_that_only_rises_is_a_drift(run, course, is_one):
-    """Any other slow course explains as much as it."""
-    recording = replace(run(300).recording, temperature_C=course)
-    assert is_drift("temperature_drift", recording) == is_one
-    assert not is_drift("bias_jump", recording)
-
-
-@pytest.mark.parametrize(("part", "sensors"), [(0.09, {1}), (0.11, {1, 2})])
-def test_a_sensor_has_an_effect_from_a_tenth_of_the_largest_on(run, part, sensors):
-    """Less is what the common field carries over from the other."""
-    parts = tuple(
-        Contribution(sensor, axis, "offset", {"offset": size})
-        for sensor, size in ((1, 1e-9), (2, part * 1e-9))
-        for axis in range(3)
-    )
-    fitted = FittedEffect("temperature_drift", {"time_constant_s": 0.0, "reference_C": 20.0}, parts)
-    assert {sensor for sensor, _ in _places(fitted, run(60).channels().covariates)} == sensors
-
-
-@pytest.mark.parametrize(("evidence", "why"), [(11.9, "noise alone"), (12.1, "it leaves a part of the law")])
-def test_why_an_effect_is_no_cause_is_told(evidence, why):
-    """Odds of 400 to one in white noise, or less."""
-    weighed = tuple(SimpleNamespace(effect=name, delta_bic=evidence) for name in ("bias_jump", "flexure"))
-    cause = SimpleNamespace(fitted=FittedEffect("bias_jump", {}, ()), delta_bic=90.0, r2_cv=0.8)
-    named, one = _considered(SimpleNamespace(considered=(), weighed=weighed), (cause,))
-    assert (named.status, named.delta_bic, named.r2_cv) == ("supported", 90.0, 0.8)
-    assert (one.status, one.delta_bic) == ("not_supported", evidence) and one.why.startswith(why)
-
-
-def test_what_is_found_twice_is_one_cause_with_the_evidence_of_the_first(run):
-    """Spikes that another step has taken up beside: their energies add up, and the share is of what closes."""
-    fitted = FittedEffect("outliers", {}, (Contribution(1, 0, "offset", {"count": 5.0}),))
-    findings = [Finding(fitted, gain, 1, flagged=np.arange(60) == at) for at, gain in ((3, 300.0), (9, 100.0))]
-    steps = tuple(Step(Evidence("outliers", one, one.gain - 10, one.gain), None) for one in findings)
-    model = replace(run(60).model(), findings=tuple(findings))
-    found = SimpleNamespace(steps=steps, nominal=model, considered=())
-    (cause,) = _causes(found, model, SimpleNamespace(closed=0.8), {"outliers": 0.9})
-    assert (cause.delta_bic, cause.probability, cause.sensors) == (290.0, 0.9, (2,))
-    assert (cause.share, cause.r2_cv) == (pytest.approx(1.0), pytest.approx(0.8))
-
-
 @pytest.mark.parametrize(("row", "found"), [(5, "explained"), (8, "partly_explained")])
 def test_what_another_sensor_has_beside_a_cause_is_open(run, row, found):
     """A tone that runs away, which no function without physics is, beside a jump of sensor 2, there and in sensor 3."""
@@ -151,3 +75,92 @@ def test_what_another_sensor_has_beside_a_cause_is_open(run, row, found):
     gap = diagnose(made.with_row(4, jump).with_row(row, runaway).recording, made.array)
     assert [cause.fitted.effect for cause in gap.causes] == ["bias_jump"]
     assert gap.verdict == found
+
+
+PLAN = replace(read_scenario("warming_up"), effects=(), temperature=None, sample_count=500, rate_hz=2.5)
+
+
+def drift(size_T_per_K):
+    """Return a drift of sensor 2's x axis with temperature."""
+    shape = {"time_constant_s": 20.0, "reference_C": 22.0}
+    return FittedEffect("temperature_drift", shape, (Contribution(1, 0, "offset", {"offset": size_T_per_K}),))
+
+
+def diagnosed(*, without=(), drop=(), **changes):
+    """Return what is found in a simulated recording, with its verdict and causes."""
+    scenario = replace(PLAN, **changes)
+    recording = replace(simulate(scenario).recording, **dict.fromkeys(drop))
+    found = search(recording, scenario.array, without)
+    return found, conclude(found)
+
+
+def sentence(found, gap):
+    """Return what to record next."""
+    return next_recording(found, gap.verdict, gap.causes)
+
+
+@pytest.fixture(scope="module")
+def doubtful():
+    """Return a drift with a temperature that rises throughout."""
+    return diagnosed(effects=(drift(2.8e-10),), temperature=Temperature(18, 22))
+
+
+@pytest.fixture(scope="module")
+def withheld():
+    """Return a drift whose temperature is not recorded."""
+    return diagnosed(effects=(drift(2e-9),), temperature=Temperature(18, 26), drop=("temperature_C",))
+
+
+def test_a_temperature_that_only_rises_shall_rise_and_fall(doubtful):
+    """Until then any other slow drift explains as much, and the sentence says so."""
+    _, gap = doubtful
+    assert [cause.fitted.effect for cause in gap.causes] == ["temperature_drift"] and gap.causes[0].is_drift
+    assert "or by anything else that changes as slowly" in gap.statement
+    assert sentence(*doubtful).startswith("Let the channel of temperature drift rise and fall several times")
+
+
+def test_a_missing_channel_is_named(withheld):
+    """A drift without its temperature: record the temperature, and change it."""
+    found, gap = withheld
+    assert gap.verdict in ("unexplained", "partly_explained")
+    words = sentence(found, gap)
+    assert "with the temperature recorded" in words
+    assert "temperature drift" in words
+
+
+def test_no_gap_needs_nothing_more():
+    """Clean data: nothing more is needed."""
+    found, gap = diagnosed()
+    assert gap.verdict == "no_gap"
+    assert sentence(found, gap).startswith("No further recording is needed")
+
+
+def test_a_sure_cause_needs_a_confirmation_only():
+    """A cause that nothing else comes near: nothing more is needed."""
+    delay = FittedEffect("time_skew", {}, (Contribution(1, None, "delay", {"delay": 1e-4}),))
+    found, gap = diagnosed(effects=(delay,))
+    assert gap.verdict == "explained"
+    assert sentence(found, gap).startswith("No further recording is needed")
+
+
+def test_what_would_prove_the_first_candidate_is_asked_for(doubtful):
+    """With every effect tried the first cause of the strongest law; without one, other motions."""
+    found, _ = doubtful
+    loop = Signature("own_field", "motion", (2,), ("x",), 0.9, ((2,),), "motion", (), 50.0)
+    open_law = replace(found, laws=(Law(loop, 0.5),), weighed=(), considered=())
+    assert next_recording(open_law, "unexplained", ()).startswith(
+        f"To see whether it is “{causes_of(loop)[0].title}”, "
+    )
+    assert next_recording(replace(open_law, laws=()), "unexplained", ()).startswith("To see what the rest follows")
+
+
+def test_what_cannot_be_told_apart_is_by_what_makes_it_visible(doubtful):
+    """Saturation against outliers: turn to the end of the range, for several readings."""
+    found, gap = doubtful
+    few = replace(
+        gap.causes[0],
+        fitted=replace(gap.causes[0].fitted, effect="saturation"),
+        indistinguishable_from=("outliers", "stale_samples"),
+    )
+    words = next_recording(found, "explained", (few,))
+    assert words.startswith("To tell saturation from outliers, turn the axis to the end of its range")

@@ -143,7 +143,7 @@ def test_what_a_law_explains_is_not_noise(run):
     made = run(900)
     model = made.with_row(4, 8e-9 * np.cos(np.pi * np.linspace(0, 1, 900) * 3)).model()
     residual = residual_of(model)
-    laws = laws_of(model, residual, residual.excess)
+    laws = laws_of(residual, residual.excess)
     with_drift, floor = noise_variance(model, ()), noise_variance(model, laws)
     assert with_drift == pytest.approx(1.44) and floor == pytest.approx(1, abs=0.08)
 

@@ -15,16 +15,15 @@ from tam_calibration.gap.laws.whitened import Residual
 from tam_calibration.model.units import FloatArray
 
 
-def candidates(residual: Residual, positions_m: FloatArray) -> list[Candidate]:
+def candidates(residual: Residual) -> list[Candidate]:
     """Return all laws tried on a residual, the best first."""
     found: list[Candidate] = []
     near, bins = nearest(residual), Bins.of_time(residual.time_s)
     for place in near:
         found += _in_place(residual, place, bins)
-    found += [_constant(residual, one, "constant") for one in patterns.everywhere(residual)]
-    found += [_constant(residual, one, "motion") for one in patterns.gradients(residual, positions_m)]
+    found += [_steady(residual, one) for one in patterns.everywhere(residual)]
     if len(near) > 2:
-        found += [_constant(residual, one, "motion") for one in patterns.bent_everywhere(residual)]
+        found += [_steady(residual, one) for one in patterns.bent_everywhere(residual)]
     if residual.sensor_count > 1:
         offsets = patterns.offsets_everywhere(residual)
         found += list(_following(residual, offsets))
@@ -60,16 +59,12 @@ def _in_place(residual: Residual, place: int | str, bins: Bins) -> Iterator[Cand
         own = list(patterns.in_scalar(residual))
     else:
         own = list(patterns.in_sensor(residual, int(place)))
-        for pattern in patterns.own_fields(residual, int(place)):
-            yield _constant(residual, pattern, "motion")
-        for pattern in patterns.rates_of(residual, int(place)):
-            yield _constant(residual, pattern, "constant")
         yield from _over_reading(residual, int(place))
-    for pattern in patterns.attitudes(residual, place):
-        yield _constant(residual, pattern, "constant" if pattern.law == "rate" else "motion")
+    for pattern in patterns.of_motion(residual, place):
+        yield _steady(residual, pattern)
     for pattern in own:
         if pattern.law == "rate":
-            yield _constant(residual, pattern, "constant")
+            yield _steady(residual, pattern)
         yield from _in_time(residual, pattern, bins)
         yield from _following(residual, pattern)
         if pattern.law == "offset":
@@ -77,10 +72,15 @@ def _in_place(residual: Residual, place: int | str, bins: Bins) -> Iterator[Cand
     yield from _tones(residual, [one for one in own if one.law == "gain"])
 
 
+def _steady(residual: Residual, pattern: Pattern) -> Candidate:
+    """Return the candidate that goes with the motion alone, a law of a rate with a constant course."""
+    return _constant(residual, pattern, "constant" if pattern.law == "rate" else "motion")
+
+
 def _constant(residual: Residual, pattern: Pattern, label: str, tried: float = 1.0) -> Candidate:
     """Return the candidate with constant coefficients, the best of so many that were tried."""
     fit = constant(pattern.features, *pattern.of_rows(residual))
-    return Candidate(pattern, label, fit.evidence - float(np.log(tried)), pattern.follows)
+    return Candidate(pattern, label, fit.evidence - float(np.log(tried)))
 
 
 def _sizes(residual: Residual) -> FloatArray:
@@ -101,7 +101,7 @@ def _in_time(residual: Residual, pattern: Pattern, bins: Bins) -> Iterator[Candi
             break
         best = max(best, fit.evidence)
         label = "slow" if length >= SLOW else "random"
-        yield Candidate(pattern, label, fit.evidence, None, bins, length * whole, fit.variance)
+        yield Candidate(pattern, label, fit.evidence, bins, length * whole, fit.variance)
     yield next(steps(pattern, sums, bins))
 
 
@@ -130,7 +130,7 @@ def _tones(residual: Residual, similar: Sequence[Pattern]) -> Iterator[Candidate
             bins = Bins.of(residual.time_s, COARSE)
             length = 0.25 * float(np.ptp(residual.time_s))
             wavering = course(tone.sums(residual, bins), length, _sizes(residual))
-            yield Candidate(tone, "tone", wavering.evidence - penalty, tone.follows, bins, length, wavering.variance)
+            yield Candidate(tone, "tone", wavering.evidence - penalty, bins, length, wavering.variance)
 
 
 def _line(residual: Residual, pattern: Pattern) -> tuple[float | None, int]:
@@ -180,4 +180,4 @@ def _over_reading(residual: Residual, sensor: int) -> Iterator[Candidate]:
             for part in (0.5, 0.1, 0.02):
                 length = part * float(np.ptp(reading))
                 fit = course(sums, length, _sizes(residual))
-                yield Candidate(pattern, "motion", fit.evidence - 1, None, bins, length, fit.variance)
+                yield Candidate(pattern, "motion", fit.evidence - 1, bins, length, fit.variance)

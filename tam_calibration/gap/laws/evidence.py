@@ -24,7 +24,7 @@ class Sums:
     ----------
     information : (B, p, p) array
     products : (B, p, 1 + q) array
-        Of the columns with the residual, and with the nuisance directions.
+        Of the columns with the residual, and with those combinations of the nuisance directions that they see.
     place : (B,) array
         Mean of the index in each bin, increasing within a branch.
     is_first : (B,) array of bool
@@ -61,7 +61,12 @@ class Sums:
         """Return the sums of features (N, r, p) of rows with information (N, r, r) and products (N, r, 1 + q)."""
         turned = np.swapaxes(bins.arranged(features), 1, 2)
         weighed: FloatArray = bins.arranged(information @ features)
-        return cls(turned @ weighed, turned @ bins.arranged(products), bins.place, bins.is_first)
+        summed: FloatArray = turned @ bins.arranged(products)
+        cross = summed[:, :, 1:].reshape(-1, summed.shape[2] - 1)
+        # A row sees few combinations of the nuisance directions, often a third of them: the others are left out.
+        shared, directions = np.linalg.eigh(cross.T @ cross)
+        seen = summed[:, :, 1:] @ directions[:, shared > 1e-13 * shared[-1]]
+        return cls(turned @ weighed, np.concatenate([summed[:, :, :1], seen], axis=2), bins.place, bins.is_first)
 
     def merged(self, bin_count: int) -> "Sums":
         """Return the sums over runs of neighbouring bins, about so many."""
@@ -113,9 +118,8 @@ class Bins:
     def spread(self, by_bin: NDArray[Any], count: int) -> NDArray[Any]:
         """Return values by bin (B, ...) at the samples (N, ...)."""
         result = np.empty((count, *by_bin.shape[1:]))
-        for_each = np.broadcast_to(np.arange(len(self.order))[:, None], self.order.shape)
-        known = self.order >= 0
-        result[self.order[known]] = by_bin[for_each[known]]
+        bins, places = np.nonzero(self.order >= 0)
+        result[self.order[bins, places]] = by_bin[bins]
         return result
 
 

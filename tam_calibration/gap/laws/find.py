@@ -124,11 +124,9 @@ class Found:
         """
         return predicted_energy(self.alike(residual), self.best) / self.residual.noise
 
-    def taken_off(self, residual: Residual) -> Residual:
-        """Return another residual of the same samples without the law, fitted anew."""
-        alike = self.alike(residual)
-        factor = self.residual.noise**-0.5
-        return residual.without(self.best.signal(residual.scaled(factor), self.best.fitted(alike)) * factor)
+    def signal(self, residual: Residual, training: Residual) -> FloatArray:
+        """Return what the law adds to the channels (N, C) of a residual, fitted to one in the units of its own."""
+        return np.asarray(self.best.signal(residual, training) * self.residual.noise**-0.5)
 
     def alike(self, residual: Residual) -> Residual:
         """Return another residual with the samples and in the units of the one in which the law was found.
@@ -141,15 +139,13 @@ class Found:
         return residual.taking(self.residual.live).scaled(self.residual.noise**-0.5)
 
 
-def predictive_laws(residual: Residual, positions_m: FloatArray, whole: float) -> tuple[list[Found], Residual]:
+def predictive_laws(residual: Residual, whole: float) -> tuple[list[Found], Residual]:
     """Return the laws that predict samples from others, the strongest first, and the residual without them.
 
     Parameters
     ----------
     residual : Residual
         Of the samples that count.
-    positions_m : (K, 3) array
-        Of the sensors.
     whole : float
         Energy of the gap, of which the laws have their shares.
     """
@@ -161,7 +157,7 @@ def predictive_laws(residual: Residual, positions_m: FloatArray, whole: float) -
         error = TOLERANCE**2 * max(residual.excess, 0.0) / residual.size
         factor = float(np.sqrt(max(1 + error, residual.white)))
         scaled = residual.scaled(factor)
-        tried = candidates(scaled, positions_m)
+        tried = candidates(scaled)
         tried = sorted([*tried, *_refined(scaled, tried)], key=lambda one: -one.evidence)
         tried = _in_question(scaled, tried, again)
         accepted = next(_accepted(scaled, tried), None)
@@ -172,7 +168,7 @@ def predictive_laws(residual: Residual, positions_m: FloatArray, whole: float) -
         if found and predicted < LEAST_SHARE * max(whole, residual.excess, 1.0):
             break
         found.append(Found(best, predicted, tuple(tried), scaled))
-        residual = residual.without(best.signal(scaled, best.fitted(scaled)) * factor)
+        residual = residual.without(found[-1].signal(scaled, scaled))
     return found, residual
 
 
@@ -228,7 +224,7 @@ def _is_of_pose(residual: Residual, one: Candidate, again: Repeats) -> bool:
     """Say whether a course in time is the same at every pose that is taken up again."""
     if one.course not in ("step", "episodes", "slow", "random", "tone") or one.evidence < LEAST_EVIDENCE:
         return False
-    return again.are_same(one.signal(residual, one.fitted(residual)))
+    return again.are_same(one.signal(residual, residual))
 
 
 def _is_as_good_and_simpler(one: Candidate, first: Candidate) -> bool:
@@ -258,7 +254,7 @@ def predicted_energy(residual: Residual, law: Candidate) -> float:
     chosen = np.arange(residual.count) * (np.sqrt(5) - 1) / 2 % 1 < 0.5
     fallen, halves = 0.0, (residual.taking(chosen), residual.taking(~chosen))
     for training, rest in (halves, halves[::-1]):
-        signal = law.signal(rest, law.fitted(training))
+        signal = law.signal(rest, training)
         flat = rest.nuisance.reshape(signal.size, -1)
         signal = signal - (flat @ (flat.T @ signal.ravel())).reshape(signal.shape)
         fallen += float((rest.z**2).sum() - ((rest.z - signal) ** 2).sum())

@@ -1,7 +1,7 @@
 """What laws do to the residual: the columns of a pattern at each place."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -11,6 +11,7 @@ from tam_calibration.core.harmonics import fields
 from tam_calibration.effects.recursions import lagged, play
 from tam_calibration.gap.laws.decisions import ROUNDING
 from tam_calibration.gap.laws.evidence import Bins, Fit, Sums, constant, course
+from tam_calibration.gap.laws.law import SCALAR
 from tam_calibration.gap.laws.whitened import Residual
 from tam_calibration.model.units import FloatArray
 
@@ -33,6 +34,8 @@ class Pattern:
         Rows that it shifts; they follow each other.
     features : (N, r, p) array
         Shift of each row by a coefficient of one, in units of the field or of the row.
+    follows : str, optional
+        A recorded channel, "motion", "attitude", or a frequency.
     """
 
     law: str
@@ -40,7 +43,7 @@ class Pattern:
     axes: tuple[str, ...]
     rows: NDArray[np.intp]
     features: FloatArray
-    follows: str | None = field(default=None)
+    follows: str | None = None
 
     def columns(self, residual: Residual) -> FloatArray:
         """Return the columns (N, C, p) of the whitened residual, of unit mean square in a sample all together."""
@@ -83,6 +86,11 @@ def _whole(law: str, sensor: int, features: FloatArray, follows: str | None = No
     return Pattern(law, (sensor,), tuple(AXES), sensor_rows(sensor), features, follows)
 
 
+def _of_scalar(law: str, residual: Residual, values: FloatArray, follows: str | None = None) -> Pattern:
+    """Return a pattern of the scalar with features (N, p)."""
+    return Pattern(law, SCALAR, (), np.array([3 * residual.sensor_count]), values[:, None], follows)
+
+
 def _axis(law: str, sensor: int, axis: int, values: FloatArray, follows: str | None = None) -> Pattern:
     """Return a pattern of one axis of a sensor with features (N, p)."""
     return Pattern(law, (sensor,), (AXES[axis],), sensor_rows(sensor)[axis : axis + 1], values[:, None], follows)
@@ -123,10 +131,13 @@ def switched_gains(residual: Residual, sensor: int) -> Iterator[Pattern]:
     return _free("gain", sensor, np.column_stack([residual.field, np.ones(residual.count)]))
 
 
-def rates_of(residual: Residual, sensor: int) -> Iterator[Pattern]:
-    """Yield laws of a rate with a free matrix, which are constant."""
-    for rates in (residual.rate, _with_lags(residual)):
-        yield from _free("rate", sensor, rates)
+def of_motion(residual: Residual, place: int | str) -> Iterator[Pattern]:
+    """Yield laws of a place that go with the motion: its own reading, rates with a free matrix, directions."""
+    if place != "scalar":
+        yield from _own_fields(residual, int(place))
+        for rates in (residual.rate, _with_lags(residual)):
+            yield from _free("rate", int(place), rates)
+    yield from _attitudes(residual, place)
 
 
 def _with_lags(residual: Residual) -> FloatArray:
@@ -138,13 +149,13 @@ def _with_lags(residual: Residual) -> FloatArray:
 
 def in_scalar(residual: Residual) -> Iterator[Pattern]:
     """Yield laws of the scalar."""
-    row = np.array([3 * residual.sensor_count])
-    yield Pattern("offset", ("scalar",), (), row, np.ones((residual.count, 1, 1)))
-    yield Pattern("gain", ("scalar",), (), row, residual.field[:, None])
+    yield _of_scalar("offset", residual, np.ones((residual.count, 1)))
+    yield _of_scalar("gain", residual, residual.field)
 
 
 def everywhere(residual: Residual) -> Iterator[Pattern]:
-    """Yield laws of all sensors that stay or follow a channel: the same in all, and of each its own."""
+    """Yield laws of all sensors: rates, the same in all and of each its own, and a field that is not uniform."""
+    yield from _gradients(residual)
     yield _every("rate", residual, residual.sensed_rate[:, :, None])
     row_count = 3 * residual.sensor_count
     for rates in (residual.rate, _with_lags(residual)):
@@ -158,7 +169,7 @@ def offsets_everywhere(residual: Residual) -> Pattern:
     return _every("offset", residual, _each(np.ones((residual.count, 1)), 3 * residual.sensor_count))
 
 
-def own_fields(residual: Residual, sensor: int) -> Iterator[Pattern]:
+def _own_fields(residual: Residual, sensor: int) -> Iterator[Pattern]:
     """Yield functions of each axis' own reading: curves, loops and ends."""
     rows = sensor_rows(sensor)
     for axis, row in enumerate(rows):
@@ -196,57 +207,55 @@ def _polynomials(vectors: FloatArray, degrees: tuple[int, ...]) -> FloatArray:
     return np.asarray(columns - columns.mean(axis=0))
 
 
-def attitudes(residual: Residual, sensor: int | str) -> Iterator[Pattern]:
+def _attitudes(residual: Residual, sensor: int | str) -> Iterator[Pattern]:
     """Yield functions of the direction of the field in a sensor, of that of gravity, and of the attitude."""
     functions: list[tuple[str, FloatArray]] = [("attitude", _polynomials(residual.field, (2, 3)))]
     if sensor == "scalar":
         functions.append(("attitude", _polynomials(residual.field, (2, 3, 4, 5))))
         functions.append(("rate", residual.rate))
-    if residual.up is not None and residual.rotation is not None and residual.turning is not None:
-        up, turning = residual.up, residual.turning
-        functions.append(("attitude", up - up.mean(axis=0)))
-        functions.append(("attitude", _polynomials(up, (1, 2))))
-        functions.append(("attitude", residual.rotation.reshape(-1, 9) - residual.rotation.reshape(-1, 9).mean(axis=0)))
-        functions.append(("offset", _polynomials(turning, (2,))))
+    functions.append(("offset", _polynomials(residual.turning, (2,))))
+    if residual.up is not None:
+        up, axes = residual.up, residual.pose
+        functions += [("attitude", up - up.mean(axis=0)), ("attitude", _polynomials(up, (1, 2)))]
+        functions.append(("attitude", axes - axes.mean(axis=0)))
         if sensor == "scalar":
-            along = (turning * residual.field).sum(axis=1)
+            along = (residual.turning * residual.field).sum(axis=1)
             functions.append(("rate", np.column_stack([along, np.abs(along)])))
         else:
-            bent = (up[:, :, None] * residual.field[:, None]).reshape(len(up), 9)
-            functions.append(("attitude", bent))
-    else:
-        functions.append(("offset", _polynomials(residual.rate, (2,))))
+            functions.append(("attitude", _bent(up, residual.field)))
     for law, values in functions:
         follows = "attitude" if law == "attitude" else "motion"
         if sensor == "scalar":
-            yield Pattern(law, ("scalar",), (), np.array([3 * residual.sensor_count]), values[:, None], follows)
+            yield _of_scalar(law, residual, values, follows)
         else:
             yield from _free(law, int(sensor), values, follows)
 
 
+def _bent(up: FloatArray, field: FloatArray) -> FloatArray:
+    """Return the products (N, 9) of the components of two directions (N, 3)."""
+    return (up[:, :, None] * field[:, None]).reshape(len(up), 9)
+
+
 def bent_everywhere(residual: Residual) -> Iterator[Pattern]:
     """Yield rotations of every sensor that follow gravity, each its own."""
-    if residual.up is None:
-        return
-    bent = (residual.up[:, :, None] * residual.field[:, None]).reshape(residual.count, 9)
-    yield _every("attitude", residual, _each(bent, 3 * residual.sensor_count), "attitude")
+    if residual.up is not None:
+        bent = _bent(residual.up, residual.field)
+        yield _every("attitude", residual, _each(bent, 3 * residual.sensor_count), "attitude")
 
 
-def gradients(residual: Residual, positions_m: FloatArray) -> Iterator[Pattern]:
+def _gradients(residual: Residual) -> Iterator[Pattern]:
     """Yield a field in the world that is not uniform: harmonic potentials of degree 2, and of 2 and 3."""
+    positions_m = np.asarray(residual.model.array.positions_m)
     if residual.rotation is None or not positions_m.any():
         return
-    count = residual.sensor_count
-    matrix = residual.matrix.reshape(count, 3, 3)
-    rotation = residual.rotation
-    parts = []
+    rotation, parts = residual.rotation, []
     for degree in (2, 3):
         of_sensors = []
-        for position, own in zip(positions_m, matrix, strict=True):
+        for position, own in zip(positions_m, residual.matrix.reshape(-1, 3, 3), strict=True):
             world = fields(degree, (rotation @ position).T)
             of_sensors.append(np.einsum("ab,nkb,pkn->nap", own, rotation, world, optimize=True))
-        parts.append(np.concatenate(of_sensors, axis=1))
-        parts[-1] = parts[-1] / np.sqrt(np.mean(parts[-1] ** 2))
+        part = np.concatenate(of_sensors, axis=1)
+        parts.append(part / np.sqrt(np.mean(part**2)))
     for features in (parts[0], np.concatenate(parts, axis=2)):
         yield _every("attitude", residual, features, "attitude")
 
@@ -272,7 +281,6 @@ class Candidate:
     pattern: Pattern
     course: str
     evidence: float
-    follows: str | None = None
     bins: Bins | None = None
     length: float = 0.0
     variance: float = 1.0
@@ -300,9 +308,9 @@ class Candidate:
             return constant(self.features(residual), *self.pattern.of_rows(residual))
         return course(self.pattern.sums(residual, self.bins), self.length, np.array([self.variance]), with_errors)
 
-    def signal(self, residual: Residual, fit: Fit) -> FloatArray:
-        """Return what a fit of the law adds to the channels (N, C), at the samples of any residual of the recording."""
-        coefficients = self.coefficients(fit.mean, residual.count)
+    def signal(self, residual: Residual, training: Residual) -> FloatArray:
+        """Return what the law, fitted to one residual of a recording, adds to the channels (N, C) of any."""
+        coefficients = self.coefficients(self.fitted(training).mean, residual.count)
         return np.asarray((self.pattern.columns(residual) @ coefficients[:, :, None])[:, :, 0])
 
     def coefficients(self, fitted: FloatArray, count: int) -> FloatArray:

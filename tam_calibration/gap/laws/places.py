@@ -34,12 +34,12 @@ def places_of(place: Place, signal: FloatArray, residual: Residual) -> tuple[Pla
     if place not in (SCALAR, every):
         return (place,)
     others = [one for one in (SCALAR, every)[residual.sensor_count == 1 :] if one != place]
-    others += [ATTITUDE] if residual.follows_attitude else []
+    others += [] if residual.model.world is None else [ATTITUDE]
     rest = {one: signal - within(residual, one, signal) for one in others}
     possible = [one for one in others if (rest[one] ** 2).sum() < TOLERANCE**2 * (signal**2).sum()]
     if not {SCALAR, every} <= {place, *possible}:
         return place, *possible
-    if residual.scalar_T is None:
+    if residual.model.recording.scalar_T is None:
         return (every,)
     odds = field_over_scalar(residual)
     ranked = (every, SCALAR) if odds > 0 else (SCALAR, every)
@@ -65,15 +65,16 @@ def field_over_scalar(residual: Residual) -> float:
     """Return the log odds of a field at the array over a fault of the scalar; 0 with few readings of the scalar."""
     slope = residual.response[:, -1, -1]
     known = residual.live & (slope > 0)
-    if residual.scalar_T is None or known.sum() < LEAST_SAMPLES:
+    scalar_T = residual.model.recording.scalar_T
+    if scalar_T is None or known.sum() < LEAST_SAMPLES:
         return 0.0
     x = residual.z[known, -1] / slope[known]
-    scalar = residual.scalar_T[known] / residual.unit_T
+    scalar = scalar_T[residual.index[known]] / residual.unit_T
     unit = residual.field[known]
     squares = unit[:, [0, 0, 0, 1, 1]] * unit[:, [0, 1, 2, 1, 2]]
     calibration = np.column_stack([np.ones(len(unit)), unit, squares])
     variance = residual.noise * float(np.mean(1 / slope[known] ** 2))
-    own = min((residual.scalar_noise_T / residual.unit_T) ** 2, variance / 2)
+    own = min((residual.model.array.scalar_noise_T / residual.unit_T) ** 2, variance / 2)
     bands = _octaves(np.column_stack([_beside(scalar, calibration), _beside(x, calibration)]))
     excess = np.array([float((band[:, 1] ** 2).sum()) - len(band) * variance for band in bands])
     kept = [band for band, one in zip(bands, excess, strict=True) if one > SLIGHT * max(excess.sum(), 0)]

@@ -79,10 +79,11 @@ def noise_follows(residual: Residual, place: Place, axes: tuple[str, ...]) -> st
     values, along = _resolved(columns, residual)
     rank = (along**2 / np.maximum(values, ROUNDING)).sum(axis=1).argsort().argsort()
     energy = -1 - np.log(1 - (rank + 0.5) / residual.count)  # with one distribution, whatever that of the noise
-    turning = residual.rate if residual.turning is None else residual.turning
     directions, step_s = _spread_directions(64), float(np.median(np.diff(residual.time_s)))
-    after = [lagged((turning**2).sum(axis=1), residual.time_s, part * step_s) for part in (4.0, 16.0)]
-    drives = {"motion": np.column_stack([(residual.field @ directions) ** 2, (turning @ directions) ** 2, *after])}
+    after = [lagged((residual.turning**2).sum(axis=1), residual.time_s, part * step_s) for part in (4.0, 16.0)]
+    drives = {
+        "motion": np.column_stack([(residual.field @ directions) ** 2, (residual.turning @ directions) ** 2, *after])
+    }
     drives |= {name: np.column_stack([one, one**2]) for name, one in residual.channels.items()}
     penalty, parts = 0.5 * np.log(residual.count), np.array_split(energy, COARSE // 2)
     of_time = 0.5 * sum(one.sum() ** 2 / len(one) for one in parts) - (len(parts) - 1) * penalty

@@ -51,10 +51,8 @@ class Law:
         residual : Residual, optional
             Of a model with more causes; by default that in which the law was found.
         """
-        if self.signature.law not in ("offset", "gain"):
-            return ()
         whole = residual or self.whole
-        if whole is None:
+        if whole is None or self.signature.law not in ("offset", "gain"):
             return ()
         return tuple(
             times
@@ -75,28 +73,28 @@ class Law:
             Laws beside this one, which are taken off before.
         """
         for one in (found for law in others for found in law.found):
-            residual = one.taken_off(residual)
+            residual = residual.without(one.signal(residual, one.alike(residual)))
         left = sum(one.left_in(residual) for one in self.found)
         part = NOTABLE if self.signature.course in ("channel", "tone") else LEAST_SHARE
         return left < max(part * sum(one.predicted for one in self.found), LEAST_EVIDENCE)
 
 
-def laws_of(model: Model, residual: Residual, gap: float) -> tuple[Law, ...]:
+def laws_of(residual: Residual, gap: float) -> tuple[Law, ...]:
     """Return the laws of what a model leaves, the strongest first; none where no law is certain.
 
     Parameters
     ----------
-    model : Model
-        The nominal fit, or one with causes.
     residual : Residual
-        Of this model.
+        Of the nominal fit, or of a model with causes.
     gap : float
         Energy of the whole gap, of which each law has its share.
     """
     whole, total = max(residual.excess, 1.0), float((residual.z**2).sum())
-    laws, found = _signatures(model, residual, whole)
-    fits = [*((one,) for one in found), *(() for _ in laws[len(found) :])]
-    each = [Law(law, law.energy * whole / total, own, residual) for law, own in zip(laws, fits, strict=True)]
+    laws, found = _signatures(residual, whole)
+    each = [
+        Law(law, law.energy * whole / total, tuple(found[index : index + 1]), residual)
+        for index, law in enumerate(laws)
+    ]
     kept = [
         one
         for one in each
@@ -116,24 +114,24 @@ def times_of(model: Model) -> Times:
         The nominal fit, or one with causes.
     """
     residual = residual_of(model)
-    return tuple(times for law in laws_of(model, residual, residual.excess) for times in law.times())
+    return tuple(times for law in laws_of(residual, residual.excess) for times in law.times())
 
 
-def _signatures(model: Model, residual: Residual, whole: float) -> tuple[list[Signature], list[Found]]:
+def _signatures(residual: Residual, whole: float) -> tuple[list[Signature], list[Found]]:
     """Return all laws, first those that predict, and the fits of these."""
-    positions_m = np.asarray(model.array.positions_m)
-    if lattice := _lattice(model, residual):
+    if lattice := _lattice(residual):
         return [lattice], []
-    held = repeated(model.recording.readings_T)[residual.index]
+    recording = residual.model.recording
+    held = repeated(recording.readings_T)[residual.index]
     lost = [one for one in range(held.shape[1]) if FEWEST <= held[:, one].sum() < held.shape[0] / 2]
-    outlying = spikes(residual) | outlying_samples(model.recording)[residual.index]
+    outlying = spikes(residual) | outlying_samples(recording)[residual.index]
     apart = outlying | held[:, lost].any(axis=1)
-    quiet = residual.taking(~apart) if apart.any() else residual
-    found, rest = predictive_laws(quiet, positions_m, whole)
+    quiet = residual.taking(~apart)
+    found, rest = predictive_laws(quiet, whole)
     if apart.any():
         rest = _at_all(residual, quiet, found)
         if outlying.any() and not lost and (rest.z**2).sum() - rest.size > whole / 2:
-            again, left = predictive_laws(residual, positions_m, whole)
+            again, left = predictive_laws(residual, whole)
             # A clipped axis is far off in few samples too, but these are a function of its reading.
             if again and again[0].best.pattern.law == "own_field":
                 found, rest, outlying = again, left, np.zeros_like(outlying)
@@ -147,12 +145,12 @@ def _signatures(model: Model, residual: Residual, whole: float) -> tuple[list[Si
         # The largest values of noise in one channel look like spikes, which explain only a part of it.
         if scattered and scattered[0].energy > least and not (spiky and scattered[0].law == "samples"):
             laws = [*(one for one in laws if one not in spiky), _of_noise(scattered, rest)]
-    return laws or _common_noise(model, residual), found
+    return laws or _common_noise(residual), found
 
 
-def _common_noise(model: Model, residual: Residual) -> list[Signature]:
+def _common_noise(residual: Residual) -> list[Signature]:
     """Return the law of noise that all sensors have more than stated, beyond what data sheets are off."""
-    base = model.base()
+    base = residual.model.base()
     count = max(base.channels.count - base.rank, 1.0)
     beyond = base.energy / count / LARGEST_NOISE**2
     if beyond <= 1:
@@ -166,8 +164,7 @@ def _at_all(residual: Residual, quiet: Residual, found: list[Found]) -> Residual
     """Return the residual of all samples without laws and nominal parameters, fitted to the quiet samples alone."""
     z = residual.z.copy()
     for one in found:
-        factor = float(np.abs(quiet.response).max() / np.abs(one.residual.response).max())
-        z -= one.best.signal(residual.scaled(factor), one.best.fitted(one.residual)) * factor
+        z -= one.signal(residual, one.residual)
     own = residual.nuisance.reshape(z.size, -1)
     taken = (residual.nuisance * quiet.live[:, None, None]).reshape(z.size, -1)
     return replace(residual, z=z - (own @ np.linalg.lstsq(taken, z.ravel(), rcond=None)[0]).reshape(z.shape))
@@ -205,10 +202,11 @@ def _of_scatter(place: Place, rest: Residual, chosen: NDArray[np.bool_] | None =
     return places_of(place, signal if chosen is None else signal * chosen[:, None], rest)
 
 
-def _lattice(model: Model, residual: Residual) -> Signature | None:
+def _lattice(residual: Residual) -> Signature | None:
     """Return the law of readings that lie on a coarse lattice, where that makes most of the gap."""
-    lattices = find_lattices(model.channels().residuals)
-    explained = {row for one in model.findings if one.variance is not None for row in np.flatnonzero(one.variance)}
+    lattices = find_lattices(residual.model.channels().residuals)
+    variances = [one.variance for one in residual.model.findings if one.variance is not None]
+    explained = {row for one in variances for row in np.flatnonzero(one)}
     rows = [one.row for one in lattices if one.row < 3 * residual.sensor_count and one.row not in explained]
     if not rows:
         return None
@@ -236,7 +234,7 @@ def _of_found(found: Found, residual: Residual, whole: float) -> Signature:
         pattern.axes,
         min(found.predicted, max(found.residual.excess / found.residual.noise, 1.0)) / whole,
         places,
-        best.follows or pattern.follows or ("motion" if best.course == "motion" else None),
+        pattern.follows or ("motion" if best.course == "motion" else None),
         times_s,
         best.evidence,
         curve_of(best, found.residual),
@@ -245,7 +243,7 @@ def _of_found(found: Found, residual: Residual, whole: float) -> Signature:
 
 def _places(found: Found) -> tuple[Place, ...]:
     best = found.best
-    possible = places_of(best.pattern.sensors, best.signal(found.residual, best.fitted(found.residual)), found.residual)
+    possible = places_of(best.pattern.sensors, best.signal(found.residual, found.residual), found.residual)
     least = max(best.evidence, found.others[0].evidence) - TIE
     others = [one.pattern.sensors for one in found.others if one.evidence >= least and one.pattern.sensors != SCALAR]
     return tuple(dict.fromkeys((*possible, *others)))
@@ -255,14 +253,12 @@ def _merged(laws: list[Law]) -> list[Law]:
     """Return the laws with those that are alike in several sensors as one."""
     merged: list[Law] = []
     for law in laws:
-        first = next((other for other in merged if _are_alike(other.signature, law.signature)), None)
-        if first is None:
+        alike = (at for at, other in enumerate(merged) if _are_alike(other.signature, law.signature))
+        if (at := next(alike, None)) is None:
             merged.append(law)
         else:
-            joined = Law(
-                _joined(first.signature, law.signature), first.part + law.part, first.found + law.found, law.whole
-            )
-            merged[merged.index(first)] = joined
+            first, signature = merged[at], _joined(merged[at].signature, law.signature)
+            merged[at] = Law(signature, first.part + law.part, first.found + law.found, law.whole)
     return merged
 
 

@@ -1,6 +1,7 @@
 """Courses that jump: between two states, or in a few steps."""
 
 from collections.abc import Iterator
+from itertools import accumulate
 from math import log
 
 import numpy as np
@@ -117,7 +118,7 @@ def _two_states(pattern: Pattern, sums: Sums, bins: Bins, state: NDArray[np.bool
     changes = np.flatnonzero(np.diff(state.astype(int)) != 0) + 1
     label = "step" if len(changes) <= 2 else "episodes"
     edges = tuple(int(one) for one in changes)
-    return Candidate(pattern, label, evidence - len(changes) * switch, None, bins, 0.0, 1.0, edges, bool(state[0]))
+    return Candidate(pattern, label, evidence - len(changes) * switch, bins, 0.0, 1.0, edges, bool(state[0]))
 
 
 def _of_state(sums: Sums, state: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -135,14 +136,12 @@ def _parted(values: FloatArray) -> NDArray[np.bool_]:
 
 def _best_path(gain: FloatArray, switch: float) -> NDArray[np.bool_]:
     """Return the most likely states (B,) for log odds of the second state, each change at a cost (Viterbi)."""
-    changed, low, high = list[tuple[bool, bool]](), 0.0, float(gain[0])
-    for value in gain.tolist()[1:]:
-        changed.append((high - switch > low, low - switch > high))
-        low, high = max(low, high - switch), max(high, low - switch) + value
-    backwards = [high > low]
-    for into in reversed(changed):
-        backwards.append(backwards[-1] != into[backwards[-1]])
-    return np.array(backwards[::-1])
+    # Log odds by all samples up to each. Those beyond the cost of a change decide; others leave it to the next.
+    odds = np.array(list(accumulate(gain.tolist(), lambda one, more: min(max(one, -switch), switch) + more)))
+    is_decided = np.abs(odds) > switch
+    is_decided[-1] = True
+    index = np.where(is_decided, np.arange(len(odds)), len(odds))
+    return np.asarray(odds[np.minimum.accumulate(index[::-1])[::-1]] > 0)
 
 
 def steps(pattern: Pattern, sums: Sums, bins: Bins) -> Iterator[Candidate]:
@@ -154,7 +153,7 @@ def steps(pattern: Pattern, sums: Sums, bins: Bins) -> Iterator[Candidate]:
         edges = sorted([*edges, at])
         information, score = _joint(after, edges)
         evidence = of_normal(information, score, np.ones(len(score))).evidence - len(edges) * np.log(count)
-        yield Candidate(pattern, "step", evidence, None, bins, 0.0, 1.0, tuple(edges))
+        yield Candidate(pattern, "step", evidence, bins, 0.0, 1.0, tuple(edges))
 
 
 def _joint(after: list[FloatArray], edges: list[int]) -> tuple[FloatArray, FloatArray]:

@@ -22,6 +22,8 @@ class Residual:
 
     Parameters
     ----------
+    model : Model
+        That leaves it.
     time_s : (N,) array
         Time stamps, seconds.
     z : (N, C) array
@@ -36,6 +38,8 @@ class Residual:
         From the field to what each axis senses.
     rotation : (N, 3, 3) array, optional
         From the array's frame to the world.
+    turning : (N, 3) array
+        Rate of turning in the array's frame, in units of its root mean square; without attitude that of the field.
     channels : dict
         Recorded channels by name, standardised.
     unit_T : float
@@ -48,16 +52,11 @@ class Residual:
         Which samples count.
     index : (N,) array
         Which samples of the recording these are.
-    scalar_T : (N,) array, optional
-        Readings of the scalar.
-    scalar_noise_T : float
-        Their noise.
-    follows_attitude : bool
-        Whether the field is that of the world, turned by the recorded attitude.
     noise : float
         Variance of the recording's noise in units of the one that is reckoned with.
     """
 
+    model: Model
     time_s: FloatArray
     z: FloatArray
     response: FloatArray
@@ -66,16 +65,13 @@ class Residual:
     rate: FloatArray
     matrix: FloatArray
     rotation: FloatArray | None
-    turning: FloatArray | None
+    turning: FloatArray
     channels: dict[str, FloatArray]
     unit_T: float
     field_T: float
     own: FloatArray
     live: NDArray[np.bool_]
     index: NDArray[np.intp]
-    scalar_T: FloatArray | None
-    scalar_noise_T: float
-    follows_attitude: bool
     noise: float = 1.0
 
     @property
@@ -157,6 +153,8 @@ class Residual:
 
     def taking(self, chosen: NDArray[np.bool_]) -> "Residual":
         """Return the residual with the samples that are not chosen (N,) of bool left out of every sum."""
+        if chosen.all():
+            return self
         keep = chosen[:, None]
         nuisance = _orthonormal(self.nuisance * keep[:, :, None])
         z = _perpendicular(self.z * keep, nuisance)
@@ -181,7 +179,8 @@ def residual_of(model: Model) -> Residual:
     field = covariates.field_T[index] / unit_T
     # The length of the field holds errors of the scalar, the direction does not.
     unit = field / np.linalg.norm(field, axis=1, keepdims=True)
-    rate = _across(covariates.rate_T_per_s[index] / unit_T, unit)
+    rate = covariates.rate_T_per_s[index] / unit_T
+    rate = _of_unit_size(rate - unit * (unit * rate).sum(axis=1, keepdims=True))
     matrix = covariates.errors.matrix.reshape(-1, 3)
     sensors: FloatArray = response[:, :, :-1]
     parts = [sensors, *(sensors * field[:, None, axis, None] for axis in range(3))]
@@ -196,6 +195,7 @@ def residual_of(model: Model) -> Residual:
     standard = {name: (one - one.mean()) / one.std() for name, one in named.items() if one.std() > 0}
     own = (model.recording.readings_T[index] - covariates.errors.bias_T).reshape(len(index), -1) / unit_T
     return Residual(
+        model,
         covariates.time_s[index],
         _perpendicular(z, nuisance),
         response,
@@ -204,36 +204,32 @@ def residual_of(model: Model) -> Residual:
         rate,
         matrix,
         None if rotation is None else rotation[index],
-        None if rotation is None else _turning(rotation, covariates.time_s)[index],
+        rate if rotation is None else _turning(rotation, covariates.time_s)[index],
         standard,
         row_T,
         unit_T,
         own,
         np.ones(len(index), dtype=bool),
         index,
-        None if model.recording.scalar_T is None else model.recording.scalar_T[index],
-        model.array.scalar_noise_T,
-        covariates.follows_attitude,
     )
 
 
 def _channels(channels: WhitenedChannels, index: IntArray) -> tuple[FloatArray, FloatArray]:
     """Return the channels (N, C) at some samples in units of their noise, and their response (N, C, R) to the rows."""
-    root = np.sqrt(channels.precision[index])
+    residuals = channels.residuals
     differential = np.vstack([channels.directions, 0 * channels.directions[:1]]).T
-    intensity = (root[:, None] * channels.row_direction[index])[:, None, :]
-    response = np.concatenate([np.broadcast_to(differential, (len(index), *differential.shape)), intensity], axis=1)
-    z = np.column_stack([channels.differential[index], root * channels.intensity_residual_T[index]])
+    of_sample = np.broadcast_to(differential, (len(index), *differential.shape))
+    response = np.concatenate([of_sample, residuals.row_slope[index, None]], axis=1)
+    z = np.column_stack([residuals.differential, np.nan_to_num(residuals.common_mode)])[index]
     known = np.abs(response).max(axis=(0, 2)) > 0
     response, z = response[:, known], z[:, known]
     level = _levels(z, len(channels.directions.T))
     return z / level, response / level[:, None]
 
 
-def _across(rate: FloatArray, unit: FloatArray) -> FloatArray:
-    """Return the part of rates (N, 3) across unit vectors, in units of its root mean square."""
-    across = rate - unit * (unit * rate).sum(axis=1, keepdims=True)
-    return np.asarray(across / max(float(np.sqrt(np.mean(np.sum(across**2, axis=1)))), 1e-12))
+def _of_unit_size(vectors: FloatArray) -> FloatArray:
+    """Return vectors (N, 3) in units of their root mean square."""
+    return np.asarray(vectors / max(float(np.sqrt(np.mean(np.sum(vectors**2, axis=1)))), 1e-12))
 
 
 def _levels(z: FloatArray, differential: int) -> FloatArray:
@@ -251,8 +247,7 @@ def _turning(rotation: FloatArray, time_s: FloatArray) -> FloatArray:
     change = np.swapaxes(rotation[:-1], 1, 2) @ rotation[1:]
     turn = (change - np.swapaxes(change, 1, 2))[:, [2, 0, 1], [1, 2, 0]] / 2
     rate = turn / np.diff(time_s)[:, None]
-    rate = np.vstack([rate[:1], (rate[1:] + rate[:-1]) / 2, rate[-1:]])
-    return np.asarray(rate / max(float(np.sqrt(np.mean(np.sum(rate**2, axis=1)))), 1e-12))
+    return _of_unit_size(np.vstack([rate[:1], (rate[1:] + rate[:-1]) / 2, rate[-1:]]))
 
 
 def _orthonormal(columns: FloatArray) -> FloatArray:

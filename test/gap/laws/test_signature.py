@@ -15,7 +15,7 @@ from tam_calibration.gap.laws.whitened import residual_of
 def signature(run):
     """Return the signature of a run."""
     residual = residual_of(run.model())
-    return tuple(law.signature for law in laws_of(run.model(), residual, residual.excess))
+    return tuple(law.signature for law in laws_of(residual, residual.excess))
 
 
 def episodes(time_s):

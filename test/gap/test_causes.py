@@ -1,4 +1,4 @@
-"""A gap is found in the sensor, axis, time and band in which it was planted, whatever its cause."""
+"""A gap is found in the sensor, axis, time and band in which it was planted; its causes have their numbers."""
 
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
@@ -7,10 +7,24 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from tam_calibration.effects.effect import Finding
+from tam_calibration.gap import diagnose
+from tam_calibration.gap.causes import (
+    _indistinguishable,
+    _moved,
+    _places,
+    considered,
+    is_drift,
+    locate,
+    numbered_causes,
+    sensors_and_axes,
+    span_of,
+)
 from tam_calibration.gap.laws.law import Signature
 from tam_calibration.gap.laws.signature import Law
-from tam_calibration.gap.where import _moved, locate, sensors_and_axes, span_of
-from tam_calibration.model.fitted_effect import ALL, SCALAR
+from tam_calibration.gap.size import Evidence
+from tam_calibration.gap.steps import Step
+from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
 
 EVERY = (1, 2, 3, 4)
 TONE = Law(Signature("offset", "tone", (2,), ("y",), 0.9, ((2,),), "3.5 Hz", (), 50.0), 0.5)
@@ -122,3 +136,74 @@ def test_a_cause_of_the_scalar_moves_to_the_field_where_it_may_act_there():
     drift, heading = (OfScalar(SimpleNamespace(effect=one)) for one in ("geomagnetic_drift", "scalar_heading_error"))
     assert _moved(drift, [common], ("scalar",)).sensors == EVERY
     assert _moved(heading, [common], ("scalar",)).sensors == ("scalar",)
+
+
+def test_what_leaves_as_little_is_named_beside_a_cause():
+    """As the search found it."""
+    step = SimpleNamespace(accepted=SimpleNamespace(form=None), others=("flexure",))
+    found = _indistinguishable(step, SimpleNamespace(considered=()))
+    assert found == ("flexure",)
+
+
+@pytest.mark.parametrize("other", [3, 6])
+def test_leakage_from_another_sensor_may_be_a_gain(run, other):
+    """All sensors read one field: leakage from the same axis of another is a gain, that from another axis is none."""
+    made = run()
+    windows = np.sin(0.7 * made.recording.time_s) > 0.4
+    leaking = made.with_row(0, 3e-4 * windows * made.recording.readings_T.reshape(-1, 12)[:, other + (other == 6)])
+    (cause,) = diagnose(leaking.recording, leaking.array).causes
+    names = {cause.fitted.effect, *cause.indistinguishable_from}
+    assert ({"gain_switching", "crosstalk"} <= names) == (other == 3) and "crosstalk" in names
+
+
+@pytest.mark.parametrize(("gain", "is_leakage"), [(3e-4, True), (0.03, False)])
+def test_a_large_gain_is_no_leakage(run, gain, is_leakage):
+    """Sensors that are turned against each other by a degree do not read the same: a hundredth of 130 floors shows."""
+    made = run(seed=2)
+    windows = np.sin(0.7 * made.recording.time_s) > 0.4
+    amplified = made.with_row(4, gain * windows * made.recording.readings_T[:, 1, 1])
+    (cause,) = diagnose(amplified.recording, amplified.array).causes
+    assert cause.fitted.effect == "gain_switching"
+    assert ("crosstalk" in cause.indistinguishable_from) == is_leakage
+
+
+@pytest.mark.parametrize(("course", "is_one"), [(np.linspace(18, 26, 300), True), (20 + np.sin(np.arange(300)), False)])
+def test_a_channel_that_only_rises_is_a_drift(run, course, is_one):
+    """Any other slow course explains as much as it."""
+    recording = replace(run(300).recording, temperature_C=course)
+    assert is_drift("temperature_drift", recording) == is_one
+    assert not is_drift("bias_jump", recording)
+
+
+@pytest.mark.parametrize(("part", "sensors"), [(0.09, {1}), (0.11, {1, 2})])
+def test_a_sensor_has_an_effect_from_a_tenth_of_the_largest_on(run, part, sensors):
+    """Less is what the common field carries over from the other."""
+    parts = tuple(
+        Contribution(sensor, axis, "offset", {"offset": size})
+        for sensor, size in ((1, 1e-9), (2, part * 1e-9))
+        for axis in range(3)
+    )
+    fitted = FittedEffect("temperature_drift", {"time_constant_s": 0.0, "reference_C": 20.0}, parts)
+    assert {sensor for sensor, _ in _places(fitted, run(60).channels().covariates)} == sensors
+
+
+@pytest.mark.parametrize(("evidence", "why"), [(11.9, "noise alone"), (12.1, "it leaves a part of the law")])
+def test_why_an_effect_is_no_cause_is_told(evidence, why):
+    """Odds of 400 to one in white noise, or less."""
+    weighed = tuple(SimpleNamespace(effect=name, delta_bic=evidence) for name in ("bias_jump", "flexure"))
+    cause = SimpleNamespace(fitted=FittedEffect("bias_jump", {}, ()), delta_bic=90.0, r2_cv=0.8)
+    named, one = considered(SimpleNamespace(considered=(), weighed=weighed), (cause,))
+    assert (named.status, named.delta_bic, named.r2_cv) == ("supported", 90.0, 0.8)
+    assert (one.status, one.delta_bic) == ("not_supported", evidence) and one.why.startswith(why)
+
+
+def test_what_is_found_twice_is_one_cause_with_the_evidence_of_the_first(run):
+    """Spikes that another step has taken up beside: their energies add up, and the share is of what closes."""
+    fitted = FittedEffect("outliers", {}, (Contribution(1, 0, "offset", {"count": 5.0}),))
+    findings = [Finding(fitted, gain, 1, flagged=np.arange(60) == at) for at, gain in ((3, 300.0), (9, 100.0))]
+    steps = tuple(Step(Evidence("outliers", one, one.gain - 10, one.gain), None) for one in findings)
+    model = replace(run(60).model(), findings=tuple(findings))
+    found = SimpleNamespace(steps=steps, nominal=model, considered=())
+    (cause,) = numbered_causes(found, model, SimpleNamespace(closed=0.8), {"outliers": 0.9})
+    assert (cause.delta_bic, cause.probability, cause.sensors) == (290.0, 0.9, (2,))
+    assert (cause.share, cause.r2_cv) == (pytest.approx(1.0), pytest.approx(0.8))

@@ -1,0 +1,249 @@
+"""The causes of a gap with their numbers and places, and where a gap without a cause lies."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tam_calibration.effects.covariates import Covariates
+from tam_calibration.effects.effect import Finding, LinearEffect
+from tam_calibration.effects.grades import MINOR, MOST, NEARLY_ALL
+from tam_calibration.effects.library import effect_named, units_of
+from tam_calibration.gap.hypothesis import Hypothesis, Place, sensors_of
+from tam_calibration.gap.joint import Joint
+from tam_calibration.gap.laws.law import Place as LawPlace
+from tam_calibration.gap.laws.law import Signature, acts_at, agrees
+from tam_calibration.gap.laws.signature import Law
+from tam_calibration.gap.model import Model
+from tam_calibration.gap.probabilities import energies_of, shares_of
+from tam_calibration.gap.result import Cause, Considered, Gap, Size, Where
+from tam_calibration.gap.steps import LEAST_EVIDENCE, Search, Step
+from tam_calibration.gap.whitened_channels import WhitenedChannels
+from tam_calibration.model.fitted_effect import ALL, SCALAR, FittedEffect
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.units import FloatArray
+
+
+def numbered_causes(found: Search, model: Model, size: Size, chances: Mapping[str, float]) -> tuple[Cause, ...]:
+    """Return the causes with their numbers, the largest share first.
+
+    Linear effects share the energy that all of them explain; a finding has that of all steps that accepted it.
+
+    Parameters
+    ----------
+    found : Search
+        With the steps that accepted the causes.
+    model : Model
+        With the causes, fitted to all samples.
+    size : Size
+        Of the gap.
+    chances : mapping of str to float
+        Probability of each effect.
+    """
+    energy = energies_of(found.steps, found.nominal.base().channels.count)
+    total = sum(energy.values())
+    linear = [step for step in found.steps if isinstance(step.accepted.form, Hypothesis)]
+    of_linear = sum(energy[step] for step in linear) / total
+    parts = zip(linear, Joint.of(model).effects, (of_linear * shares_of(model)).tolist(), strict=True)
+    by_finding: dict[int, tuple[Step, FittedEffect, float]] = {}
+    for step in found.steps:
+        if isinstance(step.accepted.form, Finding):
+            fitted = step.accepted.form.fitted
+            first, _, before = by_finding.get(id(fitted), (step, fitted, 0.0))
+            by_finding[id(fitted)] = first, fitted, before + energy[step] / total
+    covariates = model.channels().covariates
+    causes = []
+    for step, effect, weight in (*parts, *by_finding.values()):
+        places = _places(effect, covariates)
+        sensors, axes = sensors_and_axes(places, model.recording)
+        if isinstance(step.accepted.form, Finding) and ALL in sensors_of(places):
+            sensors = step.law.sensors
+        causes.append(
+            Cause(
+                effect,
+                units_of(effect, model.errors, model.array),
+                sensors,
+                axes,
+                chances.get(effect.effect, 0.0),
+                weight,
+                step.accepted.delta_bic,
+                size.closed * weight,
+                _indistinguishable(step, found),
+                is_drift(effect.effect, model.recording),
+                tuple(effect_named(effect.effect).sizes(covariates, effect)),
+            )
+        )
+    return tuple(sorted(causes, key=lambda cause: -cause.share))
+
+
+def is_drift(effect: str, recording: Recording) -> bool:
+    """Say whether the channel of an effect rises or falls throughout, so that any other slow course explains as much.
+
+    Parameters
+    ----------
+    effect : str
+        Name of an effect.
+    recording : Recording
+        Of N samples, with the channels of the effect.
+    """
+    courses = [
+        getattr(recording, name) for name in ("temperature_C", "current_A") if name in effect_named(effect).channels
+    ]
+    return any(abs(_rank_correlation(course)) > NEARLY_ALL for course in courses)
+
+
+def _rank_correlation(course: FloatArray) -> float:
+    """Return the rank correlation of a course (N,) with its order in time (Spearman); equal values share a rank."""
+    _, place, count = np.unique(course, return_inverse=True, return_counts=True)
+    rank = (np.cumsum(count) - count / 2)[place]
+    return float(np.corrcoef(np.arange(len(course)), rank)[0, 1])
+
+
+def _indistinguishable(step: Step, found: Search) -> tuple[str, ...]:
+    """Return the effects that the data do not separate from a cause, or whose channel is not recorded."""
+    cause = step.accepted
+    names = [*step.others]
+    if isinstance(cause.form, Hypothesis) and cause.form.effect.is_free_in_time:
+        names += [
+            one.effect for one in found.considered if one.status == "channel_missing" and agrees(one.effect, step.law)
+        ]
+    return tuple(dict.fromkeys(names))
+
+
+def _places(fitted: FittedEffect, covariates: Covariates) -> list[Place]:
+    """Return the places of a fitted effect without sensors whose signal is only carried over by the common field."""
+    effect = effect_named(fitted.effect)
+    places = list(dict.fromkeys((one.sensor, one.axis) for one in fitted.contributions))
+    if not isinstance(effect, LinearEffect) or len(sensors_of(places)) < 2:
+        return places
+    rows = np.sqrt(np.mean(effect.signal(covariates, fitted)[:, :-1] ** 2, axis=0))
+    size = np.sqrt(np.mean(rows.reshape(-1, 3) ** 2, axis=1))
+    return [place for place in places if place[0] < 0 or size[place[0]] > MINOR * size.max()]
+
+
+def considered(found: Search, causes: tuple[Cause, ...]) -> tuple[Considered, ...]:
+    """Return the status of every hypothesis of a search, the causes among them, in the order of their names."""
+    result = {one.effect: one for one in found.considered}
+    for one in found.weighed:
+        if one.delta_bic < LEAST_EVIDENCE:
+            why = "noise alone explains the data as well"
+        else:
+            why = "it leaves a part of the law, or another effect explains it better"
+        result[one.effect] = Considered(one.effect, "not_supported", why, one.delta_bic)
+    for cause in causes:
+        result[cause.fitted.effect] = Considered(
+            cause.fitted.effect, "supported", "the data ask for it", cause.delta_bic, cause.r2_cv
+        )
+    return tuple(result[name] for name in sorted(result))
+
+
+def sensors_and_axes(places: Iterable[Place], recording: Recording) -> tuple[tuple[int | str, ...], tuple[str, ...]]:
+    """Return the sensor numbers (or "scalar") and axes of places.
+
+    A constant intensity in place of a scalar channel counts as all sensors.
+
+    Parameters
+    ----------
+    places : iterable of Place
+        Index of the sensor, ``SCALAR`` or ``ALL``, and of the axis; None for all axes.
+    recording : Recording
+        Of K sensors, with or without a scalar channel.
+    """
+    sensor_count = recording.sensor_count
+    places = [(ALL if sensor == SCALAR and recording.scalar_T is None else sensor, axis) for sensor, axis in places]
+    found = {sensor for sensor, _ in places}
+    if ALL in found:
+        found = found - {ALL} | set(range(sensor_count))
+    sensors: list[int | str] = [sensor + 1 for sensor in sorted(found - {SCALAR})]
+    if SCALAR in found:
+        sensors.append("scalar")
+    axes = {axis for sensor, axis in places if sensor != SCALAR}
+    return tuple(sensors), tuple(name for index, name in enumerate("xyz") if axes & {index, None})
+
+
+def span_of(channels: WhitenedChannels, excess: FloatArray) -> tuple[float, float] | None:
+    """Return the span, s, that holds nearly all energy in excess of noise, where it is a small part of the run.
+
+    Parameters
+    ----------
+    channels : WhitenedChannels
+        Of N samples, with their time stamps.
+    excess : (N,) array
+        Energy of each sample in excess of that expected of noise alone; 0 where a sample does not count.
+    """
+    total = np.cumsum(excess)
+    if total[-1] <= 0:
+        return None
+    margin = MINOR / 2
+    first = int(np.searchsorted(total, margin * total[-1]))
+    last = int(np.searchsorted(total, (1 - margin) * total[-1]))
+    time_s = channels.covariates.time_s
+    low, high = float(time_s[first]), float(time_s[min(last, len(time_s) - 1)])
+    return (low, high) if high - low < MOST * float(np.ptp(time_s)) else None
+
+
+def locate(channels: WhitenedChannels, causes: Sequence[Cause], laws: Sequence[Law], variance: float) -> Where:
+    """Return where the gap of a nominal model lies.
+
+    Parameters
+    ----------
+    channels : WhitenedChannels
+        Of the nominal model.
+    causes : sequence of Cause
+        Without any the place of the strongest law is returned.
+    laws : sequence of Law
+        Of the gap.
+    variance : float
+        Of the channels' white noise.
+    """
+    sensors = tuple(sorted({sensor for cause in causes for sensor in cause.sensors}, key=str))
+    axes = tuple(axis for axis in "xyz" if any(axis in cause.axes for cause in causes))
+    if not sensors and laws:
+        sensors, axes = laws[0].signature.sensors, laws[0].signature.axes
+    excess = (channels.energy_per_sample / variance - channels.channels_per_sample) * channels.is_counted
+    known = channels.is_counted & (channels.precision > 0)
+    per_channel = {
+        "differential_chi_square": _mean(channels.differential[channels.is_counted] ** 2),
+        "common_mode_chi_square": _mean(channels.precision[known] * channels.intensity_residual_T[known] ** 2),
+    }
+    return Where(sensors, axes, span_of(channels, excess), _line(laws, channels), per_channel)
+
+
+def _line(laws: Sequence[Law], channels: WhitenedChannels) -> tuple[float, float] | None:
+    """Return the band, Hz, that a recording resolves about the tone of the strongest law; None where that is none."""
+    if not laws or laws[0].signature.course != "tone":
+        return None
+    width_hz = 1 / float(np.ptp(channels.covariates.time_s))
+    frequency_hz = float(str(laws[0].signature.follows).split()[0])
+    return max(frequency_hz - width_hz, 0.0), frequency_hz + width_hz
+
+
+def _mean(values: FloatArray) -> float:
+    """Return the mean, NaN of nothing."""
+    return float(np.mean(values)) if values.size else float("nan")
+
+
+def placed(gap: Gap, laws: Sequence[Signature], places: Sequence[LawPlace]) -> Gap:
+    """Return a gap that only the residual of the intensity shows at the likeliest of its places, and so its causes.
+
+    Parameters
+    ----------
+    gap : Gap
+        With its causes.
+    laws : sequence of Signature
+        The strongest first.
+    places : sequence of Place
+        Of the strongest law.
+    """
+    causes = tuple(_moved(one, laws, places[0]) for one in gap.causes)
+    sensors = {sensor for one in causes for sensor in one.sensors} or set(places[0])
+    axes = () if sensors == set(places[0]) else gap.where.axes
+    where = replace(gap.where, sensors=tuple(sorted(sensors, key=str)), axes=axes)
+    return replace(gap, causes=causes, where=where)
+
+
+def _moved(cause: Cause, laws: Sequence[Signature], default: LawPlace) -> Cause:
+    """Return a cause that acts on the scalar at the likeliest place of the strongest such law that it can make."""
+    effect = cause.fitted.effect
+    place = next((law.places[0] for law in laws if law.is_common and agrees(effect, law)), default)
+    return replace(cause, sensors=place, axes=()) if "scalar" in cause.sensors and acts_at(effect, place) else cause
