@@ -108,6 +108,7 @@ class _CauseSearch:
                 left = self._left_by([one], law, others)
                 if left is not None:
                     rest = [*possible[number + 1 :], *_at_times_of(one, offers)]
+                    rest += self._offers.special_cases(base, law, one)
                     as_good = [
                         other.effect
                         for other in rest
