@@ -164,6 +164,9 @@ class _CauseSearch:
         """Say whether a model leaves too little of a law; less than most of one that predicts nothing."""
         if law.found:
             return law.is_gone_from(left, others)
+        taken = residual_of(self._model).excess - left.excess
+        if taken < (1 - MOST) * law.signature.energy * self._gap:
+            return False
         sensors = set(law.signature.sensors)
         there = (
             one.signature for one in laws_of(model, left, self._gap) if not sensors.isdisjoint(one.signature.sensors)
