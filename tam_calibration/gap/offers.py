@@ -41,10 +41,12 @@ class Offers:
     def __init__(self, nominal: Model, without: Collection[str], tell: Callable[[str, float], None]) -> None:
         self._gross, self._tell = nominal.gross, tell
         channels = nominal.base().channels
-        effects = {name: effect for name, effect in installed_effects().items() if name not in without}
-        reasons = {name: unusable(one, channels.recording, channels.covariates) for name, one in effects.items()}
-        self._reasons = {name: reason for name, reason in reasons.items() if reason is not None}
-        self._effects = {name: effect for name, effect in effects.items() if name not in self._reasons}
+        every = installed_effects()
+        reasons = {name: unusable(one, channels.recording, channels.covariates) for name, one in every.items()}
+        usable = {name: effect for name, effect in every.items() if reasons[name] is None}
+        self._reasons = {name: one for name, one in reasons.items() if one is not None and name not in without}
+        self._effects = {name: effect for name, effect in usable.items() if name not in without}
+        self._left_out = [effect for name, effect in usable.items() if name in without]
         self.weighed: dict[str, Evidence] = {}
 
     def considered(self, laws: Sequence[Law]) -> tuple[Considered, ...]:
@@ -68,7 +70,7 @@ class Offers:
             These causes.
         """
         signature = law.signature
-        times = law.times() if signature.course in FREE else ()
+        times = _times_of(law)
         own = [name for name in self._effects if may_make(name, signature)]
         # What predicts a part of a noise is preferred to more variance.
         yield sorted(
@@ -83,6 +85,25 @@ class Offers:
                 if (isinstance(one.form, Hypothesis) or one.is_certain)
                 and 1 - exp(-one.gain / base.channels.count) > (1 - MINOR) * law.part
             ]
+
+    def special_cases(self, base: Base, law: Law, accepted: Evidence) -> list[Evidence]:
+        """Return the evidence for effects that were left out and are special cases of an accepted one.
+
+        Parameters
+        ----------
+        base : Base
+            Of the model without the accepted effect.
+        law : Law
+            That it explains.
+        accepted : Evidence
+            For the accepted effect.
+        """
+        found = [
+            examine(base, effect, sensors_for(effect, law.signature, base), _times_of(law))
+            for effect in self._left_out
+            if isinstance(effect, LinearEffect) and effect.is_within(accepted.effect)
+        ]
+        return [one for one in found if isinstance(one, Evidence)]
 
     def _examined(
         self, base: Base, names: Sequence[str], law: Signature, times: Times, steps: Sequence[Step]
@@ -108,6 +129,11 @@ class Offers:
         if not steps:
             self.weighed |= {one.effect: one for one in sharp}
         return sorted(sharp, key=lambda one: -one.delta_bic)
+
+
+def _times_of(law: Law) -> Times:
+    """Return the times at which a law may come and go, where its course is free."""
+    return law.times() if law.signature.course in FREE else ()
 
 
 def candidates(base: Base, offers: Sequence[Evidence], law: Signature) -> list[Evidence]:

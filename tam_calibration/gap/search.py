@@ -110,6 +110,7 @@ class _CauseSearch:
                 left = self._left_by([one], law, others)
                 if left is not None:
                     rest = [*possible[number + 1 :], *_at_times_of(one, offers)]
+                    rest += self._offers.special_cases(base, law, one)
                     as_good = [
                         other.effect
                         for other in rest
@@ -164,6 +165,9 @@ class _CauseSearch:
         """Say whether a model leaves too little of a law; less than most of one that predicts nothing."""
         if law.found:
             return law.is_gone_from(left, others)
+        least = (1 - MOST) * law.signature.energy * self._gap
+        if law.whole is not None and law.whole.excess - left.excess < least:
+            return False
         sensors = set(law.signature.sensors)
         there = (one.signature for one in laws_of(left, self._gap) if not sensors.isdisjoint(one.signature.sensors))
         return sum(one.energy for one in there) < MOST * law.signature.energy

@@ -122,7 +122,7 @@ class Found:
         residual : Residual
             Of the same samples, such as with a cause taken off.
         """
-        return predicted_energy(self.alike(residual), self.best) / self.residual.noise
+        return predicted_energy(_halves(self.alike(residual)), self.best) / self.residual.noise
 
     def signal(self, residual: Residual, training: Residual) -> FloatArray:
         """Return what the law adds to the channels (N, C) of a residual, fitted to one in the units of its own."""
@@ -210,12 +210,12 @@ def _in_question(residual: Residual, tried: list[Candidate], again: Repeats | No
 
 def _accepted(residual: Residual, tried: list[Candidate]) -> Iterator[tuple[Candidate, float]]:
     """Yield laws that predict, the simplest of those with about the most evidence first, with the energy predicted."""
-    for first in tried[:MOST_TRIED]:
-        if first.evidence < LEAST_EVIDENCE:
-            return
+    leading = [one for one in tried[:MOST_TRIED] if one.evidence >= LEAST_EVIDENCE]
+    halves = _halves(residual) if leading else ()
+    for first in leading:
         simpler = [one for one in tried if one is first or _is_as_good_and_simpler(one, first)]
         best = min(simpler, key=lambda one: (_freedom(one), -one.evidence))
-        predicted = predicted_energy(residual, best)
+        predicted = predicted_energy(halves, best)
         if predicted > LEAST_EVIDENCE:
             yield best, predicted
 
@@ -246,13 +246,18 @@ def _freedom(one: Candidate) -> float:
     return FREEDOM[one.course] + FREEDOM[one.pattern.law] + (len(one.pattern.sensors) > 1)
 
 
-def predicted_energy(residual: Residual, law: Candidate) -> float:
-    """Return the energy of half of the samples that a law fitted to the other half predicts.
+def _halves(residual: Residual) -> tuple[Residual, Residual]:
+    """Return each half of the samples.
 
     Most neighbours are in different halves, but not at a regular pace, at which a tone would look constant.
     """
     chosen = np.arange(residual.count) * (np.sqrt(5) - 1) / 2 % 1 < 0.5
-    fallen, halves = 0.0, (residual.taking(chosen), residual.taking(~chosen))
+    return residual.taking(chosen), residual.taking(~chosen)
+
+
+def predicted_energy(halves: tuple[Residual, ...], law: Candidate) -> float:
+    """Return the energy of each half of the samples that a law fitted to the other half predicts."""
+    fallen = 0.0
     for training, rest in (halves, halves[::-1]):
         signal = law.signal(rest, training)
         flat = rest.nuisance.reshape(signal.size, -1)

@@ -153,7 +153,7 @@ class Residual:
 
     def taking(self, chosen: NDArray[np.bool_]) -> "Residual":
         """Return the residual with the samples that are not chosen (N,) of bool left out of every sum."""
-        if chosen.all():
+        if chosen[self.live].all():
             return self
         keep = chosen[:, None]
         nuisance = _orthonormal(self.nuisance * keep[:, :, None])
