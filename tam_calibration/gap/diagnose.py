@@ -57,7 +57,7 @@ def diagnose(
     array : Array
         Geometry, noise, and what the intensity of the field can be; a noise that is not stated is estimated.
     without : collection of str
-        Names of effects that are not tried.
+        Names of effects that are not named as causes.
     progress : callable, optional
         Called with the name of the stage and the part that is done, 0 to 1.
     accept : collection of str
@@ -122,7 +122,7 @@ def judge(
     array : Array
         The same.
     without : collection of str
-        Names of effects that are not tried.
+        Names of effects that are not named as causes.
     progress : callable, optional
         Called with the name of the stage and the part that is done, 0 to 1.
     accept : collection of str

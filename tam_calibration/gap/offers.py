@@ -28,7 +28,7 @@ class Offers:
     nominal : Model
         Before any cause.
     without : collection of str
-        Names of effects that are not tried.
+        Names of effects that are not named as causes.
     tell : callable
         Called with the name of an effect and the part of the search that is done.
 

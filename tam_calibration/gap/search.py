@@ -39,7 +39,7 @@ def search(
     array : Array
         Geometry, bounds of the field, and noise where it is stated.
     without : collection of str
-        Names of effects that are not tried.
+        Names of effects that are not named as causes.
     progress : callable, optional
         Called with the name of the stage and the part that is done, 0 to 1.
     """
