@@ -17,7 +17,7 @@ def commands_of(*names):
 
 def ended(children):
     """Return the names of the processes that have ended."""
-    return [name for name in children.names if not children.is_running(name)]
+    return [name for name in children.pids if not children.is_running(name)]
 
 
 def wait_for_the_end_of(bench, children, name):
