@@ -75,7 +75,7 @@ class AnsweringNode(ListeningNode):
         self._served: dict[Service, tuple[str, Callable[[], str], Work | None]] = {}
         self._answers: deque[tuple[Service, Any, Trigger.Response]] = deque()
         super().__init__(name, context)
-        self.create_steady_timer(0.05, self._turn)
+        self.create_steady_timer(0.05, self._turn)  # seconds from one look for calls to the next
 
     @property
     def services(self) -> Iterator[Service]:

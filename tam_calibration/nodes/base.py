@@ -147,9 +147,9 @@ class TamNode(AnsweringNode):
             health.level, health.message = ERROR, "; ".join([*problems, health.message])
         if problem := self._problem_of_twin():
             health.level, health.message = ERROR, problem
-        if self._unknown_parameters:
-            health.values["unknown_parameters"] = " ".join(self._unknown_parameters)
         values = health.values | self._peers()
+        if self._unknown_parameters:
+            values["unknown_parameters"] = " ".join(self._unknown_parameters)
         name, array = self.get_fully_qualified_name().lstrip("/"), node_parameters.array_name(self)
         status = DiagnosticStatus(level=health.level, name=name, message=health.message, hardware_id=array)
         status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]

@@ -89,7 +89,7 @@ class Calibrator(TamNode):
             self._publish(calibration)
         check = partial(layout_of, sensor_count=self._array.sensor_count)
         self._reader = CloudReader(partial(self.refuse, "samples"), check)
-        self.listen_in_turns([(PointCloud2, "samples", self._take)], 0.05, RELIABLE_STREAM)
+        self.listen_in_turns([(PointCloud2, "samples", self._take)], period_s=0.05, quality=RELIABLE_STREAM)
         self._work = Work()
         self.serve("calibrate", partial(self._logged, self._calibrate), self._work)
         self.serve("diagnose", partial(self._logged, self._diagnose), self._work)
@@ -229,7 +229,7 @@ class Calibrator(TamNode):
         if self._collector.service_is_ready():
             future = self._collector.call_async(Trigger.Request())
             future.add_done_callback(lambda _: answered.set())
-            if answered.wait(2.0):
+            if answered.wait(2.0):  # seconds
                 return Usage.from_json(future.result().message)
         return Usage(0, 0)
 

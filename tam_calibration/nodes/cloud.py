@@ -39,7 +39,7 @@ class MessageWriter:
 
     def __init__(self, message: Any, doubles: int, behind: int = 0) -> None:
         template, size = serialize_message(message), FLOAT64_SIZE * doubles
-        start = len(template) - size - behind & -4
+        start = (len(template) - size - behind) & -4  # a multiple of four
         stamp = STAMP if hasattr(message, "header") else slice(start, start)
         self._before_stamp, self._before_doubles = template[: stamp.start], template[stamp.stop : start]
         self._after_doubles = template[start + size :]
@@ -204,7 +204,7 @@ class CloudReader:
         self.problem = ""
         if len(values) == 1 and message.startswith(_LITTLE_ENDIAN):
             size = FLOAT64_SIZE * len(columns)
-            start = len(message) - size - _AFTER_DATA & -4
+            start = (len(message) - size - _AFTER_DATA) & -4  # a multiple of four
             self._columns, self._size = columns, len(message)
             self._between, self._data = message[STAMP.stop : start], slice(start, start + size)
         stamp = _STAMP.pack(cloud.header.stamp.sec, cloud.header.stamp.nanosec)

@@ -91,7 +91,7 @@ class Collector(TamNode):
         self._waiting = defaultdict[str, dict[str, Pick]](dict)
         for stream, pick in self._map.streams.items():
             self._waiting[pick.topic][stream] = pick
-        self.create_steady_timer(1.0, self._show_coverage)
+        self.create_steady_timer(1.0, self._show_coverage)  # as often as /diagnostics has its sentence
         self._subscribe()
         self._scheduling = precede() if self.value("real_time") else "normal"
         self.serve("reset", self._reset)
@@ -124,7 +124,7 @@ class Collector(TamNode):
             self._deliver(self._synchroniser.flush())
         coverage = self._coverage.summary()
         level, message = self._judge(self._synchroniser, silent) or (OK, f"{coverage.advice}{self._look_at_bought()}")
-        if now_s < self._stepped_s + 30.0:
+        if now_s < self._stepped_s + 30.0:  # so long a step of the stamps is a warning
             level, message = max(level, WARN), f"{message}; {self._step}"
         missing = {"missing_readings": "; ".join(self._missing.sentences())}
         lost = {"lost": self._lost, "steps": self._steps, "last_step": self._step}

@@ -81,8 +81,8 @@ class KeptSamples:
             return "samples are not kept for a restart"
         # By domain and name of the node, in ROS's own folder where no file is named.
         name = f"{self._node.context.get_domain_id()}{self._node.get_fully_qualified_name()}"
-        home = os.environ.get("ROS_HOME") or Path.home() / ".ros"
-        path = Path(given or Path(home, "tam_calibration", f"{name.replace('/', '.')}.samples"))
+        own = Path("tam_calibration", f"{name.replace('/', '.')}.samples")
+        path = Path(given) if given else Path(os.environ.get("ROS_HOME") or Path.home() / ".ros", own)
         require_outside_bags(path)
         columns = list(self.store.layout.columns)
         shaped_by = array_to_mapping(replace(array, vector_noise_T=None, scalar_noise_T=None))

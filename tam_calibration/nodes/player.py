@@ -182,7 +182,7 @@ class Player(Node):
             time.sleep(min(max(0.0, pause_s), _LONGEST_PAUSE_S))
             if self._clock_publisher and stamp >= clock_due:
                 self._clock_publisher.publish(Clock(clock=Time(nanoseconds=stamp).to_msg()))
-                clock_due = stamp + 10_000_000
+                clock_due = stamp + 10_000_000  # a hundred times a second
             publisher.publish(data)
             yield (stamp - first) / 1e9
         time.sleep(_SETTLE_S)

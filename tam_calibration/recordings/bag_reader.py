@@ -157,7 +157,10 @@ def open_bag(path: Path) -> Iterator[BagReader]:
 
 @lru_cache(maxsize=2)
 def _opened(path: Path, state: tuple[tuple[str, int, int], ...]) -> BagReader:
-    """Return a bag; the folder with its unpacked files is removed with it."""
+    """Return a bag, recovered where it was not finished, once its topics and counts are those that it states.
+
+    The folder with its unpacked files is removed with it.
+    """
     faults: list[str] = []
     with ExitStack() as folder:
         with damage_named(path):

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 
@@ -90,6 +90,41 @@ class StoredFile:
             yield block.in_order(), size
 
 
+class Storage(Protocol):
+    """What the module of a storage contains.
+
+    Attributes
+    ----------
+    FILE : type of StoredFile
+        Reads a complete file, and is made of its path.
+    WRITER : type
+        Writes a file, as ``rosbags.rosbag2.Writer`` asks of a plugin. A storage that is only read has none.
+    """
+
+    FILE: type[Any]
+    WRITER: type[Any]
+
+    def condition_of(self, path: Path) -> Condition:
+        """Return how a file was left.
+
+        Raises
+        ------
+        Damaged
+            When it is finished, and not what was written.
+        """
+
+    def complete_messages(self, path: Path, faults: list[str]) -> Iterator[tuple["Connection", int, bytes]]:
+        """Yield connection, time of recording and serialised message of all that is complete, in the order of writing.
+
+        Parameters
+        ----------
+        path : Path
+            The file, in whatever condition; it is never written to.
+        faults : list of str
+            Each part that is left out though something follows it is added, as a clause.
+        """
+
+
 @dataclass(frozen=True)
 class RegisteredStorage:
     """A storage, without the libraries that it needs.
@@ -103,11 +138,7 @@ class RegisteredStorage:
     beginning : bytes
         With which its files begin.
     module : str
-        That implements it, by ``FILE``, the `StoredFile` of a complete file; ``WRITER``, which writes a file as
-        ``rosbags.rosbag2.Writer`` asks of a plugin; ``condition_of(path)``, the `Condition` of a file, which raises
-        `Damaged` where it is finished and not what was written; and ``complete_messages(path, faults)``, which yields
-        connection, time of recording and serialised message of all that is complete in a file of whatever condition,
-        in the order of writing, and adds to the faults a clause for each part that is left out.
+        That implements it: a `Storage`.
     stands_alone : bool
         Whether a single file is written where its suffix is asked for, instead of a folder.
     is_written : bool
@@ -121,9 +152,9 @@ class RegisteredStorage:
     stands_alone: bool = False
     is_written: bool = True
 
-    def load(self) -> Any:
+    def load(self) -> Storage:
         """Return the module."""
-        return import_module(self.module)
+        return cast(Storage, import_module(self.module))
 
 
 STORAGES = {
@@ -155,7 +186,7 @@ def storage_of(path: Path) -> str:
     return DEFAULT
 
 
-def storage_for(file: Path) -> Any:
+def storage_for(file: Path) -> Storage:
     """Return the module that reads a file of a bag, by how it begins, else by its suffix.
 
     Raises

@@ -245,7 +245,7 @@ def recover(path: Path, target: Path) -> Recovered:
                 writer.write_block(replace(block, connection=ids[block.connection]))
     for one in bag.topics:
         if one not in readable:
-            what = path, one.msgcount, one.topic, serialisation_of(one)
-            log.warning("%s: %d messages of %s in %s are left out", *what)
+            encoding = serialisation_of(one)
+            log.warning("%s: %d messages of %s in %s are left out", path, one.msgcount, one.topic, encoding)
     count = sum(one.msgcount for one in readable)
     return Recovered(count, bag.start_time, bag.start_time + bag.duration, tuple(faults))

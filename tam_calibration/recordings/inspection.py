@@ -89,8 +89,9 @@ def inspect(
         channel_map, remarks = found.choice.channel_map, found.choice.remarks
         if channel_map is not None:
             channel_map = completed_map(channel_map, found.channels, sources, found.is_received)
-        own = found.tables, channel_map, tuple(found.reasons()), found.doubts(), remarks
-        return Inspection(tuple(files), source.format, found.duration_s, *own)
+        reasons, doubts = tuple(found.reasons()), found.doubts()
+        paths, length_s = tuple(files), found.duration_s
+        return Inspection(paths, source.format, length_s, found.tables, channel_map, reasons, doubts, remarks)
 
 
 def _require_together(files: Sequence[Path], sources: Sequence[Source]) -> None:
@@ -121,8 +122,10 @@ class _Inspecting:
         self.choice, self._wanted, self._fault = Choice(None), dict[str, Wanted](), ""
         self._clock: Clock = "stamp"
         try:
-            known = (None, None) if array is None else (array.sensor_count, array.mounting.frame_ids)
-            self.choice = choose(source, *known)
+            if array is None:
+                self.choice = choose(source, None)
+            else:
+                self.choice = choose(source, array.sensor_count, array.mounting.frame_ids)
             if self.choice.channel_map is not None:
                 streams = resolve(source, self.choice.channel_map)
                 self._wanted, self._clock = dict(streams.wanted), streams.clock
@@ -149,7 +152,8 @@ class _Inspecting:
         for fields, stream in self._channels_of(series):
             is_field = is_of_field(stream) if stream else fields in magnetic
             channels.append(self._channel(series, fields, stream, is_field))
-            found |= {stream: channels[-1]} if stream else {}
+            if stream:
+                found[stream] = channels[-1]
         time = "the recorder's times" if series.are_stamps_zero else series.time
         return InspectedTable(table.title, table.type, count, rate_hz, time, tuple(of_times(series)), tuple(channels))
 

@@ -4,7 +4,7 @@ import logging
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
-from hashlib import file_digest, sha256
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,12 +43,14 @@ def provenance(path: Path) -> Provenance:
         When the folder is no bag.
     """
     path = Path(path).resolve()
-    digest = sha256()
+    digest, size = sha256(), 0
     parts = data_files(path) if is_bag(path) else sorted(path.iterdir()) if path.is_dir() else [path]
     for part in parts:
         with part.open("rb") as file:
-            file_digest(file, lambda: digest)
-    return Provenance(printable(path.name), sum(part.stat().st_size for part in parts), digest.hexdigest())
+            while block := file.read(1 << 20):
+                digest.update(block)
+                size += len(block)
+    return Provenance(printable(path.name), size, digest.hexdigest())
 
 
 def read_recording(

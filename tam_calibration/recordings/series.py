@@ -97,7 +97,9 @@ def read_rows(source: RowSource, name: str, progress: Progress) -> Series:
         times = source.timed(joined_cells([cells for cells, _ in parts]), count)
     except InputError as problem:
         return Series(table, table.fields, rows, time=_time_of(source), fault=str(problem))
-    stamps_ns, rows = times.stamps_ns[times.is_kept], rows if times.is_kept.all() else rows[times.is_kept]
+    stamps_ns = times.stamps_ns[times.is_kept]
+    if not times.is_kept.all():
+        rows = rows[times.is_kept]
     has_time = source.time_column is not None or source.rate_hz is not None
     return Series(table, table.fields, rows, stamps_ns if has_time else None, None, _time_of(source), times.remarks)
 

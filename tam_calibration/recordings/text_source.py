@@ -89,6 +89,8 @@ class TextSource(RowSource):
                         text = re.sub(rf"^[ \t]*{re.escape(comment)}.*$", "", text, flags=re.MULTILINE)
                     if text.strip():
                         yield text.removesuffix("\n")
+        except OSError as problem:
+            raise InputError(f"{self.path} cannot be read: {problem.strerror}") from None
         except UnicodeDecodeError:
             raise InputError(f"{self.path} is not a text file") from None
 
