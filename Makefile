@@ -6,7 +6,7 @@
 # make battery  every bad input and kill, and a flood of the nodes for a minute; a seed: make battery SEED=7
 # make soak     twenty minutes of faults beside a run
 # make mutants  whether a test fails when fit/, live/, localization/, core/ or gap/ is changed in one place: hours; a room or
-#               module: make mutants OF=fit/scale; what has changed since a commit, in 45 s: make mutants SINCE=HEAD~10
+#               module: make mutants OF=fit/ellipsoid; what has changed since a commit, in 45 s: make mutants SINCE=HEAD~10
 # make bench    every figure of speed beside what it is compared with: a quarter of an hour; writes benchmarks/results/
 # make count    modules, lines, functions and constants of each room; words; modules that tam calibrate enters
 # make colcon   build and test as a ROS 2 machine does, in build/ and install/

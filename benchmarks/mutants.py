@@ -1,7 +1,7 @@
 """Whether a test fails when the fits, the localisation, the shared core or the diagnosis is changed in one place.
 
     python benchmarks/mutants.py                    # of every module: hours; writes benchmarks/results/mutants.csv
-    python benchmarks/mutants.py fit/scale core     # of some modules and rooms: replaces their lines in it
+    python benchmarks/mutants.py fit/ellipsoid core     # of some modules and rooms: replaces their lines in it
     python benchmarks/mutants.py gap --most 6       # fewer of each module than twelve, the first of the same
     python benchmarks/mutants.py --since HEAD~10    # of lines changed since, for 45 seconds; writes nothing
 

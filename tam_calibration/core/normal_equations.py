@@ -160,7 +160,12 @@ class Normal:
 
     def __add__(self, other: "Normal") -> "Normal":
         """Return the normal equations of both sets of samples."""
-        return Normal(*(own + others for own, others in zip(vars(self).values(), vars(other).values(), strict=True)))
+        return Normal(
+            self.information + other.information,
+            self.score + other.score,
+            self.energy + other.energy,
+            self.count + other.count,
+        )
 
     def __sub__(self, other: "Normal") -> "Normal":
         """Return the normal equations without a part of the samples."""

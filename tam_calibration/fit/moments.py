@@ -20,9 +20,10 @@ from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.ellipsoid import Normalized, free_scale, normalize
 from tam_calibration.fit.estimate import make_calibration
 from tam_calibration.model.array import Array
-from tam_calibration.model.exceptions import InputError, numbered
+from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import BLOCK, Recording, SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.sensors_in_words import numbered
 from tam_calibration.model.units import FloatArray, IntArray, from_degrees
 
 _JACKKNIFE_GROUPS = 64

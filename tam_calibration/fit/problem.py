@@ -233,7 +233,7 @@ class Problem:
         here = self.likelihood.linearize(*self.rows_at(place)).weighed(self.known.variance_factors)
         both = here.both if is_corrected else replace(here.both, score=here.both.score + here.correction)
         found = both.by(self._rows_by_unknowns(place))
-        if self.motion is None:
+        if self.motion is None or place.motion is None:
             return found
         return found.padded(self._size(place)) + self.motion_at(place)
 

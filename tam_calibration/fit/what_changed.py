@@ -470,8 +470,9 @@ def _in_words(span: Span, words: str) -> tuple[str, str]:
 def _failing_in_words(span: Span, words: str, is_inside: bool) -> tuple[str, str]:
     """Say what fails within a span, or at all other times, and what to do."""
     first, last = _times(span)
-    when, options = _in_words(span, words)[0], f"--until {first}{f', or --from {last}' if last else ''}"
-    if not is_inside:
+    if is_inside:
+        when, options = _in_words(span, words)[0], f"--until {first}{f', or --from {last}' if last else ''}"
+    else:
         when = f"{words} but for the time between {first} and {last} s" if last else f"{words} until {first} s"
         options = f"--from {first}{f' --until {last}' if last else ''}"
     return when, f"leave that time out ({options})"

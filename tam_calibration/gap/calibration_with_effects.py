@@ -30,11 +30,12 @@ from tam_calibration.gap.size import Evidence, examine, unusable
 from tam_calibration.gap.steps import LEAST_EVIDENCE, Search
 from tam_calibration.integrity import CHANNEL_FAULTS, require_sound
 from tam_calibration.model.array import Array
-from tam_calibration.model.exceptions import InputError, Refused, sensors_in_words
+from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.recording import Recording, SampleSource
 from tam_calibration.model.residuals import measure_residuals
 from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.sensors_in_words import sensors_in_words
 from tam_calibration.model.units import to_nanotesla
 
 IN_WORLD = "recorded_attitude"

@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterable, Iterator
 
 import numpy as np
 
-from tam_calibration.core.noise import alternations
+from tam_calibration.core.alternation import alternations
 from tam_calibration.integrity.fault import Fault, refuse, require_names
 from tam_calibration.integrity.overview import Overview
 from tam_calibration.integrity.placement import left_handed

@@ -8,8 +8,8 @@ from typing import Any, get_args
 
 import numpy as np
 
+from tam_calibration.core.alternation import alternations
 from tam_calibration.core.interpolation import LARGEST_ERROR
-from tam_calibration.core.noise import alternations
 from tam_calibration.messages.missing import MOST_MISSING
 from tam_calibration.messages.stream import InterpolatedStream, Losses, Stream
 from tam_calibration.model.exceptions import InputError, Refused

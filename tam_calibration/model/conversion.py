@@ -91,7 +91,7 @@ def to_xarray(values: Mapping[str, FloatArray]) -> "xarray.Dataset":
     """
     numbers = np.arange(1, values["readings_T"].shape[1] + 1)
     variables = {}
-    for name in filter(values.__contains__, [*_VARIABLES, *filter(is_further, values)]):
+    for name in [*(one for one in _VARIABLES if one in values), *filter(is_further, values)]:
         unit, dimensions = _variable(name)
         variables[name] = (dimensions, values[name], {"units": unit})
     used = {dimension for dimensions, _, _ in variables.values() for dimension in dimensions}

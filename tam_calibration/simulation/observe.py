@@ -350,9 +350,10 @@ def _readings(
     vectors = scenario.errors.distort(at_sensors_T).reshape(count, -1)
     rows = np.column_stack([vectors, np.linalg.norm(at_scalar_T, axis=1)])
     rows = add_effects(rows, covariates, scenario.effects, generators, "field")
-    for sensor, size in enumerate(() if array.vector_noise_T is None else array.vector_noise_T):
-        own = slice(3 * sensor, 3 * sensor + 3)
-        rows[:, own] += _generator(scenario, "vector", sensor).normal(0, size, (count, 3))
+    if array.vector_noise_T is not None:
+        for sensor, size in enumerate(array.vector_noise_T):
+            own = slice(3 * sensor, 3 * sensor + 3)
+            rows[:, own] += _generator(scenario, "vector", sensor).normal(0, size, (count, 3))
     if scalar is None:
         rows[:, -1] = np.nan
     else:

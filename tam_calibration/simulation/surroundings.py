@@ -74,7 +74,15 @@ class Temperature:
         return np.linspace(self.start_C, self.end_C, len(time_s))
 
     def readings(self, time_s: FloatArray, generator: np.random.Generator) -> FloatArray:
-        """Return the (N,) temperatures read at times (N,), degrees Celsius; the generator draws the noise."""
+        """Return the (N,) temperatures read, degrees Celsius.
+
+        Parameters
+        ----------
+        time_s : (N,) array
+            Only their number counts: the temperature changes evenly from sample to sample.
+        generator : numpy.random.Generator
+            Draws the noise.
+        """
         return self.course(time_s) + generator.normal(0, self.noise_C, len(time_s))
 
 
@@ -102,7 +110,15 @@ class Current:
         return np.where(time_s % self.period_s < self.period_s / 2, self.low_A, self.high_A)
 
     def readings(self, time_s: FloatArray, generator: np.random.Generator) -> FloatArray:
-        """Return the (N,) currents read at times (N,), seconds, ampere; the generator draws the noise."""
+        """Return the (N,) currents read, ampere.
+
+        Parameters
+        ----------
+        time_s : (N,) array
+            Times of the samples, seconds.
+        generator : numpy.random.Generator
+            Draws the noise.
+        """
         return self.course(time_s) + generator.normal(0, self.noise_A, len(time_s))
 
 
@@ -182,7 +198,15 @@ class SinusoidDrift:
     period_s: float
 
     def variation_T(self, time_s: FloatArray, site_field_T: FloatArray) -> FloatArray:
-        """Return what is added to the field of the site (3,) at times (N,), seconds, along it: (N, 3), tesla."""
+        """Return what is added to the field of the site, (N, 3) east, north, up, tesla.
+
+        Parameters
+        ----------
+        time_s : (N,) array
+            Times of the samples, seconds.
+        site_field_T : (3,) array
+            Uniform field of the site, along which it changes, tesla.
+        """
         return _along(site_field_T, np.sin(2 * np.pi * time_s / self.period_s), self.standard_deviation_T)
 
 
@@ -199,7 +223,15 @@ class RampDrift:
     standard_deviation_T: float
 
     def variation_T(self, time_s: FloatArray, site_field_T: FloatArray) -> FloatArray:
-        """Return what is added to the field of the site (3,) at times (N,), seconds, along it: (N, 3), tesla."""
+        """Return what is added to the field of the site, (N, 3) east, north, up, tesla.
+
+        Parameters
+        ----------
+        time_s : (N,) array
+            Times of the samples, seconds.
+        site_field_T : (3,) array
+            Uniform field of the site, along which it changes, tesla.
+        """
         return _along(site_field_T, time_s, self.standard_deviation_T)
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tam_calibration.core.noise import alternations
+from tam_calibration.core.alternation import alternations
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 
