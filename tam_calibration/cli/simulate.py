@@ -4,7 +4,7 @@ import shlex
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
@@ -13,9 +13,6 @@ from rich.console import Console
 
 from tam_calibration.cli.answer import Answer, answering
 from tam_calibration.cli.terminal import PATH, path_option, write_together
-from tam_calibration.comparison.additions import mended
-from tam_calibration.comparison.mend import Mend
-from tam_calibration.effects.removal import agreed_field
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.further_channels import channel_in_words
@@ -25,10 +22,11 @@ from tam_calibration.recordings import read_recording, write_array
 from tam_calibration.recordings.bag_storages import storage_alone
 from tam_calibration.report.blocks import Block, Points
 from tam_calibration.results import read_calibration, write_recording
-from tam_calibration.results.comparison_json import read_mend
 from tam_calibration.results.scenario import files_of_scenario, read_scenario, write_truth
 from tam_calibration.simulation import Simulation, simulate
-from tam_calibration.simulation.observe import twin
+
+if TYPE_CHECKING:
+    from tam_calibration.comparison.mend import Mend
 
 
 @click.command()
@@ -94,6 +92,8 @@ def _simulate(
             plan = replace(plan, array=calibration.array, errors=calibration.errors, effects=calibration.effects)
         made = simulate(plan if seed is None else replace(plan, seed=seed))
         if mend_path is not None:
+            from tam_calibration.results.comparison_json import read_mend
+
             made = _mended(made, read_mend(mend_path))
         status.update(f"writing {made.recording.sample_count} samples")
         write_recording(places["recording"], plan.array.mounting.inverse.turned(made.recording))
@@ -104,8 +104,10 @@ def _simulate(
     return summary | {name: str(path) for name, path in paths.items()}
 
 
-def _mended(made: Simulation, mend: Mend) -> Simulation:
+def _mended(made: Simulation, mend: "Mend") -> Simulation:
     """Return a simulation with what it lacks; its array then states the noise of the mend's recording."""
+    from tam_calibration.comparison.additions import mended
+
     plan, noise = made.scenario, mend.calibration.array
     recording = mended(made.recording, mend, plan.seed, plan.errors)
     array = plan.array.with_noise(noise.vector_noise_T, noise.scalar_noise_T)
@@ -113,6 +115,9 @@ def _mended(made: Simulation, mend: Mend) -> Simulation:
 
 
 def _twin(calibration_path: Path, run_path: Path, output: Path, seed: int) -> dict[str, Any]:
+    from tam_calibration.effects.removal import agreed_field
+    from tam_calibration.simulation.observe import twin
+
     calibration = read_calibration(calibration_path)
     array = calibration.array
     made, paths = _on_run(lambda run: twin(calibration, run, seed), calibration_path, array, run_path, output)
@@ -121,6 +126,9 @@ def _twin(calibration_path: Path, run_path: Path, output: Path, seed: int) -> di
 
 
 def _mend(mend_path: Path, run_path: Path, output: Path, seed: int) -> dict[str, Any]:
+    from tam_calibration.comparison.additions import mended
+    from tam_calibration.results.comparison_json import read_mend
+
     mend = read_mend(mend_path)
     array = mend.calibration.array
     made, paths = _on_run(lambda run: mended(run, mend, seed), mend_path, array, run_path, output)

@@ -77,8 +77,10 @@ def compare(
             "simulate the same array"
         )
     for name, source, own in given:
-        with _named(name):
-            own.require_recording(source)
+        if source.sensor_count != own.sensor_count:
+            raise InputError(
+                f"the {name} has {source.sensor_count} sensors, its array {own.sensor_count}: give the array file of it"
+            )
     report = progress or (lambda what, part: None)
     report("mistakes", 0.0)
     seen = in_stretches(simulation)[0], in_stretches(recording)[0]

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
@@ -42,6 +43,9 @@ class Side:
     gap: Gap
     calibration: Calibration
     found: Search = field(repr=False)
+
+
+Standing = Literal["same", "differs", "cannot tell"]
 
 
 @dataclass(frozen=True)
@@ -96,7 +100,7 @@ class Figure:
         return (self.recording.value - self.simulation.value) / size if size > 0 else float("nan")
 
     @property
-    def standing(self) -> str:
+    def standing(self) -> Standing:
         """Whether the two differ beyond tolerance and chance; what is of the path never does."""
         if not np.isfinite(self.difference):
             return "cannot tell"

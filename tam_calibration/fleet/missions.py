@@ -165,7 +165,7 @@ def all_drifts(results: Sequence[Result]) -> list[ParameterDrift]:
 
 
 def counts_of(results: Sequence[Result]) -> dict[str, int]:
-    """Return the number of recordings by status and by verdict, by the names of columns."""
+    """Return the number of recordings by status and by verdict, by the names of the columns."""
     status = Counter(result.status for result in results)
     verdicts = Counter(result.verdict for result in results if result.verdict)
     return {

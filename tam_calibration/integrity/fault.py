@@ -70,7 +70,19 @@ def fault_of_axis(
     severity: Severity = "refusal",
     may_be_effect: bool = False,
 ) -> Fault:
-    """Return a fault of the row 3 i + a, axis a of sensor i; its sentence is the axis and the words."""
+    """Return a fault of one axis; its sentence is the axis and the words.
+
+    Parameters
+    ----------
+    name : str
+        As of ``Fault``.
+    row : int
+        3 i + a for axis a of sensor i, both from 0.
+    words : str
+        What the axis does.
+    time_s, severity, may_be_effect
+        As of ``Fault``.
+    """
     sensor, axis = row // 3 + 1, "xyz"[row % 3]
     return Fault(name, sensor, axis, time_s, f"{channel(sensor, axis)} {words}", severity, may_be_effect)
 

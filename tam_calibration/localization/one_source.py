@@ -32,6 +32,8 @@ _MOST_STEPS, _SMALL_STEP = 30, 1e-3
 
 _NO_LINE = "the samples are not those of a line of current beside a uniform regional field"
 
+_NONE_LOCATED = f"{_NO_LINE}: none can be located. Go nearer, or average longer"
+
 
 def regional_beside_current(samples: Samples, prior: Regional) -> Regional:
     """Return the regional field with which the samples of a run are best explained, each by a line of current.
@@ -69,15 +71,14 @@ def _left(samples: Samples, field_T: FloatArray) -> tuple[FloatArray, FloatArray
     back = np.swapaxes(samples.rotation, 1, 2)
     source[:, :3] -= back @ field_T
     euler = locate(source, covariance, index=CURRENT_INDEX)
-    start = start_of(euler, source, CURRENT_INDEX)
     at = np.flatnonzero(euler.is_located)
-    none = Refused(f"{_NO_LINE}: none can be located. Go nearer, or average longer")
     if not len(at):
-        raise none
+        raise Refused(_NONE_LOCATED)
+    start = start_of(euler, source, CURRENT_INDEX)
     fit = fit_outputs(source[at], samples.array, covariance, start[at], CURRENT_INDEX)
     is_kept = fit.solution.is_found & is_certain(fit.solution.unknowns, fit.solution.covariance)
     if not is_kept.any():
-        raise none
+        raise Refused(_NONE_LOCATED)
     by_field = whitening_of(covariance)[:, :3] @ back[at[is_kept]]
     basis = np.linalg.qr(fit.slopes[is_kept])[0]
     return fit.residuals[is_kept], by_field - basis @ (np.swapaxes(basis, 1, 2) @ by_field)

@@ -175,7 +175,8 @@ def _run_of(samples: Samples, own: EulerSolutions, near: Regional, root: FloatAr
         turned_T = outputs[:, :3] - (back @ own_T[..., None])[..., 0]
     noise = np.broadcast_to(samples.covariance[:8, :8], (len(outputs), 8, 8))
     seen, noise = less_turned(outputs, field_T, turned_T, noise, np.zeros((3, 3)), near.attitude_noise)
-    whitening = whitening_of(noise)
+    # Without errors of the attitude all samples have one noise.
+    whitening = np.broadcast_to(whitening_of(noise if near.attitude_noise else noise[:1]), noise.shape)
     points, by_points = elements_of(array, array.operator[:8])
     data, weights = (whitening @ seen[..., None])[..., 0], whitening @ by_points
     by_field = whitening[..., :3] @ back @ root

@@ -33,7 +33,7 @@ from tam_calibration.report.page import (
 from tam_calibration.report.recording_plots import Panel, plot_distributions
 from tam_calibration.results.comparison_json import Sources, mend_in_texts
 
-COLORS = {"simulation": AFTER_COLOR, "recording": BEFORE_COLOR}
+SIDE_COLORS = {"simulation": AFTER_COLOR, "recording": BEFORE_COLOR}
 """Of the two columns, on all figures."""
 
 
@@ -79,8 +79,10 @@ def _draw_noise(axes: Axes, noise: NoiseDifference, ends: tuple[float, float]) -
     for name, side in (("simulation", noise.simulation), ("recording", noise.recording)):
         frequency = side.frequency_hz[side.frequency_hz > 0]
         low, high = (_amplitude(side, each) for each in (side.density_low_T2_per_hz, side.density_high_T2_per_hz))
-        axes.fill_between(frequency, low, high, color=COLORS[name], alpha=0.25, linewidth=0)
-        axes.plot(frequency, _amplitude(side, side.density_T2_per_hz), color=COLORS[name], linewidth=1.1, label=name)
+        axes.fill_between(frequency, low, high, color=SIDE_COLORS[name], alpha=0.25, linewidth=0)
+        axes.plot(
+            frequency, _amplitude(side, side.density_T2_per_hz), color=SIDE_COLORS[name], linewidth=1.1, label=name
+        )
     axes.set(xscale="log", yscale="log", ylim=ends)
     axes.minorticks_off()
     for axis in (axes.xaxis, axes.yaxis):
@@ -146,7 +148,7 @@ def plot_histograms(simulation: Side, recording: Side, row: int, name: str) -> F
     """
     floor = float(recording.gap.residue.floor_T[row])
     sides = {"simulation": simulation, "recording": recording}
-    drawn = [Panel(side, each.gap.residue.before[:, row], floor, COLORS[side]) for side, each in sides.items()]
+    drawn = [Panel(side, each.gap.residue.before[:, row], floor, SIDE_COLORS[side]) for side, each in sides.items()]
     return plot_distributions(drawn, f"residual of {name}, in noise floors of the recording")
 
 

@@ -197,15 +197,20 @@ def survey_to_mapping(survey: Survey) -> dict[str, Any]:
 _ESTIMATE = "position_m", "position_covariance_m2", "moment_Am2", "moment_covariance_A2m4"
 
 
-def _source(position: FloatArray, of_position: FloatArray, moment: FloatArray, of_moment: FloatArray) -> dict[str, Any]:
+def _source(
+    position_m: FloatArray,
+    position_covariance_m2: FloatArray,
+    moment_Am2: FloatArray,
+    moment_covariance_A2m4: FloatArray,
+) -> dict[str, Any]:
     """Return position (3,) and moment (3,) of a source, SI, each with its standard errors and its covariance."""
     return {
-        "position_m": position.tolist(),
-        "position_standard_errors_m": standard_errors(of_position).tolist(),
-        "position_covariance_m2": of_position.tolist(),
-        "moment_Am2": moment.tolist(),
-        "moment_standard_errors_Am2": standard_errors(of_moment).tolist(),
-        "moment_covariance_A2m4": of_moment.tolist(),
+        "position_m": position_m.tolist(),
+        "position_standard_errors_m": standard_errors(position_covariance_m2).tolist(),
+        "position_covariance_m2": position_covariance_m2.tolist(),
+        "moment_Am2": moment_Am2.tolist(),
+        "moment_standard_errors_Am2": standard_errors(moment_covariance_A2m4).tolist(),
+        "moment_covariance_A2m4": moment_covariance_A2m4.tolist(),
     }
 
 
