@@ -5,6 +5,7 @@ import pytest
 
 from tam_calibration.comparison import compare
 from tam_calibration.fit import calibrate
+from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.results.scenario import read_scenario
@@ -78,6 +79,8 @@ def test_other_numbers_of_sensors_are_bad_input(run, cross):
     alone = Recording(one.time_s, one.readings_T[:, :1], one.scalar_T)
     with pytest.raises(InputError, match="the simulation has 1 sensors, the recording 4"):
         compare(alone, one, cross)
+    with pytest.raises(InputError, match="the simulation has 4 sensors, its array 2: give the array file of it"):
+        compare(one, one, cross, array_of_simulation=Array(cross.positions_m[:2], 1e-9, 1e-10))
 
 
 @pytest.mark.parametrize("times", [1e4, 1e-3])

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.optimize import least_squares
 
-from tam_calibration.core.least_squares import iterate, scaled, solve_damped
+from tam_calibration.core.least_squares import iterate, root_of, scaled, solve_damped
 
 TIMES = np.linspace(0, 2, 12)
 
@@ -147,3 +147,13 @@ def test_steps_are_damped_less_after_each_that_leads_down():
 def test_steps_are_damped_ten_times_more_after_each_that_does_not():
     """Until one leads down from where the first began."""
     assert_allclose(visited((2, 3))[1:4], [1e-3, 1e-2, 1e-1], rtol=0.1)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_what_is_exact_has_no_part_in_the_root_of_a_covariance(seed):
+    """However the others are correlated; and the root times its transpose is the covariance."""
+    mixing = np.random.default_rng(seed).normal(size=(8, 5)) * np.geomspace(1e-9, 1, 8)[:, None]
+    mixing[[1, 4]] = 0.0
+    root = root_of(mixing @ mixing.T)
+    assert (root[[1, 4]] == 0).all()
+    assert_allclose(root @ root.T, mixing @ mixing.T, rtol=1e-6, atol=1e-24)

@@ -16,6 +16,7 @@ from tam_calibration.fit.gyroscope_path import GyroscopePath, GyroscopeState, Gy
 from tam_calibration.fit.likelihood import ChannelMaps
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.problem import Known
+from tam_calibration.model.data_sheet import Tolerances
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import from_degrees
 from tam_calibration.simulation import simulate
@@ -215,3 +216,12 @@ def test_a_gyroscope_counts_before_an_attitude_that_leans_on_the_magnetometer(fi
     assert any("attitude is left out beside the gyroscope" in note for note in found.notes)
     np.testing.assert_array_equal(found.errors.to_vector(), without.errors.to_vector())
     assert np.abs((found.errors.bias_T - errors.bias_T) / found.standard_errors[:, 6:9]).max() < 4
+
+
+def test_rates_and_tolerances_are_used_together():
+    """A narrow turn of an array whose data sheet states tolerances is calibrated by the gyroscope all the same."""
+    recording, array, errors = made(sensors=4, count=600)
+    tolerances = Tolerances(scale_factor=0.05, non_orthogonality=0.02, bias_T=5e-6, misalignment=0.05)
+    found = calibrate(recording, replace(array, tolerances=tolerances))
+    standard_errors = found.standard_errors[:, 6:9]
+    assert (np.abs(found.errors.bias_T - errors.bias_T) < 4.5 * standard_errors).all() and standard_errors.max() < 2e-8
