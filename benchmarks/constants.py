@@ -2,7 +2,6 @@
 
 The kind follows from a rule, in this order, and not from an opinion:
 
-- ``limit``: a ``Limit``, the largest size that something has in nature;
 - ``label``: negative whole numbers, and numbers named by strings that are all ±1, which stand for a thing;
 - ``tolerance``: within 1e-4 of 0 or 1 and without a unit at the end of its name: what rounding may do;
 - ``decision``: one number, or one for each name, that stands in a comparison with other than zero, itself or by way of
@@ -27,7 +26,7 @@ from tam_calibration.effects.effect import Limit
 
 PACKAGE = Path(tam_calibration.__file__).parent
 ROOMS = ("gap", "effects", "core")
-KINDS = ("decision", "tolerance", "size", "factor", "basis", "limit", "label")
+KINDS = ("decision", "tolerance", "size", "factor", "basis", "label")
 
 _ROUNDING = 1e-4
 """A number nearer to 0 or to 1 is a tolerance of numerics, and decides nothing."""
@@ -189,12 +188,10 @@ def _is_numeric(value: Any) -> bool:
         return bool(value) and all(_is_numeric(one) for one in value.values())
     if isinstance(value, tuple | list):
         return bool(value) and all(_is_numeric(one) for one in value)
-    return isinstance(value, int | float | np.ndarray | Limit) and not isinstance(value, bool)
+    return isinstance(value, int | float | np.ndarray) and not isinstance(value, bool)
 
 
 def _kind(name: str, value: Any, is_compared: bool) -> str:
-    if isinstance(value, Limit):
-        return "limit"
     is_sign = isinstance(value, Mapping) and all(one in (1, -1) for one in value.values())
     if is_sign or (isinstance(value, int) and value < 0):
         return "label"
