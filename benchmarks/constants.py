@@ -22,7 +22,6 @@ from typing import Any
 import numpy as np
 
 import tam_calibration
-from tam_calibration.effects.effect import Limit
 
 PACKAGE = Path(tam_calibration.__file__).parent
 ROOMS = ("gap", "effects", "core")
@@ -206,8 +205,6 @@ def _kind(name: str, value: Any, is_compared: bool) -> str:
 
 
 def _scaled(value: Any, factor: float) -> Any:
-    if isinstance(value, Limit):
-        return Limit(value.largest * factor, value.source, value.unit)
     if isinstance(value, Mapping):
         return {name: _scaled(one, factor) for name, one in value.items()}
     if isinstance(value, tuple | list):
