@@ -31,7 +31,6 @@ from tam_calibration.report import calibration_rows
 from tam_calibration.report.blocks import Block, Text
 from tam_calibration.report.formatting import sentence, with_errors
 from tam_calibration.results import FORMULA, calibration_to_mapping, calibration_to_yaml, read_calibration
-from tam_calibration.results.results_json import attributes
 
 if TYPE_CHECKING:
     from tam_calibration.gap.delays import Delays
@@ -187,7 +186,11 @@ def command(
 
             write_calibration_report(places["report"], found.calibration, found.shown)
         remarks = _remarks(found)
-        delays = {} if found.delays is None else {"delays": attributes(found.delays, "delay_s", "standard_error_s")}
+        delays = {}
+        if found.delays is not None:
+            from tam_calibration.results.results_json import attributes
+
+            delays = {"delays": attributes(found.delays, "delay_s", "standard_error_s")}
         answer.give(
             calibration_to_mapping(found.calibration) | delays,
             f"{found.calibration.quality}.",

@@ -56,7 +56,7 @@ def _blocks(gap: Gap) -> list[Block]:
     multiple=True,
     metavar="EFFECT",
     shell_complete=terminal.completed(installed_effects),
-    help="Do not name this effect; may be repeated.",
+    help="Do not name this effect as a cause; may be repeated.",
 )
 @terminal.path_option(
     "--calibration", "Calibration YAML whose effects are removed first: the gap that they do not explain remains."

@@ -115,7 +115,8 @@ class AmbientGradient(LinearEffect):
         if not covariates.array.positions_m.any() and not _has_distant_scalar(covariates.array):
             return "all sensors are at the centre of rotation"
         rotation = Rotation.from_quat(covariates.channel("attitude"))
-        turn = float(np.sqrt(np.mean((rotation.mean().inv() * rotation).magnitude() ** 2)))
+        half = (rotation.mean().inv() * rotation).magnitude() / 2
+        turn = 2 * float(np.arcsin(np.sqrt(np.mean(np.sin(half) ** 2))))  # a few attitudes that are wrong count little
         return f"the attitude changes by {turn:.2f} rad only" if turn < LEAST_TURN else None
 
     def terms(self, covariates: Covariates, shape: Shape) -> Iterator[Term]:

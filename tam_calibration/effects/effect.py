@@ -416,7 +416,6 @@ class FoundEffect(Effect):
 
     stream: ClassVar[StreamKind] = "of_whole"
     is_certain: ClassVar[bool] = False
-    units: ClassVar[Mapping[str, str]] = {}
 
     @abstractmethod
     def find(self, residuals: WhitenedResiduals) -> Finding | str:

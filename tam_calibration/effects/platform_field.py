@@ -37,7 +37,7 @@ class PlatformField(LinearEffect):
         return tuple(dict.fromkeys(name for name in names if is_further(name) or name == "current_A"))
 
     def sizes(self, covariates: Covariates, fitted: FittedEffect) -> list[Sized]:
-        """Return the sizes of the coefficients, and which part of what conductors do no uniform gradient makes."""
+        """Return the sizes of the coefficients, and which part of what conductors do is not that of a gradient."""
         sizes = super().sizes(covariates, fitted)
         law = tuple(one for one in fitted.contributions if one.sensor == ALL)
         if not law:
@@ -82,7 +82,8 @@ def _induced(covariates: Covariates, name: str, prefix: str, part: FloatArray | 
     """Return what the field that six elements of a symmetric matrix induce adds to the intensity, or parts of it."""
     pairs = list(combinations_with_replacement(range(3), 2))
     units = {f"{prefix}induced {'xyz'[i]}{'xyz'[j]}": "1" for i, j in pairs}
-    squares = np.column_stack([covariates.direction[:, i] * covariates.field_T[:, j] for i, j in pairs])
+    direction, field_T = covariates.direction, covariates.field_T
+    squares = np.column_stack([direction[:, i] * field_T[:, j] for i, j in pairs])
     return scalar_term(covariates, name, units, squares * part)
 
 

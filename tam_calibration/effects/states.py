@@ -36,6 +36,9 @@ _FEWEST_CHANGES = 3
 class StateEffect(LinearEffect):
     """What comes and goes with a law, at the times at which that does."""
 
+    is_free_in_time: ClassVar[bool] = True
+    has_exact_shapes: ClassVar[bool] = True
+
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
         """Return no shape: those at the times of a law are tried."""
         return ()
@@ -43,6 +46,10 @@ class StateEffect(LinearEffect):
 
 class StepEffect(StateEffect):
     """What begins at a time, and may end at another."""
+
+    is_step: ClassVar[bool] = True
+    may_repeat: ClassVar[bool] = True
+    shape_units: ClassVar[dict[str, str]] = {"time_s": "s", "end_s": "s"}
 
     def shapes_at(self, times_s: Sequence[float], covariates: Covariates) -> list[Shape]:
         """Return a step at each of a few times, and one that lasts from each to each later one."""

@@ -38,15 +38,15 @@ _Following = tuple[FloatArray, FloatArray]
 
 
 def without_channels(recording: Recording, is_oriented: NDArray[np.bool_] | None = None) -> Recording | None:
-    """Return the recording without the biases that follow its channels; None where they are not most of a residual.
+    """Return the recording without the biases that follow its channels; None where these explain little.
 
     Parameters
     ----------
     recording : Recording
-        With filled channels. Biases are determined from the constant intensity of the field, or that of one sensor from
-        a constant field of the world.
+        With filled channels.
     is_oriented : (N,) array of bool, optional
-        Whether the attitude of a sample is known, for the field of the world.
+        Whether the attitude of a sample is known. With it the biases of one sensor are determined in a constant field
+        of the world, else from the constant intensity of the field.
     """
     courses = _courses(recording)
     if not courses.size:

@@ -42,11 +42,11 @@ class Offers:
         self._gross, self._tell = nominal.gross, tell
         channels = nominal.base().channels
         every = installed_effects()
-        reasons = {name: unusable(one, channels.recording, channels.covariates) for name, one in every.items()}
-        usable = {name: effect for name, effect in every.items() if reasons[name] is None}
-        self._reasons = {name: one for name, one in reasons.items() if one is not None and name not in without}
-        self._effects = {name: effect for name, effect in usable.items() if name not in without}
-        self._left_out = [effect for name, effect in usable.items() if name in without]
+        effects = {name: effect for name, effect in every.items() if name not in without}
+        reasons = {name: unusable(one, channels.recording, channels.covariates) for name, one in effects.items()}
+        self._reasons = {name: reason for name, reason in reasons.items() if reason is not None}
+        self._effects = {name: effect for name, effect in effects.items() if name not in self._reasons}
+        self._left_out = [effect for name, effect in every.items() if name in without]
         self.weighed: dict[str, Evidence] = {}
 
     def considered(self, laws: Sequence[Law]) -> tuple[Considered, ...]:
@@ -98,10 +98,13 @@ class Offers:
         accepted : Evidence
             For the accepted effect.
         """
+        channels = base.channels
         found = [
             examine(base, effect, sensors_for(effect, law.signature, base), _times_of(law))
             for effect in self._left_out
-            if isinstance(effect, LinearEffect) and effect.is_within(accepted.effect)
+            if isinstance(effect, LinearEffect)
+            and effect.is_within(accepted.effect)
+            and unusable(effect, channels.recording, channels.covariates) is None
         ]
         return [one for one in found if isinstance(one, Evidence)]
 

@@ -148,7 +148,7 @@ class _CauseSearch:
         return form.is_variance and (bool(law.found) or is_open)
 
     def _accept(self, chain: Sequence[Evidence], left: Residual, law: Law, as_good: Sequence[str]) -> None:
-        """Accept an effect, or several forms of it, beside which so much is left."""
+        """Accept an effect, or several forms of it, with what is left beside them, which holds their model."""
         accepted = list[Evidence]()
         for one in chain:
             accepted.append(absorbed(one, self._steps))
@@ -162,7 +162,10 @@ class _CauseSearch:
         return reduce(Model.accept, (one.form for one in chain), self._model)
 
     def _is_gone(self, law: Law, others: Sequence[Law], left: Residual) -> bool:
-        """Say whether a model leaves too little of a law; less than most of one that predicts nothing."""
+        """Say whether a model leaves too little of a law; less than most of one that predicts nothing.
+
+        Such a law is left by a model that explains less than half of its energy.
+        """
         if law.found:
             return law.is_gone_from(left, others)
         least = (1 - MOST) * law.signature.energy * self._gap

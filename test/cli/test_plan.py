@@ -133,7 +133,7 @@ def test_not_yet_enough_is_said(folder):
         (("--turntable", "30,30"), "--turntable must be one step in degrees"),
         (("--turntable", "-5"), "steps of a turntable"),
         (("--turntable", "0.000001"), "steps of a turntable"),
-        (("--turntable", "30,inf,60"), "steps of a turntable"),
+        (("--turntable", "30,inf,60"), "--turntable must be one step in degrees"),
         (("--pitch-limit-deg", "120"), "the pitch limit must lie between 0 and 90"),
         (("--turntable", "30", "--place", "47,8"), "a place must be LAT,LON,DATE"),
         (("run.csv", "--calibration", "c.yaml", "--turntable", "30"), "either a recording or --calibration"),

@@ -1,4 +1,4 @@
-"""What the engine needs to know of an effect stands in the effect's class, and nowhere else."""
+"""What the engine needs to know of an effect stands in its class or in ``causes.toml``, and nowhere else."""
 
 import ast
 import tomllib

@@ -389,8 +389,8 @@ def test_an_effect_that_is_not_tried_leaves_its_gap_open(run):
     assert "temperature_drift" not in {cause.fitted.effect for cause in gap.causes}
 
 
-def test_a_special_case_that_is_not_tried_is_not_told_apart(run):
-    """What explains a plain delay shows no more than a delay would, tried or not."""
+def test_a_special_case_that_is_left_out_stands_beside_what_holds_it(run):
+    """What explains a plain delay shows no more than a delay would, which is then no cause."""
     made = late(run(SAMPLES), 2, 5e-4)
     (cause,) = diagnose(made.recording, made.array, without=["time_skew"]).causes
     assert cause.sensors == (3,) and "time_skew" in cause.indistinguishable_from

@@ -211,7 +211,9 @@ def _in_question(residual: Residual, tried: list[Candidate], again: Repeats | No
 def _accepted(residual: Residual, tried: list[Candidate]) -> Iterator[tuple[Candidate, float]]:
     """Yield laws that predict, the simplest of those with about the most evidence first, with the energy predicted."""
     leading = [one for one in tried[:MOST_TRIED] if one.evidence >= LEAST_EVIDENCE]
-    halves = _halves(residual) if leading else ()
+    if not leading:
+        return
+    halves = _halves(residual)
     for first in leading:
         simpler = [one for one in tried if one is first or _is_as_good_and_simpler(one, first)]
         best = min(simpler, key=lambda one: (_freedom(one), -one.evidence))
@@ -255,7 +257,7 @@ def _halves(residual: Residual) -> tuple[Residual, Residual]:
     return residual.taking(chosen), residual.taking(~chosen)
 
 
-def predicted_energy(halves: tuple[Residual, ...], law: Candidate) -> float:
+def predicted_energy(halves: tuple[Residual, Residual], law: Candidate) -> float:
     """Return the energy of each half of the samples that a law fitted to the other half predicts."""
     fallen = 0.0
     for training, rest in (halves, halves[::-1]):
