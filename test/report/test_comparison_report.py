@@ -15,7 +15,7 @@ from tam_calibration.files.yaml_document import dump_mapping
 from tam_calibration.fit.coverage import cell_of
 from tam_calibration.model.units import to_nanotesla
 from tam_calibration.report.comparison_report import (
-    COLORS,
+    SIDE_COLORS,
     plot_histograms,
     plot_noise,
     plot_sphere,
@@ -149,7 +149,7 @@ def test_every_axis_is_drawn_with_both_spectra(comparison):
     panels = {axes.get_title("left"): axes for axes in plot_noise(comparison.noise).axes}
     assert len(panels) == 13 and [title for title in panels if "differs" in title] == ["sensor 2 y: differs"]
     simulation, recording = panels["sensor 2 y: differs"].lines
-    assert (simulation.get_color(), recording.get_color()) == (COLORS["simulation"], COLORS["recording"])
+    assert (simulation.get_color(), recording.get_color()) == (SIDE_COLORS["simulation"], SIDE_COLORS["recording"])
     assert_allclose(simulation.get_ydata(), np.sqrt(2 / 100))  # nT/√Hz of 1 nT at 100 Hz
     assert recording.get_ydata()[-1] == pytest.approx(2 * np.sqrt(2 / 100))
 
