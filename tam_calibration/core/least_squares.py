@@ -73,7 +73,7 @@ def scaled(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def root_of(covariance: FloatArray) -> FloatArray:
     """Return a square root (P, P) of a covariance (P, P), exactly zero where its diagonal is."""
-    size = np.sqrt(np.diag(covariance))
+    size = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     values, vectors = np.linalg.eigh(scaled(covariance)[0])
     return np.asarray(size[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
 

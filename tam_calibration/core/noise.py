@@ -1,4 +1,4 @@
-"""What fast differences of readings show: the noise of sensors, and readings that are those of two sensors in turn."""
+"""The noise of sensors: robust scales, and a noise that is not stated, from the recording's fast differences."""
 
 import numpy as np
 

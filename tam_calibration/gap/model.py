@@ -120,6 +120,7 @@ class Model:
             if in_world is not None:
                 return replace(in_world, recording=recording)
         noisy, _ = complete_noise(array, recording)
+        # No fit yet: what all fits from here on share.
         start = cls(recording, noisy, SensorErrors.none(recording.sensor_count), np.nan, stride=stride)
         plain = start._within_bounds(recording)
         if plain is not None:
