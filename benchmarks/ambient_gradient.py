@@ -36,7 +36,11 @@ from tam_calibration.simulation.surroundings import AttitudeChannel
 RESULTS = Path(__file__).parent / "results" / "ambient_gradient.csv"
 SHAPE = np.array([[120, -80, 60], [-80, -200, 90], [60, 90, 80]])
 AWAY_M = np.array([0.3, -0.2, 0.9])
+"""Where the scalar magnetometer is in some cases: a metre away, along no axis."""
+
 MOUNT = np.array([0.6, -0.64, 0.48])
+"""Unit vector about which the array is mounted wrong in some cases: along no axis."""
+
 GROUPS = {
     "scale factor": slice(0, 3),
     "bias": slice(6, 9),
@@ -44,6 +48,8 @@ GROUPS = {
     "misalignment": slice(9, 12),
 }
 WITHIN_95 = 1.959964
+"""Standard deviations of a normal variable between which 95 % lie."""
+
 SPHERE, VEHICLE = RandomAttitudes(), Manoeuvre(from_degrees(30.0), from_degrees(30.0), 60.0)
 
 Row = tuple[str, str, float, float]

@@ -47,6 +47,8 @@ PLACES_M = np.array(
 )
 """Of the source, from the centre of the array: 2.6 to 3.6 m away, on all sides."""
 TURN = from_degrees(0.5)
+"""By which all sensors are turned together, which their readings alone do not show."""
+
 AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 TURNED_BY_ATTITUDE = "maximum_likelihood + attitude"
 

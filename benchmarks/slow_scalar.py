@@ -35,7 +35,10 @@ from tam_calibration.simulation.surroundings import Drift, ScalarReference, Sinu
 
 RESULTS = Path(__file__).parent / "results" / "slow_scalar.csv"
 READING_EVERY_S = 5.0
+"""Between two readings of the scalar: those of slow proton magnetometers."""
+
 WITHIN_95 = 1.959964
+"""Standard deviations of a normal variable between which 95 % lie."""
 
 
 @dataclass(frozen=True)

@@ -25,8 +25,11 @@ from tam_calibration.sources.dipole import Dipole
 SENSOR_TOPICS = [*(sensor_topic(sensor) for sensor in (1, 2, 3, 4)), CHANNEL_TOPICS["scalar"]]
 IMU_TOPIC = CHANNEL_TOPICS["attitude"]
 IMU_HZ = 100.0
+"""Rate of the attitude, as usual of inertial units."""
+
 QUALITY = QoSProfile(depth=10_000)
 SETTLE_S = 3.0
+"""Time after the last sample in which outputs still arrive, seconds."""
 
 
 class Bench(Node):

@@ -30,6 +30,8 @@ from tam_calibration.simulation import Simulation, simulate
 from tam_calibration.simulation.surroundings import SinusoidDrift
 
 DRIFT_T = 8.26e-9
+"""Standard deviation of the drift of the field, as in ``docs/explanation/methods.md``."""
+
 METHODS = {
     "maximum_likelihood": maximum_likelihood,
     "lossless": lossless,
