@@ -118,6 +118,7 @@ def passing(true_errors, cross):
 @pytest.fixture(scope="session")
 def gap():
     """Return the gap of 400 samples of a cross whose sensor 2 drifts with a temperature that rises by 10 °C."""
+    from tam_calibration.gap.laws.law import Signature
     from tam_calibration.gap.result import Cause, Considered, Gap, Residue, Size, Where
     from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 
@@ -140,7 +141,8 @@ def gap():
     offsets = [Contribution(1, axis, "offset", {"offset": 1e-9 * (axis + 1)}, {"offset": 2e-11}) for axis in range(3)]
     fitted = FittedEffect("temperature_drift", {"time constant": 60.0}, tuple(offsets), {"time constant": 5.0})
     units = {"offset": "T/K", "time constant": "s"}
-    cause = Cause(fitted, units, (2,), ("x", "y", "z"), 0.98, 1.0, 640.0, 0.97, ("bias_jump",))
+    law = Signature("offset", "channel", (2,), ("x", "y", "z"), 1.0, ((2,),), "temperature", (), 320.0)
+    cause = Cause(fitted, units, (2,), ("x", "y", "z"), law, 0.98, 1.0, 640.0, 0.97, ("bias_jump",))
     return Gap(
         "explained",
         Size(1.9, 0.08, 1.9e-9, 8e-11, 5.4e-9, 2.2e-10, 1e-9, 0.998, (0.99, 1.0)),

@@ -12,7 +12,7 @@ from tam_calibration.effects.library import effect_named, units_of
 from tam_calibration.gap.hypothesis import Hypothesis, Place, sensors_of
 from tam_calibration.gap.joint import Joint
 from tam_calibration.gap.laws.law import Place as LawPlace
-from tam_calibration.gap.laws.law import Signature, acts_at, agrees
+from tam_calibration.gap.laws.law import Signature, acts_at, agrees, at_place
 from tam_calibration.gap.laws.signature import Law
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.probabilities import energies_of, shares_of
@@ -58,12 +58,16 @@ def numbered_causes(found: Search, model: Model, size: Size, chances: Mapping[st
         sensors, axes = sensors_and_axes(places, model.recording)
         if isinstance(step.accepted.form, Finding) and ALL in sensors_of(places):
             sensors = step.law.sensors
+        elif len(sensors) == 1 and not acts_at(effect.effect, sensors):
+            # What shows in one place alone, such as the scalar, acts in all.
+            sensors, axes = sensors_and_axes([(ALL, None), (SCALAR, None)], model.recording)
         causes.append(
             Cause(
                 effect,
                 units_of(effect, model.errors, model.array),
                 sensors,
                 axes,
+                at_place(step.law, sensors, axes),
                 chances.get(effect.effect, 0.0),
                 weight,
                 step.accepted.delta_bic,

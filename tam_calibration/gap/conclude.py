@@ -10,7 +10,7 @@ from tam_calibration.effects.library import effect_named
 from tam_calibration.effects.noise_excess import LARGEST_NOISE
 from tam_calibration.gap.causes import considered, locate, numbered_causes, placed
 from tam_calibration.gap.checks import checks_of
-from tam_calibration.gap.laws.law import causes_of, in_words
+from tam_calibration.gap.laws.law import Signature, causes_of, in_words
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.probabilities import probabilities, set_of
 from tam_calibration.gap.result import Cause, Gap, Residue, Size, Verdict, Where
@@ -81,10 +81,21 @@ def conclude(found: Search) -> Gap:
         smallest_gap=smallest_gap(channels.count),
         checks=checks,
         remainder=_remainder(verdict, size),
-        signature=found.signature if is_named else tuple(law.signature for law in found.laws) if has_gap else (),
+        signature=_signature(found, causes) if has_gap else (),
         remaining=tuple(law.signature for law in found.remaining) if is_named else (),
     )
     return _stated(gap, found)
+
+
+def _signature(found: Search, causes: Sequence[Cause]) -> tuple[Signature, ...]:
+    """Return the laws of a gap, the strongest first: those of named causes at their places, and those that remain."""
+    if not causes:
+        return tuple(law.signature for law in found.laws)
+    # One law may have two causes, such as steps at two times.
+    of_causes = {(one.law.law, one.law.sensors, one.law.evidence): one.law for one in causes}
+    return tuple(
+        sorted([*of_causes.values(), *(law.signature for law in found.remaining)], key=lambda one: -one.energy)
+    )
 
 
 def _stated(gap: Gap, found: Search) -> Gap:

@@ -85,6 +85,8 @@ class Cause:
         SI unit of each coefficient and parameter of the shape, by name.
     sensors, axes : tuple
         As in ``Where``.
+    law : Signature
+        That it explains.
     probability : float
         That it is a cause, calibrated on simulated recordings.
     share : float
@@ -105,6 +107,7 @@ class Cause:
     units: Mapping[str, str]
     sensors: tuple[int | str, ...]
     axes: tuple[str, ...]
+    law: Signature
     probability: float
     share: float
     delta_bic: float

@@ -200,12 +200,6 @@ class Search:
     considered: tuple[Considered, ...]
 
     @property
-    def signature(self) -> tuple[Signature, ...]:
-        """The laws of the gap, the strongest first: those that causes explain, and those that remain."""
-        laws = dict.fromkeys([*(step.law for step in self.steps), *(law.signature for law in self.remaining)])
-        return tuple(sorted(laws, key=lambda one: -one.energy))
-
-    @property
     def open_part(self) -> float:
         """Part of the energy of all laws that the causes leave, 0 to 1."""
         before, after = self.nominal.base().energy, self.model.base().energy

@@ -201,7 +201,8 @@ def test_what_is_found_twice_is_one_cause_with_the_evidence_of_the_first(run):
     """Spikes that another step has taken up beside: their energies add up, and the share is of what closes."""
     fitted = FittedEffect("outliers", {}, (Contribution(1, 0, "offset", {"count": 5.0}),))
     findings = [Finding(fitted, gain, 1, flagged=np.arange(60) == at) for at, gain in ((3, 300.0), (9, 100.0))]
-    steps = tuple(Step(Evidence("outliers", one, one.gain - 10, one.gain), None) for one in findings)
+    law = Signature("samples", "random", (2,), ("x",), 1.0, ((2,),), None, (), 300.0)
+    steps = tuple(Step(Evidence("outliers", one, one.gain - 10, one.gain), law) for one in findings)
     model = replace(run(60).model(), findings=tuple(findings))
     found = SimpleNamespace(steps=steps, nominal=model, considered=())
     (cause,) = numbered_causes(found, model, SimpleNamespace(closed=0.8), {"outliers": 0.9})

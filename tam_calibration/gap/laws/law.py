@@ -216,12 +216,14 @@ def as_made_by(effect: str, law: Signature) -> Signature:
     if cause is None:
         return law
     is_chance = law.law in CHANCE and cause.law[0] not in CHANCE
-    name = law.law if law.law in cause.law and not is_chance else cause.law[0]
+    is_makeable = law.law in cause.law and not is_chance
     if "channel" in cause.course and cause.channel not in ("", "any"):
+        name = law.law if is_makeable else cause.law[0]
         return replace(law, law=name, course="channel", follows=cause.channel)
-    if name == law.law and law.course in cause.course:
+    if is_makeable and law.course in cause.course:
         return law
-    course, curve = cause.course[0], law.curve if name == law.law else None
+    name, course = cause.law[0], cause.course[0]
+    curve = law.curve if name == law.law else None
     return replace(law, law=name, course=course, follows="motion" if course == "motion" else None, curve=curve)
 
 
@@ -231,7 +233,7 @@ def usual_law(effect: str) -> str:
 
 
 def at_place(law: Signature, sensors: Place, axes: tuple[str, ...]) -> Signature:
-    """Return a law at the place of its cause, where that is one of its sensors, or one axis of its sensor.
+    """Return a law at the place of its cause, unless the cause shares no sensor with it.
 
     Parameters
     ----------
@@ -240,9 +242,10 @@ def at_place(law: Signature, sensors: Place, axes: tuple[str, ...]) -> Signature
     sensors, axes : tuple
         Where the cause acts.
     """
-    if len(sensors) == 1 < len(law.sensors) and sensors[0] in law.sensors and law.axes:
-        law = replace(law, sensors=sensors, places=(sensors,))
-    return replace(law, axes=axes) if sensors == law.sensors and len(axes) == 1 and axes[0] in law.axes else law
+    possible = {one for place in law.places for one in place}
+    if sensors not in law.places and not possible.isdisjoint(sensors):
+        law = replace(law, sensors=sensors, places=(sensors,), axes=law.axes or axes)
+    return replace(law, axes=axes) if sensors == law.sensors and axes and set(axes) <= set(law.axes) else law
 
 
 def agrees(effect: str, law: Signature) -> bool:

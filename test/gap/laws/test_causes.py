@@ -64,6 +64,7 @@ def test_an_effect_makes_a_law_by_what_it_does_to_a_reading(effect, found, expec
     [
         ("hysteresis", law("offset", "slow"), ("own_field", "motion", "motion")),
         ("ringing", law("noise", "episodes"), ("rate", "constant", None)),
+        ("ringing", law("offset", "slow"), ("rate", "constant", None)),
         ("ringing", law("offset", "tone", follows="1 Hz"), ("offset", "tone", "1 Hz")),
         ("temperature_drift", law("gain", "slow"), ("gain", "channel", "temperature")),
         ("bias_jump", law("offset", "episodes"), ("offset", "episodes", None)),
