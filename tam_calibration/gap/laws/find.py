@@ -216,10 +216,23 @@ def _accepted(residual: Residual, tried: list[Candidate]) -> Iterator[tuple[Cand
     halves = _halves(residual)
     for first in leading:
         simpler = [one for one in tried if one is first or _is_as_good_and_simpler(one, first)]
-        best = min(simpler, key=lambda one: (_freedom(one), -one.evidence))
+        best = _of_fewest_axes(min(simpler, key=lambda one: (_freedom(one), -one.evidence)), tried)
         predicted = predicted_energy(halves, best)
         if predicted > LEAST_EVIDENCE:
             yield best, predicted
+
+
+def _of_fewest_axes(best: Candidate, tried: list[Candidate]) -> Candidate:
+    """Return the form of a law with about its evidence that disturbs the fewest axes."""
+    law, sensors = best.pattern.law, best.pattern.sensors
+    forms = [
+        one
+        for one in tried
+        if (one.pattern.law, one.pattern.sensors, one.pattern.follows, one.course)
+        == (law, sensors, best.pattern.follows, best.course)
+        and one.evidence >= best.evidence - TIE
+    ]
+    return min(forms, key=lambda one: (len(one.pattern.axes), -one.evidence))
 
 
 def _is_of_pose(residual: Residual, one: Candidate, again: Repeats) -> bool:
