@@ -52,8 +52,8 @@ def draws(calibration):
     value, vector = np.linalg.eigh(calibration.covariance)
     spread = (vector * np.sqrt(np.maximum(value, 0))) @ random.normal(size=(48, DRAWS))
     found = calibration.errors.to_vector().ravel()
-    true = [SensorErrors.from_vector(found + each) for each in spread.T]
-    readings = np.concatenate([errors.distort(field[None]) for errors, field in zip(true, fields, strict=True)])
+    true = SensorErrors.from_vector(found + spread.T)  # of as many sensors as four times the arrays
+    readings = true.distort(fields.reshape(1, -1, 3)).reshape(DRAWS, 4, 3)
     return outputs, readings + NOISE_T[:, None] * random.normal(size=readings.shape)
 
 

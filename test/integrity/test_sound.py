@@ -29,10 +29,9 @@ def test_real_recordings(path):
 
 
 @pytest.mark.parametrize("name", ["wu_table_1", "wu_turntable", "tumble_100_hz", "auv", "warming_up"])
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_scenarios(name, seed):
+def test_scenarios(name):
     """Random attitudes, the regular ones of a turntable, a tumble, a vehicle that tilts little."""
-    scenario = replace(read_scenario(name), seed=seed)
+    scenario = read_scenario(name)
     assert faults_of(simulate(scenario).recording, scenario.array) == []
 
 
