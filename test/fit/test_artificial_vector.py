@@ -31,14 +31,6 @@ def test_the_levenberg_marquardt_step_is_a_linear_regression(case):
     assert np.sum(residuals(regressed.to_vector()[0]) ** 2) <= (1 + 1e-9) * 2 * iterated.cost
 
 
-def test_ten_unknowns_are_solved_trivially_by_a_constant_intensity(case):
-    """Eqs. 18 and 19 with a constant TMI have the exact solution V = (0, …, 0, H), whatever the errors."""
-    x, y, z = case.recording.readings_T.mean(axis=1).T / case.intensity_T
-    signal = np.column_stack([x, y, z, x**2, y**2, z**2, x * y, x * z, y * z, np.ones_like(x)])
-    solution = np.linalg.lstsq(signal, np.ones(len(x)), rcond=None)[0]
-    assert_allclose(solution, np.eye(10)[9], atol=1e-12)
-
-
 def test_readings_in_a_plane_are_refused():
     """A singular regression is a sentence, not a traceback."""
     with pytest.raises(InputError, match="do not lie on an ellipsoid"):

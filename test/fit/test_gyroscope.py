@@ -30,23 +30,29 @@ def calibrated(gyroscope=GYROSCOPE):
     return calibrate(recording, replace(array, gyroscope=gyroscope))
 
 
+@cache
+def calibrated_alone():
+    """Return the calibration of that recording without angular velocity; computed once."""
+    recording, array, _ = made()
+    return calibrate(replace(recording, angular_velocity_rad_s=None), array)
+
+
 def with_rates(recording, change):
     """Return a recording whose angular velocity is a function of the recorded one."""
     return replace(recording, angular_velocity_rad_s=change(recording.angular_velocity_rad_s))
 
 
-@pytest.mark.parametrize("sensors", [1, 4])
-@pytest.mark.parametrize("has_scalar", [True, False])
+@pytest.mark.parametrize(("sensors", "has_scalar"), [(1, True), (4, False)])
 def test_a_narrow_turn_becomes_a_calibration(sensors, has_scalar):
     """The vertical bias is known twice as well as by the intensity alone, and the errors are right."""
     recording, array, errors = made(sensors, has_scalar=has_scalar)
-    found = calibrated() if sensors == 1 and has_scalar else calibrate(recording, array)
+    found = calibrated() if has_scalar else calibrate(recording, array)
     bias_error_T = found.standard_errors[0, 8]
     assert bias_error_T < 12e-9
     away = (found.errors.bias_T - errors.bias_T) / found.standard_errors[:, 6:9]
     assert np.abs(away).max() < 3.5
     if has_scalar:
-        without = calibrate(replace(recording, angular_velocity_rad_s=None), array)
+        without = calibrated_alone()
         assert without.method == "maximum_likelihood" and without.standard_errors[0, 8] > 2 * bias_error_T
 
 
@@ -116,7 +122,7 @@ FAULTS = {
 def test_a_fault_is_told_and_estimated(fault):
     """The fault is in the notes, and the bias along the vertical is within its errors."""
     change, words = FAULTS[fault]
-    recording, array, errors = made(seed=4)
+    recording, array, errors = made(seed=4, count=1500)
     found = calibrate(with_rates(recording, change), array)
     assert any(words in note for note in found.notes), found.notes
     assert np.abs((found.errors.bias_T - errors.bias_T) / found.standard_errors[:, 6:9]).max() < 4
@@ -124,14 +130,14 @@ def test_a_fault_is_told_and_estimated(fault):
 
 def test_gaps_cost_what_they_hide():
     """Samples without angular velocity make the errors larger, not wrong."""
-    recording, array, errors = made(seed=5)
+    recording, array, errors = made()
 
     def holed(rates):
         rates = rates.copy()
         rates[500:900] = rates[::40] = np.nan
         return rates
 
-    whole, found = (calibrate(each, array) for each in (recording, with_rates(recording, holed)))
+    whole, found = calibrated(), calibrate(with_rates(recording, holed), array)
     assert whole.standard_errors[0, 8] < found.standard_errors[0, 8] < 2 * whole.standard_errors[0, 8]
     assert np.abs((found.errors.bias_T - errors.bias_T) / found.standard_errors[:, 6:9]).max() < 4
 
@@ -148,8 +154,7 @@ def test_gaps_cost_what_they_hide():
 def test_what_is_no_angular_velocity_of_the_array_is_left_out(change, words):
     """The answer is then that of the readings alone, with a note."""
     recording, array, _ = made()
-    found = calibrate(with_rates(recording, change), array)
-    alone = calibrate(replace(recording, angular_velocity_rad_s=None), array)
+    found, alone = calibrate(with_rates(recording, change), array), calibrated_alone()
     assert any(words in note and "left out" in note for note in found.notes), found.notes
     np.testing.assert_allclose(found.standard_errors[0, 8], alone.standard_errors[0, 8], rtol=0.02)
     np.testing.assert_allclose(found.errors.bias_T, alone.errors.bias_T, atol=1e-9)
@@ -173,7 +178,7 @@ def test_a_scale_error_that_is_stated_counts():
     assert stated.standard_errors[0, 8] > 2 * exact.standard_errors[0, 8]
 
 
-@pytest.mark.parametrize("moved_T", [0.0, 5e-9, 5e-6])
+@pytest.mark.parametrize("moved_T", [0.0, 5e-9])
 def test_a_prior_that_is_contradicted_is_no_fault_of_the_gyroscope(wu_run, wu_scenario, moved_T):
     """A bias that moved is found as without it, and the gyroscope makes the errors no larger."""
     pier = maximum_likelihood(wu_run.recording, wu_scenario.array)
@@ -191,10 +196,9 @@ def test_a_prior_that_is_contradicted_is_no_fault_of_the_gyroscope(wu_run, wu_sc
     assert np.abs(away).max() < 4
 
 
-@pytest.mark.parametrize("sensors", [1, 4])
-def test_a_mounting_that_is_stated_ties_the_frame_of_the_sensors(sensors):
+def test_a_mounting_that_is_stated_ties_the_frame_of_the_sensors():
     """The misalignments of all sensors, sensor 1 too, are those against the gyroscope, and within their errors."""
-    recording, array, errors = made(sensors, seed=11)
+    recording, array, errors = made(4, seed=11, count=1500)
     turn = Rotation.from_rotvec([0.05, -0.03, 0.08])
     turned = with_rates(recording, turn.apply)  # the sensors are turned by the inverse against the gyroscope
     truth = SensorErrors.from_matrix(errors.matrix @ turn.inv().as_matrix(), errors.bias_T)
@@ -206,13 +210,12 @@ def test_a_mounting_that_is_stated_ties_the_frame_of_the_sensors(sensors):
     assert tied.held_out is not None
 
 
-@pytest.mark.parametrize("filter_s", [0.0, 2.0])
-def test_a_gyroscope_counts_before_an_attitude_that_leans_on_the_magnetometer(filter_s):
+def test_a_gyroscope_counts_before_an_attitude_that_leans_on_the_magnetometer():
     """The AHRS of a compass that is not calibrated changes nothing beside a gyroscope, and the answer says so."""
-    recording, array, errors = made(seed=6)
+    recording, array, errors = made()
     turns = attitude_at(recording.time_s, recording.time_s[-1])
-    ahrs = with_compass(recording, turns, 2, filter_s=filter_s)
-    found, without = (calibrate(each, replace(array, attitude_noise=from_degrees(0.1))) for each in (ahrs, recording))
+    ahrs = with_compass(recording, turns, 2, filter_s=2.0)
+    found, without = calibrate(ahrs, replace(array, attitude_noise=from_degrees(0.1))), calibrated()
     assert any("attitude is left out beside the gyroscope" in note for note in found.notes)
     np.testing.assert_array_equal(found.errors.to_vector(), without.errors.to_vector())
     assert np.abs((found.errors.bias_T - errors.bias_T) / found.standard_errors[:, 6:9]).max() < 4

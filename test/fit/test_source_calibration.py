@@ -68,7 +68,7 @@ def test_standard_errors_are_those_of_repeated_measurements(errors):
     generator, exact = np.random.default_rng(62), amplitudes(errors)
     fits = [
         calibrate_by_source(exact + 5e-11 * generator.normal(size=exact.shape), 5e-11, SOURCE, POSES, errors, ARRAY)
-        for _ in range(100)
+        for _ in range(40)
     ]
     pulls = np.array([(fit.parameters - TRUTH.parameters) / fit.standard_errors for fit in fits])
     for part in (slice(0, 1), slice(1, 4), slice(4, None)):

@@ -67,9 +67,9 @@ def beside(tolerances, recording, sensors):
 
 @pytest.mark.parametrize(("tolerances", "tilt_deg", "sensors"), [(WIDE, 2, 1), (WIDE, 10, 1), (FINE, 2, 4)])
 def test_standard_errors_hold_where_little_is_determined(tolerances, tilt_deg, sensors):
-    """Of six runs, in each error and in each combination; none is further off than by 4.5 standard errors."""
+    """Of four runs, in each error and in each combination; none is further off than by 4.5 standard errors."""
     single, combined = [], []
-    for seed in range(6):
+    for seed in range(4):
         rng = np.random.default_rng([2, seed, tilt_deg, sensors])
         errors = drawn(tolerances, sensors, rng)
         found = pulls(beside(tolerances, turned(errors, tilt_deg, rng), sensors), errors)
@@ -77,17 +77,6 @@ def test_standard_errors_hold_where_little_is_determined(tolerances, tilt_deg, s
         combined.append(found[1])
     assert rms(single) < 1.25 and rms(combined) < 1.2
     assert np.abs(combined).max() < 4.5
-
-
-def test_without_curvature_combinations_were_told_too_certain(monkeypatch):
-    """At 2° of tilt lengths bend by more than the noise over what stays open: information alone errs threefold."""
-    monkeypatch.setattr(weak_prior, "_curvature", lambda *_: None)
-    combined = []
-    for seed in range(6):
-        rng = np.random.default_rng([2, seed, 2, 1])
-        errors = drawn(WIDE, 1, rng)
-        combined.append(pulls(beside(WIDE, turned(errors, 2, rng), 1), errors)[1])
-    assert rms(combined) > 3
 
 
 def test_one_narrow_turn_is_the_prior_of_the_next():
@@ -214,21 +203,6 @@ def test_a_noise_that_is_not_stated_is_scaled_twice_at_most(monkeypatch):
     with pytest.raises(Refused):
         calibrate(turned(errors, 5, rng), array_of(FINE, 1, None))
     assert len(scalings) == 2
-
-
-def test_curvature_is_measured_by_a_hundred_draws_of_a_thousand_samples():
-    """Of ten times as many samples that count a tenth each it is the same, to a tenth."""
-    rng = np.random.default_rng(8)
-    errors, array = drawn(WIDE, 1, rng), array_of(WIDE, 1)
-    long = turned(errors, 10, rng, count=10_000)
-    short = long.take(slice(None, None, 10))
-    known = Known(prior_of_tolerances(short, array))
-    calibration = maximum_a_posteriori(short, array, known)
-    sizes = []
-    for recording, weighed in ((short, known), (long, replace(known, variance_factors=VarianceFactors(10.0, 10.0)))):
-        sizes.append(np.sum(calibration.covariance * weak_prior._curvature(calibration, recording, weighed)))
-    assert (weak_prior._DRAWS, weak_prior._SAMPLES) == (100, 1000)
-    assert_allclose(*sizes, rtol=0.1)
 
 
 def test_curvature_is_nothing_where_lengths_are_straight():

@@ -30,7 +30,7 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import from_degrees
 
-CHANGE_S = 31.0
+CHANGE_S = 21.0
 
 NOISE_KNOWN_S = 80.0
 """Stamp from which the noise over a quarter of a minute is known."""
@@ -42,7 +42,7 @@ def prior(true_errors, cross):
     return ashore(true_errors, cross, np.random.default_rng(10))
 
 
-def run(prior, errors, after, cross, on_change="tell", until_s=61.0, tilt=np.pi / 18):
+def run(prior, errors, after, cross, on_change="tell", until_s=45.0, tilt=np.pi / 18):
     """Return the live calibration after a dive of 20 Hz in which the errors change, and the stamp of the first tale."""
     live, told_s = Live(prior, on_change), None
     rows = [
@@ -88,11 +88,8 @@ def test_a_change_is_told_of_sensors_that_have_aged(prior, true_errors, cross):
 @pytest.mark.parametrize(
     ("kind", "change"),
     [
-        ("bias", {"bias_T": np.array([0.6e-6, -0.6e-6, 0.6e-6])}),
-        ("bias", {"bias_T": np.array([12e-6, 12e-6, -12e-6])}),
         ("bias", {"bias_T": np.array([-30e-6, 20e-6, 30e-6])}),
         ("scale factor", {"scale_factor": np.array([0.05, -0.02, 0.0])}),
-        ("non-orthogonality", {"non_orthogonality": np.array([0.03, 0.0, 0.02])}),
         ("misalignment", {"misalignment": np.array([0.05, 0.08, -0.03])}),
         ("several errors", {"bias_T": np.array([2e-6, 1e-6, 0.0]), "scale_factor": np.array([0.01, 0.0, 0.0])}),
     ],
@@ -225,13 +222,13 @@ def test_a_source_nearby_is_no_change_of_a_sensor_and_learning_goes_on_after_it(
     assert live.state.recursion.now.distance(true_errors) < 2
 
 
-@pytest.mark.parametrize(("moment_A_m2", "distance_m"), [(161.0, 4.0), (1000.0, 6.0), (1000.0, 10.0)])
+@pytest.mark.parametrize(("moment_A_m2", "distance_m"), [(161.0, 4.0), (1000.0, 6.0)])
 def test_a_source_that_is_passed_is_neither_learned_nor_told(prior, true_errors, cross, moment_A_m2, distance_m):
     """Neither is a sensor blamed, nor does anything go out that is worse than what is stored."""
     live, generator = Live(prior, "learn"), np.random.default_rng(15)
-    time_s = np.arange(0, 180, 0.05)
+    time_s = np.arange(0, 120, 0.05)
     rows = dive(true_errors, cross, generator, time_s)
-    path_m = np.stack([1.5 * (time_s - 90), np.full(len(time_s), distance_m), np.zeros(len(time_s))], axis=1)
+    path_m = np.stack([1.5 * (time_s - 60), np.full(len(time_s), distance_m), np.zeros(len(time_s))], axis=1)
     moment, places_m = moment_A_m2 * np.array([0.6, -0.48, 0.64]), np.vstack([cross.positions_m, np.zeros(3)])
     offset_m = path_m[:, None] + places_m
     size_m = norm(offset_m, axis=2, keepdims=True)
@@ -244,7 +241,7 @@ def test_a_source_that_is_passed_is_neither_learned_nor_told(prior, true_errors,
     )
     rows[:, 1:13] += true_errors.bias_T.ravel()
     rows[:, 13] += norm(middle_T + source_T[:, 4], axis=1) - norm(middle_T, axis=1)
-    for some in np.array_split(rows, 360):
+    for some in np.array_split(rows, 240):
         live.add(some)
         news = live.news()
         if news is not None:
@@ -400,7 +397,7 @@ def test_a_gyroscope_tells_the_vertical_bias_that_a_narrow_turn_does_not(true_er
     prior = ashore(SensorErrors.from_vector(true_errors.to_vector()[:1]), array, generator)
     prior = prior.with_more(np.diag(spread**2))
     truth = SensorErrors.from_vector(prior.errors.to_vector() + spread * generator.normal(size=(1, 12)))
-    time_s, tilt = np.arange(0, 250, 0.05), from_degrees(5.0)
+    time_s, tilt = np.arange(0, 130, 0.05), from_degrees(5.0)
     rows, rates = dive(truth, array, generator, time_s, tilt), rates_of_dive(gyroscope, generator, time_s, tilt)
     found = []
     for each in (None, rates, rates * [1, -1, 1]):
