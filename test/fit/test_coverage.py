@@ -53,12 +53,6 @@ def test_a_ring_is_not_enough_and_the_missing_pole_is_named():
     assert "up" in coverage.missing or "down" in coverage.missing
 
 
-def test_more_tilt_is_better():
-    """The relative error falls as pitch and roll grow."""
-    errors = [measure_coverage(FIELD_T * cap(3000, pitch)).relative_error for pitch in (15, 30, 60, 90)]
-    assert errors == sorted(errors, reverse=True)
-
-
 def test_advice_followed_leads_to_enough():
     """Samples added where the advice points end in enough coverage within ten turns."""
     fields = [FIELD_T * cap(200, 10)]

@@ -116,7 +116,10 @@ FAULTS = {
     "biased": (lambda rates: rates + from_degrees(2.0), "the gyroscope's bias is"),
     "askew": (Rotation.from_rotvec([0.1, -0.1, 0.1]).apply, "the gyroscope is turned by 9.9°"),
     "on its side": (Rotation.from_rotvec([0, 0, np.pi / 2]).apply, "the gyroscope is turned by 90°"),
-    "saturated": (lambda rates: np.clip(rates, [-0.03, -0.03, -1], [0.03, 0.03, 1]), "are at the end of the gyroscope's range"),
+    "saturated": (
+        lambda rates: np.clip(rates, [-0.03, -0.03, -1], [0.03, 0.03, 1]),
+        "are at the end of the gyroscope's range",
+    ),
     "of another scale": (lambda rates: 1.02 * rates, "scale and angles of the gyroscope's axes differ by up to 2"),
 }
 """What may be wrong with an angular velocity that is used all the same, and what the note of it says."""

@@ -44,23 +44,6 @@ def test_a_change_is_told_as_what_it_is(wu_scenario, known, size_T, first):
     assert told == [hypothesis.name for hypothesis in made]
 
 
-def test_no_more_than_five_hundred_samples_are_fitted(wu_scenario, known, monkeypatch):
-    """However long the recording is; they are spread over it."""
-    fitted = []
-
-    class Problem(module.Problem):
-        @classmethod
-        def of(cls, recording, array, known):
-            fitted.append(recording)
-            return module.Problem.__mro__[1].of(recording, array, known)
-
-    recording = turn(wu_scenario, wu_scenario.errors, 3, 1001)
-    monkeypatch.setattr(module, "Problem", Problem)
-    large_change(recording, wu_scenario.array.with_stated_noise(), known, candidates_of(known.prior, True)[:1])
-    assert [each.sample_count for each in fitted] == [334]
-    assert fitted[0].time_s[-1] == recording.time_s[999]
-
-
 def test_what_no_sensors_can_be_is_none(wu_scenario, known):
     """Readings of zeros: no change leads there."""
     recording = turn(wu_scenario, wu_scenario.errors, 3)

@@ -11,7 +11,6 @@ from tam_calibration.fit import calibrate
 from tam_calibration.fit.information import inverted
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.recorded_attitude import (
-    aligned,
     find_turn,
     likely_turn,
 )
@@ -189,23 +188,6 @@ def test_methods_that_cannot_are_told(scenario):
     """A closed form has no place for a gradient."""
     with pytest.raises(InputError, match="lossless takes the field for uniform: maximum_likelihood or robust can fit"):
         calibrate(simulate(scenario).recording, scenario.array, "lossless", ambient_gradient=True)
-
-
-def test_alignment_takes_off_a_mount_and_what_the_field_shows_of_noise():
-    """A fixed turn goes, and of three angles of noise the one about the field remains."""
-    generator = np.random.default_rng(4)
-    true = Rotation.from_quat(generator.normal(size=(500, 4)))
-    field = true.inv().apply([2e-5, 3e-5, -4e-5])
-    noise = Rotation.from_rotvec(from_degrees(1.0) * generator.normal(size=(500, 3)))
-    mount = Rotation.from_rotvec([0.05, -0.08, 0.03])
-    left = true.inv() * Rotation.from_quat(aligned((true * noise * mount).as_quat(), field))
-    turns = left.as_rotvec()
-    along = np.sum(turns * field, axis=1) / np.linalg.norm(field, axis=1)
-    # A turn of the world about its field is nobody's to see: it takes the mean off.
-    assert np.sqrt(np.mean(np.sum(turns**2, axis=1))) < from_degrees(1.3)
-    assert_allclose(
-        np.linalg.norm(turns - along[:, None] * field / np.linalg.norm(field, axis=1)[:, None], axis=1), 0, atol=5e-3
-    )
 
 
 def test_a_gradient_that_the_data_leave_open_is_infinite():

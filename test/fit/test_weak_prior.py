@@ -202,6 +202,21 @@ def test_a_noise_that_is_not_stated_is_scaled_twice_at_most(monkeypatch):
     assert len(scalings) == 2
 
 
+def test_curvature_is_measured_by_a_hundred_draws_of_a_thousand_samples():
+    """Of ten times as many samples that count a tenth each it is the same, for the same ones are looked at."""
+    rng = np.random.default_rng(8)
+    errors, array = drawn(WIDE, 1, rng), array_of(WIDE, 1)
+    long = turned(errors, 10, rng, count=10_000)
+    short = long.take(slice(None, None, 10))
+    known = Known(prior_of_tolerances(short, array))
+    calibration = maximum_a_posteriori(short, array, known)
+    sizes = []
+    for recording, weighed in ((short, known), (long, replace(known, variance_factors=VarianceFactors(10.0, 10.0)))):
+        sizes.append(np.sum(calibration.covariance * weak_prior._curvature(calibration, recording, weighed)))
+    assert (weak_prior._DRAWS, weak_prior._SAMPLES) == (100, 1000)
+    assert_allclose(*sizes, rtol=1e-9)
+
+
 def test_curvature_is_nothing_where_lengths_are_straight():
     """Over a data sheet's errors and 10° of tilt it is a thousandth of the noise, however far the prior pulls."""
     rng = np.random.default_rng(12)
@@ -213,6 +228,6 @@ def test_curvature_is_nothing_where_lengths_are_straight():
 
 
 def test_steps_that_overshoot_are_shortened():
-    """This turn of 2° has no end of whole steps; by shorter ones it is not taken for a contradiction."""
+    """A turn of 2° that has no end of whole steps: by shorter ones it is not taken for a contradiction."""
     rng = np.random.default_rng([7, 27, 1, 2, 300])
     assert beside(WIDE, turned(drawn(WIDE, 1, rng), 2, rng), 1).update.probability > 0.001

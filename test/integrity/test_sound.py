@@ -87,16 +87,6 @@ def test_sensors_of_a_vehicle_may_all_be_turned_over(vehicle):
         assert vehicle.spoiled(lambda readings, turn=turn: readings.__imatmul__(turn)).told == []
 
 
-def test_short_holds_are_stale_samples(run):
-    """Eight samples that repeat the one before are an effect that is fitted beside the errors."""
-
-    def hold(readings):
-        readings[100:108, 1] = readings[100, 1]
-        readings[700:708, 2] = readings[700, 2]
-
-    assert run.spoiled(hold).told == []
-
-
 def test_a_channel_that_never_changes_is_noted(run):
     """It refuses nothing, and is no warning: the current may be off."""
     count = run.recording.sample_count

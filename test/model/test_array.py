@@ -158,9 +158,3 @@ def test_noise_that_is_not_stated_is_asked_for():
     with pytest.raises(InputError, match="vector noise is not stated: add vector_noise_nT"):
         Array.cross(0.5).with_stated_noise()
     assert Array.cross(0.5, 1e-9).with_stated_noise().scalar_noise_T == 0
-
-
-def test_an_array_of_known_noise_needs_its_noise():
-    """It has no default, so that none can be forgotten."""
-    with pytest.raises(TypeError, match="vector_noise_T"):
-        KnownNoiseArray(np.zeros((1, 3)))
