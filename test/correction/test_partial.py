@@ -146,13 +146,6 @@ def test_a_covariance_is_found_by_its_standard_errors(calibration):
     assert partial.covariance_with(calibration.output_standard_errors) is None
 
 
-def test_a_code_names_sensors():
-    """By their numbers from 1; a single axis that is NaN counts as its sensor."""
-    readings = np.zeros((2, 4, 3))
-    readings[0, 3, 1] = readings[0, 0] = np.nan
-    assert [sensors_of(code) for code in missing_codes(readings).tolist()] == [(1, 4), ()]
-
-
 def test_what_is_not_known_of_effects_grows_as_the_noise(calibration):
     """Of gyy from three sensors of equal noise three times in variance; with all sensors it is as stated."""
     array = Array.cross(0.5, 1e-9).with_stated_noise()

@@ -83,15 +83,6 @@ def test_microtesla_taken_for_tesla_is_caught(wu_run, wu_scenario):
         calibrate(wrong, wu_scenario.array)
 
 
-def test_a_small_disturbance_is_a_warning(wu_run, wu_scenario):
-    """A disturbance of 100 nT during a tenth of the run leaves a calibration that warns."""
-    readings = wu_run.recording.readings_T.copy()
-    readings[0:36] += 100e-9
-    calibration = calibrate(replace(wu_run.recording, readings_T=readings), wu_scenario.array)
-    assert any("something magnetic" in warning for warning in calibration.warnings)
-    assert any("above the noise floor" in warning for warning in calibration.warnings)
-
-
 def test_a_short_recording_has_no_held_out_figures(noise_free, wu_scenario):
     """Twenty samples cannot spare a fifth, and the calibration says nothing about unseen ones."""
     assert calibrate(noise_free.recording.take(slice(0, 20)), wu_scenario.array).held_out is None

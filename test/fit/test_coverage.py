@@ -90,13 +90,6 @@ def test_live_coverage_keeps_its_memory_bounded():
     assert live.summary().fraction == 0
 
 
-def test_before_any_sample_nothing_is_claimed():
-    """Without samples the coverage is zero and not enough."""
-    coverage = LiveCoverage().summary()
-    assert coverage.fraction == 0
-    assert not coverage.enough
-
-
 def test_directions_in_words():
     """Axes are named as the array frame has them: x forward, y left, z up."""
     assert describe(np.array([1.0, 0, 0])) == "forward"

@@ -75,12 +75,6 @@ def test_the_rates_of_the_array_count(wu_scenario, pier, narrow):
     assert_allclose(found.update.prior_standard_errors, pier.standard_errors)
 
 
-def test_a_calibration_may_be_updated_again(wu_scenario, narrow, updated):
-    """What came out is a prior for the next turn."""
-    second = calibrate(replace(narrow, time_s=narrow.time_s + 600), wu_scenario.array, prior=updated)
-    assert (second.standard_errors[1:] < second.update.prior_standard_errors[1:]).all()
-
-
 def test_attitude_at_rest_closes_nothing_and_is_not_refused(wu_scenario, pier):
     """However the mounting is known: no error is less certain than without attitude, and none is far from it."""
     resting = replace(wu_scenario, motion=Manoeuvre(0.0, 0.0, 1e9), sample_count=60, attitude=AttitudeChannel(), seed=5)

@@ -32,14 +32,6 @@ def test_a_change_is_told_as_what_it_is(wu_scenario, array, prior, kind, sensor)
     assert (np.abs(found.change - SIZES[kind] * DIRECTION) < 4.5 * found.standard_errors).all()
 
 
-def test_what_moved_is_learned_anew(wu_scenario, array, prior):
-    """The bias is within its standard errors, and these are those of the data."""
-    errors = moved(wu_scenario.errors, "bias", 1)
-    resolved = update_prior(turn(wu_scenario, errors, 6), array, Known(prior))
-    found = maximum_a_posteriori(resolved.recording, array, resolved.known)
-    assert (np.abs(found.errors.bias_T - errors.bias_T) < 4.5 * found.standard_errors[:, 6:9]).all()
-
-
 @pytest.mark.parametrize(("kind", "times", "first"), [("bias", 1, 570), ("non-orthogonality", 300, 20)])
 def test_a_change_within_the_recording_has_a_time(wu_scenario, array, prior, kind, times, first):
     """Also one of 6 µT, beside which no error is a straight line."""

@@ -159,13 +159,3 @@ def test_interpolation_helps(tumbling, monkeypatch):
     dropped = maximum_likelihood(recording, tumbling.array).standard_errors
     assert np.median(dropped[:, :9] / interpolated[:, :9]) > 3
     assert_allclose(dropped[1:, 9:] / interpolated[1:, 9:], 1, atol=0.05)
-
-
-def test_faster_sensors_do_not_make_the_readings_better(tumbling):
-    """The scale is known no better than the mean of the readings, however many samples there are between them."""
-    readings = 120
-    limit = tumbling.array.scalar_noise_T / np.linalg.norm(tumbling.site_field_T) / np.sqrt(readings)
-    for rate_hz in (10, 50):
-        run = simulate(replace(tumbling, rate_hz=rate_hz, sample_count=600 * rate_hz))
-        told = maximum_likelihood(run.recording, tumbling.array).standard_errors[:, :3]
-        assert told.min() > 0.9 * limit

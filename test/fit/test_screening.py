@@ -123,22 +123,6 @@ def test_bad_readings_of_the_scalar_are_its_own(wu_scenario):
     )
 
 
-def test_a_burst_of_one_sensor_is_told_by_its_times(wu_scenario):
-    """A tenth of the samples in a row."""
-    bad = changed(run_of(wu_scenario), slice(400, 520), 3, CHANGES["off"])
-    [sentence] = without_bad_readings(bad, wu_scenario.array)[1].sentences()
-    assert sentence.endswith(
-        "readings of sensor 4 contradict the others and are left out, all between 400.00 and 519.00 s"
-    )
-
-
-def test_one_reading_is_told_in_the_singular(wu_scenario):
-    """With its time."""
-    bad = changed(run_of(wu_scenario), [11], 0, CHANGES["shrunk"])
-    [sentence] = without_bad_readings(bad, wu_scenario.array)[1].sentences()
-    assert sentence == "1 of 1200 readings of sensor 1 contradicts the others and is left out, first at 11.00 s"
-
-
 KINDS = {
     "random attitudes": {},
     "a turn": {"motion": Tumble(np.radians(60)), "rate_hz": 10.0},
@@ -178,12 +162,22 @@ def test_a_magnet_that_is_brought_near_is_no_single_reading(wu_scenario):
     assert without_bad_readings(recording, wu_scenario.array) == (recording, None)
 
 
-@pytest.mark.parametrize(("step", "word"), [(4, "4th"), (11, "11th"), (21, "21st"), (22, "22nd"), (23, "23rd")])
-def test_how_often_they_come_is_told(wu_scenario, step, word):
-    """Where they are equally many samples apart."""
-    bad = changed(run_of(wu_scenario), slice(0, None, step), 1, CHANGES["off"])
+@pytest.mark.parametrize(
+    ("chosen", "words"),
+    [
+        ([11], "1 of 1200 readings of sensor 2 contradicts the others and is left out, first at 11.00 s"),
+        (slice(400, 520), "contradict the others and are left out, all between 400.00 and 519.00 s"),
+        *(
+            (slice(0, None, step), f"left out, every {step}{end} between 0.00 and")
+            for step, end in ((4, "th"), (11, "th"), (21, "st"), (22, "nd"), (23, "rd"))
+        ),
+    ],
+)
+def test_when_they_come_is_told(wu_scenario, chosen, words):
+    """One in the singular with its time, a burst by its first and last, and how often where they come evenly."""
+    bad = changed(run_of(wu_scenario), chosen, 1, CHANGES["off"])
     [sentence] = without_bad_readings(bad, wu_scenario.array)[1].sentences()
-    assert f"left out, every {word} between 0.00 and" in sentence
+    assert words in sentence
 
 
 def test_where_no_majority_is_clear_nothing_is_left_out(wu_scenario):
