@@ -374,7 +374,7 @@ def beside_tolerances(errors, seed):
     return calibrate(on_vehicle(errors, seed, 10, count=600), replace(CROSS, tolerances=TOLERANCES))
 
 
-@pytest.mark.parametrize(("make", "runs"), [(alone, 3), (of_prior, 2), (of_slow_prior, 3), (beside_tolerances, 4)])
+@pytest.mark.parametrize(("make", "runs"), [(alone, 3), (of_prior, 3), (of_slow_prior, 3), (beside_tolerances, 4)])
 def test_a_slow_scalar_is_noise_of_the_intensity_alone(make, runs):
     """40 nT that last for ten samples, between sensors of 1 nT: errors of some runs are one standard error.
 
