@@ -213,9 +213,9 @@ def there_and_back(scenario, sensors, times):
     return joined(joined(before, after, 60), before, 120)
 
 
-@pytest.mark.parametrize(("sensors", "times"), [((3,), 1), ((0, 1, 2, 3), 10)])
+@pytest.mark.parametrize(("sensors", "times"), [((3,), 1), ((0, 1, 2, 3), 100)])
 def test_a_tool_that_is_picked_up_and_dropped_is_told_as_two_changes(wu_scenario, array, prior, sensors, times):
-    """By 20 nT or 200 nT: where it may have moved more than once, each part beside what those before it tell."""
+    """By 20 nT or 2 µT: where it may have moved more than once, each part beside what those before it tell."""
     recording = there_and_back(wu_scenario, sensors, times)
     resolved = update_prior(recording, array, Known(prior), MOST_TIMES)
     assert MOST_TIMES == 3
