@@ -185,7 +185,7 @@ def test_a_scale_error_that_is_stated_counts():
     assert stated.standard_errors[0, 8] > 2 * exact.standard_errors[0, 8]
 
 
-@pytest.mark.parametrize("moved_T", [0.0, 5e-9])
+@pytest.mark.parametrize("moved_T", [0.0, 5e-9, 5e-6])
 def test_a_prior_that_is_contradicted_is_no_fault_of_the_gyroscope(wu_run, wu_scenario, moved_T):
     """A bias that moved is found as without it, and the gyroscope makes the errors no larger."""
     pier = maximum_likelihood(wu_run.recording, wu_scenario.array)

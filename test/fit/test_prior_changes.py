@@ -204,19 +204,22 @@ def test_samples_during_a_change_count_for_neither_side(wu_scenario, array, prio
     assert (np.abs(calibration.errors.to_vector() - truth)[1:] < 4.5 * calibration.standard_errors[1:]).all()
 
 
-def there_and_back(scenario):
-    """Return a turn of 180 samples of which a bias is another from sample 60 to 119."""
-    errors = moved(scenario.errors, "bias", 3)
-    before, after = (turn(scenario, each, 9, 180, 30.0) for each in (scenario.errors, errors))
-    return joined(joined(before, after, 60), before, 120)
+def there_and_back(scenario, sensors, times):
+    """Return a turn of 300 samples of which biases are others from sample 100 to 199."""
+    errors = scenario.errors
+    for sensor in sensors:
+        errors = moved(errors, "bias", sensor, times)
+    before, after = (turn(scenario, each, 9, 300, 30.0) for each in (scenario.errors, errors))
+    return joined(joined(before, after, 100), before, 200)
 
 
-def test_a_tool_that_is_picked_up_and_dropped_is_told_as_two_changes(wu_scenario, array, prior):
-    """By 20 nT: where it may have moved more than once, each part beside what those before it tell."""
-    recording = there_and_back(wu_scenario)
+@pytest.mark.parametrize(("sensors", "times"), [((3,), 1), ((0, 1, 2, 3), 100)])
+def test_a_tool_that_is_picked_up_and_dropped_is_told_as_two_changes(wu_scenario, array, prior, sensors, times):
+    """By 20 nT or 2 µT: where it may have moved more than once, each part beside what those before it tell."""
+    recording = there_and_back(wu_scenario, sensors, times)
     resolved = update_prior(recording, array, Known(prior), MOST_TIMES)
     assert MOST_TIMES == 3
-    assert [each.since_s for each in resolved.moved] == recording.time_s[[60, 120]].tolist()
+    assert [each.since_s for each in resolved.moved] == list(np.repeat(recording.time_s[[100, 200]], len(sensors)))
     assert {each.kind for each in resolved.moved} == {"bias"}
     found = fitted(resolved, array)
     difference = np.abs(found.errors.to_vector() - wu_scenario.errors.to_vector())
@@ -232,7 +235,7 @@ def test_a_further_change_after_which_no_fit_settles_is_none(wu_scenario, array,
         found = in_sequence(parts, *rest)
         return found if len(parts) == 2 else replace(found, refusal=Refused("the fit did not settle"))
 
-    recording = there_and_back(wu_scenario)
+    recording = there_and_back(wu_scenario, (3,), 1)
     monkeypatch.setattr(prior_changes, "_in_sequence", refused)
     resolved = update_prior(recording, array, Known(prior), 3)
     assert resolved.refusal is None and len(resolved.earlier) == 1

@@ -220,13 +220,14 @@ def test_a_source_nearby_is_no_change_of_a_sensor_and_learning_goes_on_after_it(
     assert live.state.recursion.now.distance(true_errors) < 2
 
 
-def test_a_source_that_is_passed_is_neither_learned_nor_told(prior, true_errors, cross):
+@pytest.mark.parametrize(("moment_A_m2", "distance_m"), [(161.0, 4.0), (1000.0, 6.0), (1000.0, 10.0)])
+def test_a_source_that_is_passed_is_neither_learned_nor_told(prior, true_errors, cross, moment_A_m2, distance_m):
     """Neither is a sensor blamed, nor does anything go out that is worse than what is stored."""
     live, generator = Live(prior, "learn"), np.random.default_rng(15)
-    time_s = np.arange(0, 120, 0.05)
+    time_s = np.arange(0, 180, 0.05)
     rows = dive(true_errors, cross, generator, time_s)
-    path_m = np.stack([1.5 * (time_s - 60), np.full(len(time_s), 6.0), np.zeros(len(time_s))], axis=1)
-    moment, places_m = 1000.0 * np.array([0.6, -0.48, 0.64]), np.vstack([cross.positions_m, np.zeros(3)])
+    path_m = np.stack([1.5 * (time_s - 90), np.full(len(time_s), distance_m), np.zeros(len(time_s))], axis=1)
+    moment, places_m = moment_A_m2 * np.array([0.6, -0.48, 0.64]), np.vstack([cross.positions_m, np.zeros(3)])
     offset_m = path_m[:, None] + places_m
     size_m = norm(offset_m, axis=2, keepdims=True)
     unit = offset_m / size_m
