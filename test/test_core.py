@@ -23,7 +23,7 @@ from tam_calibration.sources.dipole import Dipole
 ROOT = Path(__file__).parents[1]
 
 DONE = (
-    "simulate auv -o auv.csv",
+    "simulate wu_turntable -o turntable.csv",
     "calibrate run.csv --array array.yaml -o calibration.yaml --json calibration.json",
     "correct run.csv --calibration calibration.yaml -o corrected.csv",
     "diagnose run.csv --array array.yaml --place 47.37,8.54,2025-06-30 --json gap.json",

@@ -6,7 +6,6 @@ from importlib import import_module
 from typing import Any, Literal, overload
 
 import numpy as np
-from numpy.linalg import inv
 
 from tam_calibration.core.slow_cosines import VarianceFactors
 from tam_calibration.correction.parts import (
@@ -223,7 +222,7 @@ class Calibration:
     def correction_matrix(self) -> FloatArray:
         """(9, 3K) matrix C of outputs = C (y - o), y the stacked raw readings and o the stacked biases."""
         sensors = self.array.operator.reshape(9, -1, 3)
-        return np.asarray(np.einsum("rki,kij->rkj", sensors, inv(self.errors.matrix)).reshape(9, -1))
+        return np.asarray(np.einsum("rki,kij->rkj", sensors, self.errors.inverse).reshape(9, -1))
 
     @cached_property
     def output_standard_errors(self) -> FloatArray:

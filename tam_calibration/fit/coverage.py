@@ -7,7 +7,7 @@ sum over directions u of the outer product of (u ⊗ u, u), so that a count and 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.linalg import inv, norm
+from numpy.linalg import norm
 
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -95,7 +95,7 @@ def field_of(recording: Recording, errors: SensorErrors) -> FloatArray:
     (N, 3) array
         Field in the array frame, tesla.
     """
-    mean = np.concatenate(list(inv(errors.matrix) / errors.sensor_count), axis=1)
+    mean = np.concatenate(list(errors.inverse / errors.sensor_count), axis=1)
     offset_T = mean @ errors.bias_T.ravel()
     blocks = (block.readings_T.reshape(len(block.readings_T), -1) for block in recording.blocks())
     return np.concatenate([readings_T @ mean.T - offset_T for readings_T in blocks])

@@ -318,8 +318,10 @@ def matched(along: FloatArray, path: GyroscopePath) -> Match:
         The angular velocities.
     """
     before, after, turns = _changes(along, path)
+    by_turn = np.cross((before + after)[:, None] / 2, np.eye(3))  # (n, i, 3): the change by a turn about axis i
+    change = (after - before).T.ravel()
     # np.linspace(-1.0, 1.0, 81): delays that are tried, seconds.
-    tried = [_Quadratic.of(before, after, turns(delay_s), float(delay_s)) for delay_s in np.linspace(-1.0, 1.0, 81)]
+    tried = [_Quadratic.of(by_turn, change, turns(delay_s), float(delay_s)) for delay_s in np.linspace(-1.0, 1.0, 81)]
     best = min(tried, key=lambda quadratic: quadratic.least)
     (cost, scale, mount), (mirrored, _, _) = best.rotation(1.0), best.rotation(-1.0)
     unit = min(UNITS, key=lambda name: abs(np.log(scale / UNITS[name])))
@@ -370,12 +372,9 @@ class _Quadratic:
     delay_s: float
 
     @classmethod
-    def of(cls, before: FloatArray, after: FloatArray, turns: FloatArray, delay_s: float) -> "_Quadratic":
-        middle = (before + after) / 2
-        by_turn = np.cross(middle[:, None], np.eye(3))  # (n, i, 3): the change by a turn about axis i
+    def of(cls, by_turn: FloatArray, change: FloatArray, turns: FloatArray, delay_s: float) -> "_Quadratic":
         columns = np.einsum("nix,nj->xnij", by_turn, turns).reshape(3 * len(turns), 3, 4)
         rates, bias = columns[:, :, :3].reshape(-1, 9), columns[:, :, 3]
-        change = (after - before).T.ravel()
         basis, _ = np.linalg.qr(bias)
         rates, change = rates - basis @ (basis.T @ rates), change - basis @ (basis.T @ change)
         return cls(rates.T @ rates, rates.T @ change, float(change @ change), delay_s)

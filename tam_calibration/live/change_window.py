@@ -56,8 +56,8 @@ class BlockMeans:
         That intensity beyond the reading of the scalar, tesla.
     count, scalar_count : int
         Number of samples, and of those with a scalar reading.
-    errors : SensorErrors
-        By which the fields were restored.
+    before_T : float
+        Intensity of the common field of these readings, by the errors that were known then, tesla.
     """
 
     readings_T: FloatArray
@@ -65,7 +65,7 @@ class BlockMeans:
     beyond_T: float
     count: int
     scalar_count: int
-    errors: SensorErrors
+    before_T: float
 
     @classmethod
     def of(cls, errors: SensorErrors, readings_T: FloatArray, scalar_T: FloatArray) -> "BlockMeans":
@@ -74,7 +74,8 @@ class BlockMeans:
         intensity_T = norm(errors.restore(readings_T).mean(axis=1), axis=1)
         beyond_T = float(np.mean((intensity_T - scalar_T)[known])) if known.any() else 0.0
         mean_T = float(intensity_T.mean())
-        return cls(readings_T.mean(axis=0), mean_T, beyond_T, len(readings_T), int(known.sum()), errors)
+        before_T = float(norm(errors.restore(readings_T.mean(axis=0)[None])[0].mean(axis=0)))
+        return cls(readings_T.mean(axis=0), mean_T, beyond_T, len(readings_T), int(known.sum()), before_T)
 
     def at(self, errors: SensorErrors) -> FloatArray:
         """Return by how much sensors and scalar differ from the common field with other errors, tesla.
@@ -84,10 +85,9 @@ class BlockMeans:
         (3 K + 1,) array
             Of the axes of each sensor, and of the intensity.
         """
-        fields_T, before_T = (each.restore(self.readings_T[None])[0] for each in (errors, self.errors))
+        fields_T = errors.restore(self.readings_T[None])[0]
         differences_T = np.einsum("kij,kj->ki", errors.matrix, fields_T - fields_T.mean(axis=0))
-        beyond_T = self.beyond_T + norm(fields_T.mean(axis=0)) - norm(before_T.mean(axis=0))
-        return np.append(differences_T, beyond_T)
+        return np.append(differences_T, self.beyond_T + norm(fields_T.mean(axis=0)) - self.before_T)
 
 
 def noise_of(array: KnownNoiseArray) -> FloatArray:

@@ -230,7 +230,7 @@ class Live:
         readings = rows[:, 1:-2].reshape(len(rows), -1, 3)
         recursion = self.state.recursion.dated(begin_s, temperature_C)
         means = BlockMeans.of(recursion.now.errors, readings, rows[:, -2])
-        self._follow_noise(means)
+        self._follow_noise(means, recursion.now)
         moments = self._likelihood.moments(readings, rows[:, -2])
         here = self._likelihood.linearize(moments, recursion.now.errors)
         step = Step(recursion.now, self.state.excess, self._likelihood, means, here, moments, begin_s)
@@ -259,10 +259,10 @@ class Live:
         if self._trial is not None:
             self._trial = self._trial.after(moments, published, self._likelihood)
 
-    def _follow_noise(self, means: BlockMeans) -> None:
+    def _follow_noise(self, means: BlockMeans, now: Belief) -> None:
         """Weigh samples by what the noise of blocks shows, or that of the stored calibration showed."""
         self._noise.add(means)
-        errors = means.errors if self._suspicion is None else self._suspicion.first.before.errors
+        errors = now.errors if self._suspicion is None else self._suspicion.first.before.errors
         factors = self._calibration.variance_factors.at_least(self._noise.factors(errors))
         # Part by which the variance of the noise changes before samples are weighed anew.
         if not factors.is_near(self._likelihood.factors, 0.1):

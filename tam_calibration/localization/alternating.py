@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.linalg import inv
 
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.localization.amplitude_fit import (
@@ -135,7 +134,7 @@ def _turning(recording: Recording, calibration: Calibration) -> Stretch:
 
 def _of_poses(found: Sequence[Demodulated], calibration: Calibration) -> list[Amplitudes]:
     """Return what the sensors read in each pose, corrected, for sources in the array frame."""
-    array, matrix = calibration.array, inv(calibration.errors.matrix)
+    array, matrix = calibration.array, calibration.errors.inverse
     raw = np.array([each.amplitude for each in found]).reshape(len(found), -1, 3)
     fields = np.einsum("kij,nkj->nki", matrix, raw)
     errors = errors_of(calibration, fields, is_alternating=True)

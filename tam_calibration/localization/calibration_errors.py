@@ -6,7 +6,6 @@ all that may be wrong with the readings of a recording, at most as many as there
 """
 
 import numpy as np
-from numpy.linalg import inv
 
 from tam_calibration.core.least_squares import root_of
 from tam_calibration.correction.calibration import Calibration
@@ -56,7 +55,7 @@ def errors_of(calibration: Calibration, fields_T: FloatArray, *, is_alternating:
     if calibration.covariance is None:
         return np.zeros((*shape, 0))
     full = np.pad(fields_T, ((0, 0), (0, 0), (0, 1)), constant_values=0.0 if is_alternating else 1.0)
-    by_parameter = -inv(calibration.errors.matrix)[:, None] @ np.moveaxis(calibration.errors.jacobian(), 2, 1)
+    by_parameter = -calibration.errors.inverse[:, None] @ np.moveaxis(calibration.errors.jacobian(), 2, 1)
     root = root_of(calibration.covariance).reshape(calibration.errors.sensor_count, 12, -1)
     errors = np.einsum("nkd,kdip,kpq->nkiq", full, by_parameter, root, optimize=True).reshape(*shape, -1)
     seen = errors / np.repeat(calibration.array.vector_noise_T, 3)[:, None]

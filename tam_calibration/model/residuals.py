@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.linalg import inv, norm
+from numpy.linalg import norm
 
 from tam_calibration.model.array import TENSOR_OUTPUTS, Array, KnownNoiseArray
 from tam_calibration.model.recording import Block, Recording, SampleSource
@@ -100,7 +100,7 @@ class ResidualSums:
 
     def __init__(self, errors: SensorErrors, array: Array, intensity_T: float) -> None:
         self._intensity_T, self._sensors = intensity_T, errors.sensor_count
-        unmix = _block_diagonal(inv(errors.matrix))
+        unmix = _block_diagonal(errors.inverse)
         self._map = np.concatenate([unmix, array.operator[[0, 1, 2, *TENSOR_OUTPUTS]] @ unmix])
         self._offset = -self._map @ errors.bias_T.reshape(-1, 1)
         self._intensity, self._known = np.zeros(self._sensors + 1), 0
@@ -172,7 +172,7 @@ def noise_floor(errors: SensorErrors, array: KnownNoiseArray, scalar_noise_T: fl
     scalar_noise_T : float
         Standard deviation of the reference intensity, tesla; 0 where it is the true one.
     """
-    unmix = inv(errors.matrix)
+    unmix = errors.inverse
     sensor_variance = array.vector_noise_T**2 * (unmix**2).sum(axis=(1, 2)) / 3
     operator = np.einsum("rki,kij->rkj", array.operator.reshape(9, -1, 3), unmix).reshape(9, -1)
     output_variance = operator**2 @ np.repeat(array.vector_noise_T**2, 3)

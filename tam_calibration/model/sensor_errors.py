@@ -198,6 +198,11 @@ class SensorErrors:
         """(K, 3, 3) matrices D Λ from the field in the array frame to the readings without bias."""
         return self.measurement @ self.rotation
 
+    @cached_property
+    def inverse(self) -> FloatArray:
+        """(K, 3, 3) matrices from readings without bias to the field in the array frame."""
+        return np.asarray(inv(self.matrix))
+
     def distort(self, field_T: FloatArray) -> FloatArray:
         """Return the (N, K, 3) readings of the true fields (N, K, 3) at the sensors, or (N, 3) uniform."""
         if field_T.ndim == 2:
@@ -208,7 +213,7 @@ class SensorErrors:
     def restore(self, readings_T: FloatArray) -> FloatArray:
         """Return the (N, K, 3) fields in the array frame from raw readings (N, K, 3)."""
         unbiased = np.swapaxes(readings_T - self.bias_T, 0, 1)
-        return np.swapaxes(unbiased @ np.swapaxes(inv(self.matrix), 1, 2), 0, 1)
+        return np.swapaxes(unbiased @ np.swapaxes(self.inverse, 1, 2), 0, 1)
 
     def jacobian(self) -> FloatArray:
         """Return the (K, 3, 4, 12) derivatives of [D Λ | o] by the parameters in the order of ``PARAMETER_NAMES``."""

@@ -4,8 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from tam_calibration.core.normal_equations import Elimination
@@ -18,7 +16,7 @@ def draw(seed, rows):
     return rng.normal(size=(rows, 3)), np.exp(rng.normal(size=rows))
 
 
-cases = given(st.integers(0, 10**6), st.integers(3, 15))
+cases = pytest.mark.parametrize(("seed", "rows"), [(1, 3), (2, 4), (3, 9), (4, 15)])
 
 
 @cases
@@ -81,9 +79,10 @@ def test_the_variance_along_a_direction_is_that_of_the_length():
 
 def test_with_a_known_field_each_row_is_a_channel():
     """Nothing is eliminated: the channels are the rows in units of their noise."""
-    found = Elimination.of_known_field(np.array([1.0, 2.0, 4.0]))
-    assert_allclose(found.directions, np.diag([1.0, 2.0, 4.0]))
-    assert not found.unmixing.any() and not found.covariance.any()
+    found = Elimination.of_known_field(np.array([1.0, 2.0, 5.0, 3.0]))
+    assert_allclose(found.directions, np.diag([1.0, 2.0, 5.0, 3.0]))
+    assert found.unmixing.shape == (3, 4) and not found.unmixing.any()
+    assert found.covariance.shape == (3, 3) and not found.covariance.any()
 
 
 def test_sensors_count_by_their_response_and_their_noise():
@@ -95,11 +94,3 @@ def test_sensors_count_by_their_response_and_their_noise():
     expected = [1 / np.sum(weight[axis::3] * np.arange(1, 13)[axis::3] ** 2) for axis in range(3)]
     assert_allclose(found.covariance, np.diag(expected), rtol=1e-9, atol=1e-9 * max(expected))
     assert_allclose(found.variance_along(np.eye(3)), expected, rtol=1e-9)
-
-
-def test_in_a_known_field_each_row_is_a_channel():
-    """Weighed by its noise; no field is estimated, and none of its variance is counted."""
-    found = Elimination.of_known_field(np.array([1.0, 2.0, 5.0, 3.0]))
-    assert_allclose(found.directions, np.diag([1.0, 2.0, 5.0, 3.0]))
-    assert found.unmixing.shape == (3, 4) and not found.unmixing.any()
-    assert found.covariance.shape == (3, 3) and not found.covariance.any()

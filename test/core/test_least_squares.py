@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.optimize import least_squares
 
@@ -34,7 +32,7 @@ def test_what_does_not_settle_is_told():
     assert iterate(lambda state: (state + 1, False), 0, 7) == (7, False)
 
 
-@given(st.integers(0, 10**6))
+@pytest.mark.parametrize("seed", range(4))
 def test_solutions_are_those_of_scipy(seed):
     """Of many problems side by side, with χ² and covariance."""
     rng = np.random.default_rng(seed)
@@ -126,30 +124,7 @@ def test_a_step_that_leads_astray_is_taken_back_in_any_unit(unit):
     assert found.is_found[0] and found.unknowns[0, 0] == pytest.approx(0, abs=1e-9)
 
 
-def visited(refused):
-    """Return the places tried on the way from 1 to 0 along a line, where attempts at some numbers are refused."""
-    places = []
-
-    def line(unknowns, _):
-        places.append(float(unknowns[0, 0]))
-        return np.where(len(places) in refused, np.nan, unknowns), np.ones((1, 1, 1))
-
-    solve_damped(line, np.zeros((1, 1)), np.ones((1, 1)), lambda _, step: np.abs(step[:, 0]) < 1e-12)
-    return np.array(places)
-
-
-def test_steps_are_damped_less_after_each_that_leads_down():
-    """Of the way to go a thousandth is left at first, then 0.03 times as much each time."""
-    places = visited(())
-    assert_allclose(places[1:4] / places[:3], [1e-3, 3e-5, 9e-7], rtol=2e-3)
-
-
-def test_steps_are_damped_ten_times_more_after_each_that_does_not():
-    """Until one leads down from where the first began."""
-    assert_allclose(visited((2, 3))[1:4], [1e-3, 1e-2, 1e-1], rtol=0.1)
-
-
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(5))
 def test_what_is_exact_has_no_part_in_the_root_of_a_covariance(seed):
     """However the others are correlated; and the root times its transpose is the covariance."""
     mixing = np.random.default_rng(seed).normal(size=(8, 5)) * np.geomspace(1e-9, 1, 8)[:, None]

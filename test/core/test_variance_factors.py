@@ -26,8 +26,3 @@ def test_the_larger_of_each_two_is_taken():
     """Each channel by itself; white noise is the least there is."""
     assert VarianceFactors(3.0, 1.0).at_least(VarianceFactors(2.0, 5.0)) == VarianceFactors(3.0, 5.0)
     assert VarianceFactors(3.0, 50.0).times(0.1).at_least(WHITE) == VarianceFactors(1.0, 5.0)
-
-
-def test_of_white_noise_both_are_one():
-    """It is what channels have of which nothing else is known."""
-    assert (WHITE.differential, WHITE.common_mode) == (1.0, 1.0)

@@ -48,6 +48,7 @@ def live(calibration, recording):
 
 def test_sample_by_sample_is_as_good_as_the_whole_recording(keeping, warming):
     """Outputs and standard errors are those of `Calibration.correct`."""
+    warming = warming.take(slice(150))
     batches = live(keeping, warming)
     offline = keeping.correct(warming)
     assert_allclose(np.concatenate([batch.outputs for batch in batches]), offline.outputs, rtol=1e-9, atol=1e-18)
@@ -57,6 +58,7 @@ def test_sample_by_sample_is_as_good_as_the_whole_recording(keeping, warming):
 
 def test_without_effects_nothing_changes(plain, warming):
     """A calibration without effects gives the same bits live, offline and as before effects could be kept."""
+    warming = warming.take(slice(150))
     outputs = np.concatenate([batch.outputs for batch in live(plain, warming)])
     assert_array_equal(outputs, plain.apply(warming.readings_T))
     assert_array_equal(plain.correct(warming).outputs, plain.apply(warming.readings_T))
@@ -179,11 +181,6 @@ def test_an_effect_is_taken_off_batch_by_batch(keeping, recording):
     expected = keeping.readings_without_effects(known)
     assert_allclose(np.concatenate([part.readings_T for part in parts]), expected, rtol=1e-12)
     assert np.abs(expected - known.readings_T).max() > 3e-9
-
-
-def test_without_effects_samples_stay_as_they_are(plain, warming):
-    """They are the same object."""
-    assert EffectRemoval(plain).of(warming) is warming
 
 
 def test_an_effect_that_needs_later_samples_is_refused(plain):

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.fit import calibrate
-from tam_calibration.fit.consistency import require_one_calibration, require_one_sphere
+from tam_calibration.fit.consistency import require_one_calibration
 from tam_calibration.fit.ellipsoid import sphere_of_most
 from tam_calibration.model.exceptions import Refused
 
@@ -19,19 +19,6 @@ def test_sphere_of_most_ignores_the_others():
     center, radius = sphere_of_most(points)
     assert_allclose(center, [0.1, -0.2, 0.05], atol=1e-3)
     assert radius == pytest.approx(1.0, abs=1e-3)
-
-
-def test_readings_that_leave_their_sphere_for_a_time_are_refused(wu_run):
-    """A bias of 20 µT in the middle of the run is told with its times, without any fit."""
-    readings = wu_run.recording.readings_T.copy()
-    readings[144:216] += 20e-6
-    with pytest.raises(Refused, match=r"between (144|180)\.0 and (179|215)\.0 s: something magnetic"):
-        require_one_sphere(replace(wu_run.recording, readings_T=readings))
-
-
-def test_steady_readings_pass(wu_run):
-    """Scale errors of some per cent, the same throughout, are no change."""
-    require_one_sphere(wu_run.recording)
 
 
 def test_an_intensity_that_is_not_of_the_earth_is_told_in_microtesla(wu_run, wu_scenario):

@@ -13,9 +13,9 @@ from tam_calibration.model.sensor_errors import SensorErrors
 
 
 def test_chance_is_no_change(wu_scenario, array, prior):
-    """Of forty clean turns none contradicts, and χ² is that of its degrees of freedom."""
+    """Of twenty clean turns none contradicts, and χ² is that of its degrees of freedom."""
     squares, freedom = [], 0
-    for seed in range(40):
+    for seed in range(20):
         posterior = posterior_of(turn(wu_scenario, wu_scenario.errors, seed), array, Known(prior))
         difference = Difference.of(prior, posterior)
         assert not changes_that_explain(difference, candidates_of(prior, True))
@@ -29,7 +29,7 @@ def test_chi_square_is_that_of_its_freedom(wu_scenario, array, prior):
     """Where the errors are drawn from the prior its mean is the number of directions that count."""
     generator = np.random.default_rng(8)
     squares, freedom = [], 0
-    for seed in range(40):
+    for seed in range(25):
         values, vectors = np.linalg.eigh(prior.covariance)
         step = vectors @ (np.sqrt(np.maximum(values, 0)) * generator.normal(size=48))
         errors = SensorErrors.from_vector(prior.errors.to_vector() + step.reshape(4, 12))

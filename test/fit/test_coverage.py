@@ -1,7 +1,5 @@
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from tam_calibration.fit.coverage import CELLS, cell_directions, cell_of, describe, measure_coverage
@@ -37,13 +35,6 @@ def test_every_cell_holds_its_own_centre():
     assert (cell_of(cell_directions()) == np.arange(CELLS)).all()
 
 
-@given(st.integers(0, 2**32 - 1))
-def test_every_direction_has_a_cell(seed):
-    """Cell numbers lie in range, at the poles and at the seam of the azimuth too."""
-    directions = np.concatenate([sphere(20, seed), np.eye(3), -np.eye(3)])
-    assert ((cell_of(directions) >= 0) & (cell_of(directions) < CELLS)).all()
-
-
 def test_full_sphere_is_enough():
     """A few hundred samples over the sphere are enough, and no worse than the sphere."""
     coverage = measure_coverage(FIELD_T * sphere(400))
@@ -60,12 +51,6 @@ def test_a_ring_is_not_enough_and_the_missing_pole_is_named():
     assert not coverage.enough
     assert np.isinf(coverage.relative_error)
     assert "up" in coverage.missing or "down" in coverage.missing
-
-
-def test_more_tilt_is_better():
-    """The relative error falls as pitch and roll grow."""
-    errors = [measure_coverage(FIELD_T * cap(3000, pitch)).relative_error for pitch in (15, 30, 60, 90)]
-    assert errors == sorted(errors, reverse=True)
 
 
 def test_advice_followed_leads_to_enough():
@@ -103,13 +88,6 @@ def test_live_coverage_keeps_its_memory_bounded():
     assert 50 <= live.summary().counts.sum() < 100
     live.reset()
     assert live.summary().fraction == 0
-
-
-def test_before_any_sample_nothing_is_claimed():
-    """Without samples the coverage is zero and not enough."""
-    coverage = LiveCoverage().summary()
-    assert coverage.fraction == 0
-    assert not coverage.enough
 
 
 def test_directions_in_words():

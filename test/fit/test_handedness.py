@@ -37,10 +37,11 @@ def test_sensors_of_one_hand_pass():
         require_one_hand(matrix)
 
 
+@pytest.mark.parametrize(("sensor", "others"), [(0, "2, 3 and 4"), (2, "1, 2 and 4")])
 @pytest.mark.parametrize("method", METHODS)
-def test_every_method_names_sensor_1_where_it_is_mirrored(wu_scenario, noise_free, method):
-    """Though the others are aligned to its frame."""
+def test_every_method_names_the_sensor_that_is_mirrored(wu_scenario, noise_free, method, sensor, others):
+    """Sensor 1 too, though the others are aligned to its frame."""
     readings = noise_free.recording.readings_T.copy()
-    readings[:, 0, 0] *= -1
-    with pytest.raises(InputError, match=r"^sensor 1 is a mirror image of sensors 2, 3 and 4"):
+    readings[:, sensor, 0] *= -1
+    with pytest.raises(InputError, match=rf"^sensor {sensor + 1} is a mirror image of sensors {others}"):
         METHODS[method](replace(noise_free.recording, readings_T=readings), wu_scenario.array)

@@ -32,11 +32,6 @@ def turn(axis, count=120):
     return Rotation.from_euler(axis, np.linspace(0, 360, count, endpoint=False)[:, None], degrees=True)
 
 
-def test_random_attitudes_determine_everything(wu_run, wu_scenario):
-    """Wu's 360 random attitudes pass."""
-    require_determined(wu_run.recording, wu_scenario.array)
-
-
 @pytest.mark.parametrize("noise_T", [0.0, 1e-9, 50e-9])
 @pytest.mark.parametrize(("axis", "open_"), [("z", "bias z"), ("x", "bias x"), ("y", "bias y")])
 def test_a_single_turn_names_the_bias_along_its_axis(wu_run, wu_scenario, axis, open_, noise_T):
@@ -54,12 +49,6 @@ def test_what_lacks_directions_asks_to_turn_whatever_the_noise(wu_run, wu_scenar
     tilt = Rotation.from_rotvec(from_degrees(cone_deg) * generator.uniform(-0.1, 0.1, (120, 3)))
     with pytest.raises(InputError, match=r"do not determine .*: turn the array"):
         require_determined(turned(wu_run.errors, tilt * turn(axis), noise_T), wu_scenario.array)
-
-
-def test_nine_coplanar_poses_are_refused(wu_run, wu_scenario):
-    """Nine poses of one turn are as many as parameters of an ellipsoid, and still determine none."""
-    with pytest.raises(InputError, match=r"do not determine .*scale factor z"):
-        require_determined(turned(wu_run.errors, turn("z", 9)), wu_scenario.array)
 
 
 def test_two_turns_leave_one_combination_open_and_three_none(wu_run, wu_scenario):

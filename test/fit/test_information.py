@@ -48,25 +48,6 @@ def test_fixed_scale_has_no_uncertainty_along_it():
     assert along.ravel() @ covariance @ along.ravel() == pytest.approx(0, abs=1e-20)
 
 
-def test_a_single_turn_leaves_what_a_constant_component_hides_open():
-    """In one turn about z the z component is constant: biases trade with θ, ψ and Sz, and only φ stays known."""
-    angle = np.linspace(0, 2 * np.pi, 90, endpoint=False)
-    fields = FIELD_T * np.stack([0.6 * np.cos(angle), 0.6 * np.sin(angle), np.full(90, -0.8)], axis=1)
-    array = Array(np.zeros((1, 3)), np.array([NOISE_T]), 1e-10)
-    variance = np.diag(bound(fields, SensorErrors.none(1), array, has_scalar=True))
-    assert np.isinf(variance[[2, 3, 5, 6, 7, 8]]).all()
-    assert np.isfinite(variance[4])
-
-
-FIELD_T_of_design = 5e-5
-
-
-def sphere_of_design(count, seed=0):
-    """Return fields of one intensity in random directions."""
-    direction = np.random.default_rng(seed).standard_normal((count, 3))
-    return FIELD_T_of_design * direction / np.linalg.norm(direction, axis=1, keepdims=True)
-
-
 def array_of(count, vector_noise_T):
     """Return an array of so many sensors; where they sit does not matter in a uniform field."""
     return Array(np.zeros((count, 3)), np.array(vector_noise_T), 1e-10)
@@ -79,43 +60,34 @@ def test_variances_are_those_of_the_bound(true_errors, noise_T, has_scalar):
     errors = SensorErrors.from_vector(true_errors.to_vector()[: len(noise_T)])
     if not has_scalar:
         errors = SensorErrors.from_matrix(free_scale(errors.matrix) * errors.matrix, errors.bias_T)
-    array, fields = array_of(len(noise_T), noise_T), sphere_of_design(60)
-    model = InformationModel(errors, array, has_scalar, FIELD_T_of_design)
+    array, fields = array_of(len(noise_T), noise_T), sphere(60)
+    model = InformationModel(errors, array, has_scalar, FIELD_T)
     expected = np.diag(bound(fields, errors, array, has_scalar))
     assert_allclose(model.variances(information_of(model.rows(fields))), expected, rtol=1e-9)
 
 
-def test_what_a_turn_leaves_open_is_infinite_as_in_the_bound():
-    """One turn about z leaves the same parameters open."""
-    angle = np.linspace(0, 2 * np.pi, 90, endpoint=False)
-    fields = FIELD_T_of_design * np.stack([0.6 * np.cos(angle), 0.6 * np.sin(angle), np.full(90, -0.8)], axis=1)
-    array, errors = array_of(4, [1e-9] * 4), SensorErrors.none(4)
-    model = InformationModel(errors, array, True, FIELD_T_of_design)
-    variances = model.variances(information_of(model.rows(fields)))
-    assert (np.isinf(variances) == np.isinf(np.diag(bound(fields, errors, array, True)))).all()
-    assert np.isinf(variances).any() and np.isfinite(variances).any()
-
-
 def test_one_more_sample_is_as_if_it_had_been_there(true_errors):
     """The variances with one more sample are those of the sum, for every sample."""
-    model = InformationModel(true_errors, array_of(4, [1e-9] * 4), True, FIELD_T_of_design)
-    known, candidates = information_of(model.rows(sphere_of_design(40))), model.rows(sphere_of_design(5, seed=1))
+    model = InformationModel(true_errors, array_of(4, [1e-9] * 4), True, FIELD_T)
+    known, candidates = information_of(model.rows(sphere(40))), model.rows(sphere(5, seed=1))
     expected = [model.variances(known + information_of(candidates[[index]])) for index in range(5)]
     assert_allclose(model.variances_with(known, candidates), expected, rtol=1e-9)
 
 
-def test_information_adds_up(true_errors):
-    """Three times the samples are three times the information, and rows that are three times as many."""
-    model = InformationModel(true_errors, array_of(4, [1e-9] * 4), True, FIELD_T_of_design)
-    rows = model.rows(sphere_of_design(20))
-    three = information_of(np.tile(rows, (3, 1)))
-    assert_allclose(information_of(rows) * 3, three, rtol=1e-12, atol=1e-9)
-
-
 def test_errors_in_units_of_the_noise_do_not_depend_on_it():
     """Twice the noise, of vector and scalar, doubles every standard error and leaves it the same in units of noise."""
-    quiet = InformationModel(SensorErrors.none(4), array_of(4, [1e-9] * 4), True, FIELD_T_of_design)
+    quiet = InformationModel(SensorErrors.none(4), array_of(4, [1e-9] * 4), True, FIELD_T)
     loud = replace(quiet, array=Array(np.zeros((4, 3)), np.full(4, 2e-9), 2e-10))
-    errors = [np.sqrt(model.variances(information_of(model.rows(sphere_of_design(50))))) for model in (quiet, loud)]
+    errors = [np.sqrt(model.variances(information_of(model.rows(sphere(50))))) for model in (quiet, loud)]
     assert_allclose(errors[1], 2 * errors[0], rtol=1e-9)
     assert_allclose(errors[1] * loud.noise_units, errors[0] * quiet.noise_units, rtol=1e-9)
+
+
+def test_a_single_turn_leaves_what_a_constant_component_hides_open():
+    """In one turn about z the z component is constant: biases trade with θ, ψ and Sz, and only φ stays known."""
+    angle = np.linspace(0, 2 * np.pi, 90, endpoint=False)
+    fields = FIELD_T * np.stack([0.6 * np.cos(angle), 0.6 * np.sin(angle), np.full(90, -0.8)], axis=1)
+    array, errors = array_of(1, [NOISE_T]), SensorErrors.none(1)
+    model = InformationModel(errors, array, True, FIELD_T)
+    for variance in (np.diag(bound(fields, errors, array, True)), model.variances(information_of(model.rows(fields)))):
+        assert np.isinf(variance[[2, 3, 5, 6, 7, 8]]).all() and np.isfinite(variance[4])

@@ -13,6 +13,12 @@ from tam_calibration.model.exceptions import InputError
 from tam_validation.papers import chi2017
 
 
+@pytest.fixture(scope="module")
+def case():
+    """Return the simulation of Chi 2017, whose soft iron turns the frame of sensor 1 by tens of degrees."""
+    return chi2017.set_up()
+
+
 def ellipsoid_moments(axes, center, noise=0.0, part=1.0):
     """Return the moments of points on an ellipsoid with given half axes, or on the upper part of it."""
     generator = np.random.default_rng(5)
@@ -48,9 +54,8 @@ def test_points_in_a_plane_are_refused():
         constrained_ellipsoid(np.zeros((11, 11)), np.array(1.0))
 
 
-def test_hard_and_soft_iron_are_taken_off():
+def test_hard_and_soft_iron_are_taken_off(case):
     """With the paper's iron and no noise intensity and tensor of a uniform field are exact."""
-    case = chi2017.set_up()
     exact = replace(case.recording, readings_T=case.errors.distort(case.field_T))
     calibration = integrated(exact, case.array)
     assert calibration.before.tensor_rmse_T_per_m > 5e-5
@@ -58,9 +63,8 @@ def test_hard_and_soft_iron_are_taken_off():
     assert calibration.in_sample.sensor_intensity_T.max() < 1e-16
 
 
-def test_the_frame_is_stated(noise_free, wu_scenario):
+def test_the_frame_is_stated(case):
     """Without attitude the result says that the frame is turned; with it, that it is the array's."""
-    case = chi2017.set_up()
     blind = integrated(replace(case.recording, attitude=None), case.array)
     assert "soft iron" in blind.statements[0]
     assert (blind.errors.misalignment[0] == 0).all() or np.abs(blind.errors.misalignment[0]).max() < 1e-12
@@ -71,9 +75,8 @@ def test_the_frame_is_stated(noise_free, wu_scenario):
     assert np.abs(seeing.errors.misalignment[0] - case.errors.misalignment[0]).max() < 1e-4
 
 
-def test_samples_without_attitude_tell_the_rest():
+def test_samples_without_attitude_tell_the_rest(case):
     """An attitude that is unknown in a third of the samples turns the frame by the others."""
-    case = chi2017.set_up()
     attitude = case.recording.attitude.copy()
     attitude[::3] = np.nan
     some = integrated(replace(case.recording, attitude=attitude), case.array)
@@ -105,9 +108,8 @@ def test_no_other_quadric_within_the_constraint_is_nearer(ratio):
         assert distance(shape + step + step.T, linear + moved[:3], constant + moved[3]) > least > 0
 
 
-def test_each_turn_is_that_of_the_samples_that_its_set_has():
+def test_each_turn_is_that_of_the_samples_that_its_set_has(case):
     """The first of all samples, each other without those that are left out."""
-    case = chi2017.set_up()
     moments = gather(case.recording, "integrated")
     matrix, bias_T = case.errors.matrix, case.errors.bias_T
     center = (bias_T - moments.data.origin_T) / moments.data.radius_T

@@ -53,14 +53,6 @@ def at_truth(request, scenario):
     return likelihood_of(run, turning=turning), run.errors.matrix, run.errors.bias_T / UNIT_T, COMPONENTS
 
 
-def test_the_truth_has_no_energy(at_truth):
-    """Without noise every whitened channel is zero at the truth, to rounding of readings 5e4 times the noise."""
-    likelihood, matrix, bias, gradient = at_truth
-    point = likelihood.linearize(matrix, bias, None, gradient)
-    assert abs(point.between.energy) < 1e-3 and point.common.energy < 1e-12
-    assert_allclose(likelihood.energy(matrix, bias, gradient), 0, atol=1e-5)
-
-
 def test_information_is_the_curvature_of_the_energy(at_truth):
     """A small step from the truth in any direction costs step · information · step, and leads back by Gauss-Newton."""
     likelihood, matrix, bias, gradient = at_truth
@@ -107,17 +99,6 @@ def test_each_channel_is_weighed_by_its_own_factor(at_truth):
     assert_allclose(weighed.correction, whole.correction / 9)
     assert weighed.between.energy == whole.between.energy / 4 and weighed.common.energy == whole.common.energy / 9
     assert weighed.common.count == whole.common.count
-
-
-def test_factors_of_white_noise_change_no_bit(at_truth):
-    """Nor do factors that are the same for both channels more than a common one does."""
-    likelihood, matrix, bias, gradient = at_truth
-    whole = likelihood.linearize(matrix, bias + 1e-6, None, gradient)
-    for factor in (1.0, 7.0):
-        weighed = whole.weighed(VarianceFactors(factor, factor))
-        for own, before in ((weighed.between, whole.between), (weighed.common, whole.common)):
-            assert own.information.tolist() == (before.information / factor).tolist()
-            assert own.score.tolist() == (before.score / factor).tolist()
 
 
 def test_interpolation_noise_reaches_the_common_mode_across_pieces(scenario, monkeypatch):

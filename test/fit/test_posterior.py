@@ -61,20 +61,8 @@ def test_it_is_never_worse_than_the_prior(wu_scenario, wu_run, is_blind):
     assert (np.abs(error) <= 4.5 * np.sqrt(variance) + 1e-15).all()
 
 
-def test_one_sensor(wu_scenario):
-    """Nine parameters, none of them worse than before, bias x better by data."""
-    first = SensorErrors.from_vector(wu_scenario.errors.to_vector()[:1])
-    array = Array(wu_scenario.array.positions_m[:1], wu_scenario.array.vector_noise_T[:1], 1e-10).with_stated_noise()
-    scenario = replace(wu_scenario, array=array, errors=first)
-    prior = prior_of(maximum_likelihood(simulate(scenario).recording, array), None, None)
-    both = posterior_of(swinging(scenario, 5, 2), array, Known(prior))
-    ratio = np.diag(both.covariance)[:9] / np.diag(prior.covariance)[:9]
-    assert (ratio <= 1 + 1e-9).all() and ratio[6] < 0.8
-
-
-@pytest.mark.parametrize("times", [100.0, 300.0])
-def test_noise_that_is_stated_too_large_is_no_reason_to_refuse(wu_scenario, times):
-    """A sensor known to 5 % and 3 µT, swung by 3°: with so many times its noise the answer is within what was known."""
+def test_noise_that_is_stated_too_large_is_no_reason_to_refuse(wu_scenario):
+    """A sensor known to 5 % and 3 µT, swung by 3°: with 300 times its noise the answer is within what was known."""
     errors = SensorErrors(
         np.array([[0.93, 0.95, 0.96]]),
         np.array([[0.03, -0.02, 0.02]]),
@@ -88,7 +76,7 @@ def test_noise_that_is_stated_too_large_is_no_reason_to_refuse(wu_scenario, time
     prior = prior_of(replace(before, errors=SensorErrors.none(1), covariance=np.diag(deviation**2)), None, None)
     motion = Manoeuvre(from_degrees(3), from_degrees(3), 30.0)
     turn = simulate(replace(scenario, motion=motion, sample_count=2000, rate_hz=10.0)).recording.take(slice(600))
-    both = posterior_of(turn, replace(array, vector_noise_T=times * array.vector_noise_T), Known(prior))
+    both = posterior_of(turn, replace(array, vector_noise_T=300 * array.vector_noise_T), Known(prior))
     off = (both.errors.to_vector() - errors.to_vector()).ravel()
     assert (np.abs(off) <= deviation).all()
 
@@ -107,13 +95,13 @@ def test_an_intensity_below_zero_is_none(wu_scenario):
 
 @pytest.mark.parametrize("mounting_error", [None, from_degrees(0.001)])
 def test_errors_beside_attitude_lie_within_what_is_told(wu_scenario, mounting_error):
-    """The mean square over 12 runs is one; where the mounting is known, the frame is that of the attitude."""
+    """The mean square over 8 runs is one; where the mounting is known, the frame is that of the attitude."""
     errors = SensorErrors.from_matrix(wu_scenario.errors.matrix @ MOUNT, wu_scenario.errors.bias_T)
     truth = errors if mounting_error else in_first_frame(errors)[0]
     noise = from_degrees(0.2)
     array = replace(wu_scenario.array.with_stated_noise(), attitude_noise=noise, mounting_error=mounting_error)
     squares = []
-    for seed in range(12):
+    for seed in range(8):
         recording = swinging(wu_scenario, 30, seed, errors=errors, attitude=AttitudeChannel(noise))
         found = maximum_a_posteriori(recording, array, Known())
         free = found.standard_errors > 0
@@ -124,7 +112,7 @@ def test_errors_beside_attitude_lie_within_what_is_told(wu_scenario, mounting_er
     assert ("recorded" in found.frame) == bool(mounting_error)
 
 
-@pytest.mark.parametrize(("mounting_deg", "is_frame"), [(0.56, True), (0.59, False), (10.0, False)])
+@pytest.mark.parametrize(("mounting_deg", "is_frame"), [(0.56, True), (0.59, False)])
 def test_a_mounting_that_is_known_too_little_makes_no_frame(wu_scenario, mounting_deg, is_frame):
     """A full turn is calibrated in the frame of sensor 1 then, as where nothing is known of the mounting."""
     noise = from_degrees(0.05)

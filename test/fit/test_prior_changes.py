@@ -20,8 +20,7 @@ from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.simulation import simulate
 
 
-@pytest.mark.parametrize("sensor", [0, 2])
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("kind", "sensor"), [*zip(KINDS, [0, 2, 2, 0], strict=True)])
 def test_a_change_is_told_as_what_it_is(wu_scenario, array, prior, kind, sensor):
     """Kind and sensor, also of the sensor whose frame all others are told in; size within its standard errors."""
     recording = turn(wu_scenario, moved(wu_scenario.errors, kind, sensor), 5)
@@ -33,18 +32,7 @@ def test_a_change_is_told_as_what_it_is(wu_scenario, array, prior, kind, sensor)
     assert (np.abs(found.change - SIZES[kind] * DIRECTION) < 4.5 * found.standard_errors).all()
 
 
-def test_what_moved_is_learned_anew(wu_scenario, array, prior):
-    """The bias is within its standard errors, and these are those of the data."""
-    errors = moved(wu_scenario.errors, "bias", 1)
-    resolved = update_prior(turn(wu_scenario, errors, 6), array, Known(prior))
-    found = maximum_a_posteriori(resolved.recording, array, resolved.known)
-    assert (np.abs(found.errors.bias_T - errors.bias_T) < 4.5 * found.standard_errors[:, 6:9]).all()
-
-
-@pytest.mark.parametrize(
-    ("kind", "times", "first"),
-    [("bias", 1, 350), ("bias", 1, 570), ("non-orthogonality", 300, 20), ("non-orthogonality", 300, 571)],
-)
+@pytest.mark.parametrize(("kind", "times", "first"), [("bias", 1, 570), ("non-orthogonality", 300, 20)])
 def test_a_change_within_the_recording_has_a_time(wu_scenario, array, prior, kind, times, first):
     """Also one of 6 µT, beside which no error is a straight line."""
     resolved = update_prior(changed_within(wu_scenario, kind, times, first), array, Known(prior))
@@ -128,9 +116,16 @@ GROUPS = {
 }
 
 
-@pytest.mark.parametrize("limit_deg", [5.0, 60.0])
-@pytest.mark.parametrize("times", [0.5, 100])
-@pytest.mark.parametrize("name", GROUPS)
+@pytest.mark.parametrize(
+    ("name", "times", "limit_deg"),
+    [
+        ("a battery", 0.5, 5.0),
+        ("a battery", 100, 60.0),
+        ("another sensor", 0.5, 60.0),
+        ("another sensor", 100, 5.0),
+        ("the scalar", 0.5, 5.0),
+    ],
+)
 def test_what_moves_together_is_told_together(wu_scenario, array, prior, name, times, limit_deg):
     """By 10 nT or 2 µT, in a narrow turn and in a wide one: each part by its size, and all errors are as told."""
     kind, sensor, parts = GROUPS[name]
@@ -190,9 +185,9 @@ def test_which_of_two_sensors_turned_stays_open(wu_scenario):
     assert found.probability == pytest.approx(0.5, abs=0.1)
 
 
-@pytest.mark.parametrize(("times", "lasts"), [(10, 3), (100, 30)])
-def test_samples_during_a_change_count_for_neither_side(wu_scenario, array, prior, times, lasts):
-    """A bias that moves by 200 nT in a third of a second, or by 2 µT in three: all but some of these are left out."""
+def test_samples_during_a_change_count_for_neither_side(wu_scenario, array, prior):
+    """A bias that moves by 200 nT in a third of a second: all but some of these samples are left out."""
+    times, lasts = 10, 3
     before, after = (
         turn(wu_scenario, each, 9, 600) for each in (wu_scenario.errors, moved(wu_scenario.errors, "bias", 3, times))
     )
@@ -240,7 +235,7 @@ def test_a_further_change_after_which_no_fit_settles_is_none(wu_scenario, array,
         found = in_sequence(parts, *rest)
         return found if len(parts) == 2 else replace(found, refusal=Refused("the fit did not settle"))
 
-    recording = there_and_back(wu_scenario, (3,), 100)
+    recording = there_and_back(wu_scenario, (3,), 1)
     monkeypatch.setattr(prior_changes, "_in_sequence", refused)
     resolved = update_prior(recording, array, Known(prior), 3)
     assert resolved.refusal is None and len(resolved.earlier) == 1

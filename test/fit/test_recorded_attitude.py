@@ -4,27 +4,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.linalg import norm
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.information import inverted
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.published import integrated
 from tam_calibration.fit.recorded_attitude import (
-    aligned,
     find_turn,
     likely_turn,
 )
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import from_degrees
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.attitude import Manoeuvre, Tumble
 from tam_calibration.simulation.surroundings import AttitudeChannel, ScalarReference
-from tam_validation.papers import chi2017
 
 SHAPE = np.array([[120, -80, 60], [-80, -200, 90], [60, 90, 80]])
 GRADIENT = 100e-9 * SHAPE / np.linalg.norm(SHAPE)
@@ -48,9 +43,10 @@ def turned_by(recording, angle_deg):
     return replace(recording, attitude=(Rotation.from_quat(recording.attitude) * mount).as_quat())
 
 
-@pytest.mark.parametrize("method", ["maximum_likelihood", "robust"])
-@pytest.mark.parametrize("position_m", [None, AWAY_M])
-@pytest.mark.parametrize("turn_deg", [0.0, 3.0])
+@pytest.mark.parametrize(
+    ("method", "position_m", "turn_deg"),
+    [("maximum_likelihood", None, 0.0), ("maximum_likelihood", AWAY_M, 3.0), ("robust", AWAY_M, 3.0)],
+)
 def test_noise_free_data_give_errors_and_gradient_back(scenario, method, position_m, turn_deg):
     """Exact to 1e-4 nT and nT/m, wherever the scalar is and however the attitude's instrument is mounted."""
     away = replace(scenario, array=replace(scenario.array, scalar_position_m=position_m))
@@ -75,19 +71,19 @@ def test_without_scalar_the_gradient_is_found_on_the_same_scale(scenario):
 
 @pytest.mark.parametrize("position_m", [None, AWAY_M])
 def test_errors_lie_within_their_standard_errors(scenario, position_m):
-    """Over 30 runs the spread of all parameters and of the gradient is the one that is told."""
+    """Over 12 runs the spread of all parameters and of the gradient is the one that is told."""
     away = replace(scenario, array=replace(scenario.array, scalar_position_m=position_m))
     free = np.r_[:9, 12:48]
     scores, gradients = [], []
-    for seed in range(30):
+    for seed in range(12):
         run = simulate(replace(away, seed=seed))
         calibration = maximum_likelihood(run.recording, away.array, ambient_gradient=True)
         error = (calibration.errors.to_vector() - run.errors.to_vector()).ravel()[free]
         scores.append(error @ np.linalg.solve(calibration.covariance[np.ix_(free, free)], error))
         found = calibration.ambient_gradient
         gradients.append(((found.tensor_T_per_m - GRADIENT) / found.standard_errors_T_per_m) ** 2)
-    assert abs(np.mean(scores) - 45) < 4 * np.sqrt(2 * 45 / 30)
-    assert np.mean(gradients) == pytest.approx(1, abs=4 * np.sqrt(2 / 5 / 30))
+    assert abs(np.mean(scores) - 45) < 6.9
+    assert np.mean(gradients) == pytest.approx(1, abs=0.46)
 
 
 def test_the_price_is_small(wu_run, wu_scenario, scenario):
@@ -102,7 +98,7 @@ def test_attitude_errors_of_a_degree_do_not_spoil_it(scenario, motion):
     """With 1° of noise and a mount turned by 1° the errors grow by less than 15 % in 100 nT/m: tolerance of the fit."""
     base = scenario if motion is None else replace(scenario, motion=motion)
     ratios = []
-    for seed in range(30):
+    for seed in range(10):
         run = simulate(replace(base, seed=seed, attitude=AttitudeChannel(from_degrees(1.0))))
         calibration = maximum_likelihood(turned_by(run.recording, 1.0), base.array, ambient_gradient=True)
         error = calibration.errors.to_vector() - run.errors.to_vector()
@@ -192,86 +188,6 @@ def test_methods_that_cannot_are_told(scenario):
     """A closed form has no place for a gradient."""
     with pytest.raises(InputError, match="lossless takes the field for uniform: maximum_likelihood or robust can fit"):
         calibrate(simulate(scenario).recording, scenario.array, "lossless", ambient_gradient=True)
-
-
-def test_alignment_takes_off_a_mount_and_what_the_field_shows_of_noise():
-    """A fixed turn goes, and of three angles of noise the one about the field remains."""
-    generator = np.random.default_rng(4)
-    true = Rotation.from_quat(generator.normal(size=(500, 4)))
-    field = true.inv().apply([2e-5, 3e-5, -4e-5])
-    noise = Rotation.from_rotvec(from_degrees(1.0) * generator.normal(size=(500, 3)))
-    mount = Rotation.from_rotvec([0.05, -0.08, 0.03])
-    left = true.inv() * Rotation.from_quat(aligned((true * noise * mount).as_quat(), field))
-    turns = left.as_rotvec()
-    along = np.sum(turns * field, axis=1) / np.linalg.norm(field, axis=1)
-    # A turn of the world about its field is nobody's to see: it takes the mean off.
-    assert np.sqrt(np.mean(np.sum(turns**2, axis=1))) < from_degrees(1.3)
-    assert_allclose(
-        np.linalg.norm(turns - along[:, None] * field / np.linalg.norm(field, axis=1)[:, None], axis=1), 0, atol=5e-3
-    )
-
-
-@pytest.fixture(scope="module")
-def case():
-    """Return the simulation of Chi 2017, whose soft iron turns the frame of sensor 1 by tens of degrees."""
-    return chi2017.set_up()
-
-
-@pytest.fixture(scope="module")
-def exact(case):
-    """Return its recording without noise."""
-    return replace(case.recording, readings_T=case.errors.distort(case.field_T))
-
-
-@pytest.fixture(scope="module")
-def blind(case, exact):
-    """Return the calibration of the recording without noise and without attitude."""
-    return integrated(replace(exact, attitude=None), case.array)
-
-
-def into_array_frame(errors, recording):
-    """Return errors with their common frame turned into the one whose attitude was recorded."""
-    field = errors.restore(recording.readings_T).mean(axis=1)
-    to_world = Rotation.from_quat(recording.attitude).as_matrix()
-    turn = find_turn(field / np.sqrt(np.mean(norm(field, axis=1) ** 2)), to_world)
-    return SensorErrors.from_matrix(errors.matrix @ turn.T, errors.bias_T)
-
-
-def test_attitude_takes_the_turn_off(case, exact, blind):
-    """Without noise the errors in the array frame are found, the misalignment of sensor 1 with them."""
-    found = into_array_frame(blind.errors, exact)
-    assert_allclose(found.matrix, case.errors.matrix, rtol=0, atol=1e-12)
-    assert_allclose(found.misalignment[0], case.errors.misalignment[0], rtol=0, atol=1e-12)
-
-
-def test_only_a_gradient_sees_the_turn(case, exact, blind):
-    """The tensor of a source is wrong in the frame of sensor 1, and right in the array frame."""
-    gradient = 1e-6 * np.array([[1.0, 0.5, -0.3], [0.5, -0.2, 0.7], [-0.3, 0.7, -0.8]])
-    field = case.field_T[:, None] + case.array.positions_m @ gradient
-    expected = gradient[[0, 0, 0, 1, 1], [0, 1, 2, 1, 2]]
-    wrong = blind.apply(case.errors.distort(field))[:, 3:8]
-    assert np.abs(wrong - expected).max() > 0.2e-6
-    turned = replace(blind, errors=into_array_frame(blind.errors, exact))
-    assert_allclose(turned.apply(case.errors.distort(field))[:, 3:8], np.tile(expected, (200, 1)), rtol=0, atol=1e-15)
-
-
-def test_noise_of_the_attitude_averages_out(case, exact, blind):
-    """With one degree of noise in the attitude the frame is found to a third of a degree."""
-    noise = Rotation.from_rotvec(np.random.default_rng(6).normal(scale=0.0175, size=(200, 3)))
-    noisy = replace(exact, attitude=(Rotation.from_quat(exact.attitude) * noise).as_quat())
-    found = into_array_frame(blind.errors, noisy)
-    error = Rotation.from_matrix(found.rotation[0] @ case.errors.rotation[0].T).magnitude()
-    assert error < 0.006
-
-
-def test_turns_about_one_axis_do_not_show_the_frame(case, exact):
-    """A recording that was turned about one axis only is refused."""
-    errors = case.errors
-    steps = Rotation.from_euler("z", np.linspace(0, 6, 200)[:, None])
-    field = steps.inv().apply(case.field_T[0])
-    turned = replace(exact, readings_T=errors.distort(field), attitude=steps.as_quat())
-    with pytest.raises(InputError, match="two axes"):
-        into_array_frame(errors, turned)
 
 
 def test_a_gradient_that_the_data_leave_open_is_infinite():

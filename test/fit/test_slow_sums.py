@@ -19,7 +19,8 @@ def shown(kept, size, seed):
 
 def test_white_noise_of_the_stated_size_shows_nothing():
     """But for once or so in a thousand recordings."""
-    assert sum(shown(0, 1, seed) != SlowSums() for seed in range(1000)) <= 4
+    scores = [np.random.default_rng(seed).normal(size=(BLOCKS, PARAMETERS)) for seed in range(1000)]
+    assert sum(SlowSums.of(INFORMATION, each / np.sqrt(BLOCKS)) != SlowSums() for each in scores) <= 4
 
 
 @pytest.mark.parametrize(("kept", "size", "factor"), [(0, 2, 4), (0.5, 1, 4), (0.6, 1, 6.25)])

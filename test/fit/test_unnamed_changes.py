@@ -42,7 +42,7 @@ def test_a_turn_all_round_leaves_little_open(wu_scenario, array, prior):
     assert (wider < SIZES["scale factor"] / 50).all() and faster.probability < 1e-9
 
 
-@pytest.mark.parametrize("seed", range(1, 7))
+@pytest.mark.parametrize("seed", [1, 2, 3])
 def test_sensors_that_all_warmed_unseen(wu_scenario, prior, seed):
     """A narrow turn names one or two of their errors; the others are within the standard errors all the same."""
     vector = wu_scenario.errors.to_vector()

@@ -1,8 +1,6 @@
 import numpy as np
 import pytest
 
-from tam_calibration.integrity import values as stuck_bits
-
 LEAST_BIT_T = 1e-9
 
 
@@ -85,14 +83,3 @@ def test_steps_are_no_stuck_bits(run):
     assert {name for name, *_ in run.spoiled(lambda readings: np.round(readings, 7, out=readings)).told} == {
         "quantised"
     }
-
-
-def test_constants(run):
-    """A mean of phases of 2 / pi lies above the threshold, one of none below, and half a period is empty."""
-    assert 2 / np.pi > stuck_bits.COHERENT
-    assert stuck_bits.EMPTY[0] < 0.5 < 0.75 < stuck_bits.EMPTY[1]
-    values = np.sort(np.random.default_rng(1).uniform(0, 1, 2000))
-    bands = np.sort(np.floor(values * 20) / 10 % 1 + values % 0.05)
-    none, twenty = stuck_bits._cycles([values, bands])
-    assert none is None and abs(twenty - bands[-1] / 0.1) < 0.5
-    assert stuck_bits._bands(bands, twenty).period_T == pytest.approx(0.1, rel=1e-3)

@@ -26,8 +26,8 @@ def factors_of(errors, array, change, seed=1):
 
 
 def test_white_noise_has_none(true_errors, cross):
-    """In forty missions."""
-    for seed in range(40):
+    """In fifteen missions."""
+    for seed in range(15):
         assert factors_of(true_errors, cross, lambda *_: None, seed) == WHITE
 
 

@@ -4,16 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.model.array import OUTPUT_NAMES, TENSOR_OUTPUTS, Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError
 
 GRADIENT_ELEMENTS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-COMPONENTS = st.floats(-1, 1)
 
 
 def trace_free(elements):
@@ -28,10 +24,10 @@ def test_cross_numbers_its_sensors_as_wu():
     assert_allclose(Array.cross(0.5).positions_m, expected)
 
 
-@given(readings=arrays(float, (4, 3), elements=COMPONENTS), baseline=st.floats(0.05, 2))
-def test_operator_of_the_cross_is_li_2018a_equation_2(readings, baseline):
+@pytest.mark.parametrize("baseline", [0.05, 2.0])
+def test_operator_of_the_cross_is_li_2018a_equation_2(baseline):
     """Centre and tensor are the mean and the differences over the baseline, xy the mean of its two."""
-    first, second, third, fourth = readings
+    first, second, third, fourth = readings = np.random.default_rng(3).uniform(-1, 1, (4, 3))
     along_x, along_y = (first - third) / baseline, (second - fourth) / baseline
     xy = (along_x[1] + along_y[0]) / 2
     tensor = [along_x[0], xy, along_x[2], along_y[1], along_y[2], -along_x[0] - along_y[1]]
@@ -39,18 +35,12 @@ def test_operator_of_the_cross_is_li_2018a_equation_2(readings, baseline):
     assert_allclose(outputs, [*readings.mean(axis=0), *tensor], atol=1e-12 / baseline)
 
 
-@given(
-    positions=st.integers(4, 7).flatmap(lambda count: arrays(float, (count, 3), elements=COMPONENTS)),
-    center=arrays(float, 3, elements=COMPONENTS),
-    elements=arrays(float, 5, elements=COMPONENTS),
-)
-def test_operator_is_exact_on_a_linear_field(positions, center, elements):
+@pytest.mark.parametrize("count", [4, 5, 7])
+def test_operator_is_exact_on_a_linear_field(count):
     """Wherever the sensors are, a field with a constant Maxwell gradient comes out as it is, at the origin."""
-    array = Array(positions)
-    if np.linalg.svd(array.linear_field, compute_uv=False)[-1] < 1e-3:
-        return  # not in general position: the operator must not be trusted to many digits
-    tensor = trace_free(elements)
-    outputs = array.operator @ (center + positions @ tensor).ravel()
+    rng = np.random.default_rng(count)
+    positions, center, tensor = rng.uniform(-1, 1, (count, 3)), rng.uniform(-1, 1, 3), trace_free(rng.uniform(-1, 1, 5))
+    outputs = Array(positions).operator @ (center + positions @ tensor).ravel()
     assert_allclose(outputs, [*center, *(tensor[i, j] for i, j in GRADIENT_ELEMENTS)], atol=1e-9)
 
 
@@ -95,13 +85,7 @@ def test_geometry_is_compared_to_a_micrometre():
     assert not cross.has_geometry_of(Array(cross.positions_m[:3]))
 
 
-def test_one_noise_goes_to_all_sensors_of_the_cross():
-    """The cross takes one vector noise for its four sensors."""
-    assert_array_equal(Array.cross(0.5, 2e-9).vector_noise_T, np.full(4, 2e-9))
-
-
-@pytest.mark.parametrize("one", [2, 2e-9, np.float64(2e-9), np.array(2e-9)])
-@pytest.mark.parametrize("count", [1, 3, 4])
+@pytest.mark.parametrize(("one", "count"), [(2, 1), (2e-9, 3), (np.float64(2e-9), 4), (np.array(2e-9), 4)])
 def test_one_number_holds_for_all_sensors(one, count):
     """As a noise of each and as a delay of each, whatever the number of sensors."""
     small = 1e-9 * one
@@ -174,9 +158,3 @@ def test_noise_that_is_not_stated_is_asked_for():
     with pytest.raises(InputError, match="vector noise is not stated: add vector_noise_nT"):
         Array.cross(0.5).with_stated_noise()
     assert Array.cross(0.5, 1e-9).with_stated_noise().scalar_noise_T == 0
-
-
-def test_an_array_of_known_noise_needs_its_noise():
-    """It has no default, so that none can be forgotten."""
-    with pytest.raises(TypeError, match="vector_noise_T"):
-        KnownNoiseArray(np.zeros((1, 3)))

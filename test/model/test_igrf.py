@@ -15,7 +15,7 @@ FIRST, LAST = date(1900, 1, 1).toordinal(), date(2029, 12, 31).toordinal()
 def test_agrees_with_the_code_of_iaga():
     """Anywhere, at any height and day, within 1 pT: that code takes the sine of the ellipsoid's angle for the angle."""
     rng = np.random.default_rng(14)
-    for _ in range(40):
+    for _ in range(12):
         latitude, longitude = rng.uniform(-90, 90), rng.uniform(-180, 360)
         height_m, day = rng.uniform(-10e3, 600e3), date.fromordinal(int(rng.integers(FIRST, LAST + 1)))
         theirs = ppigrf.igrf(longitude, latitude, height_m / 1e3, datetime(day.year, day.month, day.day))

@@ -33,11 +33,6 @@ def with_value(shape, place, value):
     return values
 
 
-def test_counts():
-    """The readings tell the numbers of samples and sensors."""
-    assert (recording().sample_count, recording().sensor_count) == (SAMPLES, SENSORS)
-
-
 @given(st.lists(st.booleans(), min_size=SAMPLES, max_size=SAMPLES).filter(any))
 def test_take_selects_the_same_samples_in_every_channel(chosen):
     """A mask gives the recording of its samples, absent channels stay absent."""
@@ -120,20 +115,6 @@ def test_an_empty_recording_is_refused():
     """Without a sample there is nothing to do."""
     with pytest.raises(InputError, match="the recording contains no sample"):
         Recording(np.zeros(0), np.zeros((0, 1, 3)))
-
-
-def test_plausible_data_pass():
-    """Geomagnetic readings that vary are accepted, with and without a scalar."""
-    recording().check_plausible()
-    recording(scalar_T=None).check_plausible()
-
-
-def test_a_constant_axis_is_refused():
-    """An axis that never changes is not connected, or the array was not turned."""
-    readings = recording().readings_T.copy()
-    readings[:, 1, 0] = 2e-5
-    with pytest.raises(InputError, match="sensor 2 axis x reads the same value in all 6 samples"):
-        recording(readings_T=readings).check_plausible()
 
 
 @pytest.mark.parametrize(
