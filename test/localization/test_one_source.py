@@ -115,6 +115,12 @@ def test_a_sample_with_another_solution_is_told(across, limit):
     assert _is_apart(own, shared).tolist() == [False, True, True, False]
 
 
+@pytest.fixture(scope="module")
+def beside_a_dipole():
+    """Return the field that is found beside a dipole."""
+    return located([dipole()], known=NEAR)[1]
+
+
 @pytest.mark.parametrize(
     ("module", "name", "value"),
     [
@@ -126,9 +132,9 @@ def test_a_sample_with_another_solution_is_told(across, limit):
         (shared_source, "_SMALLEST_SHARED", 1e-8),
     ],
 )
-def test_what_is_found_does_not_depend_on_when_steps_end(monkeypatch, module, name, value):
+def test_what_is_found_does_not_depend_on_when_steps_end(beside_a_dipole, monkeypatch, module, name, value):
     """To a thousandth of the standard errors."""
-    _, before = located([dipole()], known=NEAR)
+    before = beside_a_dipole
     monkeypatch.setattr(module, name, value)
     _, after = located([dipole()], known=NEAR)
     errors = np.sqrt(np.diag(before.covariance_T2))
@@ -157,10 +163,10 @@ def test_a_sample_with_another_solution_is_refused_in_its_run(monkeypatch):
     assert np.array_equal(np.delete(before.status, 30), np.delete(after.status, 30))
 
 
-def test_what_is_known_of_the_field_counts_as_much_as_it_is_certain():
+def test_what_is_known_of_the_field_counts_as_much_as_it_is_certain(beside_a_dipole):
     """Known to a tenth of what the samples tell, it stays where it is stated, within that."""
     outputs, attitude = passed(1, [dipole()])
-    _, told = locate_run(Samples(outputs, ARRAY, NOISE, attitude), NEAR)
+    told = beside_a_dipole
     error = 0.1 * np.sqrt(np.diag(told.covariance_T2))
     stated = told.field_T + 10 * error
     _, found = locate_run(Samples(outputs, ARRAY, NOISE, attitude), Regional(stated, covariance_T2=np.diag(error**2)))

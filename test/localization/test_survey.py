@@ -21,7 +21,7 @@ from tam_calibration.sources.dipole import Dipole
 EARTH_T = np.array([1e-6, 21e-6, -43e-6])
 NOISE_T = 1e-9
 COIL = Dipole(np.array([2.4, -1.0, 0.46]), np.array([30.0, -20.0, 25.0]))
-RUNS = 20
+RUNS = 10
 
 
 def perfect(array):
