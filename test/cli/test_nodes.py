@@ -16,19 +16,23 @@ pytest.importorskip("rclpy", reason="rclpy is not installed: pip install 'tam_ca
 
 COMMAND = ["-u", "-m", "tam_calibration", "nodes"]
 
+SAID_BY_TWO = ("collector WAIT: no message yet", "corrector WARN: no calib")
+SAID = (*SAID_BY_TWO, "calibrator WAIT: no samples yet", "localizer WAIT")
 
-SAID = (
-    "collector WAIT: no message yet",
-    "calibrator WAIT: no samples yet",
-    "corrector WARN: no calib",
-    "localizer WAIT",
-)
+WITH_TWO_NODES = """
+from tam_calibration.__main__ import run
+from tam_calibration.cli import nodes
+all_of = nodes.node_commands
+nodes.node_commands = lambda *given: {"stream": all_of(*given)["stream"]}
+run()
+"""
+"""The command with the process of collector and corrector alone: how it ends does not depend on the others."""
 
 
-def start_all(bench, *options):
+def start(bench, command=COMMAND, said=SAID):
     """Start the command and wait until every node has said something."""
-    children = bench.start({"tam": [*COMMAND, *options]})
-    bench.spin_until(lambda: all(line in children.log("tam") for line in SAID), "the nodes say what they wait for")
+    children = bench.start({"tam": command})
+    bench.spin_until(lambda: all(line in children.log("tam") for line in said), "the nodes say what they wait for")
     return children
 
 
@@ -37,15 +41,6 @@ def ended(bench, children, number):
     os.kill(children.pids["tam"], number)
     bench.spin_until(lambda: not children.is_running("tam"), "the command has ended")
     return children.end_one("tam")
-
-
-def test_nodes_start_together_and_end_together(bench, recording, tmp_path):
-    """What they say is printed line by line, and Ctrl-C ends them with exit code 0."""
-    children = start_all(bench, "--calibration", str(tmp_path / "c.yaml"))
-    bench.stream(recording, [bench.publish_sensors((1, 2, 3))])
-    bench.spin_until(lambda: "collector ERROR: nothing from tam_4" in children.log("tam"), "the silent sensor is told")
-    assert ended(bench, children, signal.SIGINT) == 0
-    assert not processes_of(bench.logs)
 
 
 def test_nodes_take_their_files_and_a_second_command_is_refused(bench, recording, cross, tmp_path):
@@ -74,7 +69,7 @@ def test_nodes_take_their_files_and_a_second_command_is_refused(bench, recording
 def test_nodes_end_with_the_command(bench, number):
     """Nodes do not outlive a command that is killed, or whose terminal is gone."""
     before = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # which nohup has it ignored
-    children = start_all(bench)
+    children = start(bench, ["-u", "-c", WITH_TWO_NODES, "nodes"], SAID_BY_TWO)
     signal.signal(signal.SIGHUP, before)
     assert ended(bench, children, number) == (-number if number == signal.SIGKILL else 0)
     bench.spin_until(lambda: not processes_of(bench.logs), "all have ended")
@@ -90,11 +85,8 @@ def test_nodes_end_with_a_command_that_is_killed_while_it_starts_them(bench):
 
 def test_nodes_stay_when_the_terminal_of_nohup_is_gone(bench):
     """Who ignores SIGHUP before the start means it."""
-    deaf = "import os, signal, sys; signal.signal(signal.SIGHUP, signal.SIG_IGN)"
-    children = bench.start(
-        {"tam": ["-c", f"{deaf}; os.execv(sys.executable, [sys.executable, *sys.argv[1:]])", *COMMAND]}
-    )
-    bench.spin_until(lambda: all(line in children.log("tam") for line in SAID), "the nodes say what they wait for")
+    deaf = "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)"
+    children = start(bench, ["-u", "-c", deaf + WITH_TWO_NODES, "nodes"], SAID_BY_TWO)
     running = processes_of(bench.logs)
     for process in running:
         os.kill(process, signal.SIGHUP)
@@ -103,9 +95,11 @@ def test_nodes_stay_when_the_terminal_of_nohup_is_gone(bench):
     assert ended(bench, children, signal.SIGINT) == 0
 
 
-def test_impatience_leaves_no_node_behind(bench):
-    """Ctrl-C after Ctrl-C, the nodes end in their order, and the command with exit code 0."""
-    children = start_all(bench)
+def test_nodes_say_what_happens_and_end_together(bench, recording, tmp_path):
+    """What they say is printed line by line; Ctrl-C after Ctrl-C ends them in their order, with exit code 0."""
+    children = start(bench, [*COMMAND, "--calibration", str(tmp_path / "c.yaml")])
+    bench.stream(recording, [bench.publish_sensors((1, 2, 3))])
+    bench.spin_until(lambda: "collector ERROR: nothing from tam_4" in children.log("tam"), "the silent sensor is told")
 
     def ends():
         os.kill(children.pids["tam"], signal.SIGINT)
