@@ -7,17 +7,17 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.correction.calibration import Calibration
 from tam_calibration.localization import alternating
 from tam_calibration.localization.alternating import locate_alternating
 from tam_calibration.localization.euler import DIPOLE_INDEX
+from tam_calibration.localization.locate import locate_steady
 from tam_calibration.localization.survey import ARRAY_FRAME, WORLD_FRAME
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.residuals import noise_floor
-from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.sources.dipole import Dipole
+
+from .conftest import calibration_of
 
 EARTH_T = np.array([1e-6, 21e-6, -43e-6])
 FREQUENCY_HZ, RATE_HZ = 10.0, 100.0
@@ -27,19 +27,10 @@ STILL = Rotation.from_euler("z", np.repeat([[0.0], [1.0], [2.0]], 200, axis=0))
 SWAYING = Rotation.from_euler("zyx", 0.3 * np.sin(np.outer(np.arange(600) / RATE_HZ, [1.1, 1.7, 2.3])))
 
 
-def calibration_of(array):
-    """Return the calibration of an array without errors, known exactly."""
-    errors = SensorErrors.none(array.sensor_count)
-    floor = noise_floor(errors, array, 1e-10)
-    return Calibration(
-        "maximum_likelihood", array, False, errors, None, True, 48e-6, floor, floor, floor, 100, (0.0, 1.0), 1.0
-    )
-
-
-def recording_of(turns, seed=1):
+def recording_of(turns, seed=1, array=ARRAY):
     """Return six seconds of an array that is turned beside the coil."""
     time_s, matrix = np.arange(600) / RATE_HZ, turns.as_matrix()
-    source = COIL.field_T(np.einsum("nij,kj->nki", matrix, ARRAY.positions_m))
+    source = COIL.field_T(np.einsum("nij,kj->nki", matrix, array.positions_m))
     world = EARTH_T + np.sin(2 * np.pi * FREQUENCY_HZ * time_s + 0.7)[:, None, None] * source
     noise = 1e-9 * np.random.default_rng(seed).normal(size=source.shape)
     return Recording(time_s, np.einsum("nji,nkj->nki", matrix, world) + noise, attitude=turns.as_quat())
@@ -79,6 +70,38 @@ def test_headings_make_one_source_of_all_that_is_read(still):
     assert (
         np.linalg.eigvalsh(survey.solutions.position_covariance_m2 - survey.overall.position_covariance_m2) > 0
     ).all()
+
+
+def test_standard_errors_of_the_headings_and_of_all_are_honest(dipoles_alone):
+    """The squared errors over their covariance are χ² of three, for each heading and for all together."""
+    runs, each, overall, fit = 10, [], [], []
+    for seed in range(runs):
+        survey = located(recording_of(STILL, seed))
+        assert survey.solutions.is_located.all() and len(survey.time_s) == 3
+        off = survey.solutions.position_m - COIL.position_m
+        each.append(np.einsum("ni,nij,nj->n", off, np.linalg.inv(survey.solutions.position_covariance_m2), off))
+        rest = survey.overall.position_m - COIL.position_m
+        overall.append(rest @ np.linalg.inv(survey.overall.position_covariance_m2) @ rest)
+        fit.append(survey.overall.chi_square / survey.overall.degrees_of_freedom)
+    for values, count in ((np.concatenate(each), 3 * runs), (np.array(overall), runs)):
+        assert np.mean(values) == pytest.approx(3, abs=4 * np.sqrt(6 / count))
+    assert np.mean(fit) == pytest.approx(1, abs=4 * np.sqrt(2 / 6 / runs))
+
+
+def test_the_moments_of_headings_are_turned_to_one_side(still):
+    """The sign of each heading is open; the mean has the true moment or its opposite."""
+    moment = still.overall.moment_Am2
+    assert np.abs(moment) == pytest.approx(np.abs(COIL.moment_Am2), rel=0.02)
+    assert np.sign(moment @ COIL.moment_Am2) * (moment @ COIL.moment_Am2) > 0.99 * COIL.moment_Am2 @ COIL.moment_Am2
+
+
+def test_one_sensor_cannot_locate():
+    """Without a gradient both kinds of source are refused in one sentence."""
+    single = Array(np.zeros((1, 3)), np.array([1e-9]))
+    recording = recording_of(STILL, array=single)
+    for locate in (locate_alternating, locate_steady):
+        with pytest.raises(InputError, match="no gradient"):
+            locate(recording, calibration_of(single))
 
 
 def test_one_pose_is_no_mean(dipoles_alone):

@@ -7,7 +7,7 @@ import pytest
 from passed_runs import ARRAY, NOISE, PATH_M, TRUE_T, course, dipole, line, passed
 
 from tam_calibration.localization import one_source, shared_source
-from tam_calibration.localization.one_source import _is_apart, locate_run
+from tam_calibration.localization.one_source import _is_apart, locate_run, regional_beside_current
 from tam_calibration.localization.shared_source import SharedSource
 from tam_calibration.localization.solutions import EulerSolutions, Status
 from tam_calibration.localization.turned_samples import Regional, Samples, locate_each, locate_samples, regional_of
@@ -101,6 +101,13 @@ def test_few_samples_tell_no_source_from_several():
             locate_run(*run)
     world, _ = located([])
     assert not world.is_located.any()
+
+
+def test_a_run_without_a_current_is_refused():
+    """No sample can be located, whatever the regional field."""
+    outputs, attitude = passed(4, [])
+    with pytest.raises(Refused, match="none can be located"):
+        regional_beside_current(Samples(outputs, ARRAY, NOISE, attitude, 1), NEAR)
 
 
 @pytest.mark.parametrize(("across", "limit"), [(np.eye(3), 4.033), (np.eye(3)[:, :2], 3.717)])

@@ -203,7 +203,7 @@ def test_derivatives_are_those_of_the_residuals(cross, true_errors):
     unknowns[18 : 18 + window.unit_count] = 0.5
     slopes = window.linearized(unknowns)[1]
     sizes = norm(slopes, axis=(0, 1))
-    for number in np.flatnonzero(sizes > 3.0):
+    for number in np.flatnonzero(sizes > 3.0)[::2]:
         step = np.zeros(len(unknowns))
         step[number] = 0.1 / sizes[number]
         sides = [window.linearized(unknowns + sign * step, with_slopes=False)[0] for sign in (-1, 1)]
