@@ -3,15 +3,18 @@
 import json
 import os
 import pickle
+import shutil
 import signal
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 from importlib import import_module
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from commands import tam
 from inspected import fields, numbers, write_bag
 from matplotlib.figure import Figure
 
@@ -27,19 +30,19 @@ PATIENCE_S = 300
 MOMENT_S = 0.01
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch, recording, cross):
-    """Give a working folder with five short missions in all formats, one of them damaged, and the array file."""
-    monkeypatch.chdir(tmp_path)
+@pytest.fixture(scope="module")
+def files(tmp_path_factory, recording, cross):
+    """Return a folder with five short missions in all formats, one of them damaged, and the array file."""
+    folder = tmp_path_factory.mktemp("batch")
     recording = recording.take(slice(0, 150))
     for place, platform in enumerate(("auv_1", "auv_2", "auv_1", "auv_2")):
-        (tmp_path / "missions" / platform).mkdir(parents=True, exist_ok=True)
+        (folder / "missions" / platform).mkdir(parents=True, exist_ok=True)
         mission = replace(recording, time_s=recording.time_s + 86400.0 * place)
         ending, storage = [(".csv", ""), (".mcap", ""), ("", "sqlite3"), ("", "mcap")][place]
-        write_recording(tmp_path / "missions" / platform / f"dive_{place}{ending}", mission, storage)
-    (tmp_path / "missions/auv_2/damaged.mcap").write_text("no bag")
-    write_array(tmp_path / "array.yaml", cross)
-    return tmp_path
+        write_recording(folder / "missions" / platform / f"dive_{place}{ending}", mission, storage)
+    (folder / "missions/auv_2/damaged.mcap").write_text("no bag")
+    write_array(folder / "array.yaml", cross)
+    return folder
 
 
 @pytest.fixture
@@ -64,11 +67,7 @@ def asked(monkeypatch, gap):
     return asked
 
 
-def run(*arguments, code=0):
-    """Run the command with the array and return its result."""
-    result = CliRunner().invoke(main, ["batch", "--array", "array.yaml", "-o", "out", *arguments])
-    assert result.exit_code == code, result.output
-    return result
+run = partial(tam, "batch", "--array", "array.yaml", "-o", "out")
 
 
 def test_the_first_line_is_the_answer(folder, asked):
@@ -231,6 +230,7 @@ def done(folder):
 def test_killed_at_random_moments_it_gives_the_same(folder, gap):
     """With SIGKILL, resumed each time: the same bytes, nothing lost, nothing twice, no process left behind."""
     rng = np.random.default_rng(2026)
+    shutil.rmtree(folder / "missions/auv_2/dive_3")
     (folder / "with_stand_ins.py").write_text(WITH_STAND_INS)
     (folder / "gap.pickle").write_bytes(pickle.dumps(gap))
     finish(folder)

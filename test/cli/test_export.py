@@ -2,12 +2,12 @@
 
 import os
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
+from commands import tam
 
-from tam_calibration.cli.main import main
 from tam_calibration.fit import calibrate
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
@@ -30,11 +30,7 @@ def folder(tmp_path, monkeypatch, calibration):
     return tmp_path
 
 
-def run(*words, code=0):
-    """Run the command and return its result."""
-    result = CliRunner().invoke(main, ["export", *words])
-    assert result.exit_code == code, result.output
-    return result
+run = partial(tam, "export")
 
 
 @pytest.mark.parametrize("target", ["px4", "ardupilot", "c", "json"])

@@ -55,9 +55,9 @@ def run(folder, name, *words):
     return CliRunner().invoke(main, ["locate", str(folder / name), "--calibration", str(folder / "c.yaml"), *words])
 
 
-@pytest.mark.parametrize("words", [("pass.csv",), ("one.csv", "--find-frequency")])
-def test_the_first_line_is_the_answer(folder, words):
+def test_the_first_line_is_the_answer(folder):
     """Where the source is, in one line; few lines follow, unless all are asked for."""
+    words = ("one.csv", "--find-frequency")
     first, *others = run(folder, *words).stdout.splitlines()
     assert first.startswith("A source is ") and len(others) < 20
     assert run(folder, *words, "-q").stdout == f"{first}\n"
@@ -77,9 +77,18 @@ def agrees(found, position_m, deviations=5.0):
 
 
 @pytest.fixture(scope="module")
-def passed_by(folder):
-    """Return the JSON of the pass with an exact velocity."""
-    return result_of(folder, "pass.csv", "--velocity", "1.5,0,0", "--velocity-error", "0")
+def told(folder):
+    """Return what is printed of the pass with an exact velocity; its JSON and its page are written."""
+    outputs = ("--json", str(folder / "pass.json"), "--report", str(folder / "page.html"))
+    result = run(folder, "pass.csv", "--velocity", "1.5,0,0", "--velocity-error", "0", *outputs)
+    assert result.exit_code == 0, result.stderr
+    return result.stdout
+
+
+@pytest.fixture(scope="module")
+def passed_by(folder, told):
+    """Return that JSON."""
+    return json.loads((folder / "pass.json").read_text())
 
 
 def test_a_passed_dipole_is_found_from_the_whole_track(passed_by):
@@ -100,15 +109,16 @@ def test_a_velocity_is_not_exact_unless_it_is_said_to_be(folder):
 
 
 def test_lines_give_one_list_as_table_and_page(folder, passing, tmp_path):
-    """Two recordings of one pass show one target, which the CSV, the GeoJSON and the page have."""
-    still = np.outer(passing.time_s - passing.time_s[0], [1.5, 0, 0])
+    """Two recordings of one pass show one target, which the CSV has and the page; the GeoJSON is of one of them."""
+    passing = passing.take(slice(200, 600, 2))
+    still = np.outer(passing.time_s - 1.7e9, [1.5, 0, 0])
     for name, begin in (("first.csv", 1.0), ("second.csv", 1.0)):
         moved = Recording(passing.time_s, passing.readings_T, attitude=passing.attitude, position_m=still + begin)
         write_recording(folder / name, moved)
-    both = (str(folder / "second.csv"), "--position-drift-m", "0.1", "--origin", "54.3,10.1")
+    second, more = str(folder / "second.csv"), ("--position-drift-m", "0.1", "--origin", "54.3,10.1")
     page = tmp_path / "page.html"
-    for table, more in (("list.csv", ("--report", str(page))), ("list.geojson", ())):
-        result = run(folder, "first.csv", *both, "--targets", str(tmp_path / table), *more)
+    for table, others in (("list.csv", (second, "--report", str(page))), ("list.geojson", ())):
+        result = run(folder, "first.csv", *others, *more, "--targets", str(tmp_path / table))
         assert result.exit_code == 0, result.stderr
         assert result.stdout.startswith("1 target along the line")
     assert page.exists()
@@ -123,7 +133,9 @@ def test_lines_give_one_list_as_table_and_page(folder, passing, tmp_path):
 
 def test_each_sample_of_a_pass_counts_from_the_array(folder, passing):
     """Without a track the samples are those of a run, beside the field that it tells better than its median does."""
-    found = result_of(folder, "pass.csv", "--attitude-noise-deg", "0.001")
+    result = run(folder, "pass.csv", "--attitude-noise-deg", "0.001", "--json", str(folder / "samples.json"))
+    assert result.exit_code == 0 and result.stdout.startswith("A source is "), result.output
+    found = json.loads((folder / "samples.json").read_text())
     calibration = read_calibration(folder / "c.yaml")
     outputs = calibration.correct(passing).outputs
     prior = regional_of(outputs, passing.attitude, np.pi / 180e3)
@@ -159,9 +171,9 @@ def test_without_attitude_the_frame_is_the_array_s(folder):
 
 def test_an_array_that_never_stands_still(folder):
     """Field and gradient are demodulated as they turn; the error of finite baselines is left, and told."""
-    result = run(folder, "spin.csv", "--frequency", "10")
+    result = run(folder, "spin.csv", "--frequency", "10", "--json", str(folder / "spin.json"))
     assert "never stood still" in result.stdout
-    [sample] = result_of(folder, "spin.csv", "--frequency", "10")["samples"]
+    [sample] = json.loads((folder / "spin.json").read_text())["samples"]
     assert_allclose(sample["position_m"], COIL.position_m, atol=0.04 * np.linalg.norm(COIL.position_m))
 
 
@@ -204,13 +216,10 @@ def test_two_coils_are_told(folder, cross, true_errors):
         assert result.exit_code == 1 and reason in " ".join(result.stdout.split())
 
 
-def test_table_and_page(folder, tmp_path):
+def test_table_and_page(folder, told):
     """The terminal has a row for the target, the page its map."""
-    page = tmp_path / "page.html"
-    result = run(folder, "pass.csv", "--velocity", "1.5,0,0", "--velocity-error", "0", "--report", str(page))
-    assert result.exit_code == 0
-    assert "dipole" in result.stdout and f"written: {page}" in result.stdout
-    assert "Map of the lines and their targets" in page.read_text()
+    assert "dipole" in told and f"written: {folder / 'page.html'}" in told
+    assert "Map of the lines and their targets" in (folder / "page.html").read_text()
 
 
 @pytest.mark.parametrize(
@@ -265,8 +274,7 @@ def test_bad_input_is_one_sentence(folder, arguments, sentence, passing):
 
 def test_a_tiny_error_of_the_velocity_is_none(folder, passed_by):
     """Its square would be no number: the track is that of an exact velocity."""
-    for error in ("1e-300", "1e-12"):
-        assert passed_by == result_of(folder, "pass.csv", "--velocity", "1.5,0,0", "--velocity-error", error)
+    assert passed_by == result_of(folder, "pass.csv", "--velocity", "1.5,0,0", "--velocity-error", "1e-300")
 
 
 def test_nothing_to_be_found_is_exit_1(folder, passing):
