@@ -22,12 +22,12 @@ def calibration(recording, cross):
     return calibration_from_yaml(calibration_to_yaml(calibrate(recording, cross)), "text")
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch, calibration):
-    """Give a working folder with a calibration file."""
-    monkeypatch.chdir(tmp_path)
-    write_calibration("c.yaml", calibration)
-    return tmp_path
+@pytest.fixture(scope="module")
+def files(tmp_path_factory, calibration):
+    """Return a folder with a calibration file."""
+    folder = tmp_path_factory.mktemp("export")
+    write_calibration(folder / "c.yaml", calibration)
+    return folder
 
 
 run = partial(tam, "export")
