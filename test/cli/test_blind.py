@@ -17,9 +17,9 @@ def run(*words):
 
 @pytest.fixture(scope="module")
 def cases(tmp_path_factory):
-    """Return a folder of eight cases."""
+    """Return a folder of four cases."""
     folder = tmp_path_factory.mktemp("blind") / "cases"
-    result = run("make", folder, "--cases", 8, "--seed", 3, "--jobs", 1)
+    result = run("make", folder, "--cases", 4, "--seed", 3, "--jobs", 1)
     assert result.exit_code == 0, result.output
     return folder
 
@@ -33,7 +33,7 @@ def answer_all(folder, verdict):
 def test_cases_are_recordings_of_their_arrays(cases):
     """Every case is read as any recording is, and its folder holds nothing that tells its key."""
     folders = sorted(cases.glob("case_*"))
-    assert [folder.name for folder in folders] == [f"case_{number:04d}" for number in range(1, 9)]
+    assert [folder.name for folder in folders] == [f"case_{number:04d}" for number in range(1, 5)]
     keys = json.loads((cases / "keys.json").read_text())
     for folder in folders:
         recording, array = read_recording(folder / "data.csv"), read_array(folder / "spec.yaml")
@@ -44,7 +44,7 @@ def test_cases_are_recordings_of_their_arrays(cases):
 
 def test_the_same_seed_makes_the_same_files(cases, tmp_path):
     """A set can be made again by anyone, in any number of processes."""
-    assert run("make", tmp_path / "again", "--cases", 8, "--seed", 3, "--jobs", 2).exit_code == 0
+    assert run("make", tmp_path / "again", "--cases", 4, "--seed", 3, "--jobs", 2).exit_code == 0
     for path in cases.glob("case_*/data.csv"):
         assert (tmp_path / "again" / path.parent.name / "data.csv").read_bytes() == path.read_bytes()
 
@@ -115,7 +115,7 @@ def test_what_is_no_answer_is_one_sentence(cases, content):
 def test_what_is_no_file_of_a_set_is_one_sentence(cases, tmp_path, name, content):
     """Keys, commitments and times."""
     answer_all(cases, "no_gap")
-    for each in ("keys.json", "commitments.json", *(f"case_{number:04d}" for number in range(1, 9))):
+    for each in ("keys.json", "commitments.json", *(f"case_{number:04d}" for number in range(1, 5))):
         (tmp_path / each).symlink_to(cases / each)
     (tmp_path / name).unlink(missing_ok=True)
     (tmp_path / name).write_text(content)

@@ -3,7 +3,6 @@
 import os
 import socket
 from pathlib import Path
-from shutil import copytree
 
 import numpy as np
 import pytest
@@ -12,11 +11,8 @@ from click.testing import CliRunner
 
 from tam_calibration.cli.main import main
 from tam_calibration.cli.terminal import Number
-from tam_calibration.fit import calibrate
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import MOST_SENSORS, Recording
-from tam_calibration.recordings import write_array
-from tam_calibration.results import write_calibration, write_recording
 from tam_calibration.simulation.observe import MOST_READINGS
 
 SCENARIO = """
@@ -27,25 +23,6 @@ samples: {samples}
 rate_hz: 100
 effects: [{effects}]
 """
-
-
-@pytest.fixture(scope="module")
-def good_files(tmp_path_factory, recording, cross):
-    """Return a folder with a recording, its bag, array and calibration."""
-    folder = tmp_path_factory.mktemp("good")
-    write_recording(folder / "run.csv", recording)
-    write_recording(folder / "run", recording)
-    write_array(folder / "array.yaml", cross)
-    write_calibration(folder / "c.yaml", calibrate(recording, cross))
-    return folder
-
-
-@pytest.fixture
-def folder(good_files, tmp_path, monkeypatch):
-    """Give a working folder with copies of them."""
-    copytree(good_files, tmp_path, dirs_exist_ok=True)
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 def refused(*arguments):

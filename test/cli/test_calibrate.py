@@ -5,12 +5,14 @@ import re
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
+from commands import tam
 from numpy.testing import assert_allclose
 
 from tam_calibration.cli.main import main
@@ -21,22 +23,7 @@ from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.surroundings import AttitudeChannel
 
-
-@pytest.fixture
-def folder(tmp_path, monkeypatch, recording, cross):
-    """Give a working folder with a recording as CSV and as a bag, and its array file."""
-    monkeypatch.chdir(tmp_path)
-    write_recording("run.csv", recording)
-    write_recording("run", recording)
-    write_array("array.yaml", cross)
-    return tmp_path
-
-
-def run(*arguments):
-    """Run the command and return its result; it must succeed."""
-    result = CliRunner().invoke(main, ["calibrate", *arguments])
-    assert result.exit_code == 0, result.stderr
-    return result
+run = partial(tam, "calibrate")
 
 
 @pytest.mark.parametrize("name", ["run.csv", "run"])
@@ -97,12 +84,12 @@ def test_a_refusal_is_bad(folder, recording):
     readings_T = recording.readings_T.copy()
     readings_T[:, 2] = readings_T[:, 1]
     write_recording("bad.csv", replace(recording, readings_T=readings_T))
-    line = ["calibrate", "bad.csv", "--array", "array.yaml", "-o", "c.yaml"]
+    line = ["calibrate", "bad.csv", "--array", "array.yaml", "-o", "new.yaml"]
     result = CliRunner().invoke(main, line)
     assert result.exit_code == 1 and result.stdout.startswith("Bad: ") and result.stdout.count("\n") == 1
     quality = json.loads(CliRunner().invoke(main, [*line, "--json", "-"]).stdout)["quality"]
     assert quality["grade"] == "bad" and result.stdout == f"Bad: {quality['reasons'][0]}.\n" and quality["next"]
-    assert not Path("c.yaml").exists()
+    assert not Path("new.yaml").exists()
 
 
 def test_programs_get_json(folder):
@@ -117,7 +104,7 @@ def test_programs_get_json(folder):
     )
 
 
-def test_a_report_is_written(folder):
+def test_a_report_is_written(folder, undrawn):
     """The page is HTML of its own."""
     run("run.csv", "--array", "array.yaml", "--report", "page.html")
     assert "<html" in (folder / "page.html").read_text()

@@ -21,20 +21,20 @@ from tam_calibration.simulation.surroundings import AttitudeChannel
 PIER_S = 1.7e9
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch, wu_run, wu_scenario):
-    """Give a working folder with the pier's calibration and a dive at four degrees in which a bias moved."""
-    monkeypatch.chdir(tmp_path)
-    write_array("array.yaml", wu_scenario.array)
+@pytest.fixture(scope="module")
+def files(tmp_path_factory, wu_run, wu_scenario):
+    """Return a folder with the pier's calibration and a dive at four degrees in which a bias moved."""
+    folder = tmp_path_factory.mktemp("prior")
+    write_array(folder / "array.yaml", wu_scenario.array)
     pier = replace(wu_run.recording, time_s=PIER_S + wu_run.recording.time_s)
-    write_calibration("pier.yaml", maximum_likelihood(pier, wu_scenario.array))
+    write_calibration(folder / "pier.yaml", maximum_likelihood(pier, wu_scenario.array))
     limit = from_degrees(4.0)
     begin = replace(wu_scenario, motion=Manoeuvre(limit, limit, 60.0), sample_count=300, rate_hz=5.0, seed=4)
     dive = simulate(replace(begin, attitude=AttitudeChannel(from_degrees(0.1)))).recording
     readings = dive.readings_T.copy()
     readings[:, 2] += np.array([12e-9, -9e-9, 14e-9])
-    write_recording("dive.csv", replace(dive, readings_T=readings, time_s=PIER_S + 7200 + dive.time_s))
-    return tmp_path
+    write_recording(folder / "dive.csv", replace(dive, readings_T=readings, time_s=PIER_S + 7200 + dive.time_s))
+    return folder
 
 
 def run(*arguments, code=0):

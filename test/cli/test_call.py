@@ -5,31 +5,27 @@ import subprocess
 import sys
 
 import pytest
+from click.testing import CliRunner
 
+from tam_calibration.cli.main import main
 from tam_calibration.files.text_files import configuration_folder
 
 pytest.importorskip("rclpy", reason="rclpy is not installed: pip install 'tam_calibration[ros]'")
 
 
 def call(service):
-    """Run the command in a process of its own."""
-    command = [sys.executable, "-m", "tam_calibration", "call", service]
-    return subprocess.run(command, capture_output=True, text=True, timeout=60)
+    """Run the command."""
+    return CliRunner().invoke(main, ["call", service])
 
 
-def test_an_answer_of_yes_is_printed(bench):
-    """The collector's reset answers yes: its message, exit code 0."""
-    bench.start_nodes(collector={})
+def test_an_answer_is_printed_and_its_exit_code_says_whether_it_is_yes(bench):
+    """The collector's reset answers yes, a calibrator without samples no, and says why."""
+    bench.start_nodes(collector={}, calibrator={})
     done = call("collector/reset")
-    assert done.returncode == 0, done.stderr
+    assert done.exit_code == 0, done.stderr
     assert done.stdout.strip()
-
-
-def test_an_answer_of_no_is_exit_code_1_with_the_reason(bench):
-    """A calibrator without samples answers no, and says why."""
-    bench.start_nodes(calibrator={})
     done = call("calibrator/calibrate")
-    assert done.returncode == 1
+    assert done.exit_code == 1
     assert done.stderr.startswith("tam: calibrator/calibrate: no samples are stored")
 
 
@@ -37,14 +33,14 @@ def test_an_answer_of_no_is_exit_code_1_with_the_reason(bench):
 def test_what_is_no_name_is_bad_input(service):
     """It is told in one sentence."""
     done = call(service)
-    assert done.returncode == 2
+    assert done.exit_code == 2
     assert done.stderr == f"tam: {service!r} is no name of a service: give one such as calibrator/calibrate\n"
 
 
 def test_a_service_that_nobody_offers_is_told(ros_domain):
     """Without nodes the answer names the service and what to start."""
     done = call("calibrator/save")
-    assert done.returncode == 1
+    assert done.exit_code == 1
     assert done.stderr.startswith("tam: the service calibrator/save is not offered: are the nodes running")
 
 
@@ -74,5 +70,5 @@ rclpy.spin(node)
     finally:
         server.send_signal(signal.SIGKILL)
         server.wait()
-    assert done.returncode == 1
+    assert done.exit_code == 1
     assert done.stderr.startswith("tam: the node of ask ended before it answered")

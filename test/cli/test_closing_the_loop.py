@@ -5,21 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import tam as run
 
-from tam_calibration.cli.main import main
 from tam_calibration.fit import calibrate
 from tam_calibration.recordings import read_array, read_recording, write_array
-from tam_calibration.results import read_calibration, write_calibration, write_recording
+from tam_calibration.results import read_calibration, write_recording
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
-
-
-def run(*arguments, code=0):
-    """Run a command and return its result; it must end with a code."""
-    result = CliRunner().invoke(main, list(map(str, arguments)))
-    assert result.exit_code == code, (arguments, result.stdout, result.stderr)
-    return result
 
 
 def diagnosed(*arguments, code=0):
@@ -27,16 +19,28 @@ def diagnosed(*arguments, code=0):
     return json.loads(run("diagnose", *arguments, "--json", "-", code=code).stdout)
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """Give an empty working folder."""
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
+@pytest.fixture(scope="module")
+def drifting():
+    """Return the simulated run of a sensor that drifts, 600 samples."""
+    scenario = read_scenario("warming_up")
+    return simulate(replace(scenario, sample_count=600, rate_hz=3.0))
 
 
-def test_a_drift_is_found_kept_taken_off_and_shown_by_the_twin(folder, undrawn):
+@pytest.fixture(scope="module")
+def files(tmp_path_factory, drifting):
+    """Return a folder with that run as CSV and as a bag, the array, and the calibration that keeps the drift."""
+    folder = tmp_path_factory.mktemp("drifting")
+    write_array(folder / "array.yaml", drifting.scenario.array)
+    for name in ("run.csv", "run"):
+        write_recording(folder / name, drifting.recording)
+    arguments = ("calibrate", folder / "run.csv", "--array", folder / "array.yaml", "-o", folder / "kept.yaml")
+    run(*arguments, "--effects", "temperature_drift")
+    return folder
+
+
+def test_a_drift_is_found_kept_taken_off_and_shown_by_the_twin(folder, drifting, undrawn):
     """Simulate, diagnose, calibrate with the effect, correct, diagnose what is left, simulate the twin, diagnose it."""
-    truth = write_drifting(folder, 600).center_field_T
+    truth = drifting.center_field_T
     gap = diagnosed("run.csv", "--array", "array.yaml")
     assert gap["verdict"] == "explained"
     assert [cause["effect"] for cause in gap["causes"]] == ["temperature_drift"]
@@ -66,10 +70,8 @@ def test_a_drift_is_found_kept_taken_off_and_shown_by_the_twin(folder, undrawn):
 
 def test_a_scenario_gets_the_calibration_of_an_array(folder):
     """The twin on the motion of a scenario has the errors and effects of the calibration."""
-    write_drifting(folder, 600)
-    run("calibrate", "run.csv", "--array", "array.yaml", "--effects", "temperature_drift", "-o", "c.yaml")
-    run("simulate", "warming_up", "--from-calibration", "c.yaml", "-o", "twin.csv")
-    calibration = read_calibration("c.yaml")
+    run("simulate", "warming_up", "--from-calibration", "kept.yaml", "-o", "twin.csv")
+    calibration = read_calibration("kept.yaml")
     scenario = read_scenario("warming_up")
     plan = replace(scenario, array=calibration.array, errors=calibration.errors, effects=calibration.effects)
     np.testing.assert_allclose(
@@ -89,7 +91,6 @@ def test_a_scenario_gets_the_calibration_of_an_array(folder):
 )
 def test_effects_that_cannot_be_fitted_are_refused_in_one_sentence(folder, effects, code, words):
     """What is not known, lacks its channel or is not there: the sentence says which, and no file is written."""
-    write_drifting(folder, 300)
     result = run("calibrate", "run.csv", "--array", "array.yaml", "--effects", effects, "-o", "c.yaml", code=code)
     assert words in result.output
     assert not (folder / "c.yaml").exists()
@@ -97,28 +98,23 @@ def test_effects_that_cannot_be_fitted_are_refused_in_one_sentence(folder, effec
 
 def test_effects_belong_to_the_default_method(folder):
     """Another method, and the gradient by another option, are refused."""
-    write_drifting(folder, 300)
     arguments = ("calibrate", "run.csv", "--array", "array.yaml", "--effects", "temperature_drift")
     assert "maximum_likelihood can" in run(*arguments, "--method", "lossless", code=2).stderr
     assert "--effects ambient_gradient" in run(*arguments, "--ambient-gradient", code=2).stderr
 
 
-def test_a_recording_without_the_channel_is_not_corrected(folder):
+def test_a_recording_without_the_channel_is_not_corrected(folder, drifting):
     """A calibration that keeps a drift refuses a recording without temperature, and names what is missing."""
-    recording = write_drifting(folder, 600).recording
-    run("calibrate", "run.csv", "--array", "array.yaml", "--effects", "temperature_drift", "-o", "c.yaml")
-    write_recording("bare.csv", replace(recording, temperature_C=None))
-    result = run("correct", "bare.csv", "--calibration", "c.yaml", "-o", "out.csv", code=2)
+    write_recording("bare.csv", replace(drifting.recording, temperature_C=None))
+    result = run("correct", "bare.csv", "--calibration", "kept.yaml", "-o", "out.csv", code=2)
     assert "temperature_drift is to be taken off, which needs the temperature" in result.stderr
 
 
 def test_bags_and_tables_are_corrected_alike(folder):
     """The temperature of a bag's topic and that of a table's column give the same results."""
-    write_recording("run", write_drifting(folder, 600).recording)
-    run("calibrate", "run.csv", "--array", "array.yaml", "--effects", "temperature_drift", "-o", "c.yaml")
     tables = []
     for source in ("run.csv", "run"):
-        run("correct", source, "--calibration", "c.yaml", "-o", f"{source}.out.csv")
+        run("correct", source, "--calibration", "kept.yaml", "-o", f"{source}.out.csv")
         tables.append(np.loadtxt(f"{source}.out.csv", delimiter=",", skiprows=1))
     np.testing.assert_allclose(tables[1][:, 1:], tables[0][:, 1:], rtol=1e-9, atol=1e-9)
 
@@ -127,20 +123,3 @@ def test_simulate_says_what_it_needs(folder):
     """Neither scenario nor run, or both, is refused."""
     assert "say what to simulate" in run("simulate", "-o", "x.csv", code=2).stderr
     assert "--from-calibration" in run("simulate", "--recording", "r.csv", "-o", "x.csv", code=2).stderr
-
-
-def test_a_twin_does_not_overwrite_its_run(folder, recording, cross):
-    """The recording that the twin follows stays."""
-    write_recording("run.csv", recording)
-    write_calibration("c.yaml", calibrate(recording, cross))
-    result = run("simulate", "--from-calibration", "c.yaml", "--recording", "run.csv", "-o", "run.csv", code=2)
-    assert "run.csv would be overwritten" in result.stderr
-
-
-def write_drifting(folder, count):
-    """Write run.csv and array.yaml of so many samples of a sensor that drifts; return the simulation."""
-    scenario = read_scenario("warming_up")
-    made = simulate(replace(scenario, sample_count=count, rate_hz=count / 200))
-    write_recording(folder / "run.csv", made.recording)
-    write_array(folder / "array.yaml", scenario.array)
-    return made

@@ -2,36 +2,21 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from commands import tam
 from inspected import message, write_bag
 from numpy.testing import assert_allclose
 
 from tam_calibration.cli.main import main
-from tam_calibration.fit import calibrate
-from tam_calibration.recordings import read_recording, write_array
+from tam_calibration.recordings import read_recording
 from tam_calibration.recordings.bag_reader import open_bag, raw_messages
 from tam_calibration.results import read_calibration, write_calibration, write_recording
 
-
-@pytest.fixture(scope="module")
-def files(tmp_path_factory, recording, cross):
-    """Return a folder with a recording as CSV and as a bag, its array file and its calibration."""
-    folder = tmp_path_factory.mktemp("files")
-    write_recording(folder / "run.csv", recording)
-    write_recording(folder / "run", recording)
-    write_array(folder / "array.yaml", cross)
-    write_calibration(folder / "c.yaml", calibrate(recording, cross))
-    return folder
-
-
-def run(*arguments):
-    """Run the command and return its result; it must succeed."""
-    result = CliRunner().invoke(main, ["correct", *arguments])
-    assert result.exit_code == 0, result.stderr
-    return result
+run = partial(tam, "correct")
 
 
 def read_cloud(path):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from forked_children import ForkedChildren
 
 from tam_calibration.cli import demo
 from tam_calibration.cli.main import main
@@ -13,16 +14,17 @@ from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 
 
-def test_demo_reaches_the_noise_floor(ros_domain, tmp_path, monkeypatch, undrawn):
+def test_demo_reaches_the_noise_floor(fork_server, ros_domain, tmp_path, monkeypatch, undrawn):
     """A shorter run over DDS ends with exit code 0, a page and a calibration."""
-    scenario = replace(read_scenario("tumble_100_hz"), sample_count=1200)
+    scenario = replace(read_scenario("tumble_100_hz"), sample_count=700)
     monkeypatch.setattr("tam_calibration.cli.demo.read_scenario", lambda name: scenario)
     monkeypatch.setattr("tam_calibration.cli.demo.PLAY_RATE", 4.0)
-    monkeypatch.setattr("tam_calibration.cli.demo.CHECK_SAMPLES", 500)
+    monkeypatch.setattr("tam_calibration.cli.demo.CHECK_SAMPLES", 300)
+    monkeypatch.setattr("tam_calibration.cli.demo.Children", ForkedChildren)
     output = tmp_path / "output"
     result = CliRunner().invoke(main, ["demo", "--output", str(output)])
     assert result.exit_code == 0, result.output
-    assert "1700 of 1700 samples synchronised" in " ".join(result.output.split())
+    assert "1000 of 1000 samples synchronised" in " ".join(result.output.split())
     assert (output / "calibration.html").read_text().startswith("<!")
     assert (output / "calibration.yaml").exists()
 

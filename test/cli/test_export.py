@@ -2,12 +2,12 @@
 
 import os
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
+from commands import tam
 
-from tam_calibration.cli.main import main
 from tam_calibration.fit import calibrate
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
@@ -22,19 +22,15 @@ def calibration(recording, cross):
     return calibration_from_yaml(calibration_to_yaml(calibrate(recording, cross)), "text")
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch, calibration):
-    """Give a working folder with a calibration file."""
-    monkeypatch.chdir(tmp_path)
-    write_calibration("c.yaml", calibration)
-    return tmp_path
+@pytest.fixture(scope="module")
+def files(tmp_path_factory, calibration):
+    """Return a folder with a calibration file."""
+    folder = tmp_path_factory.mktemp("export")
+    write_calibration(folder / "c.yaml", calibration)
+    return folder
 
 
-def run(*words, code=0):
-    """Run the command and return its result."""
-    result = CliRunner().invoke(main, ["export", *words])
-    assert result.exit_code == code, result.output
-    return result
+run = partial(tam, "export")
 
 
 @pytest.mark.parametrize("target", ["px4", "ardupilot", "c", "json"])

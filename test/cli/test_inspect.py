@@ -6,11 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import tam as run
 from inspected import columns_of, fields, numbers, times, turned, write_bag, write_text
 
 from tam_calibration import inspect
-from tam_calibration.cli.main import main
 from tam_calibration.recordings.channel_map import map_to_mapping
 
 
@@ -30,13 +29,6 @@ def folder(tmp_path, monkeypatch):
     Path("array.yaml").write_text("positions_m: [[0.25, 0, 0], [-0.25, 0, 0]]\nvector_noise_nT: 5\n")
     Path("letter.txt").write_text("Dear reader,\nthere are no numbers here.\n")
     return tmp_path
-
-
-def run(*arguments, code=0):
-    """Run a command and return its result."""
-    result = CliRunner().invoke(main, arguments)
-    assert result.exit_code == code, result.output
-    return result
 
 
 def test_a_bag_of_strange_names_is_shown_and_calibrated(folder):
@@ -85,13 +77,6 @@ def test_what_is_no_recording_exits_2(folder, name):
     told = run("inspect", name, "--write-map", "map.yaml", "--json", "found.json", code=2).output
     assert told.count("\n") == 1 and name in told
     assert not Path("map.yaml").exists() and not Path("found.json").exists()
-
-
-def test_no_input_is_overwritten(folder):
-    """A map or a report that would replace the recording is refused."""
-    before = Path("unnamed.csv").read_bytes()
-    assert "would be overwritten" in run("inspect", "unnamed.csv", "--write-map", "unnamed.csv", code=2).output
-    assert Path("unnamed.csv").read_bytes() == before
 
 
 def test_the_page_shows_every_channel(folder):

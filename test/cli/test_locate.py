@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.cli.main import main
 from tam_calibration.fit import calibrate
+from tam_calibration.localization.euler import DIPOLE_INDEX
 from tam_calibration.localization.one_source import locate_run
 from tam_calibration.localization.turned_samples import Samples, regional_of
 from tam_calibration.model.recording import Recording
@@ -55,9 +56,15 @@ def run(folder, name, *words):
     return CliRunner().invoke(main, ["locate", str(folder / name), "--calibration", str(folder / "c.yaml"), *words])
 
 
-@pytest.mark.parametrize("words", [("pass.csv",), ("one.csv", "--find-frequency")])
-def test_the_first_line_is_the_answer(folder, words):
+@pytest.fixture
+def dipoles_alone(monkeypatch):
+    """Leave out the fits of other kinds of alternating sources, which take most of the time and change no dipole's."""
+    monkeypatch.setattr("tam_calibration.localization.alternating.SOURCES", (DIPOLE_INDEX,))
+
+
+def test_the_first_line_is_the_answer(folder, dipoles_alone):
     """Where the source is, in one line; few lines follow, unless all are asked for."""
+    words = ("one.csv", "--find-frequency")
     first, *others = run(folder, *words).stdout.splitlines()
     assert first.startswith("A source is ") and len(others) < 20
     assert run(folder, *words, "-q").stdout == f"{first}\n"
@@ -77,9 +84,18 @@ def agrees(found, position_m, deviations=5.0):
 
 
 @pytest.fixture(scope="module")
-def passed_by(folder):
-    """Return the JSON of the pass with an exact velocity."""
-    return result_of(folder, "pass.csv", "--velocity", "1.5,0,0", "--velocity-error", "0")
+def told(folder):
+    """Return what is printed of the pass with an exact velocity; its JSON and its page are written."""
+    outputs = ("--json", str(folder / "pass.json"), "--report", str(folder / "page.html"))
+    result = run(folder, "pass.csv", "--velocity", "1.5,0,0", "--velocity-error", "0", *outputs)
+    assert result.exit_code == 0, result.stderr
+    return result.stdout
+
+
+@pytest.fixture(scope="module")
+def passed_by(folder, told):
+    """Return that JSON."""
+    return json.loads((folder / "pass.json").read_text())
 
 
 def test_a_passed_dipole_is_found_from_the_whole_track(passed_by):
@@ -99,19 +115,18 @@ def test_a_velocity_is_not_exact_unless_it_is_said_to_be(folder):
     assert (np.abs(np.subtract(target["position_m"], PASSED)) < 5 * np.array(target["standard_error_m"])).all()
 
 
-def test_lines_give_one_list_as_table_and_page(folder, passing, tmp_path):
-    """Two recordings of one pass show one target, which the CSV, the GeoJSON and the page have."""
-    still = np.outer(passing.time_s - passing.time_s[0], [1.5, 0, 0])
+def test_lines_give_one_list(folder, passing, tmp_path):
+    """Two recordings of one pass show one target, which the CSV has; the GeoJSON is of one of them."""
+    passing = passing.take(slice(200, 600, 2))
+    still = np.outer(passing.time_s - 1.7e9, [1.5, 0, 0])
     for name, begin in (("first.csv", 1.0), ("second.csv", 1.0)):
         moved = Recording(passing.time_s, passing.readings_T, attitude=passing.attitude, position_m=still + begin)
         write_recording(folder / name, moved)
-    both = (str(folder / "second.csv"), "--position-drift-m", "0.1", "--origin", "54.3,10.1")
-    page = tmp_path / "page.html"
-    for table, more in (("list.csv", ("--report", str(page))), ("list.geojson", ())):
-        result = run(folder, "first.csv", *both, "--targets", str(tmp_path / table), *more)
+    second, more = str(folder / "second.csv"), ("--position-drift-m", "0.1", "--origin", "54.3,10.1")
+    for table, others in (("list.csv", (second,)), ("list.geojson", ())):
+        result = run(folder, "first.csv", *others, *more, "--targets", str(tmp_path / table))
         assert result.exit_code == 0, result.stderr
         assert result.stdout.startswith("1 target along the line")
-    assert page.exists()
     [row] = csv.DictReader((tmp_path / "list.csv").read_text().splitlines())
     assert row["lines"] == "2" and row["kind"] == "dipole" and float(row["repeat_m"]) < 1e-6
     assert_allclose([float(row[f"{axis}_m"]) for axis in "xyz"], np.add(PASSED, 1.0), atol=0.1)
@@ -123,7 +138,9 @@ def test_lines_give_one_list_as_table_and_page(folder, passing, tmp_path):
 
 def test_each_sample_of_a_pass_counts_from_the_array(folder, passing):
     """Without a track the samples are those of a run, beside the field that it tells better than its median does."""
-    found = result_of(folder, "pass.csv", "--attitude-noise-deg", "0.001")
+    result = run(folder, "pass.csv", "--attitude-noise-deg", "0.001", "--json", str(folder / "samples.json"))
+    assert result.exit_code == 0 and result.stdout.startswith("A source is "), result.output
+    found = json.loads((folder / "samples.json").read_text())
     calibration = read_calibration(folder / "c.yaml")
     outputs = calibration.correct(passing).outputs
     prior = regional_of(outputs, passing.attitude, np.pi / 180e3)
@@ -140,7 +157,7 @@ def test_each_sample_of_a_pass_counts_from_the_array(folder, passing):
     assert found["located"] + sum(found["refused"].values()) == 600
 
 
-def test_poses_of_an_alternating_source(folder):
+def test_poses_of_an_alternating_source(folder, dipoles_alone):
     """Its frequency is found; each pose in which the array stood still has a position, and all have one together."""
     found = result_of(folder, "coil.csv", "--find-frequency")
     assert found["frequency_Hz"] == pytest.approx(10, abs=5 * found["frequency_standard_error_Hz"])
@@ -150,18 +167,18 @@ def test_poses_of_an_alternating_source(folder):
     assert max(found["overall"]["position_standard_errors_m"]) < 1e-3
 
 
-def test_without_attitude_the_frame_is_the_array_s(folder):
+def test_without_attitude_the_frame_is_the_array_s(folder, dipoles_alone):
     """One pose, no world."""
     found = result_of(folder, "one.csv", "--frequency", "10")
     assert found["frame"].startswith("array frame")
     assert agrees(found["samples"][0], COIL.position_m)
 
 
-def test_an_array_that_never_stands_still(folder):
+def test_an_array_that_never_stands_still(folder, dipoles_alone):
     """Field and gradient are demodulated as they turn; the error of finite baselines is left, and told."""
-    result = run(folder, "spin.csv", "--frequency", "10")
+    result = run(folder, "spin.csv", "--frequency", "10", "--json", str(folder / "spin.json"))
     assert "never stood still" in result.stdout
-    [sample] = result_of(folder, "spin.csv", "--frequency", "10")["samples"]
+    [sample] = json.loads((folder / "spin.json").read_text())["samples"]
     assert_allclose(sample["position_m"], COIL.position_m, atol=0.04 * np.linalg.norm(COIL.position_m))
 
 
@@ -181,7 +198,7 @@ def test_a_dipole_is_no_line(folder, arguments, reason):
     assert reason in " ".join(result.stdout.split())
 
 
-def test_a_frequency_that_is_off_is_told(folder):
+def test_a_frequency_that_is_off_is_told(folder, dipoles_alone):
     """Over eight seconds by a sixth of a turn; over two it was rounded, and the one that is found is taken."""
     result = run(folder, "spin.csv", "--frequency", "10.02")
     assert result.exit_code == 1
@@ -204,13 +221,10 @@ def test_two_coils_are_told(folder, cross, true_errors):
         assert result.exit_code == 1 and reason in " ".join(result.stdout.split())
 
 
-def test_table_and_page(folder, tmp_path):
+def test_table_and_page(folder, told):
     """The terminal has a row for the target, the page its map."""
-    page = tmp_path / "page.html"
-    result = run(folder, "pass.csv", "--velocity", "1.5,0,0", "--velocity-error", "0", "--report", str(page))
-    assert result.exit_code == 0
-    assert "dipole" in result.stdout and f"written: {page}" in result.stdout
-    assert "Map of the lines and their targets" in page.read_text()
+    assert "dipole" in told and f"written: {folder / 'page.html'}" in told
+    assert "Map of the lines and their targets" in (folder / "page.html").read_text()
 
 
 @pytest.mark.parametrize(
@@ -265,8 +279,7 @@ def test_bad_input_is_one_sentence(folder, arguments, sentence, passing):
 
 def test_a_tiny_error_of_the_velocity_is_none(folder, passed_by):
     """Its square would be no number: the track is that of an exact velocity."""
-    for error in ("1e-300", "1e-12"):
-        assert passed_by == result_of(folder, "pass.csv", "--velocity", "1.5,0,0", "--velocity-error", error)
+    assert passed_by == result_of(folder, "pass.csv", "--velocity", "1.5,0,0", "--velocity-error", "1e-300")
 
 
 def test_nothing_to_be_found_is_exit_1(folder, passing):

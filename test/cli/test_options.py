@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 import pytest
 from click.shell_completion import ShellComplete
-from click.testing import CliRunner
+from commands import tam
 
 from tam_calibration.cli.main import main
 from tam_calibration.effects.library import installed_effects
@@ -53,13 +53,7 @@ def test_a_shell_completes_names():
 def run(tmp_path, monkeypatch):
     """Return a function that runs `tam` in an empty folder."""
     monkeypatch.chdir(tmp_path)
-
-    def run(*words, code=0):
-        result = CliRunner().invoke(main, words)
-        assert result.exit_code == code, result.output
-        return result
-
-    return run
+    return tam
 
 
 def test_json_goes_to_a_file_or_to_standard_output(run):

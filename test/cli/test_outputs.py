@@ -95,8 +95,14 @@ TWIN = "simulate --from-calibration c.yaml --recording"
         "reproduce li2018a --output-dir bag",
         "export c.yaml --to px4 -o c.yaml",
         "export c.yaml --to json -o bag/new.json",
-        "recover bag -o bag/new",
+        "recover bag -o bag",
+        "recover into -o bag/new",
         "recover bag -o other.mcap",
+        "inspect s.csv --write-map s.csv",
+        "compare s.csv bag --array a.yaml --mend s.csv",
+        "compare s.csv bag --array a.yaml --mend bag/new.yaml",
+        "compare s.csv bag --array a.yaml --mend a.yaml",
+        f"{CALIBRATE} -o new.yaml --json new.yaml",
     ],
 )  # fmt: skip
 def test_no_output_costs_what_is_stored(stored, monkeypatch, command):

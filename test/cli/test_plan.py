@@ -3,10 +3,12 @@
 import json
 import re
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from commands import tam
 
 from tam_calibration.cli.main import main
 from tam_calibration.fit import calibrate
@@ -22,23 +24,19 @@ def narrow():
     """Return the run of a vehicle with 15° of pitch and roll, with attitude."""
     scenario = read_scenario("auv")
     motion = replace(scenario.motion, pitch_limit=from_degrees(15.0), roll_limit=from_degrees(15.0))
-    return simulate(replace(scenario, motion=motion, sample_count=1500, drift=None))
+    return simulate(replace(scenario, motion=motion, sample_count=750, drift=None))
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch, narrow):
-    """Give a working folder with the recording and its array file."""
-    monkeypatch.chdir(tmp_path)
-    write_recording("run.csv", narrow.recording)
-    write_array("array.yaml", narrow.scenario.array)
-    return tmp_path
+@pytest.fixture(scope="module")
+def files(tmp_path_factory, narrow):
+    """Return a folder with the recording and its array file."""
+    folder = tmp_path_factory.mktemp("plan")
+    write_recording(folder / "run.csv", narrow.recording)
+    write_array(folder / "array.yaml", narrow.scenario.array)
+    return folder
 
 
-def run(*arguments, code=0):
-    """Run the command with the array and return its result."""
-    result = CliRunner().invoke(main, ["plan", "--array", "array.yaml", *arguments])
-    assert result.exit_code == code, result.output
-    return result
+run = partial(tam, "plan", "--array", "array.yaml")
 
 
 def read(*arguments):

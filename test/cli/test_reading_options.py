@@ -7,13 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import tam as run
 from inspected import START_NS, fields, numbers, turned, write_bag, write_text
 from matplotlib.figure import Figure
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration import calibrate
-from tam_calibration.cli.main import main
 from tam_calibration.fleet.task import process
 from tam_calibration.recordings import read_array, read_recording
 from tam_calibration.results import read_calibration
@@ -31,31 +30,24 @@ def text(path, columns, **more):
     return write_text(path, {"when": stamps, **columns, **more}, ";")
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """Give a working folder with a run of strange names, whose sensor 2 is a counter of 16 bits, and what it needs."""
-    monkeypatch.chdir(tmp_path)
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """Return a folder with a run of strange names, whose sensor 2 is a counter of 16 bits, and what it needs."""
+    folder = tmp_path_factory.mktemp("strange")
     readings = np.stack([turned(48_000, COUNT, sensor) for sensor in range(4)], axis=1)
     readings[:, 1] = np.round(readings[:, 1])
     shown = readings.copy()
     shown[:, 1] = (readings[:, 1] + 2**15) % 2**16 - 2**15
     columns = dict(zip(AXES, np.round(shown.reshape(COUNT, 12), 2).T, strict=True))
     sound = dict(zip(AXES, np.round(readings.reshape(COUNT, 12), 2).T, strict=True))
-    text(tmp_path / "run.csv", columns, proton=np.full(COUNT, 48_000.0))
-    text(tmp_path / "sound.csv", sound, proton=np.full(COUNT, 48_000.0))
-    text(tmp_path / "bare.csv", sound)
+    text(folder / "run.csv", columns, proton=np.full(COUNT, 48_000.0))
+    text(folder / "sound.csv", sound, proton=np.full(COUNT, 48_000.0))
+    text(folder / "bare.csv", sound)
     picks = "\n".join(f"  - {{columns: [u{sensor}, v{sensor}, w{sensor}], unit: nT}}" for sensor in "pqrs")
-    (tmp_path / "bare.yaml").write_text(f"sensors:\n{picks}\n")
-    (tmp_path / "map.yaml").write_text(f"sensors:\n{picks}\nscalar: {{column: proton, unit: nT}}\n")
-    (tmp_path / "array.yaml").write_text("{baseline_m: 0.5, vector_noise_nT: 5.0, scalar_noise_nT: 0.5}\n")
-    return tmp_path
-
-
-def run(*arguments, code=0):
-    """Run a command and return its result."""
-    done = CliRunner().invoke(main, list(map(str, arguments)))
-    assert done.exit_code == code, done.output
-    return done
+    (folder / "bare.yaml").write_text(f"sensors:\n{picks}\n")
+    (folder / "map.yaml").write_text(f"sensors:\n{picks}\nscalar: {{column: proton, unit: nT}}\n")
+    (folder / "array.yaml").write_text("{baseline_m: 0.5, vector_noise_nT: 5.0, scalar_noise_nT: 0.5}\n")
+    return folder
 
 
 MAPPED = ["--map", "map.yaml", "--unwrap"]

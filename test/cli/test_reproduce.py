@@ -32,15 +32,15 @@ def read(path):
 
 def test_numbers_are_printed_counted_and_written(run_in_processes):
     """Every number is in the table and in the file, which names its command; forty seeds are the default."""
-    result = run_in_processes("chi2017")
+    result = run_in_processes("li2018b")
     assert result.exit_code == 0, result.stderr
     assert result.stdout.splitlines()[-1] == (
-        "chi2017: 106 numbers, 92 reproduced, 10 not reproduced, 4 paper in error"
+        "li2018b: 167 numbers, 111 reproduced, 45 not reproduced, 11 paper in error"
     )
-    assert [path.name for path in Path().iterdir()] == ["reproduce_chi2017.csv"]
-    first, rows = read("reproduce_chi2017.csv")
-    assert first == "# tam reproduce chi2017 --seeds 40"
-    assert len(rows) == 106
+    assert [path.name for path in Path().iterdir()] == ["reproduce_li2018b.csv"]
+    first, rows = read("reproduce_li2018b.csv")
+    assert first == "# tam reproduce li2018b --seeds 40"
+    assert len(rows) == 167
     for row in rows:
         within = float(row["low"]) <= float(row["paper"]) <= float(row["high"])
         assert within == (row["status"] == "reproduced")

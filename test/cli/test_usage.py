@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from shutil import copy
 
 import pytest
 from click.testing import CliRunner
@@ -11,22 +12,21 @@ from tam_calibration.cli import diagnose as diagnose_command
 from tam_calibration.cli.main import main
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.recordings import fit_input, write_array
+from tam_calibration.recordings import fit_input
 from tam_calibration.recordings.bag_writing import TYPESTORE
-from tam_calibration.results import read_calibration, write_recording
+from tam_calibration.results import read_calibration
 
 TOPIC = "/tam_3/magnetic_field"
 
 
 @pytest.fixture
-def thinned(tmp_path, monkeypatch, recording, cross):
+def thinned(files, tmp_path, monkeypatch):
     """Give a working folder; return a function that writes a bag in which sensor 3 lacks some of its messages."""
     monkeypatch.chdir(tmp_path)
-    write_recording("whole", recording)
-    write_array("array.yaml", cross)
+    copy(files / "array.yaml", "array.yaml")
 
     def write(lost, every=0):
-        with Reader("whole") as reader, Writer("run", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        with Reader(files / "run") as reader, Writer("run", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
             connections = {
                 each.topic: writer.add_connection(each.topic, each.msgtype, typestore=TYPESTORE)
                 for each in reader.connections

@@ -298,3 +298,11 @@ def test_a_signal_while_the_folder_is_made_leaves_none(tmp_path, monkeypatch):
     finally:
         signal.signal(signal.SIGTERM, before)
     assert content(tmp_path) == {}
+
+
+def test_an_error_of_the_system_while_writing_names_the_target(tmp_path):
+    """A full disk says which file it was; another file's error stays as it is."""
+    with pytest.raises(InputError, match=r"a cannot be written: full"), write_set([tmp_path / "a"]):
+        raise OSError(28, "full")
+    with pytest.raises(FileNotFoundError), write_set([tmp_path / "a"]):
+        (tmp_path / "other").read_text()

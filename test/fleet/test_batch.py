@@ -181,7 +181,7 @@ def test_the_summaries_tell_the_same(folder, options, asked):
     }  # fmt: skip
     assert told["platforms"][0]["causes"] == {"temperature_drift": 2}
     biases = [drift for drift in told["drifts"] if drift["parameter"].startswith("bias")]
-    assert len(biases) == 2 * 4 * 3
+    assert len(biases) == 2 * 2 * 3
     for drift in biases:
         assert abs(drift["drift_nT_per_day"] - 2) < 1e-3 and 0 < drift["drift_standard_error_nT_per_day"] < 0.2
     with (folder / "out/summary.csv").open(newline="") as file:

@@ -7,15 +7,17 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.correction.calibration import Calibration
+from tam_calibration.localization import alternating
 from tam_calibration.localization.alternating import locate_alternating
+from tam_calibration.localization.euler import DIPOLE_INDEX
+from tam_calibration.localization.locate import locate_steady
 from tam_calibration.localization.survey import ARRAY_FRAME, WORLD_FRAME
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.residuals import noise_floor
-from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.sources.dipole import Dipole
+
+from .conftest import calibration_of
 
 EARTH_T = np.array([1e-6, 21e-6, -43e-6])
 FREQUENCY_HZ, RATE_HZ = 10.0, 100.0
@@ -25,19 +27,10 @@ STILL = Rotation.from_euler("z", np.repeat([[0.0], [1.0], [2.0]], 200, axis=0))
 SWAYING = Rotation.from_euler("zyx", 0.3 * np.sin(np.outer(np.arange(600) / RATE_HZ, [1.1, 1.7, 2.3])))
 
 
-def calibration_of(array):
-    """Return the calibration of an array without errors, known exactly."""
-    errors = SensorErrors.none(array.sensor_count)
-    floor = noise_floor(errors, array, 1e-10)
-    return Calibration(
-        "maximum_likelihood", array, False, errors, None, True, 48e-6, floor, floor, floor, 100, (0.0, 1.0), 1.0
-    )
-
-
-def recording_of(turns, seed=1):
+def recording_of(turns, seed=1, array=ARRAY):
     """Return six seconds of an array that is turned beside the coil."""
     time_s, matrix = np.arange(600) / RATE_HZ, turns.as_matrix()
-    source = COIL.field_T(np.einsum("nij,kj->nki", matrix, ARRAY.positions_m))
+    source = COIL.field_T(np.einsum("nij,kj->nki", matrix, array.positions_m))
     world = EARTH_T + np.sin(2 * np.pi * FREQUENCY_HZ * time_s + 0.7)[:, None, None] * source
     noise = 1e-9 * np.random.default_rng(seed).normal(size=source.shape)
     return Recording(time_s, np.einsum("nji,nkj->nki", matrix, world) + noise, attitude=turns.as_quat())
@@ -55,9 +48,21 @@ def assert_at_the_coil(position_m, covariance_m2):
     assert (np.abs(position_m - COIL.position_m) < 5 * errors).all()
 
 
-def test_headings_make_one_source_of_all_that_is_read():
+@pytest.fixture(scope="module")
+def still():
+    """Return the survey of three headings whose frequency is stated."""
+    return located(recording_of(STILL))
+
+
+@pytest.fixture
+def dipoles_alone(monkeypatch):
+    """Leave out the fits of other kinds of sources, which take most of the time and change nothing in a dipole's."""
+    monkeypatch.setattr(alternating, "SOURCES", (DIPOLE_INDEX,))
+
+
+def test_headings_make_one_source_of_all_that_is_read(still):
     """Of three headings 36 readings less six unknowns are free, and each is told with its middle."""
-    survey = located(recording_of(STILL))
+    survey = still
     assert survey.frame == WORLD_FRAME and survey.note.startswith("A coil counts as a point")
     assert_allclose(survey.time_s, [0.995, 2.995, 4.995], atol=0.01)
     assert survey.overall.degrees_of_freedom == 30
@@ -67,12 +72,44 @@ def test_headings_make_one_source_of_all_that_is_read():
     ).all()
 
 
-def test_one_pose_is_no_mean():
+def test_standard_errors_of_the_headings_and_of_all_are_honest(dipoles_alone):
+    """The squared errors over their covariance are χ² of three, for each heading and for all together."""
+    runs, each, overall, fit = 10, [], [], []
+    for seed in range(runs):
+        survey = located(recording_of(STILL, seed))
+        assert survey.solutions.is_located.all() and len(survey.time_s) == 3
+        off = survey.solutions.position_m - COIL.position_m
+        each.append(np.einsum("ni,nij,nj->n", off, np.linalg.inv(survey.solutions.position_covariance_m2), off))
+        rest = survey.overall.position_m - COIL.position_m
+        overall.append(rest @ np.linalg.inv(survey.overall.position_covariance_m2) @ rest)
+        fit.append(survey.overall.chi_square / survey.overall.degrees_of_freedom)
+    for values, count in ((np.concatenate(each), 3 * runs), (np.array(overall), runs)):
+        assert np.mean(values) == pytest.approx(3, abs=4 * np.sqrt(6 / count))
+    assert np.mean(fit) == pytest.approx(1, abs=4 * np.sqrt(2 / 6 / runs))
+
+
+def test_the_moments_of_headings_are_turned_to_one_side(still):
+    """The sign of each heading is open; the mean has the true moment or its opposite."""
+    moment = still.overall.moment_Am2
+    assert np.abs(moment) == pytest.approx(np.abs(COIL.moment_Am2), rel=0.02)
+    assert np.sign(moment @ COIL.moment_Am2) * (moment @ COIL.moment_Am2) > 0.99 * COIL.moment_Am2 @ COIL.moment_Am2
+
+
+def test_one_sensor_cannot_locate():
+    """Without a gradient both kinds of source are refused in one sentence."""
+    single = Array(np.zeros((1, 3)), np.array([1e-9]))
+    recording = recording_of(STILL, array=single)
+    for locate in (locate_alternating, locate_steady):
+        with pytest.raises(InputError, match="no gradient"):
+            locate(recording, calibration_of(single))
+
+
+def test_one_pose_is_no_mean(dipoles_alone):
     """What is told of all together would be that of the one."""
     assert located(recording_of(STILL).take(slice(200))).overall is None
 
 
-def test_without_an_attitude_the_source_is_in_the_array_frame():
+def test_without_an_attitude_the_source_is_in_the_array_frame(dipoles_alone):
     """One pose, in the middle of the record; the array is not turned."""
     still = recording_of(Rotation.from_euler("z", np.zeros((600, 1))))
     survey = located(replace(still, attitude=None))
@@ -81,7 +118,7 @@ def test_without_an_attitude_the_source_is_in_the_array_frame():
     assert_at_the_coil(survey.solutions.position_m, survey.solutions.position_covariance_m2)
 
 
-def test_samples_without_an_attitude_are_left_out():
+def test_samples_without_an_attitude_are_left_out(dipoles_alone):
     """They count for nothing, whatever they read."""
     recording = recording_of(STILL)
     attitude, readings = recording.attitude.copy(), recording.readings_T.copy()
@@ -91,7 +128,7 @@ def test_samples_without_an_attitude_are_left_out():
     assert_allclose(survey.time_s[0], 0.745, atol=0.01)
 
 
-def test_an_array_that_never_stands_still_locates_as_it_turns():
+def test_an_array_that_never_stands_still_locates_as_it_turns(dipoles_alone):
     """Field and gradient are demodulated in the world; the error of finite baselines is told."""
     survey = located(recording_of(SWAYING))
     assert survey.frame == WORLD_FRAME and "never stood still" in survey.note
@@ -101,12 +138,11 @@ def test_an_array_that_never_stands_still_locates_as_it_turns():
     assert np.linalg.norm(off) < (0.5 / np.linalg.norm(COIL.position_m)) ** 2 * np.linalg.norm(COIL.position_m)
 
 
-@pytest.mark.parametrize("frequency_hz", [None, FREQUENCY_HZ])
-def test_the_line_is_found_or_stated(frequency_hz):
+def test_the_line_is_found_or_stated(still, dipoles_alone):
     """A stated frequency has no standard error; the spectrum reaches from ten periods to half the sampling rate."""
-    line = located(recording_of(STILL), frequency_hz).line
-    assert line.frequency_hz == pytest.approx(FREQUENCY_HZ, abs=0.01)
-    assert np.isnan(line.standard_error_hz) == (frequency_hz is not None)
+    line = located(recording_of(STILL), None).line
+    assert np.isnan(still.line.standard_error_hz) and line.standard_error_hz > 0
+    assert line.frequency_hz == pytest.approx(FREQUENCY_HZ, abs=0.01) and still.line.frequency_hz == FREQUENCY_HZ
     searched = line.spectrum.frequency_hz
     step = searched[1] - searched[0]
     assert 0 <= searched[0] - 10 / 5.99 < step < 0.05

@@ -5,14 +5,13 @@ import pytest
 from numpy.linalg import norm
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.correction.calibration import Calibration
 from tam_calibration.localization.locate import locate_steady
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.residuals import noise_floor
-from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.sources.dipole import Dipole
+
+from .conftest import calibration_of
 
 ARRAY = Array.cross(0.5, vector_noise_T=1e-9)
 TIME_S = np.arange(300) / 5
@@ -31,18 +30,9 @@ def passed(seed):
     return Recording(TIME_S, fields + noise, attitude=SWAY.as_quat())
 
 
-def perfect():
-    """Return the calibration of sensors without errors, known exactly."""
-    errors = SensorErrors.none(4)
-    floor = noise_floor(errors, ARRAY, 1e-10)
-    return Calibration(
-        "maximum_likelihood", ARRAY, False, errors, None, True, 48e-6, floor, floor, floor, 100, (0.0, 1.0), 1.0
-    )
-
-
 def test_samples_near_the_dipole_find_it_by_themselves():
     """Places count from the array; each lies within what its covariance says, and the far ones are refused."""
-    survey = locate_steady(passed(36), perfect(), regional_T=REGIONAL)
+    survey = locate_steady(passed(36), calibration_of(ARRAY), regional_T=REGIONAL)
     located = survey.solutions.is_located
     assert 20 < located.sum() < 250
     nearest = np.argmin(norm(POSITION_M - SOURCE.position_m, axis=1))
@@ -57,4 +47,4 @@ def test_without_attitude_the_regional_field_stays():
     """The sentence says so."""
     recording = passed(37)
     with pytest.raises(InputError, match="has no attitude"):
-        locate_steady(Recording(recording.time_s, recording.readings_T), perfect())
+        locate_steady(Recording(recording.time_s, recording.readings_T), calibration_of(ARRAY))

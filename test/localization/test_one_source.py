@@ -7,7 +7,7 @@ import pytest
 from passed_runs import ARRAY, NOISE, PATH_M, TRUE_T, course, dipole, line, passed
 
 from tam_calibration.localization import one_source, shared_source
-from tam_calibration.localization.one_source import _is_apart, locate_run
+from tam_calibration.localization.one_source import _is_apart, locate_run, regional_beside_current
 from tam_calibration.localization.shared_source import SharedSource
 from tam_calibration.localization.solutions import EulerSolutions, Status
 from tam_calibration.localization.turned_samples import Regional, Samples, locate_each, locate_samples, regional_of
@@ -103,6 +103,13 @@ def test_few_samples_tell_no_source_from_several():
     assert not world.is_located.any()
 
 
+def test_a_run_without_a_current_is_refused():
+    """No sample can be located, whatever the regional field."""
+    outputs, attitude = passed(4, [])
+    with pytest.raises(Refused, match="none can be located"):
+        regional_beside_current(Samples(outputs, ARRAY, NOISE, attitude, 1), NEAR)
+
+
 @pytest.mark.parametrize(("across", "limit"), [(np.eye(3), 4.033), (np.eye(3)[:, :2], 3.717)])
 def test_a_sample_with_another_solution_is_told(across, limit):
     """χ² of three or two numbers at its 99.9 % point; along a line places do not count."""
@@ -113,6 +120,12 @@ def test_a_sample_with_another_solution_is_told(across, limit):
     nothing = np.zeros(0)
     shared = SharedSource(None, np.zeros((4, 3)), across, Regional(TRUE_T), nothing, nothing, 8 - across.shape[1])
     assert _is_apart(own, shared).tolist() == [False, True, True, False]
+
+
+@pytest.fixture(scope="module")
+def beside_a_dipole():
+    """Return the field that is found beside a dipole."""
+    return located([dipole()], known=NEAR)[1]
 
 
 @pytest.mark.parametrize(
@@ -126,9 +139,9 @@ def test_a_sample_with_another_solution_is_told(across, limit):
         (shared_source, "_SMALLEST_SHARED", 1e-8),
     ],
 )
-def test_what_is_found_does_not_depend_on_when_steps_end(monkeypatch, module, name, value):
+def test_what_is_found_does_not_depend_on_when_steps_end(beside_a_dipole, monkeypatch, module, name, value):
     """To a thousandth of the standard errors."""
-    _, before = located([dipole()], known=NEAR)
+    before = beside_a_dipole
     monkeypatch.setattr(module, name, value)
     _, after = located([dipole()], known=NEAR)
     errors = np.sqrt(np.diag(before.covariance_T2))
@@ -157,10 +170,10 @@ def test_a_sample_with_another_solution_is_refused_in_its_run(monkeypatch):
     assert np.array_equal(np.delete(before.status, 30), np.delete(after.status, 30))
 
 
-def test_what_is_known_of_the_field_counts_as_much_as_it_is_certain():
+def test_what_is_known_of_the_field_counts_as_much_as_it_is_certain(beside_a_dipole):
     """Known to a tenth of what the samples tell, it stays where it is stated, within that."""
     outputs, attitude = passed(1, [dipole()])
-    _, told = locate_run(Samples(outputs, ARRAY, NOISE, attitude), NEAR)
+    told = beside_a_dipole
     error = 0.1 * np.sqrt(np.diag(told.covariance_T2))
     stated = told.field_T + 10 * error
     _, found = locate_run(Samples(outputs, ARRAY, NOISE, attitude), Regional(stated, covariance_T2=np.diag(error**2)))

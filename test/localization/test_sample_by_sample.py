@@ -51,17 +51,16 @@ def test_the_dipole_is_found_in_the_world():
 @pytest.mark.parametrize("index", [3.0, 2.0])
 def test_a_sample_does_not_depend_on_its_neighbours(index):
     """Alone and among others a sample has the same numbers, to the last bit."""
-    attitude, outputs = seen(60, noise_T=1e-10)
+    attitude, outputs = seen(4, noise_T=1e-10)
 
     def locate(part):
         samples = Samples(outputs[part], ARRAY, COVARIANCE, attitude[part], index)
         return turned(locate_samples(samples, Regional(EARTH_T, 1e-5)), attitude[part])
 
     together = locate(slice(None))
-    for index_of_sample in range(0, 60, 6):
-        alone = locate(slice(index_of_sample, index_of_sample + 1))
-        for part in PARTS:
-            assert_array_equal(getattr(alone, part)[0], getattr(together, part)[index_of_sample])
+    alone = locate(slice(3, 4))
+    for part in PARTS:
+        assert_array_equal(getattr(alone, part)[0], getattr(together, part)[3])
 
 
 def test_errors_of_the_attitude_are_in_the_covariance():
@@ -77,7 +76,7 @@ def test_errors_of_the_attitude_are_in_the_covariance():
 
 def test_large_errors_of_the_attitude_are_in_the_covariance():
     """0.3° in 50 µT are 260 nT beside 0.03 nT of noise: what they are to the second order, 0.7 nT, is no error."""
-    count, noise = 1000, float(from_degrees(0.3))
+    count, noise = 400, float(from_degrees(0.3))
     attitude, outputs = seen(count, noise_T=0.03e-9, strength=3)
     errors = Rotation.from_rotvec(noise * np.random.default_rng(9).normal(size=(count, 3)))
     measured = (Rotation.from_quat(attitude) * errors).as_quat()

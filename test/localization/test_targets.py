@@ -17,7 +17,7 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.sources.dipole import dipole_field
 
 EARTH_T = np.array([1.2e-6, 20.5e-6, -44e-6])
-TIME_S = np.arange(600) / 10
+TIME_S = np.arange(300) / 5
 PLACES_M = np.array([[15.0, 2.0, -4.0], [35.0, -3.0, -6.0], [48.0, 1.0, -5.0]])
 MOMENTS_AM2 = np.array([[30.0, 80.0, -60.0], [-100.0, 150.0, 90.0], [40.0, 10.0, -90.0]])
 
@@ -43,9 +43,9 @@ def passed(
         dipole_field(points - place, moment)[0] for place, moment in zip(places, moments, strict=True)
     )
     fields = np.einsum("nji,nkj->nki", turns.as_matrix(), world)
-    error, drawn = np.zeros((600, 3)), generator.standard_normal((600, 3))
-    keep = np.exp(-0.1 / lasting)
-    for number in range(1, 600):
+    error, drawn = np.zeros((300, 3)), generator.standard_normal((300, 3))
+    keep = np.exp(-0.2 / lasting)
+    for number in range(1, 300):
         error[number] = keep * error[number - 1] + np.sqrt(1 - keep**2) * drawn[number]
     reported = turns * Rotation.from_rotvec(np.radians(attitude) * error)
     position = path + white * generator.standard_normal(path.shape)
@@ -69,30 +69,40 @@ def exact(recording, cross, true_errors):
     return replace(calibrate(recording, cross), errors=true_errors, covariance=None)
 
 
-@pytest.mark.parametrize("errors", [{}, {"white": 0.1}, {"attitude": 0.1, "lasting": 5.0}])
-def test_all_targets_of_a_line_are_found(cross, true_errors, exact, errors):
-    """Three dipoles beside a swaying path, within five standard errors whatever navigation and attitude err by."""
-    recording = passed(cross, true_errors, **errors)
-    targets = find_targets(recording, exact, path_in(recording)).targets
-    assert len(targets) == 3 and not any(each.is_extended for each in targets)
+@pytest.fixture(scope="module")
+def line(cross, true_errors, exact):
+    """Return what is found along a line whose path and attitude are exact."""
+    recording = passed(cross, true_errors)
+    return find_targets(recording, exact, path_in(recording))
+
+
+def assert_found(targets, places=PLACES_M):
+    """Check that each target is at a place of its own within five standard errors, which are below half a metre."""
+    assert len(targets) == len(places) and not any(each.is_extended for each in targets)
     for each in targets:
-        away = PLACES_M - each.position_m
-        nearest = away[np.argmin(norm(away, axis=1))]
-        assert (np.abs(nearest) < 5 * each.standard_errors_m).all()
+        away = places - each.position_m
+        assert (np.abs(away[np.argmin(norm(away, axis=1))]) < 5 * each.standard_errors_m).all()
         assert norm(each.standard_errors_m) < 0.5
-    assert [each.evidence for each in targets] == sorted((each.evidence for each in targets), reverse=True)
+
+
+def test_all_targets_of_a_line_are_found(line):
+    """Three dipoles beside a swaying path; the surest stands first."""
+    assert_found(line.targets)
+    assert [each.evidence for each in line.targets] == sorted((each.evidence for each in line.targets), reverse=True)
+
+
+def test_targets_are_found_whatever_navigation_and_attitude_err_by(cross, true_errors, exact):
+    """Both err, and the standard errors hold that."""
+    recording = passed(cross, true_errors, PLACES_M[:2], MOMENTS_AM2[:2], white=0.1, attitude=0.1, lasting=5.0)
+    assert_found(find_targets(recording, exact, path_in(recording)).targets, PLACES_M[:2])
 
 
 def test_a_gyroscope_makes_up_for_a_poor_attitude(cross, true_errors, exact):
-    """An attitude that errs by 1.5° for five seconds: all targets are found where the angular velocity was recorded."""
-    recording = passed(cross, true_errors, attitude=1.5, lasting=5.0, gyroscope=True)
+    """An attitude that errs by 1.5° for five seconds: the target is found where the angular velocity was recorded."""
+    recording = passed(cross, true_errors, PLACES_M[1:2], MOMENTS_AM2[1:2], attitude=1.5, lasting=5.0, gyroscope=True)
     line = find_targets(recording, exact, path_in(recording), np.radians(1.5))
-    assert len(line.targets) == 3 and "with the angular velocity" in line.note
-    for each in line.targets:
-        away = PLACES_M - each.position_m
-        nearest = away[np.argmin(norm(away, axis=1))]
-        assert (np.abs(nearest) < 5 * each.standard_errors_m).all()
-        assert norm(each.standard_errors_m) < 0.5
+    assert "with the angular velocity" in line.note
+    assert_found(line.targets, PLACES_M[1:2])
 
 
 def test_a_line_past_nothing_has_no_target(cross, true_errors, exact):
@@ -120,18 +130,16 @@ def test_a_velocity_that_is_off_stays_within_the_errors(cross, true_errors, exac
 
 def test_a_line_that_no_dipoles_explain_is_refused(cross, true_errors, exact):
     """A hum of 20 nT on one sensor is all along the line."""
-    recording = passed(cross, true_errors)
+    recording = passed(cross, true_errors, PLACES_M[:1], MOMENTS_AM2[:1]).take(slice(150))
     readings = recording.readings_T.copy()
-    readings[:, 1, 0] += 20e-9 * np.sin(2 * np.pi * 0.7 * TIME_S)
-    humming = Recording(TIME_S, readings, attitude=recording.attitude, position_m=recording.position_m)
+    readings[:, 1, 0] += 20e-9 * np.sin(2 * np.pi * 0.7 * recording.time_s)
+    humming = replace(recording, readings_T=readings)
     with pytest.raises(Refused, match="--method integrated"):
         find_targets(humming, exact, path_in(humming))
 
 
-def test_what_is_left_along_a_line_is_near_one(cross, true_errors, exact):
+def test_what_is_left_along_a_line_is_near_one(line):
     """Where the targets explain the readings; the gradient is largest near the strongest."""
-    recording = passed(cross, true_errors)
-    line = find_targets(recording, exact, path_in(recording))
     assert 0.7 < np.sqrt(np.mean(line.left**2)) < 1.3
     nearest = line.center_m[np.argmax(line.contraction_T_per_m)]
     assert min(norm(nearest - place) for place in PLACES_M) < 6.0
@@ -139,7 +147,7 @@ def test_what_is_left_along_a_line_is_near_one(cross, true_errors, exact):
 
 def window_of(recording, array, errors):
     """Return a line as one window."""
-    fields, none = errors.restore(recording.readings_T), np.zeros((600, 12, 0))
+    fields, none = errors.restore(recording.readings_T), np.zeros((300, 12, 0))
     data = line_data(recording.time_s, fields, recording.attitude, array, recording.time_s, 1e-3, none)
     return Window(data, path_in(recording), np.zeros((0, 6)))
 
@@ -165,12 +173,11 @@ def test_two_dipoles_that_stand_for_one_are_made_one(cross, true_errors):
 
 
 def test_targets_close_together_are_each_listed_once(cross, true_errors, exact):
-    """Four within 20 m, which windows that overlap all see."""
-    places = np.array([[18.0, 2.0, -4.0], [25.0, -4.0, -5.0], [32.0, 3.0, -6.0], [37.0, -3.0, -4.0]])
-    moments = MOMENTS_AM2[[0, 1, 2, 0]]
-    recording = passed(cross, true_errors, places, moments, white=0.05)
+    """Three within 14 m, which windows that overlap all see."""
+    places = np.array([[18.0, 2.0, -4.0], [25.0, -4.0, -5.0], [32.0, 3.0, -6.0]])
+    recording = passed(cross, true_errors, places, white=0.05).take(slice(225))
     targets = find_targets(recording, exact, path_in(recording)).targets
-    assert sorted(norm(places - each.position_m, axis=1).argmin() for each in targets) == [0, 1, 2, 3]
+    assert sorted(norm(places - each.position_m, axis=1).argmin() for each in targets) == [0, 1, 2]
     assert not any(each.is_extended for each in targets)
 
 
@@ -196,7 +203,7 @@ def test_derivatives_are_those_of_the_residuals(cross, true_errors):
     unknowns[18 : 18 + window.unit_count] = 0.5
     slopes = window.linearized(unknowns)[1]
     sizes = norm(slopes, axis=(0, 1))
-    for number in np.flatnonzero(sizes > 3.0):
+    for number in np.flatnonzero(sizes > 3.0)[::2]:
         step = np.zeros(len(unknowns))
         step[number] = 0.1 / sizes[number]
         sides = [window.linearized(unknowns + sign * step, with_slopes=False)[0] for sign in (-1, 1)]

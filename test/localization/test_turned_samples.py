@@ -13,7 +13,7 @@ EARTH_T = np.array([1e-6, 21e-6, -43e-6])
 ERROR_T = 20e-9
 ARRAY = Array.cross(0.5, 1e-10, 1e-10)
 COVARIANCE = ARRAY.operator @ ARRAY.operator.T * 1e-20
-COUNT = 2000
+COUNT = 1000
 
 
 @pytest.fixture(scope="module")

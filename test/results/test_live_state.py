@@ -63,8 +63,8 @@ def test_what_is_damaged_or_of_another_array_is_told_in_one_sentence(state, tmp_
 
 
 def damaged(content):
-    """Yield the content with one byte after another flipped: all of the ends, and one in 97 between."""
-    places = sorted({*range(600), *range(0, len(content), 97), *range(len(content) - 600, len(content))})
+    """Yield the content with one byte after another flipped: all of the ends, and one in 297 between."""
+    places = sorted({*range(150), *range(0, len(content), 297), *range(len(content) - 150, len(content))})
     for place in places:
         broken = bytearray(content)
         broken[place] ^= 1 << place % 8

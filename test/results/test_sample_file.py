@@ -6,7 +6,7 @@ import pathlib
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
@@ -68,7 +68,8 @@ def test_what_was_saved_is_read_again(tmp_path):
     assert_read(path, [])
 
 
-@given(cut=st.integers(0, 3000), savings=st.lists(st.integers(1, 40), min_size=1, max_size=6))
+@settings(max_examples=50)
+@given(cut=st.integers(0, 900), savings=st.lists(st.integers(1, 12), min_size=1, max_size=5))
 def test_samples_are_whole_or_absent_where_the_writing_broke_off(tmp_path_factory, undelayed, cut, savings):
     """Wherever the last saving ends, what is read are the first so many samples, and it can be gone on with."""
     path, ends = tmp_path_factory.mktemp("kept") / "samples", np.cumsum([0, *savings]).tolist()
@@ -83,19 +84,18 @@ def test_samples_are_whole_or_absent_where_the_writing_broke_off(tmp_path_factor
     found, is_whole = again.read()
     assert is_whole and len(found) == max(len(content) - cut - before, 0) // 52
     assert_same(found, samples(0, len(found)))
-    again.save(samples(0, 300), len(found))
-    assert_read(path, samples(0, 300))
+    again.save(samples(0, 80), len(found))
+    assert_read(path, samples(0, 80))
 
 
-@pytest.mark.parametrize("flip", [0xFF, 0x01, 0x20])
-def test_a_byte_that_is_damaged_costs_one_sample_at_most(tmp_path, undelayed, flip):
+def test_a_byte_that_is_damaged_costs_one_sample_at_most(tmp_path, undelayed):
     """Each byte in turn: the file is set aside unchanged, all other samples are used to the bit, and it is gone on."""
     path, expected = tmp_path / "samples", samples(0, 4)
     file_at(path).save(expected, 0)
     content = path.read_bytes()
     for place in range(len(content)):
         damaged = bytearray(content)
-        damaged[place] ^= flip
+        damaged[place] ^= (0xFF, 0x01, 0x20)[place % 3]
         path.write_bytes(damaged)
         file = file_at(path)
         found, is_whole = file.read()
