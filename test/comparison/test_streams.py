@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.signal import welch
@@ -108,6 +108,7 @@ def test_a_single_mode_comes_nearest():
     assert [len(each) for each in slow_modes(SCALAR, RATE_HZ, SPAN_S)] == [0, 0]
 
 
+@settings(max_examples=20)
 @given(cuts=st.lists(st.integers(1, 59), max_size=5))
 def test_batches_change_no_number(cuts):
     """Any split of the samples gives the same noise."""
