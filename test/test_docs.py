@@ -39,10 +39,10 @@ def test_every_picture_is_shown(site):
     assert {path.name for path in (site / "_images").iterdir()} == {path.name for path in (DOCS / "images").iterdir()}
 
 
-@pytest.mark.parametrize("name", tam_calibration.__all__)
-def test_every_public_name_is_documented(site, name):
+def test_every_public_name_is_documented(site):
     """What the package gives to Python has its place on the page of its names."""
-    assert f'id="tam_calibration.{name}"' in (site / "reference" / "python.html").read_text()
+    page = (site / "reference" / "python.html").read_text()
+    assert [name for name in tam_calibration.__all__ if f'id="tam_calibration.{name}"' not in page] == []
 
 
 def test_rosdoc2_finds_the_pages():

@@ -59,14 +59,13 @@ def test_the_gain_is_that_of_the_likelihood(bench):
     found = EXCESS.find(residuals)
     own = found.variance[5]
 
+    shift = np.column_stack([np.tile(residuals.directions[5], (300, 1)), residuals.row_slope[:, 5]])
+    residual = np.column_stack([residuals.differential, residuals.common_mode])
+
     def deviance(floor, variance):
-        total = 0.0
-        for sample in range(300):
-            shift = np.append(residuals.directions[5], residuals.row_slope[sample, 5])
-            covariance = floor * np.eye(10) + variance * np.outer(shift, shift)
-            residual = np.append(residuals.differential[sample], residuals.common_mode[sample])
-            total += np.linalg.slogdet(covariance)[1] + residual @ np.linalg.solve(covariance, residual)
-        return total
+        covariance = floor * np.eye(10) + variance * shift[:, :, None] * shift[:, None]
+        solved = np.linalg.solve(covariance, residual[:, :, None])[:, :, 0]
+        return np.linalg.slogdet(covariance)[1].sum() + np.sum(residual * solved)
 
     from scipy.optimize import minimize_scalar
 
