@@ -63,7 +63,7 @@ def test_no_command_installs_into_the_python_of_the_system():
     assert calls and [line for line in calls if not re.search(r"(/bin/|\$\(BIN\)/)pip install", line)] == []
 
 
-def test_the_commands_for_a_recording_of_ones_own_work_as_pasted(tmp_path, monkeypatch):
+def test_the_commands_for_a_recording_of_ones_own_work_as_pasted(tmp_path, monkeypatch, undrawn):
     """Those that README.md shows, one after the other, from an empty folder."""
     monkeypatch.chdir(tmp_path)
     section = (ROOT / "README.md").read_text().partition("## Your own recording")[2].partition("\n## ")[0]

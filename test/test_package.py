@@ -107,15 +107,23 @@ def run(*command, **options):
     return done.stdout
 
 
+def colcon(folder, *command):
+    """Run colcon on the package in a folder."""
+    program = shutil.which("colcon", path=os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
+    assert program, "colcon is missing: pip install colcon-common-extensions"
+    return run(program, *command, "--base-paths", str(ROOT), cwd=folder)
+
+
+def test_colcon_knows_the_kind_of_the_package(tmp_path):
+    """A package of ROS in Python."""
+    assert "(ros.ament_python)" in colcon(tmp_path, "list")
+
+
 @pytest.fixture(scope="module", params=["", "--symlink-install"])
 def workspace(tmp_path_factory, request):
     """Build the package with colcon and return the workspace."""
     folder = tmp_path_factory.mktemp("workspace")
-    colcon = shutil.which("colcon", path=os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
-    assert colcon, "colcon is missing: pip install colcon-common-extensions"
-    base = ["--base-paths", str(ROOT)]
-    assert "(ros.ament_python)" in run(colcon, "list", *base, cwd=folder)
-    run(colcon, "build", *request.param.split(), *base, cwd=folder)
+    colcon(folder, "build", *request.param.split())
     return folder
 
 

@@ -63,7 +63,7 @@ def recording_of_motion():
 
 
 RECORDING = recording_of_motion()
-SPARSE = RECORDING.take(slice(None, None, 2))
+SPARSE = RECORDING.take(slice(None, None, 3))
 
 
 def everything_of(name):

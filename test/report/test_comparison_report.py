@@ -145,14 +145,16 @@ def test_without_attitude_no_source_is_told(comparison, write):
     assert page.count("<img") == 3 and "source error" not in words
 
 
-def test_the_same_comparison_gives_the_same_page(comparison, tmp_path):
-    """A page is the same file whenever it is made, and fetches nothing for its figures."""
-    pages = []
-    for _ in range(2):
-        write_comparison_report(tmp_path / "again.html", comparison, SOURCES)
-        pages.append((tmp_path / "again.html").read_text(encoding="utf-8"))
-    assert pages[0] == pages[1]
-    assert len(re.findall(r'src="data:image/svg\+xml;base64,\w', pages[0])) == pages[0].count("<img") == 3
+def test_figures_are_within_the_page(comparison, tmp_path):
+    """All three are drawn, and nothing is fetched."""
+    write_comparison_report(tmp_path / "drawn.html", comparison, SOURCES)
+    page = (tmp_path / "drawn.html").read_text(encoding="utf-8")
+    assert len(re.findall(r'src="data:image/svg\+xml;base64,\w', page)) == page.count("<img") == 3
+
+
+def test_the_same_comparison_gives_the_same_page(comparison, write):
+    """A page is the same file whenever it is made; so is a figure (test_plots.py)."""
+    assert write(replace(comparison))[0] == write(comparison)[0]
 
 
 def test_every_axis_is_drawn_with_both_spectra(comparison):
