@@ -158,9 +158,8 @@ def test_command_runs_where_colcon_put_it(workspace, tmp_path):
     assert (tmp_path / "run.csv").stat().st_size > 10_000
 
 
-@pytest.mark.parametrize("option", [[], ["--editable"]], ids=["wheel", "editable"])
-def test_command_runs_where_pip_put_it(tmp_path, option):
-    """In an environment of its own, from a wheel or from the sources, the command finds the scenarios."""
+def test_command_runs_where_pip_put_it(tmp_path):
+    """From a wheel in an environment of its own the command finds the scenarios; all other tests do in the sources."""
     sources, environment = tmp_path / "sources", tmp_path / "environment"
     for name in (PACKAGE.name, "config", "launch", "resource"):
         shutil.copytree(ROOT / name, sources / name, ignore=shutil.ignore_patterns("__pycache__"))
@@ -171,9 +170,9 @@ def test_command_runs_where_pip_put_it(tmp_path, option):
     (packages / "libraries.pth").write_text(sysconfig.get_path("purelib"))  # numpy and the others, by their path
     alone = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     pip = [sys.executable, "-m", "pip", "--python", environment, "install", "--no-index", "--ignore-installed"]
-    run(*pip, "--no-deps", "--no-build-isolation", "--no-compile", *option, sources, env=alone)
+    run(*pip, "--no-deps", "--no-build-isolation", "--no-compile", sources, env=alone)
     run(environment / "bin" / "tam", "simulate", "wu_table_1", "-o", "run.csv", cwd=tmp_path, env=alone)
     assert (tmp_path / "run.csv").stat().st_size > 10_000
     where = f"import {PACKAGE.name}.files.text_files as c; print(c.configuration_folder())"
     found = run(environment / "bin" / "python", "-c", where, cwd=tmp_path, env=alone)
-    assert Path(found.strip()) == (sources / "config" if option else environment / "share" / PACKAGE.name / "config")
+    assert Path(found.strip()) == environment / "share" / PACKAGE.name / "config"

@@ -6,21 +6,10 @@ from numpy.testing import assert_allclose
 from scipy.signal import lsim
 
 from tam_calibration.effects.lags import Ringing
-from tam_calibration.files.schema import check
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
-from tam_calibration.results.effects_schema import EffectFile, effect_to_mapping
 
 EFFECT = Ringing()
 SHAPE = {"frequency_hz": 1.3, "damping": 0.2}
-WHOLE = {"amplitude": 1.0, "delay": 0.2 / (np.pi * 1.3)}
-
-
-def test_coefficients_come_back(turning, refitted):
-    """Amplitude and delay of a sensor and of an axis are told from the calibration."""
-    keys = (0, None, "response"), (2, 1, "response of the axis")
-    deviation, error = refitted(EFFECT, turning(), SHAPE, *keys)
-    assert np.abs(deviation).max() < 4
-    assert error.max() < 0.3
 
 
 @pytest.fixture(scope="module")
@@ -96,13 +85,6 @@ def test_each_jump_from_pose_to_pose_has_a_tail(turning, refitted):
     deviation, _ = refitted(EFFECT, covariates, shape, (1, 1, "response of the axis"))
     assert np.abs(deviation).max() < 4
     assert all("tail_hz" in tried for tried in EFFECT.shapes(covariates, None))
-
-
-def test_it_survives_a_file():
-    """Read again from what is written, it is the same."""
-    fitted = FittedEffect("ringing", SHAPE, (Contribution(1, None, "response", WHOLE),))
-    units = dict(EFFECT.shape_units) | {"amplitude": "1", "delay": "s"}
-    assert check(effect_to_mapping(fitted, units), EffectFile).to_fitted() == fitted
 
 
 def test_a_tail_ends_before_the_next_jump(turning, left_by):

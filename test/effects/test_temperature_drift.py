@@ -15,13 +15,6 @@ SHAPE = {"time_constant_s": 4.0, "inner_share": 0.3, "reference_C": 20.0, "start
 EFFECT = TemperatureDrift()
 
 
-def test_coefficients_come_back(turning, refitted):
-    """Offset, scale and second order of a row are told from the calibration and from each other."""
-    deviation, error = refitted(EFFECT, turning(), SHAPE, (1, 0, "offset"), (1, 0, "scale"), (1, 2, "quadratic offset"))
-    assert np.abs(deviation).max() < 4
-    assert error.max() < 0.1
-
-
 def test_heat_passes_both_layers(turning):
     """The change is that of two first-order lags in a row, by a library's integration, to the square of a step."""
     covariates = turning()
