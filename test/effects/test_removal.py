@@ -23,7 +23,7 @@ ARRAY = Array.cross(0.5, 1e-9, 1e-10)
 SHAPES = {
     "scale_step": {"time_s": 2.0, "end_s": 5.0},
     "gain_switching": {"on_1_s": 101.5, "off_1_s": 103.0, "on_2_s": 104.0, "off_2_s": 105.0},
-    "temperature_drift": {"time_constant_s": 1.5, "reference_C": 20.0},
+    "temperature_drift": {"time_constant_s": 1.5, "inner_share": 0.3, "reference_C": 20.0, "start_s": 100.0},
     "current_interference": {"time_constant_s": 0.07, "reference_A": 1.0},
     "hysteresis": {"full_scale_T": 5e-5},
     "nonlinearity": {"full_scale_T": 5e-5},
