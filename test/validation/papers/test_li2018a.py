@@ -35,7 +35,7 @@ def test_the_simulation_is_reproduced_but_for_two_accuracies_and_the_frame(rows)
 
 
 def test_as_published_misalignment_and_frame_are_lost(rows, simulated_numbers):
-    """Fitted to the artificial vector, all angles of Table 3 but non-orthogonality are others, the TMI is not."""
+    """Fitted to the artificial vector, all angles of Table 3 but non-orthogonality are others, the TMI stays."""
     published = simulated_numbers("li2018a", 5, as_published=True)
     lost = {name for name, row in published.items() if row.status == "not reproduced" and name.startswith("Table 3")}
     assert {f"Table 3, {angle}, sensor {k}" for angle in "αβγ" for k in range(1, 5)} <= lost
