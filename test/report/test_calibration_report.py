@@ -22,8 +22,8 @@ def write(tmp_path, read_page):
     return write
 
 
-def test_sections_stand_in_order(make, write, undrawn):
-    """The verdict comes first, the provenance last."""
+def test_sections_stand_in_order(make, write):
+    """The verdict comes first, the provenance last; all is drawn."""
     page = write(*make())
     assert page.headings == [
         "Verdict",

@@ -43,6 +43,8 @@ def write(tmp_path_factory):
         path = tmp_path_factory.mktemp("page") / "compare.html"
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(comparison_report, "embed", embed)
+            for plot in ("plot_noise", "plot_sphere", "plot_histograms"):
+                patch.setattr(comparison_report, plot, lambda *arguments: None)
             write_comparison_report(path, comparison, SOURCES)
         page = path.read_text(encoding="utf-8")
         assert not re.search(r"url\(|@import|https?://|<script|<link|<iframe", page)
