@@ -1,5 +1,6 @@
 import ast
 import os
+import re
 import runpy
 import shutil
 import subprocess
@@ -60,14 +61,9 @@ def test_changelog_names_the_version(manifest):
 
 def third_party_imports():
     """Return the top names of all modules that the package imports and that neither it nor Python holds."""
-    names = set()
-    for path in PACKAGE.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.Import):
-                names |= {alias.name.split(".")[0] for alias in node.names}
-            elif isinstance(node, ast.ImportFrom):
-                names.add(node.module.split(".")[0])
-    return names - sys.stdlib_module_names - {PACKAGE.name}
+    statement = re.compile(r"^ *(?:from (\w+)[\w.]* import\b|import (\w+)[\w.]*(?: as \w+)?$)", re.MULTILINE)
+    found = [pair for path in PACKAGE.rglob("*.py") for pair in statement.findall(path.read_text())]
+    return {one or other for one, other in found} - sys.stdlib_module_names - {PACKAGE.name}
 
 
 def test_every_import_is_declared(manifest, arguments):
@@ -111,15 +107,23 @@ def run(*command, **options):
     return done.stdout
 
 
+def colcon(folder, *command):
+    """Run colcon on the package in a folder."""
+    program = shutil.which("colcon", path=os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
+    assert program, "colcon is missing: pip install colcon-common-extensions"
+    return run(program, *command, "--base-paths", str(ROOT), cwd=folder)
+
+
+def test_colcon_knows_the_kind_of_the_package(tmp_path):
+    """A package of ROS in Python."""
+    assert "(ros.ament_python)" in colcon(tmp_path, "list")
+
+
 @pytest.fixture(scope="module", params=["", "--symlink-install"])
 def workspace(tmp_path_factory, request):
     """Build the package with colcon and return the workspace."""
     folder = tmp_path_factory.mktemp("workspace")
-    colcon = shutil.which("colcon", path=os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
-    assert colcon, "colcon is missing: pip install colcon-common-extensions"
-    base = ["--base-paths", str(ROOT)]
-    assert "(ros.ament_python)" in run(colcon, "list", *base, cwd=folder)
-    run(colcon, "build", *request.param.split(), *base, cwd=folder)
+    colcon(folder, "build", *request.param.split())
     return folder
 
 
@@ -154,9 +158,8 @@ def test_command_runs_where_colcon_put_it(workspace, tmp_path):
     assert (tmp_path / "run.csv").stat().st_size > 10_000
 
 
-@pytest.mark.parametrize("option", [[], ["--editable"]], ids=["wheel", "editable"])
-def test_command_runs_where_pip_put_it(tmp_path, option):
-    """In an environment of its own, from a wheel or from the sources, the command finds the scenarios."""
+def test_command_runs_where_pip_put_it(tmp_path):
+    """From a wheel in an environment of its own the command finds the scenarios; all other tests do in the sources."""
     sources, environment = tmp_path / "sources", tmp_path / "environment"
     for name in (PACKAGE.name, "config", "launch", "resource"):
         shutil.copytree(ROOT / name, sources / name, ignore=shutil.ignore_patterns("__pycache__"))
@@ -167,9 +170,9 @@ def test_command_runs_where_pip_put_it(tmp_path, option):
     (packages / "libraries.pth").write_text(sysconfig.get_path("purelib"))  # numpy and the others, by their path
     alone = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     pip = [sys.executable, "-m", "pip", "--python", environment, "install", "--no-index", "--ignore-installed"]
-    run(*pip, "--no-deps", "--no-build-isolation", "--no-compile", *option, sources, env=alone)
+    run(*pip, "--no-deps", "--no-build-isolation", "--no-compile", sources, env=alone)
     run(environment / "bin" / "tam", "simulate", "wu_table_1", "-o", "run.csv", cwd=tmp_path, env=alone)
     assert (tmp_path / "run.csv").stat().st_size > 10_000
     where = f"import {PACKAGE.name}.files.text_files as c; print(c.configuration_folder())"
     found = run(environment / "bin" / "python", "-c", where, cwd=tmp_path, env=alone)
-    assert Path(found.strip()) == (sources / "config" if option else environment / "share" / PACKAGE.name / "config")
+    assert Path(found.strip()) == environment / "share" / PACKAGE.name / "config"

@@ -64,7 +64,7 @@ def compare(
     --------
     >>> from dataclasses import replace
     >>> from tam_calibration import compare, read_scenario, simulate
-    >>> scenario = read_scenario("tumble_100_hz")
+    >>> scenario = read_scenario("wu_table_1")
     >>> one, other = (simulate(replace(scenario, seed=seed)) for seed in (1, 2))
     >>> compare(one.recording, other.recording, scenario.array).verdict
     'same'

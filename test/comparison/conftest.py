@@ -2,10 +2,13 @@
 
 from dataclasses import replace
 from functools import cache
+from importlib import import_module
 
 import numpy as np
 import pytest
 
+from tam_calibration.comparison import compare
+from tam_calibration.comparison.compare import side_of
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 
 SAMPLES, RATE_HZ = 600, 50.0
@@ -16,7 +19,7 @@ SAMPLES, RATE_HZ = 600, 50.0
 def run():
     """Return a function that simulates a run.
 
-    Of a seed, a drift of one sensor with temperature [nT/K], noise of so many times that of the sheet, and the sensor.
+    Of a seed, a drift of sensor 2 with temperature [nT/K], and noise of so many times that of the sheet.
     """
     from tam_calibration import read_scenario, simulate
     from tam_calibration.simulation.surroundings import AttitudeChannel, Temperature
@@ -30,28 +33,58 @@ def run():
     )
 
     @cache
-    def simulated(seed, drift=0.0, noise=1.0, sensor=2):
+    def simulated(seed, drift=0.0, noise=1.0):
         array = replace(scenario.array, vector_noise_T=noise * scenario.array.vector_noise_T)
-        effects = (_drift(drift, sensor),) if drift else ()
+        effects = (_drift(drift),) if drift else ()
         return simulate(replace(scenario, array=array, seed=seed, effects=effects)).recording
 
     return simulated
 
 
-def _drift(size, sensor):
+def _drift(size):
     offsets = [
-        Contribution(sensor - 1, axis, "offset", {"offset": 1e-9 * size * part})
-        for axis, part in enumerate((1.0, -0.5, 0.8))
+        Contribution(1, axis, "offset", {"offset": 1e-9 * size * part}) for axis, part in enumerate((1.0, -0.5, 0.8))
     ]
     return FittedEffect("temperature_drift", {"time_constant_s": 0.0, "reference_C": 20.0}, tuple(offsets))
 
 
 @pytest.fixture(scope="session")
-def side(run, cross):
-    """Return a function of the same arguments that judges such a run."""
-    from tam_calibration.comparison.compare import side_of
+def judge(cross):
+    """Return the judge of a recording, which looks at each recording once."""
+    judged = {}
 
-    return cache(lambda *arguments: side_of(run(*arguments), cross))
+    def judge(source, array=cross, progress=None):
+        if id(source) not in judged:
+            judged[id(source)] = source, side_of(source, array, progress)
+        elif progress:
+            progress("judged", 0.5)
+        return judged[id(source)][1]
+
+    return judge
+
+
+@pytest.fixture(scope="session")
+def side(run, judge):
+    """Return a function of the same arguments that judges such a run."""
+    return lambda *arguments: judge(run(*arguments))
+
+
+@pytest.fixture(scope="session")
+def cold(run):
+    """Return the first run without its temperature."""
+    return replace(run(1), temperature_C=None)
+
+
+@pytest.fixture(scope="session")
+def compared(cross, judge):
+    """Return a function that compares two recordings of the cross."""
+
+    def compared(simulation, recording, **given):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(import_module("tam_calibration.comparison.compare"), "side_of", judge)
+            return compare(simulation, recording, cross, **given)
+
+    return compared
 
 
 @pytest.fixture(scope="session")

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from tam_calibration.comparison.agreement import energy_of
-from tam_calibration.comparison.compare import side_of
 from tam_calibration.comparison.differences import differences_between, likely_causes, may_be_same, unknown_part
 from tam_calibration.comparison.result import UNKNOWN, EffectDifference
 
@@ -64,9 +63,9 @@ def test_unknown_parts_of_other_sizes_are_told(side):
     assert [one.effect for one in (*found.missing, *found.surplus)] == [UNKNOWN, UNKNOWN] and not found.remarks
 
 
-def test_what_the_mended_run_cannot_show_is_not_left(side, run, cross):
+def test_what_the_mended_run_cannot_show_is_not_left(side, cold, judge):
     """An effect that the simulation's run would not show counts before the mend, and not as left after it."""
-    found = differences_between(side_of(replace(run(1), temperature_C=None), cross), side(2, 3))
+    found = differences_between(judge(cold), side(2, 3))
     assert [one.is_shown_by_other_run for one in found.missing] == [False] and found.energy > 1
     assert "or its run could not show" in found.energies[0][0]
     assert found.that_show.missing == () and list(found.that_show.energies) == list(found.energies[1:])

@@ -8,21 +8,19 @@ from tam_calibration.fit import calibrate
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
-from tam_calibration.results.scenario import read_scenario
-from tam_calibration.simulation import simulate
 
 
-def test_two_runs_of_one_simulator_are_the_same(run, cross):
+def test_two_runs_of_one_simulator_are_the_same(run, compared):
     """Other seeds and paths: nothing differs, nothing is to be mended."""
-    found = compare(run(1), run(2), cross)
+    found = compared(run(1), run(2))
     assert (found.verdict, found.missing, found.surplus, found.mend.added) == ("same", (), (), ())
     assert found.closing.before == found.closing.after == 0
 
 
-def test_a_missing_effect_is_named_and_closes_the_gap(run, cross):
+def test_a_missing_effect_is_named_and_closes_the_gap(run, compared):
     """The twin with the mend has the drift: the gap closes but for noise; progress goes over all three."""
     told = []
-    found = compare(run(1), run(2, 3), cross, progress=lambda stage, done: told.append(done))
+    found = compared(run(1), run(2, 3), progress=lambda stage, done: told.append(done))
     assert told[0] == 0 and max(told) <= 1 and {int(3 * done) for done in told} >= {0, 1, 2}
     assert (found.verdict, [one.effect for one in found.missing]) == ("differs", ["temperature_drift"])
     closing = found.closing
@@ -31,10 +29,9 @@ def test_a_missing_effect_is_named_and_closes_the_gap(run, cross):
     assert closing.source_error_after_m < 0.2 * closing.source_error_before_m
 
 
-def test_a_mend_that_cannot_be_tried_is_told_all_the_same(run, cross):
+def test_a_mend_that_cannot_be_tried_is_told_all_the_same(run, cold, compared):
     """A simulation without temperature beside a recording that drifts with it: only the closing is not known."""
-    cold = replace(run(1), temperature_C=None)
-    found = compare(cold, run(2, 3), cross)
+    found = compared(cold, run(2, 3))
     assert found.verdict == "differs" and [one.effect for one in found.missing] == ["temperature_drift"]
     assert not found.missing[0].is_shown_by_other_run and found.mend.added
     assert found.closing.before > 1 and np.isnan(found.closing.after) and found.statement.endswith("cannot be tried.")
@@ -63,13 +60,13 @@ def test_a_mistake_is_told_before_anything_is_fitted(run, cross):
     assert found.verdict == "differs" and found.mistakes and found.closing is None
 
 
-def test_a_run_that_tells_nothing_is_said_by_name(run, cross):
+def test_a_run_that_tells_nothing_is_said_by_name(run, compared):
     """An array at rest: the side is named, and nothing is invented."""
     one = run(2)
     still = Recording(
         one.time_s, one.readings_T[:1] + 1e-9 * np.random.default_rng(3).normal(size=one.readings_T.shape)
     )
-    found = compare(run(1), still, cross)
+    found = compared(run(1), still)
     assert found.verdict == "not_identifiable" and "the recording" in found.statement
 
 
@@ -92,15 +89,9 @@ def test_a_recording_in_another_unit_is_bad_input(run, cross, times):
         compare(run(2), wrong, cross)
 
 
-def test_other_errors_of_the_sensors_are_no_difference_and_are_told():
+def test_other_errors_of_the_sensors_are_no_difference_and_are_told(run, compared):
     """A calibration removes them: the verdict stays, and its sentence says by how much they differ."""
-    scenario = read_scenario("tumble_100_hz")
-    bias_T = scenario.errors.bias_T.copy()
-    bias_T[1, 0] += 6e-7
-    errors = replace(scenario.errors, bias_T=bias_T)
-    one, other = (
-        simulate(replace(each, sample_count=1000, rate_hz=50.0, seed=seed)).recording
-        for seed, each in ((1, scenario), (2, replace(scenario, errors=errors)))
-    )
-    told = compare(one, other, scenario.array).statement
+    readings_T = run(2).readings_T.copy()
+    readings_T[:, 1, 0] += 6e-7
+    told = compared(run(1), replace(run(2), readings_T=readings_T)).statement
     assert told.startswith("The same: effects and noise") and "biases by up to 600 nT (sensor 2 x)" in told

@@ -6,9 +6,15 @@ import pytest
 from tam_calibration.comparison.differences import differences_between
 
 
-def test_two_runs_of_one_array_differ_in_nothing(side):
-    """Other seeds, paths and noise make no difference."""
-    assert differences_between(side(1), side(2)).are_none
+def with_drift(side, times=1.0, sensor=2):
+    """Return a side whose drift was found so many times as large, and in another sensor."""
+    (cause,) = side.gap.causes
+    contributions = tuple(
+        replace(one, sensor=sensor - 1, values={name: times * value for name, value in one.values.items()})
+        for one in cause.fitted.contributions
+    )
+    other = replace(cause, sensors=(sensor,), fitted=replace(cause.fitted, contributions=contributions))
+    return replace(side, gap=replace(side.gap, causes=(other,)))
 
 
 def test_an_effect_of_one_side_is_missing_or_surplus(side):
@@ -33,16 +39,16 @@ def test_the_same_effect_in_both_is_no_difference(side):
     assert differences_between(side(1, 3), side(2, 3)).are_none
 
 
-@pytest.mark.parametrize(("size", "is_none"), [(3.45, True), (3.75, False)])
-def test_a_fifth_of_an_effect_is_no_difference(side, size, is_none):
+@pytest.mark.parametrize(("times", "is_none"), [(1.15, True), (1.25, False)])
+def test_a_fifth_of_an_effect_is_no_difference(side, times, is_none):
     """Sensors of one kind differ by so much: 15 % more is the same, 25 % more is not."""
-    assert differences_between(side(1, size), side(2, 3)).are_none == is_none
+    assert differences_between(with_drift(side(1, 3), times), side(2, 3)).are_none == is_none
 
 
 def test_other_parameters_are_told_with_their_energy(side):
     """Twice a drift is one of other parameters: its energy is the square of what is missing of it."""
     own = side(2, 3)
-    found = differences_between(side(1, 6), own)
+    found = differences_between(with_drift(side(1, 3), 2), own)
     (pair,) = found.other_parameters
     assert (pair.recording.effect, found.missing, found.surplus) == ("temperature_drift", (), ())
     part = (6 / 3 - 1) ** 2
@@ -63,7 +69,7 @@ def in_two(side):
 def test_an_effect_in_two_shapes_is_compared_as_one(side, both):
     """A drift that took two causes is the same as one of the same size, and of other parameters beside twice of it."""
     own = in_two(side(2, 3))
-    same, twice = ((in_two if both else lambda one: one)(side(1, size)) for size in (3, 6))
+    same, twice = ((in_two if both else lambda one: one)(with_drift(side(1, 3), times)) for times in (1, 2))
     assert differences_between(same, own).are_none
     found = differences_between(twice, own)
     assert len(found.other_parameters) == 1 + both and found.surplus == ()
@@ -73,7 +79,7 @@ def test_an_effect_in_two_shapes_is_compared_as_one(side, both):
 
 def test_the_same_effect_elsewhere_is_another(side):
     """A drift of sensor 3 is surplus, that of sensor 2 missing."""
-    found = differences_between(side(1, 3, 1.0, 3), side(2, 3))
+    found = differences_between(with_drift(side(1, 3), sensor=3), side(2, 3))
     assert [one.sensors for one in found.missing] == [(2,)] and [one.sensors for one in found.surplus] == [(3,)]
 
 

@@ -1,6 +1,7 @@
 """What the judge says of a side, and plain figures of recordings whose stamps and steps are known."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from scipy.interpolate import CubicSpline
 from tam_calibration import read_scenario
 from tam_calibration.comparison import side as side_module
 from tam_calibration.comparison.compare import side_of
-from tam_calibration.comparison.side import side_by_side
+from tam_calibration.comparison.side import Figure, side_by_side
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.sensor_errors import PARAMETER_NAMES
 
@@ -27,6 +28,7 @@ def with_stamps(side):
     return make
 
 
+@cache
 def figures_of(side):
     """Return the figures of a side."""
     return [one.recording for one in side_by_side(side, side)]
@@ -40,10 +42,7 @@ def figure(side, group, name):
 
 def standing(one, other, group, name):
     """Return how one figure stands in two sides."""
-    (found,) = [
-        each for each in side_by_side(one, other) if (each.recording.group, each.recording.name) == (group, name)
-    ]
-    return found.standing
+    return Figure(figure(one, group, name), figure(other, group, name)).standing
 
 
 def even(side, rate_hz):
@@ -110,7 +109,7 @@ def test_figures_differ_beyond_tolerance_and_chance(side, with_stamps):
     for jitter_s, expected in ((5e-5, "same"), (2e-4, "differs")):
         other = with_stamps(even(side(1), 100.0) + jitter_s * unit)
         assert standing(one, other, "stamps", "jitter") == expected
-    (lost,) = [each for each in side_by_side(one, one) if each.recording.name == "part lost"]
+    lost = Figure(*2 * [figure(one, "stamps", "part lost")])
     assert lost.standing == "same" and lost.standard_errors != lost.standard_errors
 
 

@@ -1,10 +1,8 @@
-"""Noise has the stated density, however its samples are split into batches."""
+"""Noise that is drawn has the stated density."""
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_array_equal
 from scipy.signal import welch
 
 from tam_calibration.comparison import mend as mend_module
@@ -106,15 +104,6 @@ def test_a_single_mode_comes_nearest():
     assert alone_T2.sum() == pytest.approx(all_T2.sum(), rel=0.05)
     assert [len(each) for each in slow_modes(SLOW, RATE_HZ, SPAN_S, True)] == [1, 1]
     assert [len(each) for each in slow_modes(SCALAR, RATE_HZ, SPAN_S)] == [0, 0]
-
-
-@given(cuts=st.lists(st.integers(1, 59), max_size=5))
-def test_batches_change_no_number(cuts):
-    """Any split of the samples gives the same noise."""
-    time, terms = np.arange(60) / RATE_HZ, [SLOW, BAND, SCALAR]
-    stream = NoiseStream(terms, 7, RATE_HZ, SPAN_S, np.random.default_rng(1))
-    parts = [stream.drawn(part) for part in np.split(time, sorted(set(cuts)))]
-    assert_allclose(np.concatenate(parts), drawn(terms, 60), rtol=1e-9, atol=1e-20)
 
 
 def test_it_begins_anew_where_time_goes_back():

@@ -95,13 +95,6 @@ def test_the_effect_is_the_gradient_of_the_fit(turning):
     assert_allclose(uniform.scalar_T, rows[:, -1], rtol=0, atol=1e-13)
 
 
-def test_coefficients_come_back(turning, refitted):
-    """Potentials of three degrees are told apart."""
-    keys = [(ALL, None, f"degree {degree}") for degree in (2, 3, 4)]
-    deviation, _ = refitted(AmbientGradient(), turning(), {}, *keys)
-    assert np.abs(deviation).max() < 4
-
-
 def test_a_dipole_at_some_distance_is_within_the_terms(turning):
     """Two metres from a cross of half a metre the degrees 2 to 4 leave a hundredth of its field."""
     covariates = turning(samples=300)

@@ -6,20 +6,11 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.effects.lags import Crosstalk
-from tam_calibration.files.schema import check
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
-from tam_calibration.results.effects_schema import EffectFile, effect_to_mapping
 
 EFFECT = Crosstalk()
 LATE = {"late_y_s": 0.05}
-
-
-def test_coefficients_come_back(turning, refitted):
-    """What bleeds into some axes is told from the calibration."""
-    deviation, error = refitted(EFFECT, turning(), LATE, (0, 0, "from y"), (2, 2, "from y"))
-    assert np.abs(deviation).max() < 4
-    assert error.max() < 0.1
 
 
 def test_the_reading_before_is_what_a_multiplexer_held(turning):
@@ -69,13 +60,6 @@ def test_few_samples_are_told(turning):
     """A dozen hold neither a motion nor windows."""
     assert "12 samples are too few" in EFFECT.obstacle(turning(samples=12))
     assert EFFECT.obstacle(turning()) is None
-
-
-def test_it_survives_a_file():
-    """Read again from what is written, it is the same."""
-    fitted = FittedEffect("crosstalk", LATE, (Contribution(1, 2, "from x", {"bleed": 2e-4}),))
-    units = {"bleed": "1"} | dict(EFFECT.shape_units)
-    assert check(effect_to_mapping(fitted, units), EffectFile).to_fitted() == fitted
 
 
 def test_one_to_ten_steps_late_are_tried(turning, left_by):

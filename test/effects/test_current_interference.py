@@ -13,14 +13,6 @@ SHAPE = {"reference_A": 0.5, "time_constant_s": 0.3}
 EFFECT = CurrentInterference()
 
 
-def test_coefficients_come_back(turning, refitted):
-    """The field at the axes, its second order and what lags are told from each other."""
-    keys = (0, 0, "field"), (0, 0, "lagged"), (0, 0, "quadratic"), (3, 1, "field")
-    deviation, error = refitted(EFFECT, turning(), SHAPE, *keys)
-    assert np.abs(deviation).max() < 4
-    assert error.max() < 0.1
-
-
 def test_the_scalar_sees_the_part_along_the_field(turning):
     """A small field changes the length of the sum as the scalar row says."""
     covariates = turning()

@@ -10,14 +10,6 @@ from tam_calibration.effects.recursions import lagged
 EFFECT = EddyCurrent()
 
 
-def test_coefficients_come_back(turning, refitted):
-    """Nine of each of two sensors are told from the calibration and from each other."""
-    keys = (0, None, "first mode"), (3, None, "first mode")
-    deviation, error = refitted(EFFECT, turning(), {"time_constant_s": 0.4}, *keys)
-    assert np.abs(deviation).max() < 4.5
-    assert error.max() < 1
-
-
 @pytest.mark.parametrize("time_constant", [0.01, 0.2, 2.0])
 def test_it_is_what_a_lag_has_not_followed(turning, time_constant):
     """At a coarse step it agrees with a lag worked out at a fine one, for time constants below the step too."""
@@ -46,10 +38,3 @@ def test_time_constants_reach_from_part_of_a_step_to_the_time_of_a_turn(turning,
     tried = [shape["time_constant_s"] for shape in EFFECT.shapes(covariates, residuals)]
     assert tried[0] < 0.05 < 0.5 < tried[-1] < 3
     assert len(tried) <= 8
-
-
-def test_poses_show_nothing(turning):
-    """Without motion there are no eddy currents."""
-    poses = np.random.default_rng(1).normal(size=(300, 4))
-    assert "jumps" in EFFECT.obstacle(turning(samples=300, attitude=poses))
-    assert EFFECT.obstacle(turning()) is None

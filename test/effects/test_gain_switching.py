@@ -8,22 +8,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.effects.recursions import Memory
 from tam_calibration.effects.states import GainSwitching
-from tam_calibration.files.schema import check
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
-from tam_calibration.results.effects_schema import EffectFile, effect_to_mapping
 
 EFFECT = GainSwitching()
-WINDOWS = {"on_1_s": 5.02, "off_1_s": 8.02, "on_2_s": 21.52, "off_2_s": 25.02, "on_3_s": 50.02}
 THRESHOLDS = {"upper_T": 35e-6, "lower_T": 28e-6}
 OF_SENSOR = {"sensor_upper_T": 45e-6, "sensor_lower_T": 38e-6}
-
-
-@pytest.mark.parametrize("shape", [WINDOWS, THRESHOLDS, OF_SENSOR])
-def test_coefficients_come_back(turning, refitted, shape):
-    """Gains of some axes are told from the calibration."""
-    deviation, error = refitted(EFFECT, turning(), shape, (0, 0, "gain"), (2, 1, "gain"))
-    assert np.abs(deviation).max() < 4
-    assert error.max() < 0.1
 
 
 def changes_of(covariates, shape, where):
@@ -72,16 +61,3 @@ def test_thresholds_have_hysteresis_and_remember(turning):
         part = replace(covariates.take(slice(start, start + 37)), memory=memory)
         parts.append(EFFECT.signal(part, fitted)[:, 2])
     assert_allclose(np.concatenate(parts), whole)
-
-
-def test_few_samples_show_nothing(turning):
-    """Windows need some samples."""
-    assert "too few" in EFFECT.obstacle(turning(samples=10))
-
-
-@pytest.mark.parametrize("shape", [WINDOWS, THRESHOLDS, OF_SENSOR])
-def test_it_survives_a_file(shape):
-    """Windows and thresholds read again from what is written are the same."""
-    fitted = FittedEffect("gain_switching", shape, (Contribution(1, 2, "gain", {"gain": 2e-4}),))
-    units = dict(EFFECT.shape_units) | {"gain": "1"}
-    assert check(effect_to_mapping(fitted, units), EffectFile).to_fitted() == fitted

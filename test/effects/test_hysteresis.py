@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from tam_calibration.effects.curves import Hysteresis
-from tam_calibration.effects.recursions import Memory, play, rounded_loop
-from tam_calibration.model.fitted_effect import Contribution, FittedEffect
+from tam_calibration.effects.recursions import play, rounded_loop
 
 EFFECT = Hysteresis()
 SHAPE = {"full_scale_T": 50e-6}
@@ -48,18 +47,6 @@ def test_the_rate_does_not_matter(turning):
     slow = replace(covariates.take(np.repeat(np.arange(1200), 2)), time_s=0.2 * np.arange(2400))
     for quick, rested in zip(EFFECT.terms(covariates, SHAPE), EFFECT.terms(slow, SHAPE), strict=True):
         assert_allclose(rested.features[::2], quick.features, atol=1e-12 * np.abs(quick.features).max())
-
-
-def test_it_goes_on_from_batch_to_batch(turning):
-    """Taken off while samples arrive it is what it is in the whole recording."""
-    covariates = turning()
-    loop, rounded = {"play 0.15": 1e-4, "play 0.4": 2e-4}, {"width 0.1": 1e-4, "width 0.5": -1e-4}
-    parts = Contribution(2, 1, "loop", loop), Contribution(0, 0, "rounded loop", rounded)
-    fitted, memory, batches = FittedEffect(EFFECT.name, SHAPE, parts), Memory(), []
-    for batch in (slice(0, 1), slice(1, 300), slice(300, 1200)):
-        memory.rewind()
-        batches.append(EFFECT.signal(replace(covariates.take(batch), memory=memory), fitted))
-    assert_allclose(np.concatenate(batches), EFFECT.signal(covariates, fitted), atol=1e-20)
 
 
 @pytest.mark.parametrize("kind", ["relays", "friction"])

@@ -15,15 +15,6 @@ def noise(sensor, axis=None, size=1e-9):
     return Contribution(sensor, axis, "noise", {"standard deviation": size})
 
 
-@pytest.mark.parametrize("sheet", [0.8, 0.88, 1.0, 1.12])
-@pytest.mark.parametrize(("samples", "sensors"), [(60, 4), (2000, 4), (500, 12), (2000, 2), (2000, 1)])
-def test_a_wrong_data_sheet_is_no_excess(bench, samples, sensors, sheet):
-    """Noise that all sensors have alike, or that the scalar has more by less than 30 %, is the floor."""
-    for seed in range(5):
-        made = bench(samples, sensors, seed=seed, sheet=sheet)
-        assert isinstance(EXCESS.find(made.residuals()), str)
-
-
 def test_noise_of_all_sensors_beyond_a_wrong_data_sheet(bench):
     """One and a half times the noise stated is told of all sensors, with its size within its error."""
     made = bench(2000, 4, seed=1, sheet=1.5)
@@ -59,14 +50,13 @@ def test_the_gain_is_that_of_the_likelihood(bench):
     found = EXCESS.find(residuals)
     own = found.variance[5]
 
+    shift = np.column_stack([np.tile(residuals.directions[5], (300, 1)), residuals.row_slope[:, 5]])
+    residual = np.column_stack([residuals.differential, residuals.common_mode])
+
     def deviance(floor, variance):
-        total = 0.0
-        for sample in range(300):
-            shift = np.append(residuals.directions[5], residuals.row_slope[sample, 5])
-            covariance = floor * np.eye(10) + variance * np.outer(shift, shift)
-            residual = np.append(residuals.differential[sample], residuals.common_mode[sample])
-            total += np.linalg.slogdet(covariance)[1] + residual @ np.linalg.solve(covariance, residual)
-        return total
+        covariance = floor * np.eye(10) + variance * shift[:, :, None] * shift[:, None]
+        solved = np.linalg.solve(covariance, residual[:, :, None])[:, :, 0]
+        return np.linalg.slogdet(covariance)[1].sum() + np.sum(residual * solved)
 
     from scipy.optimize import minimize_scalar
 

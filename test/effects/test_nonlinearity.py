@@ -11,15 +11,6 @@ from tam_calibration.model.sensor_errors import SensorErrors
 
 EFFECT = Nonlinearity()
 SHAPE = {"full_scale_T": 50e-6}
-CURVES = ("quadratic", "cubic", "higher", "highest")
-
-
-def test_coefficients_come_back(turning, refitted):
-    """Curves of all orders of two axes are told apart."""
-    keys = [(sensor, axis, name) for sensor, axis in ((1, 2), (3, 0)) for name in CURVES]
-    deviation, error = refitted(EFFECT, turning(), SHAPE, *keys)
-    assert np.abs(deviation).max() < 4
-    assert error.max() < 0.1
 
 
 def test_a_power_of_the_field_is_within_the_terms(turning):

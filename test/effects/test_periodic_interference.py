@@ -14,14 +14,6 @@ SHAPE = {"frequency_hz": 3.217, "start_s": 0.0}
 LINE = {"cosine 1": 1e-9, "sine 1": -1e-9}
 
 
-def test_coefficients_come_back(turning, refitted):
-    """Lines and harmonics of an axis and of the scalar are told from the calibration."""
-    keys = (0, 0, "line"), (0, 0, "harmonics"), (SCALAR, None, "line")
-    deviation, error = refitted(EFFECT, turning(), SHAPE, *keys)
-    assert np.abs(deviation).max() < 4
-    assert error.max() < 0.1
-
-
 @pytest.mark.parametrize("kind", ["even", "holes", "odd holes", "uneven"])
 @pytest.mark.parametrize("where", [(2, 0), (SCALAR, None)])
 def test_a_line_of_the_size_of_the_noise_is_found(turning, left_by, kind, where):
@@ -52,11 +44,6 @@ def test_the_phase_does_not_depend_on_the_epoch(turning):
     """Times of day of today make the same waves as times from zero."""
     late = EFFECT.terms(turning(start_s=1.7e9), {"frequency_hz": 3.0, "start_s": 1.7e9})[0].features
     assert_allclose(late, EFFECT.terms(turning(), {"frequency_hz": 3.0, "start_s": 0.0})[0].features, atol=1e-5)
-
-
-def test_few_samples_show_nothing(turning):
-    """A spectrum needs some samples."""
-    assert "too few" in EFFECT.obstacle(turning(samples=20))
 
 
 def test_some_thirty_samples_are_a_spectrum(turning):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from findings import evidence
 from numpy.testing import assert_allclose
 
 from tam_calibration.effects.noise_excess import NoiseExcess
@@ -14,18 +15,6 @@ QUANTIZATION = Quantization()
 def steps(sensor, axis, step, offset=0.0):
     """Return what the effect does at one place."""
     return Contribution(sensor, axis, "lattice", {"step": step, "offset": offset})
-
-
-def evidence(finding, residuals):
-    """Return how much BIC speaks for a finding."""
-    return finding.gain - finding.parameter_count * np.log(residuals.channel_count.sum())
-
-
-@pytest.mark.parametrize(("samples", "sensors"), [(60, 4), (2000, 4), (500, 12), (1000, 2), (1000, 1)])
-def test_readings_without_steps_have_no_lattice(bench, samples, sensors):
-    """Whether it moves or rests in poses, continuous readings are on no lattice."""
-    for seed in range(10):
-        assert find_lattices(bench(samples, sensors, moves=seed % 2 == 0, seed=seed).residuals()) == []
 
 
 @pytest.mark.parametrize("decimals", [1, 2, 3])

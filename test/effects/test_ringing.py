@@ -6,38 +6,32 @@ from numpy.testing import assert_allclose
 from scipy.signal import lsim
 
 from tam_calibration.effects.lags import Ringing
-from tam_calibration.files.schema import check
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
-from tam_calibration.results.effects_schema import EffectFile, effect_to_mapping
 
 EFFECT = Ringing()
 SHAPE = {"frequency_hz": 1.3, "damping": 0.2}
-WHOLE = {"amplitude": 1.0, "delay": 0.2 / (np.pi * 1.3)}
 
 
-def test_coefficients_come_back(turning, refitted):
-    """Amplitude and delay of a sensor and of an axis are told from the calibration."""
-    keys = (0, None, "response"), (2, 1, "response of the axis")
-    deviation, error = refitted(EFFECT, turning(), SHAPE, *keys)
-    assert np.abs(deviation).max() < 4
-    assert error.max() < 0.3
+@pytest.fixture(scope="module")
+def finer(turning):
+    """Return a minute at a fine step."""
+    return turning(samples=30_000, step_s=0.002)
 
 
 @pytest.mark.parametrize(
     "shape", [SHAPE, {"frequency_hz": 0.4, "damping": 0.05}, {"frequency_hz": 6.0, "damping": 0.4}]
 )
-def test_it_is_what_an_oscillator_adds(turning, shape):
+def test_it_is_what_an_oscillator_adds(finer, shape):
     """With the delay of the filter, it is the response of the differential equation at a fine step, less the field."""
-    finer = turning(samples=60_000, step_s=0.001)
     omega, damping = 2 * np.pi * shape["frequency_hz"], shape["damping"]
     start = finer.sensed_T[0, 3:6]
     system = [omega**2], [1, 2 * damping * omega, omega**2]
     passed = np.column_stack([lsim(system, own - own[0], finer.time_s)[1] for own in finer.sensed_T[:, 3:6].T]) + start
     values = {"amplitude": 1.0, "delay": 2 * damping / omega}
-    covariates = finer.take(slice(None, None, 50))
+    covariates = finer.take(slice(None, None, 25))
     fitted = FittedEffect("ringing", shape, (Contribution(1, None, "response", values),))
     found = EFFECT.signal(covariates, fitted)[:, 3:6]
-    expected = (passed - finer.sensed_T[:, 3:6])[::50]
+    expected = (passed - finer.sensed_T[:, 3:6])[::25]
     settled = covariates.time_s > 6 / (damping * omega)
     assert settled.sum() > 200
     assert_allclose(found[settled], expected[settled], atol=0.02 * np.abs(expected[settled]).max())
@@ -91,13 +85,6 @@ def test_each_jump_from_pose_to_pose_has_a_tail(turning, refitted):
     deviation, _ = refitted(EFFECT, covariates, shape, (1, 1, "response of the axis"))
     assert np.abs(deviation).max() < 4
     assert all("tail_hz" in tried for tried in EFFECT.shapes(covariates, None))
-
-
-def test_it_survives_a_file():
-    """Read again from what is written, it is the same."""
-    fitted = FittedEffect("ringing", SHAPE, (Contribution(1, None, "response", WHOLE),))
-    units = dict(EFFECT.shape_units) | {"amplitude": "1", "delay": "s"}
-    assert check(effect_to_mapping(fitted, units), EffectFile).to_fitted() == fitted
 
 
 def test_a_tail_ends_before_the_next_jump(turning, left_by):

@@ -8,18 +8,9 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
 from tam_calibration.effects.courses import TemperatureDrift
-from tam_calibration.effects.recursions import Memory
-from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 
 SHAPE = {"time_constant_s": 4.0, "inner_share": 0.3, "reference_C": 20.0, "start_s": 0.0}
 EFFECT = TemperatureDrift()
-
-
-def test_coefficients_come_back(turning, refitted):
-    """Offset, scale and second order of a row are told from the calibration and from each other."""
-    deviation, error = refitted(EFFECT, turning(), SHAPE, (1, 0, "offset"), (1, 0, "scale"), (1, 2, "quadratic offset"))
-    assert np.abs(deviation).max() < 4
-    assert error.max() < 0.1
 
 
 def test_heat_passes_both_layers(turning):
@@ -62,21 +53,6 @@ def test_the_reference_temperature_adds_nothing(turning):
     covariates = turning(samples=50)
     at_rest = replace(covariates, temperature_C=np.full(50, SHAPE["reference_C"]))
     assert all(not term.features.any() for term in EFFECT.terms(at_rest, SHAPE) if term.name != "start")
-
-
-def test_it_goes_on_from_batch_to_batch(turning):
-    """Taken off while samples arrive it is what it is in the whole recording."""
-    covariates = turning()
-    fitted = FittedEffect(
-        EFFECT.name,
-        SHAPE,
-        (Contribution(2, 1, "offset", {"offset": 1e-9}), Contribution(2, 1, "start", {"start": 1e-9})),
-    )
-    memory, parts = Memory(), []
-    for batch in (slice(0, 1), slice(1, 300), slice(300, 1200)):
-        memory.rewind()
-        parts.append(EFFECT.signal(replace(covariates.take(batch), memory=memory), fitted))
-    assert_allclose(np.concatenate(parts), EFFECT.signal(covariates, fitted), atol=1e-20)
 
 
 def test_a_constant_temperature_shows_nothing(turning):

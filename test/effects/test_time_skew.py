@@ -10,13 +10,6 @@ from tam_calibration.model.fitted_effect import SCALAR, Contribution, FittedEffe
 EFFECT = TimeSkew()
 
 
-def test_coefficients_come_back(turning, refitted):
-    """Delays of a sensor and of an axis of another are told apart."""
-    deviation, error = refitted(EFFECT, turning(), {}, (1, None, "delay"), (2, 0, "delay of the axis"))
-    assert np.abs(deviation).max() < 4
-    assert error.max() < 0.1
-
-
 @pytest.mark.parametrize("delay", [1e-3, -1e-3])
 def test_it_is_the_reading_of_a_delay_before(turning, delay):
     """A late sensor reads what it would have read earlier, an early one what it will."""
@@ -34,10 +27,3 @@ def test_a_scalar_in_a_constant_field_does_not_show_its_delay(turning):
     """Where the length of the field is constant its delay adds nothing."""
     own = [term for term in EFFECT.terms(turning(), {}) if term.sensor == SCALAR]
     assert_allclose(own[0].features, 0, atol=1e-3 * 50e-6)
-
-
-def test_poses_show_nothing(turning):
-    """Without motion there are no rates."""
-    poses = np.random.default_rng(1).normal(size=(300, 4))
-    assert "jumps" in EFFECT.obstacle(turning(samples=300, attitude=poses))
-    assert EFFECT.obstacle(turning()) is None

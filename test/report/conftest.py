@@ -1,7 +1,9 @@
-"""Calibrations with known figures, made from the truth instead of a fit."""
+"""Calibrations with known figures, made from the truth instead of a fit; pages that are read."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
+from html.parser import HTMLParser
 
 import numpy as np
 import pytest
@@ -68,3 +70,50 @@ def make() -> Callable[..., tuple[Calibration, Recording]]:
 def one_sensor() -> Array:
     """Return the array of one sensor, which has no gradient."""
     return Array(np.zeros((1, 3)), np.array([1e-9]), 1e-10)
+
+
+VOID = {"meta", "img"}
+
+
+class Page(HTMLParser):
+    """A page: its text, its headings, its references, and whether its tags are balanced."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.html = html
+        self.open: list[str] = []
+        self.references: list[str] = []
+        self.headings: list[str] = []
+        self.words: list[str] = []
+        self.feed(html)
+        self.close()
+        self.text = re.sub(r"\s+", " ", " ".join(self.words))
+
+    def handle_starttag(self, tag, attributes):
+        self.references += [value for name, value in attributes if name in ("src", "href", "srcset", "data", "action")]
+        assert tag not in ("script", "link", "iframe", "object", "embed", "b")
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if "style" not in self.open:
+            self.words.append(data)
+        if self.open and self.open[-1] == "h2":
+            self.headings.append(data)
+
+
+@pytest.fixture(scope="session")
+def read_page():
+    """Return a function that reads a page, which is whole: its tags are balanced, and it fetches nothing."""
+
+    def read(path) -> Page:
+        page = Page(path.read_text(encoding="utf-8"))
+        assert page.open == []
+        assert all(reference.startswith("data:image/svg+xml;base64,") for reference in page.references)
+        assert not re.search(r"url\(|@import|https?://", page.html)
+        return page
+
+    return read

@@ -14,6 +14,8 @@ from tam_calibration.correction.calibration import Provenance
 from tam_calibration.files.yaml_document import dump_mapping
 from tam_calibration.fit.coverage import cell_of
 from tam_calibration.model.units import to_nanotesla
+from tam_calibration.report import comparison_report
+from tam_calibration.report.blocks import Image
 from tam_calibration.report.comparison_report import (
     SIDE_COLORS,
     plot_histograms,
@@ -31,12 +33,19 @@ SOURCES = Sources(Provenance("sim<1>.mcap", 12, "ab" * 32), Provenance("dive.csv
 
 @pytest.fixture(scope="module")
 def write(tmp_path_factory):
-    """Return a function that writes the page of a comparison and reads it: its HTML, its headings and its words."""
+    """Return a function that writes the page of a comparison without figures: its HTML, its headings and its words."""
+
+    def embed(figure, alternative, caption):
+        return Image("data:image/svg+xml;base64,", alternative, caption)
 
     @cache
     def write(comparison):
         path = tmp_path_factory.mktemp("page") / "compare.html"
-        write_comparison_report(path, comparison, SOURCES)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(comparison_report, "embed", embed)
+            for plot in ("plot_noise", "plot_sphere", "plot_histograms"):
+                patch.setattr(comparison_report, plot, lambda *arguments: None)
+            write_comparison_report(path, comparison, SOURCES)
         page = path.read_text(encoding="utf-8")
         assert not re.search(r"url\(|@import|https?://|<script|<link|<iframe", page)
         assert all(source.startswith("data:image/svg+xml;base64,") for source in re.findall(r'src="([^"]*)"', page))
@@ -138,10 +147,16 @@ def test_without_attitude_no_source_is_told(comparison, write):
     assert page.count("<img") == 3 and "source error" not in words
 
 
-def test_the_same_comparison_gives_the_same_page(comparison, write, tmp_path):
-    """A page is the same file whenever it is made."""
-    write_comparison_report(tmp_path / "again.html", comparison, SOURCES)
-    assert (tmp_path / "again.html").read_text(encoding="utf-8") == write(comparison)[0]
+def test_figures_are_within_the_page(comparison, tmp_path):
+    """All three are drawn, and nothing is fetched."""
+    write_comparison_report(tmp_path / "drawn.html", comparison, SOURCES)
+    page = (tmp_path / "drawn.html").read_text(encoding="utf-8")
+    assert len(re.findall(r'src="data:image/svg\+xml;base64,\w', page)) == page.count("<img") == 3
+
+
+def test_the_same_comparison_gives_the_same_page(comparison, write):
+    """A page is the same file whenever it is made; so is a figure (test_plots.py)."""
+    assert write(replace(comparison))[0] == write(comparison)[0]
 
 
 def test_every_axis_is_drawn_with_both_spectra(comparison):

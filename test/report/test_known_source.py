@@ -13,14 +13,14 @@ from tam_calibration.report.calibration_report import write_calibration_report
 
 
 @pytest.fixture
-def write(make, tmp_path, undrawn):
+def write(make, tmp_path, read_page, undrawn):
     """Return a function that writes the page of a calibration with a known source and returns its words."""
 
     def write(known_source, offsets_m=None):
         array = replace(Array.cross(0.5, 1e-9, 1e-10), axis_offsets_m=offsets_m)
         calibration, recording = make(array, known_source=known_source)
         write_calibration_report(tmp_path / "page.html", calibration, recording)
-        return re.sub(r"<[^>]*>", " ", (tmp_path / "page.html").read_text())
+        return read_page(tmp_path / "page.html").text
 
     return write
 

@@ -1,7 +1,5 @@
 """The page on a source: whole in itself; its map shows the source and its ellipses where they are."""
 
-import re
-
 import numpy as np
 import pytest
 
@@ -35,13 +33,11 @@ def survey():
     return Survey(WORLD_FRAME, np.arange(100.0), solutions(100), center, overall, np.array([0, 2e-5, -4e-5]))
 
 
-def test_page_is_whole_and_tells_the_source(survey, tmp_path):
+def test_page_is_whole_and_tells_the_source(survey, tmp_path, read_page):
     """Position and errors stand on it, the refused are counted with their reason, and nothing is fetched."""
     write_survey_report(tmp_path / "page.html", survey, "dive<1>.csv")
-    html = (tmp_path / "page.html").read_text()
-    assert not re.search(r"url\(|@import|https?://|<script", html)
-    words = re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", html))
-    assert "dive&lt;1&gt;.csv" in words
+    words = read_page(tmp_path / "page.html").text
+    assert "dive<1>.csv" in words
     assert "3.000 ± 0.010" in words and "−1.000 ± 0.020" in words
     assert "1 refused: the field of the source is zero" in words
     assert "Spectrum" not in words

@@ -5,19 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tam_validation.blind.case import make_case
-from tam_validation.blind.case_plan import CasePlan
 from tam_validation.blind.continuous_motion import ContinuousMotion
 from tam_validation.blind.disturbance import MOVING
 from tam_validation.blind.outside import OUTSIDE
-
-
-@pytest.mark.parametrize("name", OUTSIDE)
-@pytest.mark.parametrize("gap", [0.3, 3.0])
-def test_every_cause_reaches_its_gap(name, gap):
-    """Each is there with the gap asked for."""
-    case = make_case(CasePlan("outside", (name,), (gap,)), 1, 1)
-    assert case.key["visible_gap"] == pytest.approx(gap, rel=0.02)
 
 
 def test_what_follows_the_rate_is_drawn_in_motion_only():
