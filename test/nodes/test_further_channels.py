@@ -19,7 +19,7 @@ std_msgs = pytest.importorskip("std_msgs.msg", reason="the ROS message packages 
 
 NAMES = ("current_2_A", "actuator_rudder")
 LAYOUT = SampleLayout.whole(4, NAMES)
-COUNT = 150
+COUNT = 50
 HULL = FittedEffect(
     "platform_field",
     {"time_constant_s": 0.05},
