@@ -61,6 +61,13 @@ def figures_of(status):
     return {value.key: value.value for value in status.values}
 
 
+def rows_of(clouds):
+    """Return the rows of one-row clouds, one below the other."""
+    from tam_calibration.nodes.cloud import read_cloud
+
+    return np.concatenate([read_cloud(cloud)[1] for cloud in clouds])
+
+
 def processes_of(logs):
     """Return the numbers of the processes, of any parent, that were started with this place for logs."""
     marked = f"ROS_LOG_DIR={logs}\0".encode()

@@ -87,7 +87,7 @@ def rough(random, loss, jitter_ns, lag_ns, unstamped, restarts, false=0.0, outag
     return [message for _, _, message in sorted(arrivals, key=lambda one: one[:2])]
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(
     seed=st.integers(0, 2**32),
     loss=st.sampled_from([0.0, 0.02, 0.3]),

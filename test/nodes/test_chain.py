@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from ros_bench import rows_of
 
 from tam_calibration.correction.streaming import correct
 from tam_calibration.fit import calibrate
@@ -18,13 +19,6 @@ visualization_msgs = pytest.importorskip("visualization_msgs.msg", reason="the R
 std_msgs = pytest.importorskip("std_msgs.msg", reason="the ROS message packages are not installed")
 
 RELATIVE = 1e-12
-
-
-def rows_of(clouds):
-    """Return the rows of one-row clouds, one below the other."""
-    from tam_calibration.nodes.cloud import read_cloud
-
-    return np.concatenate([read_cloud(cloud)[1] for cloud in clouds])
 
 
 def stamps_of(messages):

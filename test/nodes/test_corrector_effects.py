@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from ros_bench import rows_of
 
 from tam_calibration.gap.calibration_with_effects import calibrate_with_effects
 from tam_calibration.messages.point_cloud import SampleLayout
@@ -32,13 +33,6 @@ def calibration_file(drifting, tmp_path_factory):
     path = tmp_path_factory.mktemp("calibration") / "calibration.yaml"
     write_calibration(path, calibrate_with_effects(drifting, read_scenario("warming_up").array, ["temperature_drift"]))
     return path
-
-
-def rows_of(clouds):
-    """Return the rows of one-row clouds, one below the other."""
-    from tam_calibration.nodes.cloud import read_cloud
-
-    return np.concatenate([read_cloud(cloud)[1] for cloud in clouds])
 
 
 def publish_temperature(publisher, time_s, temperature_C):

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from ros_bench import field_of_array, write_driver
+from ros_bench import field_of_array, rows_of, write_driver
 
 from tam_calibration.cli.main import main
 from tam_calibration.messages.point_cloud import MAGNETIC_FIELD, SampleLayout
@@ -133,13 +133,6 @@ def record(bench, case, errors, folder):
         for index, (topic, message) in enumerate(messages):
             writer.write(connections[topic], index, message)
     return begin_s
-
-
-def rows_of(clouds):
-    """Return the rows of one-row clouds, one below the other."""
-    from tam_calibration.nodes.cloud import read_cloud
-
-    return np.concatenate([read_cloud(cloud)[1] for cloud in clouds])
 
 
 def scalar_places(times_s, scalar_T, begin_s):
