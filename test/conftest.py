@@ -11,7 +11,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 import pytest
 from comparisons import comparison, mistaken  # noqa: F401  fixtures are found by their names here
-from ros_bench import bench, fork_server, ros_domain  # noqa: F401
+from ros_bench import bench, board, fork_server, ros_domain  # noqa: F401
 from ros_domains import remove_leftovers
 
 from tam_calibration.model.array import Array

@@ -24,9 +24,9 @@ def start_server():
         forkserver.ensure_running()
 
 
-def end_forked():
-    """Kill what was forked and still runs; its environment, which it got after its start, tells nobody whose it is."""
-    for process in active_children():
+def end_forked(others):
+    """Kill what was forked and still runs, but for others: its environment, which came later, tells not whose it is."""
+    for process in set(active_children()) - set(others):
         process.kill()
         process.join()
 

@@ -3,7 +3,9 @@
 import os
 import signal
 import time
+from contextlib import contextmanager
 from itertools import count
+from multiprocessing import active_children
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +22,9 @@ NO_ROS = "rclpy is not installed: pip install 'tam_calibration[ros]'"
 _PATIENCE_S = 60.0
 """For whatever will come, also beside others on few cores."""
 
+_LOOK_S = 0.1
+"""From one look at whether processes still run to the next."""
+
 _AHEAD_S = 0.2
 """Less than the 0.25 s of stamps that a collector waits for a sensor whose messages come later than those of others."""
 
@@ -29,8 +34,15 @@ DRIVER = str(Path(__file__).parent / "nodes" / "sensor_driver.py")
 @pytest.fixture
 def ros_domain(monkeypatch, tmp_path_factory):
     """Give the test a ROS domain that no other test of this machine uses, and a place for logs; return that place."""
+    with own_domain(monkeypatch, tmp_path_factory) as logs:
+        yield logs
+
+
+@contextmanager
+def own_domain(monkeypatch, tmp_path_factory):
+    """Set the variables of such a domain, and end what is left there when it is over."""
     pytest.importorskip("rclpy", reason=NO_ROS)
-    logs = tmp_path_factory.mktemp("ros")
+    logs, others = tmp_path_factory.mktemp("ros"), active_children()
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("ROS_LOG_DIR", str(logs))
     monkeypatch.setenv("ROS_HOME", str(logs))
@@ -38,7 +50,7 @@ def ros_domain(monkeypatch, tmp_path_factory):
     domain, lock = lock_domain()
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
     yield logs
-    end_forked()  # of a test that failed, as what is started: the next one has this domain
+    end_forked(others)  # of a test that failed, as what is started: the next one has this domain
     for process in processes_of(logs):
         os.kill(process, signal.SIGKILL)
     os.close(lock)
@@ -47,6 +59,13 @@ def ros_domain(monkeypatch, tmp_path_factory):
 def figures_of(status):
     """Return the figures of a status as a dictionary."""
     return {value.key: value.value for value in status.values}
+
+
+def rows_of(clouds):
+    """Return the rows of one-row clouds, one below the other."""
+    from tam_calibration.nodes.cloud import read_cloud
+
+    return np.concatenate([read_cloud(cloud)[1] for cloud in clouds])
 
 
 def processes_of(logs):
@@ -82,7 +101,7 @@ class Bench:
 
     def __init__(self, logs):
         import rclpy
-        from rclpy.executors import SingleThreadedExecutor
+        from rclpy.experimental.events_executor import EventsExecutor
         from rclpy.signals import SignalHandlerOptions
 
         self.logs = logs
@@ -90,9 +109,10 @@ class Bench:
         self.context = rclpy.Context()
         rclpy.init(context=self.context, signal_handler_options=SignalHandlerOptions.NO)
         self.node = rclpy.create_node("bench", context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor = EventsExecutor(context=self.context)
         self.executor.add_node(self.node)
         self._health = None
+        self._next_look_s = 0.0
         self._sensor_topics = []
 
     def close(self):
@@ -123,14 +143,17 @@ class Bench:
         """Spin until a condition holds; fail at once, with its output, when a process has ended otherwise."""
         limit = time.monotonic() + timeout_s
         while not condition():
-            try:
-                for children in self.children:
-                    children.check()
-            except (InputError, Refused):
-                if condition():  # the end of a process may be what is awaited
-                    return
-                raise
-            assert time.monotonic() < limit, f"not within {timeout_s} s: {what}{self._said()}"
+            now = time.monotonic()
+            if now >= self._next_look_s:
+                self._next_look_s = now + _LOOK_S
+                try:
+                    for children in self.children:
+                        children.check()
+                except (InputError, Refused):
+                    if condition():  # the end of a process may be what is awaited
+                        return
+                    raise
+            assert now < limit, f"not within {timeout_s} s: {what}{self._said()}"
             self.executor.spin_once(timeout_sec=0.02)
 
     def _said(self):
@@ -150,14 +173,28 @@ class Bench:
         self.spin_until(lambda: self.node.count_publishers(topic), f"{topic} is published")
         return received
 
-    def call(self, service):
-        """Call a Trigger service and return its response."""
+    def call(self, service, meanwhile=lambda: None, timeout_s=_PATIENCE_S):
+        """Call a Trigger service, do something while it works, and return its response."""
         from std_srvs.srv import Trigger
 
-        client = self.node.create_client(Trigger, service)
+        return self._ask(Trigger, service, Trigger.Request(), meanwhile, timeout_s)
+
+    def set_parameter(self, node, name, value):
+        """Set a parameter of a node and return the reason of its refusal; empty when it is set."""
+        from rcl_interfaces.srv import SetParameters
+        from rclpy.parameter import Parameter
+
+        request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
+        [result] = self._ask(SetParameters, f"{node}/set_parameters", request).results
+        assert result.successful != bool(result.reason)
+        return result.reason
+
+    def _ask(self, service_type, service, request, meanwhile=lambda: None, timeout_s=_PATIENCE_S):
+        client = self.node.create_client(service_type, service)
         self.spin_until(client.service_is_ready, f"{service} is there")
-        future = client.call_async(Trigger.Request())
-        self.spin_until(future.done, f"{service} answers")
+        future = client.call_async(request)
+        meanwhile()
+        self.spin_until(future.done, f"{service} answers", timeout_s)
         self.node.destroy_client(client)
         return future.result()
 
@@ -211,19 +248,23 @@ class Bench:
         """Return a function that publishes samples of a recording on the sensors' topics."""
         from sensor_msgs.msg import MagneticField
 
+        from tam_calibration.nodes.cloud import MessageWriter, to_stamp
+
         topics = [f"tam_{sensor}/magnetic_field" for sensor in sensors] + ["scalar/intensity"] * scalar
         publishers = [self.node.create_publisher(MagneticField, topic, 1000) for topic in topics]
         self.spin_until(lambda: all(each.get_subscription_count() for each in publishers), "the sensors are subscribed")
         self._sensor_topics += topics
-        columns = [sensor - 1 for sensor in sensors]
+        columns, write = [sensor - 1 for sensor in sensors], MessageWriter(MagneticField(), 12).message
 
         def publish(recording, index):
             lap, row = divmod(index, recording.sample_count)
-            fields = recording.readings_T[row, columns].tolist()
+            fields = np.zeros((len(topics), 12))
+            fields[: len(columns), :3] = recording.readings_T[row, columns]
             if scalar:
-                fields.append([float(recording.scalar_T[row]), 0.0, 0.0])
+                fields[-1, 0] = recording.scalar_T[row]
+            stamp = to_stamp(round((recording.time_s[row] + 10 * lap) * 1e9))
             for publisher, field in zip(publishers, fields, strict=True):
-                publisher.publish(_message(recording.time_s[row] + 10 * lap, field))
+                publisher.publish(write(stamp, field.tobytes()))
 
         return publish
 
@@ -251,16 +292,6 @@ class Bench:
         self.spin_until(lambda: len(samples) == before + done + 1, "all samples come back")
 
 
-def _message(time_s, field):
-    from geometry_msgs.msg import Vector3
-    from rclpy.time import Time
-    from sensor_msgs.msg import MagneticField
-
-    message = MagneticField(magnetic_field=Vector3(x=field[0], y=field[1], z=field[2]))
-    message.header.stamp = Time(nanoseconds=round(time_s * 1e9)).to_msg()
-    return message
-
-
 def field_of_array(time_s):
     """Return the field (N, 3) in the frame of an array that is turned at some 100°/s through all directions."""
     from scipy.spatial.transform import Rotation
@@ -285,7 +316,75 @@ def fork_server():
 @pytest.fixture
 def bench(fork_server, ros_domain, monkeypatch):
     """Return a ROS client; at the end its processes must end with exit code 0, on a busy machine not within seconds."""
+    with _watched(ros_domain, monkeypatch) as bench:
+        yield bench
+
+
+@contextmanager
+def _watched(logs, monkeypatch):
     monkeypatch.setattr("tam_calibration.nodes.children._GRACE_S", _PATIENCE_S)
-    bench = Bench(ros_domain)
+    bench = Bench(logs)
     yield bench
     bench.close()
+
+
+class Board:
+    """Collector and calibrator that the tests of a module share: each of them starts over."""
+
+    def __init__(self, bench):
+        from sensor_msgs.msg import PointCloud2
+
+        self.bench = bench
+        bench.start_nodes(collector={}, calibrator={})
+        self.samples = bench.listen(PointCloud2, "samples")
+        self.others, self.third = bench.publish_sensors((1, 2, 4)), bench.publish_sensors((3,), scalar=False)
+        bench.connect(collector={"samples": 2})
+        self._changed, self._stored = {}, 0
+
+    def start_over(self, **parameters):
+        """Forget the samples, and set these parameters of the calibrator and none beside them."""
+        from tam_calibration.nodes.calibrator_node import RULES
+
+        assert self.bench.call("collector/reset").success
+        self._stored = 0
+        defaults = {rule.name: rule.default for rule in RULES if rule.name in self._changed}
+        self._changed = {name: str(each) if isinstance(each, Path) else each for name, each in parameters.items()}
+        for name, value in (defaults | self._changed).items():
+            assert self.set_parameter(name, value) == ""
+
+    def play(self, recording, **parameters):
+        """Start over, and publish a recording until every sample is stored."""
+        self.start_over(**parameters)
+        self.go_on(recording)
+
+    def go_on(self, recording):
+        """Publish a recording until every sample is stored."""
+        self.bench.play(recording, self.publish, self.samples)
+        self._stored += recording.sample_count
+        count = str(self._stored)
+        self.bench.health("calibrator", lambda _, figures: figures["samples"] == count, f"{count} samples are stored")
+
+    def publish(self, recording, index):
+        """Publish a sample of a recording: all readings, those of the third sensor last."""
+        self.others(recording, index)
+        self.third(recording, index)
+
+    def set_parameter(self, name, value):
+        """Set a parameter of the calibrator and return the reason of its refusal; empty when it is set."""
+        self._changed.setdefault(name, value)
+        return self.bench.set_parameter("calibrator", name, value)
+
+    def ask(self, service):
+        """Call a service of the calibrator, however long it takes, and return its response."""
+        return self.bench.call(f"calibrator/{service}", timeout_s=3 * _PATIENCE_S)
+
+
+@pytest.fixture(scope="module")
+def board(fork_server, tmp_path_factory):
+    """Return collector and calibrator in a domain of their own, for all tests of a module."""
+    with (
+        pytest.MonkeyPatch.context() as monkeypatch,
+        own_domain(monkeypatch, tmp_path_factory) as logs,
+        _watched(logs, monkeypatch) as bench,
+    ):
+        yield Board(bench)

@@ -72,7 +72,10 @@ def _drawn(rng: np.random.Generator, numbers: list[int], count: int) -> list[int
     return rng.permutation(numbers)[:count].tolist()
 
 
-_SLOW = ("diagnose", "diagnose a bag", "batch", "demo", "reproduce", "blind make", "nodes", "nodes with parameters")
+_SLOW = (
+    *("diagnose", "diagnose a bag", "compare", "batch", "demo", "reproduce", "blind make", "locate at once"),
+    *("locate a coil", "nodes", "nodes with parameters"),
+)
 """Recipes that take seconds each."""
 
 

@@ -20,7 +20,7 @@ from tam_calibration.cli.main import subcommands
 
 ROOT = Path(__file__).parents[2]
 
-SAMPLE = 25
+SAMPLE = 10
 """Cases that take a quarter of a minute of one core, with the good inputs, which are made once."""
 
 

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-SAMPLES = 2400
+SAMPLES = 1200
 RATE_HZ = 25.0
 START_S = 1_715_675_400.0
 """Unix time of the first sample, seconds: 2024-05-14 08:30:00 UTC."""
@@ -117,7 +117,7 @@ def intensity_T(time_s):
 
 def attitude(time_s):
     """Return roll, pitch and yaw, radians, of a motion that turns the field through the whole sphere."""
-    return 0.6 * time_s, 1.3 * np.sin(0.05 * time_s), 0.02 * time_s
+    return 0.6 * time_s, 1.3 * np.sin(0.1 * time_s), 0.02 * time_s
 
 
 def into_body(roll, pitch, yaw):

@@ -87,7 +87,7 @@ def rough(random, loss, jitter_ns, lag_ns, unstamped, restarts, false=0.0, outag
     return [message for _, _, message in sorted(arrivals, key=lambda one: one[:2])]
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(
     seed=st.integers(0, 2**32),
     loss=st.sampled_from([0.0, 0.02, 0.3]),
@@ -129,9 +129,7 @@ def test_a_steady_recording_is_joined_in_batches(monkeypatch):
     assert len(stamps) == synchroniser.delivered > 20
 
 
-@pytest.mark.parametrize(
-    ("chunk", "largest"), [(1, 7), (1, 3000), (256, 7), (256, 300), (256, 10_000), (2000, 300), (2000, 10_000)]
-)
+@pytest.mark.parametrize(("chunk", "largest"), [(1, 3000), (256, 40), (256, 300), (2000, 10_000)])
 def test_a_burst_after_a_stall_is_joined_in_batches_too(chunk, largest):
     """However batches are cut, as message by message."""
     names = [*ALL.channels, *(f"tam_{sensor}" for sensor in (2, 3, 1))]

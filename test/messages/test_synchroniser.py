@@ -157,7 +157,7 @@ FALSE = {"zero": -START, "a year ahead": YEAR, "1 s back": -1000 * MS, "1 s ahea
 """By how much a stamp may be false."""
 
 
-@pytest.mark.parametrize("patience_ns", [50 * MS, 250 * MS, 5000 * MS])
+@pytest.mark.parametrize("patience_ns", [50 * MS, 5000 * MS])
 @pytest.mark.parametrize("streams", [["tam_1"], ["tam_2"], ["scalar"], ["tam_1", "tam_2", "tam_3", "tam_4", "scalar"]])
 @pytest.mark.parametrize("error_ns", FALSE.values(), ids=FALSE)
 def test_a_false_stamp_costs_one_sample(error_ns, streams, patience_ns):
@@ -176,7 +176,7 @@ def test_a_false_stamp_costs_one_sample(error_ns, streams, patience_ns):
     assert "tam_1: " in synchroniser.explain_losses() or "tam_1" not in streams
 
 
-@pytest.mark.parametrize("patience_ns", [50 * MS, 250 * MS, 5000 * MS])
+@pytest.mark.parametrize("patience_ns", [50 * MS, 5000 * MS])
 @pytest.mark.parametrize("step_ns", [-300 * MS, 300 * MS, -3000 * MS, YEAR])
 def test_a_step_of_the_clock_costs_no_sample(step_ns, patience_ns):
     """When all stamps step every sample is delivered in its order, and the step is told once with its size."""
@@ -400,7 +400,7 @@ def arrive(random, streams):
     return [next(in_order[one[0]]) for _, _, one in sorted(arrivals, key=lambda arrival: arrival[:2])]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32))
 def test_samples_do_not_depend_on_the_interleaving(seed):
     """Streams with jitter, losses, repeats and restarts give the same samples and losses however they interleave."""
@@ -416,7 +416,7 @@ def test_samples_do_not_depend_on_the_interleaving(seed):
     assert results[0] == results[1] == results[2]
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(
     seed=st.integers(0, 2**32),
     tolerance_ns=st.integers(MS // 10, 40 * MS),
@@ -455,7 +455,7 @@ def test_a_late_message_costs_no_delay():
     assert sum(counts) == 40
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(4))
 def test_interpolated_values_hold_however_drivers_stall(seed):
     """Drivers that stop for a second and catch up, sensor 1 too: what joins is the field at the stamp, or nothing.
 
@@ -498,8 +498,8 @@ def stalled(names, first, last, chunk, burst_ns):
     return sorted(messages, key=lambda one: one[3])
 
 
-@pytest.mark.parametrize("chunk", [1, 40, 256, 2000])
-@pytest.mark.parametrize("burst_ns", [0, 100 * MS, 600 * MS])
+@pytest.mark.parametrize("chunk", [1, 256, 2000])
+@pytest.mark.parametrize("burst_ns", [0, 600 * MS])
 def test_what_comes_in_a_burst_after_a_stall_is_joined(chunk, burst_ns):
     """Ten seconds of every stream, one after another, cost no sample; what was late by its stamps alone does."""
     names = ["tam_3", "scalar", "tam_1", "tam_4", "tam_2"]

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from ros_bench import rows_of
 
 from tam_calibration.gap.calibration_with_effects import calibrate_with_effects
 from tam_calibration.messages.point_cloud import SampleLayout
@@ -34,13 +35,6 @@ def calibration_file(drifting, tmp_path_factory):
     return path
 
 
-def rows_of(clouds):
-    """Return the rows of one-row clouds, one below the other."""
-    from tam_calibration.nodes.cloud import read_cloud
-
-    return np.concatenate([read_cloud(cloud)[1] for cloud in clouds])
-
-
 def publish_temperature(publisher, time_s, temperature_C):
     """Publish a temperature."""
     from rclpy.time import Time
@@ -67,34 +61,34 @@ def test_drift_is_taken_off_as_offline_and_a_silent_temperature_is_told(bench, d
 
     publish_temperature(temperature, drifting.time_s[0], drifting.temperature_C[0])
     bench.health("collector", lambda _, figures: figures.get("temperature.received") == "1", "it has a temperature")
-    bench.play(drifting, publish, samples, last=200)
-    bench.spin_until(lambda: len(outputs) == 200, "all are corrected")
+    bench.play(drifting, publish, samples, last=60)
+    bench.spin_until(lambda: len(outputs) == 60, "all are corrected")
 
     taken = LAYOUT.recording(rows_of(samples))
     offline = calibration.correct(taken)
     live = rows_of(outputs)
     assert_allclose(live[:, :9], offline.outputs, rtol=1e-9, atol=1e-20)
-    assert_allclose(live[:, 9:], np.tile(offline.standard_errors, (200, 1)), rtol=1e-12)
+    assert_allclose(live[:, 9:], np.tile(offline.standard_errors, (60, 1)), rtol=1e-12)
     raw = calibration.apply(taken.readings_T)
     assert np.abs(raw[:, 0] - live[:, 0]).max() > 1e-9
     status, figures = bench.health("corrector", lambda status, _: "noise floor" in status.message, "all is well")
     assert status.level == b"\x00" and figures["effects"] == "temperature_drift" and not figures["effects_left_in"]
 
     later = replace(drifting, time_s=drifting.time_s + SILENT_S)
-    bench.play(later, sensors, samples, first=200, last=250)
-    bench.spin_until(lambda: len(outputs) == 250, "all are corrected")
-    silent = rows_of(outputs[200:])
-    assert_array_equal(silent[:, :9], calibration.apply(later.readings_T[200:250]))
+    bench.play(later, sensors, samples, first=60, last=80)
+    bench.spin_until(lambda: len(outputs) == 80, "all are corrected")
+    silent = rows_of(outputs[60:])
+    assert_array_equal(silent[:, :9], calibration.apply(later.readings_T[60:80]))
     expected = np.hypot(offline.standard_errors, calibration.effect_sizes[0].rms)
-    assert_allclose(silent[:, 9:], np.tile(expected, (50, 1)), rtol=1e-12)
+    assert_allclose(silent[:, 9:], np.tile(expected, (20, 1)), rtol=1e-12)
     status, figures = bench.health("corrector", lambda status, _: "stays in" in status.message, "what stays in is told")
     assert status.level == b"\x01" and "needs the temperature" in status.message
     assert figures["effects_left_in"] == "temperature_drift"
 
-    publish_temperature(temperature, later.time_s[250], later.temperature_C[250])
-    bench.health("collector", lambda _, figures: figures["temperature.received"] == "202", "it has a temperature")
-    sensors(later, 250)
-    bench.spin_until(lambda: len(outputs) == 251, "the next is corrected")
+    publish_temperature(temperature, later.time_s[80], later.temperature_C[80])
+    bench.health("collector", lambda _, figures: figures["temperature.received"] == "62", "it has a temperature")
+    sensors(later, 80)
+    bench.spin_until(lambda: len(outputs) == 81, "the next is corrected")
     bench.health("corrector", lambda status, _: "stays in" not in status.message, "all is well again")
 
 
@@ -114,11 +108,11 @@ def test_a_step_of_the_clock_keeps_what_effects_remember(bench, drifting, calibr
 
     publish_temperature(temperature, drifting.time_s[0], drifting.temperature_C[0])
     bench.health("collector", lambda _, figures: figures.get("temperature.received") == "1", "it has a temperature")
-    bench.play(drifting, publish, samples, last=100)
-    bench.play(replace(drifting, time_s=drifting.time_s - 15.0), publish, samples, first=100, last=200)
-    bench.spin_until(lambda: len(outputs) == 200, "all are corrected")
+    bench.play(drifting, publish, samples, last=30)
+    bench.play(replace(drifting, time_s=drifting.time_s - 3.0), publish, samples, first=30, last=60)
+    bench.spin_until(lambda: len(outputs) == 60, "all are corrected")
     rows = rows_of(samples)
-    rows[100:, 0] += 15.0
+    rows[30:, 0] += 3.0
     offline = read_calibration(calibration_file).correct(LAYOUT.recording(rows))
     assert_allclose(rows_of(outputs)[:, :9], offline.outputs, rtol=1e-6, atol=1e-15)
 

@@ -16,7 +16,7 @@ std_msgs = pytest.importorskip("std_msgs.msg", reason="the ROS message packages 
 
 SPAN_S = 300.0
 """Longer than the test takes where all cores are busy."""
-PERIOD_S = 0.01
+PERIOD_S = 0.02
 SILENCE_S = 1.0
 """Longer than a busy machine holds up a driver."""
 NOISE_T = 1e-9
@@ -112,13 +112,6 @@ def is_missing(bench, sensors):
 
 def test_outputs_go_on_without_a_sensor_until_it_returns(bench, array):
     """Also where it sets the pace. ERROR all the while; errors are as stated; what is not determined is NaN."""
-    array.kill(3)
-    assert is_missing(bench, [3])["not_determined"] == ""
-    is_about_one(array.pulls(array.wait_for(200)))
-    array.start(3)
-    bench.health("corrector", lambda status, _: status.level == OK, "all sensors are back")
-    bench.health("collector", lambda status, _: status.level == OK, "nothing is silent")
-    is_about_one(array.pulls(array.wait_for(200)))
     array.kill(1)
     assert is_missing(bench, [1])["not_determined"] == ""
     is_about_one(array.pulls(array.wait_for(200)))
@@ -133,3 +126,8 @@ def test_outputs_go_on_without_a_sensor_until_it_returns(bench, array):
     assert np.isfinite(array.centers[centers].magnetic_field_covariance).all()
     bench.health("calibrator", lambda _, figures: int(figures["partial"]) > 300, "the calibrator keeps them apart")
     assert "defect" not in bench.call("calibrator/calibrate").message
+    array.start(1)
+    array.start(3)
+    bench.health("corrector", lambda status, _: status.level == OK, "all sensors are back")
+    bench.health("collector", lambda status, _: status.level == OK, "nothing is silent")
+    is_about_one(array.pulls(array.wait_for(200)))

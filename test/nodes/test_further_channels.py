@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from ros_bench import rows_of
 
 from tam_calibration.correction.calibration import EffectSize
 from tam_calibration.correction.streaming import Correction
@@ -19,7 +20,7 @@ std_msgs = pytest.importorskip("std_msgs.msg", reason="the ROS message packages 
 
 NAMES = ("current_2_A", "actuator_rudder")
 LAYOUT = SampleLayout.whole(4, NAMES)
-COUNT = 150
+COUNT = 50
 HULL = FittedEffect(
     "platform_field",
     {"time_constant_s": 0.05},
@@ -31,13 +32,6 @@ HULL = FittedEffect(
     ),
 )
 SIZE = EffectSize(np.full(9, 1e-8), np.full(9, 1e-9))
-
-
-def rows_of(clouds):
-    """Return the rows of one-row clouds, one below the other."""
-    from tam_calibration.nodes.cloud import read_cloud
-
-    return np.concatenate([read_cloud(cloud)[1] for cloud in clouds])
 
 
 def test_what_follows_them_is_taken_off_as_offline(bench, recording, cross, tmp_path):

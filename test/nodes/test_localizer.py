@@ -17,7 +17,7 @@ sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message pac
 visualization_msgs = pytest.importorskip("visualization_msgs.msg", reason="the ROS message packages are not installed")
 geometry_msgs = pytest.importorskip("geometry_msgs.msg", reason="the ROS message packages are not installed")
 
-FIRST = 200
+FIRST = 60
 """Samples far from the source."""
 STATUS = SOURCE_COLUMNS.index("status")
 LAYOUT = SampleLayout(4, attitude=True)
@@ -32,10 +32,17 @@ def calibration_file(recording, cross, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def outputs(passing, calibration_file):
+def near(passing):
+    """Return samples of the pass far from the source, and then those next to it."""
+    part = passing.take(np.r_[0:FIRST, 330:430])
+    return replace(part, time_s=passing.time_s[: part.sample_count])
+
+
+@pytest.fixture(scope="module")
+def outputs(near, calibration_file):
     """Return field and gradient of the samples, with their standard errors."""
-    corrected = read_calibration(calibration_file).correct(passing)
-    return np.hstack([corrected.outputs, np.tile(corrected.standard_errors, (passing.sample_count, 1))])
+    corrected = read_calibration(calibration_file).correct(near)
+    return np.hstack([corrected.outputs, np.tile(corrected.standard_errors, (near.sample_count, 1))])
 
 
 def header(stamp_ns):
@@ -114,21 +121,20 @@ def rows_of(solutions):
     return source_rows(solutions)
 
 
-@pytest.mark.parametrize("batch_s", [0.0, 0.1])
-def test_each_sample_is_located_as_offline(bench, passing, outputs, calibration_file, batch_s):
+def test_each_sample_is_located_as_offline(bench, near, outputs, calibration_file):
     """In a fixed frame, with the regional field fitted: every sample has its answer, equal to one call for all."""
-    settings = {"regional_samples": FIRST, "attitude_noise_rad": 1e-4, "fixed_frame": "level", "batch_s": batch_s}
+    settings = {"regional_samples": FIRST, "attitude_noise_rad": 1e-4, "fixed_frame": "level"}
     feed = Feed(bench, calibration_file=calibration_file, **settings)
-    rows = feed.play(passing, outputs)
+    rows = feed.play(near, outputs)
     calibration = read_calibration(calibration_file)
-    regional = regional_of(outputs[:FIRST, :9], passing.attitude[:FIRST], 1e-4)
+    regional = regional_of(outputs[:FIRST, :9], near.attitude[:FIRST], 1e-4)
     assert (rows[:FIRST, STATUS] == Status.NO_REGIONAL).all()
     offline = turned(
         locate_samples(
-            Samples(outputs[FIRST:, :9], calibration.array, calibration.output_covariance, passing.attitude[FIRST:]),
+            Samples(outputs[FIRST:, :9], calibration.array, calibration.output_covariance, near.attitude[FIRST:]),
             regional,
         ),
-        passing.attitude[FIRST:],
+        near.attitude[FIRST:],
         settings["attitude_noise_rad"],
     )
     assert offline.is_located.any() and not offline.is_located.all()
@@ -139,7 +145,7 @@ def test_each_sample_is_located_as_offline(bench, passing, outputs, calibration_
     feed.bench.spin_until(lambda: len(feed.poses) == len(points), "each has a pose")
     located = np.flatnonzero(offline.is_located)
     assert_allclose([numbers_of(message.pose) for message in feed.poses], pose_rows(offline)[located], rtol=1e-9)
-    assert [stamp_of(message) for message in feed.poses] == [stamps(passing)[FIRST + index] for index in located]
+    assert [stamp_of(message) for message in feed.poses] == [stamps(near)[FIRST + index] for index in located]
     of_stamp = dict(zip([stamp_of(message) for message in feed.sources], points, strict=True))
     assert feed.markers and len(feed.markers) <= len(points)
     for ball, arrow in (message.markers for message in feed.markers):
@@ -148,27 +154,27 @@ def test_each_sample_is_located_as_offline(bench, passing, outputs, calibration_
         assert arrow.header.frame_id == ball.header.frame_id == "level"
     assert {message.header.frame_id for message in feed.sources + feed.poses} == {"level"}
     answered = [cloud.header.stamp.sec * 10**9 + cloud.header.stamp.nanosec for cloud in feed.estimates]
-    assert answered == stamps(passing)
+    assert answered == stamps(near)
     _, figures = bench.health("localizer", lambda status, _: "located" in status.message, "it is counted")
     assert int(figures["located"]) == offline.is_located.sum()
     assert int(figures["refused.no_regional"]) == FIRST
-    assert int(figures["received"]) == passing.sample_count
+    assert int(figures["received"]) == near.sample_count
 
 
-def test_source_alone_needs_no_attitude(bench, passing, outputs, calibration_file):
-    """Without regional field outputs are taken as they are, in the array frame; a structural index other than 3."""
-    feed = Feed(bench, regional="none", index=2.0, calibration_file=calibration_file)
+def test_source_alone_needs_no_attitude(bench, near, outputs, calibration_file):
+    """Without regional field outputs are taken as they are, in the array frame; with another index, and in batches."""
+    feed = Feed(bench, regional="none", index=2.0, batch_s=0.1, calibration_file=calibration_file)
     source = outputs[:50].copy()
     source[:, :9] *= 1e-2
     source[10, 4] = np.nan
-    rows = feed.play(passing.take(slice(0, 50)), source)
+    rows = feed.play(near.take(slice(0, 50)), source)
     calibration = read_calibration(calibration_file)
     offline = locate_samples(Samples(source[:, :9], calibration.array, calibration.output_covariance, index=2.0))
     assert_allclose(rows, rows_of(offline), rtol=1e-12)
     assert rows[10, STATUS] == Status.NOT_FINITE
 
 
-def test_samples_that_lack_sensors_have_the_covariance_of_the_others(bench, passing, outputs, calibration_file):
+def test_samples_that_lack_sensors_have_the_covariance_of_the_others(bench, near, outputs, calibration_file):
     """Three sensors determine all; of two opposite ones a part of the tensor is NaN: not located, and it is said."""
     feed = Feed(bench, regional="none", calibration_file=calibration_file)
     calibration = read_calibration(calibration_file)
@@ -178,7 +184,7 @@ def test_samples_that_lack_sensors_have_the_covariance_of_the_others(bench, pass
     source[:, 9:] = partial.without(8).standard_errors
     source[20:, 9:] = partial.without(10).standard_errors
     source[20:, 6:9] = np.nan
-    rows = feed.play(passing.take(slice(0, 40)), source)
+    rows = feed.play(near.take(slice(0, 40)), source)
     offline = locate_samples(Samples(source[:20, :9], calibration.array, partial.without(8).covariance))
     assert_allclose(rows[:20], rows_of(offline), rtol=1e-9)
     assert (rows[20:, STATUS] == Status.NOT_FINITE).all()
@@ -186,10 +192,10 @@ def test_samples_that_lack_sensors_have_the_covariance_of_the_others(bench, pass
     assert int(figures["refused.not_finite"]) == 20
 
 
-def test_missing_attitude_is_answered_and_told(bench, passing, outputs):
+def test_missing_attitude_is_answered_and_told(bench, near, outputs):
     """A sample without attitude has a status row, and /diagnostics says why nothing is located."""
     feed = Feed(bench, regional="47.4,8.5,2026-06-01")
-    part = passing.take(slice(0, 30))
+    part = near.take(slice(0, 30))
     attitude = np.full((30, 4), np.nan)
     attitude[:5] = part.attitude[:5]
     for stamp, sample, row in zip(stamps(part), LAYOUT.rows(part), outputs, strict=False):
@@ -202,26 +208,26 @@ def test_missing_attitude_is_answered_and_told(bench, passing, outputs):
     bench.health("localizer", lambda _, figures: figures["refused.no_attitude"] == "25", "it is counted")
 
 
-def test_a_bag_that_starts_over_is_a_new_run(bench, passing, outputs, calibration_file):
+def test_a_bag_that_starts_over_is_a_new_run(bench, near, outputs, calibration_file):
     """When stamps go back the regional field is fitted again, and still every sample is answered."""
     feed = Feed(bench, regional_samples=20, calibration_file=calibration_file)
-    part = passing.take(slice(0, 40))
+    part = near.take(slice(0, 40))
     for rows in (feed.play(part, outputs[:40]), feed.play(part, outputs[:40])):
         assert (rows[:20, STATUS] == Status.NO_REGIONAL).all()
         assert (rows[20:, STATUS] != Status.NO_REGIONAL).all()
 
 
-def test_a_step_of_the_clock_keeps_the_regional_field(bench, passing, outputs, calibration_file):
+def test_a_step_of_the_clock_keeps_the_regional_field(bench, near, outputs, calibration_file):
     """Stamps that step back by less than the run, or by more, cost no sample and no new fit."""
     feed = Feed(bench, regional_samples=20, calibration_file=calibration_file)
-    feed.play(passing.take(slice(0, 40)), outputs[:40])
+    feed.play(near.take(slice(0, 40)), outputs[:40])
     for step_s, part in ((0.3, slice(40, 60)), (100.0, slice(60, 80))):
-        later = passing.take(part)
+        later = near.take(part)
         rows = feed.play(replace(later, time_s=later.time_s - step_s), outputs[part])
         assert not np.isin(rows[:, STATUS], [Status.NO_REGIONAL, Status.NO_ATTITUDE]).any()
 
 
-def test_other_columns_are_told(bench, passing, outputs):
+def test_other_columns_are_told(bench, near, outputs):
     """A cloud of other columns is an error that names those that are needed."""
     feed = Feed(bench, regional="none")
     feed.publish("field_gradient", 1, FIELD_GRADIENT_COLUMNS[:9], outputs[0, :9])
@@ -229,7 +235,7 @@ def test_other_columns_are_told(bench, passing, outputs):
     assert status.level == b"\x02"
 
 
-def test_whole_chain_locates_the_source(bench, passing, calibration_file):
+def test_whole_chain_locates_the_source(bench, near, calibration_file):
     """Raw readings and an IMU: collector, corrector and localizer together find the dipole as it is passed."""
     from rclpy.time import Time
 
@@ -252,12 +258,12 @@ def test_whole_chain_locates_the_source(bench, passing, calibration_file):
         bench.spin_until(lambda: True, "at once")
         sensors(recording, index)
 
-    bench.play(passing, publish, samples, last=450)
-    bench.spin_until(lambda: len(estimates) >= 449, "all are answered")
+    bench.play(near, publish, samples)
+    bench.spin_until(lambda: len(estimates) >= near.sample_count - 1, "all are answered")
     from tam_calibration.nodes.cloud import read_cloud
 
     rows = np.concatenate([read_cloud(cloud)[1] for cloud in estimates])
-    nearest = rows[400]
+    nearest = rows[FIRST + 70]
     assert nearest[STATUS] == 0
     assert_allclose(nearest[:3], [0.0, 2.5, -2.3], atol=0.1)
 

@@ -5,6 +5,7 @@ import sys
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from ros_bench import rows_of
 
 from tam_calibration.fit import calibrate
 from tam_calibration.model.recording import Recording
@@ -23,13 +24,6 @@ def calibration_file(recording, cross, tmp_path_factory):
     path = tmp_path_factory.mktemp("calibration") / "calibration.yaml"
     write_calibration(path, calibrate(recording, cross))
     return path
-
-
-def rows_of(clouds):
-    """Return the rows of one-row clouds, one below the other."""
-    from tam_calibration.nodes.cloud import read_cloud
-
-    return np.concatenate([read_cloud(cloud)[1] for cloud in clouds])
 
 
 def serialised(stamp_ns, vector, little_endian=True, frame_id="sensor"):

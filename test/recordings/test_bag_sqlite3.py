@@ -90,19 +90,24 @@ def test_a_hostile_database_ends_in_one_sentence(tmp_path, recording, name, func
     assert "\n" not in str(problem.value) and "damaged" not in str(problem.value)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_interrupts_sqlite(tmp_path, recording, number):
-    """Within some milliseconds of this process' time, in whatever query."""
+@pytest.fixture(scope="module")
+def long_bag(recording, tmp_path_factory):
+    """Return the path of a bag whose reading takes some tenths of a second."""
     rows = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < 2000000)"
     more = f"{rows} INSERT INTO messages (topic_id, timestamp, data) SELECT 1, i, x'00' FROM n"
-    path = spoiled(tmp_path / "bag", recording.take(slice(4)), [more])
+    return spoiled(tmp_path_factory.mktemp("long") / "bag", recording.take(slice(4)), [more])
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_interrupts_sqlite(long_bag, number):
+    """Within some milliseconds of this process' time, in whatever query."""
     before = signal.signal(number, lambda *told: (_ for _ in ()).throw(KeyboardInterrupt))
     came = []
     timer = Timer(0.1, lambda: (came.append(time.process_time()), os.kill(os.getpid(), number)))
     timer.start()
     try:
         with pytest.raises(KeyboardInterrupt):
-            read_recording(path)
+            read_recording(long_bag)
         assert time.process_time() - came[0] < 0.5
     finally:
         timer.join()

@@ -53,7 +53,7 @@ def source_of(stamps, values):
     return MemorySource("memory", "log", columns)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=15)
 @given(
     seed=st.integers(0, 2**32 - 1),
     jitter_ms=st.sampled_from([0.0, 2.0, 8.0]),

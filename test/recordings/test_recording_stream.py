@@ -123,14 +123,20 @@ def test_a_full_disk_is_told_with_the_remedy(recording, monkeypatch):
 def tumble():
     """Return a run of Wu's array that is longer than a block."""
     scenario = read_scenario("wu_table_1")
-    return simulate(replace(scenario, sample_count=BLOCK + 2000)).recording, scenario.array
+    return simulate(replace(scenario, sample_count=BLOCK + 200)).recording, scenario.array
+
+
+@pytest.fixture(scope="module")
+def on_disk(tumble):
+    """Return the same run on disk."""
+    return RecordingStream(pieces(tumble[0], 7001))
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_calibration_from_disk_is_that_from_memory(tumble, method):
+def test_a_calibration_from_disk_is_that_from_memory(tumble, on_disk, method):
     """Every method finds the same to the last bit, held-out figures, chi-square and warnings included."""
     recording, array = tumble
-    one, other = (calibrate(source, array, method) for source in (recording, RecordingStream(pieces(recording, 7001))))
+    one, other = (calibrate(source, array, method) for source in (recording, on_disk))
     assert_array_equal(one.errors.to_vector(), other.errors.to_vector())
     assert_array_equal(one.standard_errors, other.standard_errors)
     for residuals in ("before", "in_sample"):
