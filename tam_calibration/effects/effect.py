@@ -449,7 +449,7 @@ class FoundEffect(Effect):
         """
         used = residuals.is_counted | flagged
         before, count = float(residuals.energy[used].sum()), float(residuals.channel_count[used].sum())
-        gain = count * float(np.log(before / max(before - saved, np.finfo(float).tiny)))
+        gain = count * float(np.log(before / max(before - saved, np.finfo(float).eps * before)))
         return self.found(parts, gain, parameter_count + int(np.ceil(2 * nats / np.log(count))), flagged=flagged)
 
     def found(

@@ -27,13 +27,9 @@ _SHARES = {
 """Of the kinds in a set: of 600 cases three or four are of each effect and gap, and 36 to 72 of each other kind."""
 
 _EVERYWHERE = (
-    "ambient_gradient",
-    "platform_field",
-    "proton_polarisation",
-    "passing_boat",
-    "degaussing_coil",
-    "solar_panel",
-    "swapped_pack",
+    *("ambient_gradient", "platform_field"),
+    *("proton_polarisation", "solar_panel", "swapped_pack"),
+    *("moist_boards", "walking_operator", "arc_welder"),
 )
 """What disturbs all sensors leaves none to another cause."""
 
