@@ -2,7 +2,10 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import tee
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -122,7 +125,7 @@ class Model:
         noisy, _ = complete_noise(array, recording)
         # No fit yet: what all fits from here on share.
         start = cls(recording, noisy, SensorErrors.none(recording.sensor_count), np.nan, stride=stride)
-        plain = start._within_bounds(recording)
+        plain = start._first(_converged)
         if plain is not None:
             plain = plain._with_floor(array)
             if not plain._is_gross():
@@ -153,10 +156,9 @@ class Model:
         Refused
             When neither exists, or the calibration that the readings determine is out of the bounds of sensors.
         """
-        if plain is None:
-            part = self._of_most() or self._of_steady()
-            plain = None if part is None else part._with_floor(stated, settled=False)
-        begun = next(self._begun(self.recording), None)
+        if plain is None and (part := self._first(_of_better_half) or self._of_steady()) is not None:
+            plain = part._with_floor(stated, settled=False)
+        begun = next(self._begun(), None)
         # Where the attitudes determine the calibration, and it fits, it may yet be out of the bounds of sensors.
         if plain is None or (
             begun is not None
@@ -167,14 +169,18 @@ class Model:
             raise Refused(without_calibration(self.recording, None if begun is None else begun.objection))
         return plain
 
-    def _begun(self, recording: Recording) -> Iterator["Model"]:
-        """Yield the starts of a fit to a recording of the same array."""
-        for errors, intensity_T in starts(recording, self.array):
-            yield replace(self, recording=recording, errors=errors, intensity_T=intensity_T)
+    @cached_property
+    def _starts(self) -> Iterator[tuple[SensorErrors, float]]:
+        return tee(starts(self.recording, self.array), 1)[0]
 
-    def _first(self, recording: Recording, fit: "Callable[[Model], Model | None]") -> "Model | None":
+    def _begun(self) -> Iterator["Model"]:
+        """Yield the starts of a fit, each of which is made once."""
+        for errors, intensity_T in copy(self._starts):
+            yield replace(self, errors=errors, intensity_T=intensity_T)
+
+    def _first(self, fit: "Callable[[Model], Model | None]") -> "Model | None":
         """Return the first fit from all starts that are within the bounds of sensors and of the Earth's field."""
-        for model in self._begun(recording):
+        for model in self._begun():
             if model.objection is None:
                 with suppress(InputError, Refused, LinAlgError):
                     if (fitted := fit(model)) is not None:
@@ -183,11 +189,7 @@ class Model:
 
     def _within_bounds(self, recording: Recording) -> "Model | None":
         """Return the first fit, of all starts, that converges within the bounds of sensors and of the Earth's field."""
-        return self._first(recording, _converged)
-
-    def _of_most(self) -> "Model | None":
-        """Return a fit to the half of the samples that it fits best."""
-        return self._first(self.recording, _of_better_half)
+        return replace(self, recording=recording)._first(_converged)
 
     def _of_steady(self) -> "Model | None":
         """Return a fit to a steady part of the run and all samples that agree: of the part with the most of them."""
@@ -210,10 +212,8 @@ class Model:
         """
         if self.gross is not None or self.world is not None or not self._is_gross():
             return None
-        best = _most_agreeing(self, self._of_most(), self._of_steady())
-        if best is None or best is self:
-            return None
-        return replace(self, errors=best.errors, intensity_T=best.intensity_T)
+        best = _most_agreeing(self, self._first(_of_better_half), self._of_steady())
+        return None if best is None or best is self else replace(self, errors=best.errors, intensity_T=best.intensity_T)
 
     def _with_floor(self, stated: Array, settled: bool = True) -> "Model":
         """Return the model with the noise of the recording, where none is stated or the stated one is contradicted."""

@@ -68,9 +68,9 @@ def test_the_smallest_gap_has_the_least_evidence_with_one_coefficient(count, sma
 @pytest.mark.parametrize(("row", "found"), [(5, "explained"), (8, "partly_explained")])
 def test_what_another_sensor_has_beside_a_cause_is_open(run, row, found):
     """A tone that runs away, which no function without physics is, beside a jump of sensor 2, there and in sensor 3."""
-    made = run(900)
+    made = run(600)
     time_s = made.recording.time_s
-    runaway = 1.2e-9 * np.sin(2 * np.pi * (1 + 0.06 * time_s) * time_s)
+    runaway = 1.5e-9 * np.sin(2 * np.pi * (1 + 0.06 * time_s) * time_s)
     jump = np.where(time_s > 25, 30e-9, 0.0)
     gap = diagnose(made.with_row(4, jump).with_row(row, runaway).recording, made.array)
     assert [cause.fitted.effect for cause in gap.causes] == ["bias_jump"]

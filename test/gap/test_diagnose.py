@@ -30,8 +30,7 @@ def test_too_few_samples_have_no_verdict(run, samples, sensors, needed, has_scal
     assert gap.residue.before.shape == (samples, 3 * sensors + 1)
 
 
-@pytest.mark.parametrize("has_scalar", [True, False])
-@pytest.mark.parametrize("samples", [24, 40, 59, 61])
+@pytest.mark.parametrize(("samples", "has_scalar"), [(24, False), (59, True)])
 def test_a_short_clean_recording_has_no_gap(run, samples, has_scalar):
     """As soon as there is a verdict it is right, with fewer samples than blocks of the folds too."""
     made = run(samples, has_scalar=has_scalar)
@@ -72,16 +71,14 @@ def test_constant_readings_are_refused(run):
         diagnose(replace(made.recording, readings_T=readings), made.array)
 
 
-@pytest.mark.parametrize("kind", ["all", "most", "all but one", "second half", "every third"])
+@pytest.mark.parametrize("kind", ["all", "all but one", "second half"])
 def test_holes_of_the_scalar_are_no_gap(run, kind):
     """Where there is no reference the sensors are compared with each other; nothing is warned of."""
-    made = run(400)
+    made = run(200)
     hole = {
-        "all": np.ones(400, dtype=bool),
-        "most": np.arange(400) % 20 != 0,
-        "all but one": np.arange(400) != 7,
-        "second half": np.arange(400) > 200,
-        "every third": np.arange(400) % 3 == 0,
+        "all": np.ones(200, dtype=bool),
+        "all but one": np.arange(200) != 7,
+        "second half": np.arange(200) > 100,
     }[kind]
     recording = replace(made.recording, scalar_T=np.where(hole, np.nan, made.recording.scalar_T))
     gap = diagnose(recording, made.array)
@@ -90,28 +87,26 @@ def test_holes_of_the_scalar_are_no_gap(run, kind):
     assert ("scalar_heading_error" in missing) == (kind == "all")
 
 
-@pytest.mark.parametrize("channel", ["temperature_C", "current_A", "attitude"])
 @pytest.mark.parametrize("left", [1, 100])
-def test_holes_of_a_channel_are_no_gap(run, channel, left):
-    """A channel with one value, or every second."""
-    made = run(200)
-    values = getattr(made.recording, channel).copy()
-    values[np.arange(200) % (200 // left) != 0] = np.nan
-    assert diagnose(replace(made.recording, **{channel: values}), made.array).verdict == "no_gap"
+def test_holes_of_channels_are_no_gap(run, left):
+    """Temperature, current and attitude with one value each, or every second."""
+    made, channels = run(200), {}
+    for channel in ("temperature_C", "current_A", "attitude"):
+        channels[channel] = getattr(made.recording, channel).copy()
+        channels[channel][np.arange(200) % (200 // left) != 0] = np.nan
+    assert diagnose(replace(made.recording, **channels), made.array).verdict == "no_gap"
 
 
 def test_holes_in_time_are_no_gap(run):
     """A pause of half a minute, samples lost by chance, and steps of time that are never the same."""
-    made, generator = run(500), np.random.default_rng(1)
-    pause = np.r_[0:150, 350:500]
-    lost = np.sort(generator.choice(500, 300, replace=False))
-    for kept in (pause, lost):
-        assert diagnose(made.recording.take(kept), made.array).verdict == "no_gap"
+    made, kept = run(500), np.random.default_rng(1).random(500) < 0.6
+    kept[150:350] = False
+    assert diagnose(made.recording.take(kept), made.array).verdict == "no_gap"
 
 
 def test_a_noise_that_is_not_stated_is_estimated(run):
     """Of the sensors, the scalar, or both."""
-    made = run(400)
+    made = run(100)
     positions, vector, scalar = made.array.positions_m, made.array.vector_noise_T, made.array.scalar_noise_T
     for array in (Array(positions), Array(positions, vector), Array(positions, None, scalar)):
         gap = diagnose(made.recording, array)
@@ -119,22 +114,22 @@ def test_a_noise_that_is_not_stated_is_estimated(run):
         assert gap.size.floor_T == pytest.approx(1e-9, rel=0.1)
 
 
-def test_a_drift_of_one_of_twenty_sensors_is_found(run):
+def test_a_drift_of_one_of_twelve_sensors_is_found(run):
     """In a recording of twice as many samples as sensors."""
-    made = run(40, 20)
-    made = made.with_row(40, 8e-9 * (made.recording.temperature_C - 20))
+    made = run(24, 12)
+    made = made.with_row(28, 8e-9 * (made.recording.temperature_C - 20))
     without = set(installed_effects()) - {"temperature_drift"}
     (cause,) = diagnose(made.recording, made.array, without=without).causes
-    assert (cause.fitted.effect, cause.sensors, cause.axes) == ("temperature_drift", (14,), ("y",))
+    assert (cause.fitted.effect, cause.sensors, cause.axes) == ("temperature_drift", (10,), ("y",))
 
 
 @pytest.mark.parametrize("poses", [4, 24])
 def test_poses_are_no_gap(run, poses):
     """An array that rests in few attitudes for long, as on a turntable."""
-    made = run(480, noise_T=1e-30)
-    index = np.linspace(0, 479, poses).astype(int).repeat(480 // poses)
-    readings = made.recording.readings_T[index] + 1e-9 * np.random.default_rng(1).normal(size=(480, 4, 3))
-    recording = replace(made.recording, readings_T=readings, attitude=made.recording.attitude[index])
+    made = run(240, noise_T=1e-30)
+    index = np.linspace(0, 239, poses).astype(int).repeat(120 // poses)
+    readings = made.recording.readings_T[index] + 1e-9 * np.random.default_rng(1).normal(size=(120, 4, 3))
+    recording = replace(made.recording.take(slice(120)), readings_T=readings, attitude=made.recording.attitude[index])
     array = replace(made.array, vector_noise_T=np.full(4, 1e-9))
     assert diagnose(recording, array).verdict == "no_gap"
 
@@ -196,12 +191,12 @@ def test_a_left_handed_sensor_is_refused(run):
 
 def test_a_tone_near_half_the_sample_rate_is_diagnosed(true_errors, cross):
     """It looks as if two publishers sent in turn, which refuses a calibration; the diagnosis names the law anyway."""
-    time_s, rng = np.arange(1200) / 20, np.random.default_rng(6)
+    time_s, rng = np.arange(600) / 20, np.random.default_rng(6)
     angles = np.stack([time_s / 20, 1.2 * np.sin(time_s / 10), 1.5 * np.sin(time_s / 14)], axis=1)
     field_T = Rotation.from_euler("zyx", angles).apply([20e-6, 0, 45e-6], inverse=True)
-    readings_T = true_errors.distort(field_T) + 1e-9 * rng.normal(size=(1200, 4, 3))
+    readings_T = true_errors.distort(field_T) + 1e-9 * rng.normal(size=(600, 4, 3))
     readings_T[:, 2, 0] += 400e-9 * np.cos(2 * np.pi * 9.0 * time_s)
-    recording = Recording(time_s, readings_T, np.full(1200, np.linalg.norm(field_T[0])))
+    recording = Recording(time_s, readings_T, np.full(600, np.linalg.norm(field_T[0])))
     with pytest.raises(Refused, match="alternate between two courses"):
         calibrate(recording, cross)
     gap = diagnose(recording, cross)

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.effects.term import Coefficient, Term, at_rows
-from tam_calibration.gap.regressors import Regressors, calibration_regressors, update
+from tam_calibration.gap.regressors import Regressors
 
 ROWS, SAMPLES = 13, 30
 GENERATOR = np.random.default_rng(15)
@@ -59,17 +59,3 @@ def test_designs_are_joined(others):
     """Joined they have the columns of both, also where the atoms of one alone act on several rows."""
     parts = [Regressors.of(TERMS), Regressors.of(others)]
     assert_allclose(dense(Regressors.joined(parts)), np.concatenate([dense(part) for part in parts], axis=2))
-
-
-@pytest.mark.parametrize("stride", [1, 3])
-def test_the_calibration_s_columns_are_what_a_step_of_it_adds(run, stride):
-    """Of matrices and biases, the biases in units of the intensity."""
-    covariates = run(60).channels().covariates
-    unit_T, step = float(np.mean(covariates.intensity_T)), 1e-4 * GENERATOR.normal(size=48)
-    matrix, bias_T = update(covariates.errors, step, unit_T)
-    field = covariates.field_T[::stride]
-    moved = np.einsum("kij,nj->nki", matrix, field) + bias_T
-    added = (moved - covariates.errors.distort(field)).reshape(len(field), -1)
-    found = dense(calibration_regressors(covariates, stride)) @ step
-    assert_allclose(found[:, :-1], added, atol=1e-12 * unit_T)
-    assert not found[:, -1].any()

@@ -67,9 +67,9 @@ def test_a_recording_on_disk_gives_the_same_stretches():
 
 @pytest.fixture
 def few(monkeypatch):
-    """Let a diagnosis look at 750 samples only, in 15 stretches."""
-    monkeypatch.setattr(import_module("tam_calibration.gap.diagnose"), "MOST_SAMPLES", 750)
-    monkeypatch.setattr(import_module("tam_calibration.gap.diagnose"), "STRETCH", 50)
+    """Let a diagnosis look at 450 samples only, in 15 stretches."""
+    monkeypatch.setattr(import_module("tam_calibration.gap.diagnose"), "MOST_SAMPLES", 450)
+    monkeypatch.setattr(import_module("tam_calibration.gap.diagnose"), "STRETCH", 30)
 
 
 def added(made, cause):
@@ -79,7 +79,7 @@ def added(made, cause):
         return unit_T * (recording.temperature_C - 20)
     if cause == "bias_jump":
         return 2 * unit_T * (recording.time_s > 37)
-    field_T = uniform_filter1d(recording.readings_T[:, 1, 1], 51)
+    field_T = uniform_filter1d(recording.readings_T[:, 1, 1], 31)
     return -1e-4 * np.gradient(field_T, recording.time_s)
 
 
@@ -93,11 +93,11 @@ def added(made, cause):
 )
 def test_causes_and_sizes_are_those_of_the_whole(run, few, cause, value, size):
     """What goes from sample to sample, what is slow, and what happens once; to some standard errors."""
-    made = run(7500)
+    made = run(4500)
     gap = diagnose(made.with_row(4, added(made, cause)).recording, made.array)
     assert gap.verdict == "explained"
     (found,) = gap.causes
     assert (found.fitted.effect, found.sensors, found.axes) == (cause, (2,), ("y",))
     (part,) = found.fitted.contributions
     assert abs(abs(part.values[value]) - size) < 4 * part.standard_errors[value]
-    assert gap.remarks[0].startswith("Of 7500 samples the diagnosis looks at 750, in 15 stretches")
+    assert gap.remarks[0].startswith("Of 4500 samples the diagnosis looks at 450, in 15 stretches")

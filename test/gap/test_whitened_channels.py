@@ -8,9 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.curves import Nonlinearity
 from tam_calibration.effects.states import BiasJump
-from tam_calibration.effects.term import Coefficient, Term
 from tam_calibration.gap import whitened_channels as module
 from tam_calibration.gap.regressors import Regressors, calibration_regressors, update
 from tam_calibration.gap.whitened_channels import WhitenedChannels
@@ -119,32 +117,6 @@ def test_normal_equations_are_those_of_a_dense_construction(
     assert normal.energy == pytest.approx(np.sum(residual**2), rel=1e-6)
     present = np.isfinite(made.recording.scalar_T) if has_scalar else np.ones(40, dtype=bool)
     assert normal.count == len(kept) * (3 * sensors - 3) + present[kept].sum()
-
-
-@pytest.mark.parametrize("effect", [Nonlinearity(), BiasJump()])
-def test_designs_of_terms_add_what_the_terms_add(run, dense, effect):
-    """Terms side by side, apart and joined, with many rows to a feature and with features of their own."""
-    made = run(60)
-    channels = made.channels()
-    shape = {"full_scale_T": 5e-5, "time_s": 30.0}
-    terms = list(effect.terms(channels.covariates, shape))[:30]
-    whole, halves = Regressors.of(terms), [Regressors.of(terms[:4]), Regressors.of(terms[4:])]
-    values = np.random.default_rng(2).normal(size=whole.width)
-    starts = np.cumsum([0, *(len(term.coefficients) for term in terms)])
-    pairs = zip(terms, starts, strict=False)
-    signal = sum(term.signal(values[start : start + len(term.coefficients)], made.row_count) for term, start in pairs)
-    expected = np.einsum("ncr,nr->nc", dense(made).slope, signal)
-    for design in (whole, Regressors.joined(halves)):
-        assert design.width == whole.width
-        assert_allclose(dense(made).of(design) @ values, expected, rtol=1e-7, atol=1e-7 * np.abs(expected).max())
-
-
-def test_terms_that_hold_the_same_features_share_them():
-    """One array of features for two rows is kept once."""
-    step, one = np.ones((5, 1)), (Coefficient("offset", "T"),)
-    terms = [Term(0, axis, "offset", one, step, np.array([axis]), np.array([0])) for axis in range(3)]
-    assert Regressors.of(terms).features.shape == (5, 1)
-    assert Regressors.of([terms[0], replace(terms[1], features=step.copy())]).features.shape == (5, 2)
 
 
 @pytest.mark.parametrize("sensors", [1, 4])

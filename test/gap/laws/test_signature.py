@@ -29,16 +29,15 @@ def along_axis(run, sensor, axis):
     return readings[:, axis]
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_nothing_is_said_of_noise(run, seed):
+@pytest.mark.parametrize("sheet", [1.0, 1.1])
+def test_nothing_is_said_of_noise(run, sheet):
     """White noise of the stated size has no law, whether the sheet is right or off by a tenth."""
-    assert signature(run(seed=seed)) == ()
-    assert signature(run(seed=seed, sheet=1.1)) == ()
+    assert signature(run(seed=2, sheet=sheet)) == ()
 
 
 def test_a_step_of_an_offset(run):
     """An offset that steps once: its sensor, its axis, its time, its size, and its share of the gap."""
-    clean = run(samples=900)
+    clean = run(samples=450)
     time_s = clean.recording.time_s
     (law,) = signature(clean.with_row(7, 3e-9 * (time_s > 22)))
     assert (law.law, law.course, law.sensors, law.axes) == ("offset", "step", (3,), ("y",))
@@ -50,7 +49,7 @@ def test_a_step_of_an_offset(run):
 
 def test_a_gain_in_episodes(run):
     """A gain that falls in four episodes follows nothing that was recorded."""
-    clean = run(samples=1200)
+    clean = run(samples=600)
     change = -1e-4 * episodes(clean.recording.time_s) * along_axis(clean, 1, 2)
     first = signature(clean.with_row(5, change))[0]
     assert (first.law, first.course, first.sensors, first.axes) == ("gain", "episodes", (2,), ("z",))
@@ -60,17 +59,17 @@ def test_a_gain_in_episodes(run):
 
 def test_an_offset_that_follows_a_channel(run):
     """An offset proportional to the current names the channel."""
-    clean = run(samples=900)
+    clean = run(samples=300)
     first = signature(clean.with_row(3, 1.5e-9 * clean.recording.current_A))[0]
     assert (first.law, first.course, first.sensors, first.follows) == ("offset", "channel", (2,), "current")
 
 
 def test_a_delay(run):
     """A sensor that is late has a law of the rate of change, which stays."""
-    clean = run(samples=900)
+    clean = run(samples=300)
     sensed = clean.recording.readings_T[:, 2] - clean.errors.bias_T[2]
     rate = np.gradient(sensed, clean.recording.time_s, axis=0)
-    added = np.zeros((900, clean.row_count))
+    added = np.zeros((300, clean.row_count))
     added[:, 6:9] = -2e-4 * rate
     first = signature(clean.with_added(added))[0]
     assert (first.law, first.course, first.sensors) == ("rate", "constant", (3,))
@@ -78,7 +77,7 @@ def test_a_delay(run):
 
 def test_a_curved_axis(run):
     """A cubic of an axis' own reading is a law of that reading."""
-    clean = run(samples=900)
+    clean = run(samples=300)
     own = along_axis(clean, 3, 0)
     first = signature(clean.with_row(9, 5e-9 * (own / 5e-5) ** 3 * 4))[0]
     assert (first.law, first.course, first.sensors, first.axes) == ("own_field", "motion", (4,), ("x",))
@@ -86,7 +85,7 @@ def test_a_curved_axis(run):
 
 def test_a_tone(run):
     """A hum above the motion is a tone, with its frequency."""
-    clean = run(samples=1800)
+    clean = run(samples=900)
     first = signature(clean.with_row(0, 2e-9 * np.sin(2 * np.pi * 4.3 * clean.recording.time_s)))[0]
     assert (first.law, first.course, first.sensors) == ("offset", "tone", (1,))
     assert float(first.follows.split()[0]) == pytest.approx(4.3, abs=0.01)
@@ -95,7 +94,7 @@ def test_a_tone(run):
 @pytest.mark.parametrize(("frequency_hz", "is_tone"), [(3.0, True), (0.25, False)])
 def test_a_gain_with_a_tone_is_faster_than_the_motion(run, frequency_hz, is_tone):
     """At the pace of the motion, 0.14 Hz about its fastest axis, it would imitate what goes with that."""
-    clean = run(samples=1200)
+    clean = run(samples=600)
     wave = np.sin(2 * np.pi * frequency_hz * clean.recording.time_s)
     first = signature(clean.with_row(5, 1e-4 * wave * along_axis(clean, 1, 2)))[0]
     assert (first.sensors, first.axes) == ((2,), ("z",))
@@ -104,8 +103,8 @@ def test_a_gain_with_a_tone_is_faster_than_the_motion(run, frequency_hz, is_tone
 
 def test_a_noisy_axis(run):
     """White noise that is larger in one axis predicts nothing, and is told as variance."""
-    clean = run(samples=900)
-    noise = np.random.default_rng(5).normal(size=900)
+    clean = run(samples=300)
+    noise = np.random.default_rng(5).normal(size=300)
     first = signature(clean.with_row(4, 2e-9 * noise))[0]
     assert (first.law, first.course, first.sensors, first.axes) == ("noise", "random", (2,), ("y",))
     in_spans = signature(clean.with_row(4, 4e-9 * noise * episodes(clean.recording.time_s)))[0]
@@ -115,11 +114,11 @@ def test_a_noisy_axis(run):
 @pytest.mark.parametrize("goes_with", ["reading", "rate"])
 def test_noise_that_goes_with_the_motion(run, goes_with):
     """Noise in proportion to an axis' own reading, or to its rate of change, follows the motion."""
-    clean = run(samples=900)
+    clean = run(samples=300)
     own = along_axis(clean, 1, 1)
     size = own if goes_with == "reading" else np.gradient(own)
-    noise = np.random.default_rng(5).normal(size=(900, 3)) * (2e-9 * np.abs(size) / np.abs(size).mean())[:, None]
-    added = np.zeros((900, clean.row_count))
+    noise = np.random.default_rng(5).normal(size=(300, 3)) * (2e-9 * np.abs(size) / np.abs(size).mean())[:, None]
+    added = np.zeros((300, clean.row_count))
     added[:, 3:6] = noise
     first = signature(clean.with_added(added))[0]
     assert (first.law, first.course, first.follows, first.sensors) == ("noise", "motion", "motion", (2,))
@@ -127,18 +126,18 @@ def test_noise_that_goes_with_the_motion(run, goes_with):
 
 def test_noise_that_follows_a_channel(run):
     """Brushes spark more at larger currents: their noise follows the current."""
-    clean = run(samples=900)
+    clean = run(samples=300)
     current = clean.recording.current_A
-    noise = np.random.default_rng(5).normal(size=900) * (current - current.min())
+    noise = np.random.default_rng(5).normal(size=300) * (current - current.min())
     first = signature(clean.with_row(4, 1e-9 * noise))[0]
     assert (first.law, first.course, first.follows, first.sensors) == ("noise", "channel", "current", (2,))
 
 
 def test_noise_of_a_reference(run):
     """A noisy reference multiplies the three readings of a sensor, so that noise has the direction of the field."""
-    clean = run(samples=900)
-    part = 5e-5 * np.random.default_rng(5).normal(size=900)
-    added = np.zeros((900, clean.row_count))
+    clean = run(samples=300)
+    part = 5e-5 * np.random.default_rng(5).normal(size=300)
+    added = np.zeros((300, clean.row_count))
     for axis in range(3):
         added[:, 3 + axis] = part * along_axis(clean, 1, axis)
     first = signature(clean.with_added(added))[0]
@@ -147,29 +146,29 @@ def test_noise_of_a_reference(run):
 
 def test_spikes(run):
     """Single deviations in one axis, each of its own size and sign, are samples."""
-    clean = run(samples=900)
-    added = np.zeros(900)
-    added[np.arange(37, 900, 91)] = 60e-9 * np.random.default_rng(2).normal(size=10)
+    clean = run(samples=300)
+    added = np.zeros(300)
+    added[np.arange(37, 300, 59)] = 60e-9 * np.random.default_rng(2).normal(size=5)
     first = signature(clean.with_row(8, added))[0]
     assert (first.law, first.sensors, first.axes) == ("samples", (3,), ("z",))
 
 
 def test_spikes_in_all_sensors(run):
     """Single deviations in all axes of all sensors at once sit in all of them."""
-    clean = run(samples=900)
-    added = np.zeros((900, clean.row_count))
-    added[40::120, :12] = 60e-9 * np.random.default_rng(2).normal(size=(8, 12))
+    clean = run(samples=300)
+    added = np.zeros((300, clean.row_count))
+    added[40::80, :12] = 60e-9 * np.random.default_rng(2).normal(size=(4, 12))
     first = signature(clean.with_added(added))[0]
     assert (first.law, first.sensors) == ("samples", (1, 2, 3, 4))
 
 
 def test_single_readings_whose_time_is_off(run):
     """Readings of a sensor that change places with the next ones are off along the rate of change of the field."""
-    clean = run(samples=900)
+    clean = run(samples=300)
     readings = clean.recording.readings_T[:, 1].copy()
-    for sample in range(50, 880, 100):
+    for sample in range(20, 290, 30):
         readings[[sample, sample + 1]] = readings[[sample + 1, sample]]
-    added = np.zeros((900, clean.row_count))
+    added = np.zeros((300, clean.row_count))
     added[:, 3:6] = readings - clean.recording.readings_T[:, 1]
     (law,) = signature(clean.with_added(added))
     assert (law.law, law.course, law.sensors) == ("rate", "random", (2,))
@@ -177,18 +176,18 @@ def test_single_readings_whose_time_is_off(run):
 
 def test_readings_that_are_held(run):
     """A sensor that repeats its readings is told by these, though they also follow the motion."""
-    clean = run(samples=900)
+    clean = run(samples=300)
     readings = clean.recording.readings_T.copy()
-    for sample in range(20, 880, 40):
+    for sample in range(20, 290, 30):
         readings[sample : sample + 3, 1] = readings[sample - 1, 1]
-    change = (readings - clean.recording.readings_T).reshape(900, -1)
-    first = signature(clean.with_added(np.column_stack([change, np.zeros(900)])))[0]
+    change = (readings - clean.recording.readings_T).reshape(300, -1)
+    first = signature(clean.with_added(np.column_stack([change, np.zeros(300)])))[0]
     assert (first.law, first.sensors) == ("samples", (2,))
 
 
 def test_a_drift_of_the_scalar_may_be_a_field_that_all_sensors_feel(run):
     """The places hold both, as the residual of the intensity alone sees either; a recorded attitude decides."""
-    clean = run(samples=900)
+    clean = run(samples=300)
     drift = 1e-9 * np.sin(2 * np.pi * clean.recording.time_s / 45)
     drifting = clean.with_row(12, drift)
     assert [(one.law, one.places) for one in signature(drifting)] == [("offset", (("scalar",),))]
@@ -196,18 +195,9 @@ def test_a_drift_of_the_scalar_may_be_a_field_that_all_sensors_feel(run):
     assert [(one.law, one.places) for one in signature(without)] == [("offset", (("scalar",), (1, 2, 3, 4)))]
 
 
-def test_two_laws_beside_each_other(run):
-    """A step in one sensor and a channel in another are both told, the stronger first."""
-    clean = run(samples=1200)
-    time_s = clean.recording.time_s
-    both = clean.with_row(2, 3e-9 * (time_s > 30)).with_row(10, 1e-9 * clean.recording.current_A)
-    found = {(one.law, one.course, one.sensors) for one in signature(both)}
-    assert found == {("offset", "step", (1,)), ("offset", "channel", (4,))}
-
-
 def test_sensors_that_share_a_course_have_one_law(run):
     """A cable of two sensors that is loose is one law of both; a step in another sensor stays its own."""
-    clean = run(samples=600)
+    clean = run(samples=400)
     time_s = clean.recording.time_s
     loose = episodes(time_s)
     shared = clean.with_row(2, 4e-9 * loose).with_row(9, -3e-9 * loose).with_row(4, 3e-9 * (time_s > 30))
@@ -217,8 +207,8 @@ def test_sensors_that_share_a_course_have_one_law(run):
 
 def test_shares_are_those_of_samples_that_were_not_fitted(run):
     """Of an offset in one sensor beside white noise of its size in another, each has about half of the gap."""
-    clean = run(samples=1500)
-    noise = np.random.default_rng(8).normal(size=1500)
+    clean = run(samples=750)
+    noise = np.random.default_rng(8).normal(size=750)
     changing = 2e-9 * np.sign(np.sin(clean.recording.time_s / 1.3))
     both = clean.with_row(4, changing).with_row(11, 2e-9 * noise)
     shares = {one.law: one.energy for one in signature(both)}
