@@ -233,7 +233,9 @@ def usual_law(effect: str) -> str:
 
 
 def at_place(law: Signature, sensors: Place, axes: tuple[str, ...]) -> Signature:
-    """Return a law at the place of its cause, unless the cause shares no sensor with it.
+    """Return a law at the place of its cause, where that is one of its sensors or all of them and more.
+
+    Of several sensors those in which a cause is small are left out.
 
     Parameters
     ----------
@@ -242,8 +244,8 @@ def at_place(law: Signature, sensors: Place, axes: tuple[str, ...]) -> Signature
     sensors, axes : tuple
         Where the cause acts.
     """
-    possible = {one for place in law.places for one in place}
-    if sensors not in law.places and not possible.isdisjoint(sensors):
+    is_there = set(sensors) >= set(law.sensors) or (len(sensors) == 1 and sensors[0] in law.sensors)
+    if is_there and sensors not in law.places:
         law = replace(law, sensors=sensors, places=(sensors,), axes=law.axes or axes)
     return replace(law, axes=axes) if sensors == law.sensors and axes and set(axes) <= set(law.axes) else law
 

@@ -30,13 +30,14 @@ def test_places_are_named(places, is_common, words):
     [
         ((2,), ("x", "y", "z"), ((2,), ("x", "y", "z"))),
         ((2,), ("y",), ((2,), ("y",))),
-        ((1, 2), ("y", "z"), ((1, 2), ("y", "z"))),
+        ((2,), ("y", "z"), ((2,), ("y", "z"))),
+        ((1, 2), ("y",), ((1, 2, 3, 4), ("x", "y", "z"))),
         ((1, 2, 3, 4, "scalar"), ("x", "y", "z"), ((1, 2, 3, 4, "scalar"), ("x", "y", "z"))),
         ((5,), ("y",), ((1, 2, 3, 4), ("x", "y", "z"))),
     ],
 )
 def test_a_law_is_where_its_cause_is(sensors, axes, found):
-    """A cause in some sensors or axes of a law, or in more, tells where the law is; one in other sensors does not."""
+    """A cause in one sensor, in some of its axes, or in more sensors tells where a law is; one in some does not."""
     every = (1, 2, 3, 4)
     law = Signature("rate", "constant", every, ("x", "y", "z"), 1.0, (every,), None, (), 100.0)
     placed = at_place(law, sensors, axes)
