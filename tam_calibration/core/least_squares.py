@@ -1,14 +1,12 @@
-"""Nonlinear least squares: the iteration that all fits share, and damped steps for many small problems side by side."""
+"""Nonlinear least squares: damped steps for many small problems side by side."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Self, TypeVar
+from typing import Self
 
 import numpy as np
 
 from tam_calibration.model.units import FloatArray
-
-State = TypeVar("State")
 
 Predict = Callable[[FloatArray, np.ndarray], tuple[FloatArray, FloatArray]]
 """From unknowns (m, P) of the problems at an index (m,) to their data (m, D) and these' derivatives (m, D, P)."""
@@ -18,30 +16,6 @@ IsSmall = Callable[[FloatArray, FloatArray], np.ndarray]
 
 _MOST_STEPS = 60
 """Damped steps after which a problem that has not settled is left where it is."""
-
-
-def iterate(step: Callable[[State], tuple[State, bool]], state: State, most_steps: int) -> tuple[State, bool]:
-    """Take steps until one is the last.
-
-    Parameters
-    ----------
-    step : callable
-        From a state to the next one, and whether that is settled.
-    state : State
-        Where to begin.
-    most_steps : int
-        After so many it is given up.
-
-    Returns
-    -------
-    State, bool
-        Where the iteration ended, and whether it settled there.
-    """
-    for _ in range(most_steps):
-        state, is_settled = step(state)
-        if is_settled:
-            return state, True
-    return state, False
 
 
 def whitening(matrix: FloatArray, least: float) -> FloatArray:

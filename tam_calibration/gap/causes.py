@@ -141,7 +141,7 @@ def considered(found: Search, causes: tuple[Cause, ...]) -> tuple[Considered, ..
     return tuple(result[name] for name in sorted(result))
 
 
-def sensors_and_axes(places: Iterable[Place], recording: Recording) -> tuple[tuple[int | str, ...], tuple[str, ...]]:
+def sensors_and_axes(places: Iterable[Place], recording: Recording) -> tuple[LawPlace, tuple[str, ...]]:
     """Return the sensor numbers (or "scalar") and axes of places.
 
     A constant intensity in place of a scalar channel counts as all sensors.
@@ -153,16 +153,12 @@ def sensors_and_axes(places: Iterable[Place], recording: Recording) -> tuple[tup
     recording : Recording
         Of K sensors, with or without a scalar channel.
     """
-    sensor_count = recording.sensor_count
     places = [(ALL if sensor == SCALAR and recording.scalar_T is None else sensor, axis) for sensor, axis in places]
     found = {sensor for sensor, _ in places}
-    if ALL in found:
-        found = found - {ALL} | set(range(sensor_count))
-    sensors: list[int | str] = [sensor + 1 for sensor in sorted(found - {SCALAR})]
-    if SCALAR in found:
-        sensors.append("scalar")
+    found = found - {ALL} | set(range(recording.sensor_count)) if ALL in found else found
+    sensors: LawPlace = (*(sensor + 1 for sensor in sorted(found - {SCALAR})), *["scalar"] * (SCALAR in found))
     axes = {axis for sensor, axis in places if sensor != SCALAR}
-    return tuple(sensors), tuple(name for index, name in enumerate("xyz") if axes & {index, None})
+    return sensors, tuple(name for index, name in enumerate("xyz") if axes & {index, None})
 
 
 def span_of(channels: WhitenedChannels, excess: FloatArray) -> tuple[float, float] | None:

@@ -171,6 +171,7 @@ class Model:
 
     @cached_property
     def _starts(self) -> Iterator[tuple[SensorErrors, float]]:
+        """The starts of a fit: copies of this iterator share what has been made."""
         return tee(starts(self.recording, self.array), 1)[0]
 
     def _begun(self) -> Iterator["Model"]:

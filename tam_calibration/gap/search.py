@@ -107,8 +107,7 @@ class _CauseSearch:
         for offers in self._offers.of(base, law, self._steps):
             possible = candidates(base, offers, law.signature)
             for number, one in enumerate(possible):
-                left = self._left_by([one], law, others)
-                if left is not None:
+                if (left := self._left_by([one], law, others)) is not None:
                     rest = [*possible[number + 1 :], *_at_times_of(one, offers)]
                     rest += self._offers.special_cases(base, law, one)
                     as_good = [
@@ -116,17 +115,14 @@ class _CauseSearch:
                         for other in rest
                         if _is_near(other, one) and self._left_by([other], law, others) is not None
                     ]
-                    self._accept([one], left, law, as_good)
-                    return left
+                    return self._accept([one], left, law, as_good)
             tried += possible
         for one in tried:
             chain = [one]
             while (again := self._repeated(chain, law)) is not None:
                 chain.append(again)
-                left = self._left_by(chain, law, others)
-                if left is not None:
-                    self._accept(chain, left, law, ())
-                    return left
+                if (left := self._left_by(chain, law, others)) is not None:
+                    return self._accept(chain, left, law, ())
         return None
 
     def _left_by(self, chain: Sequence[Evidence], law: Law, others: Sequence[Law]) -> Residual | None:
@@ -147,8 +143,8 @@ class _CauseSearch:
         is_open = any(not set(one.signature.sensors).isdisjoint(law.signature.sensors) for one in self._open)
         return form.is_variance and (bool(law.found) or is_open)
 
-    def _accept(self, chain: Sequence[Evidence], left: Residual, law: Law, as_good: Sequence[str]) -> None:
-        """Accept an effect, or several forms of it, with what is left beside them, which holds their model."""
+    def _accept(self, chain: Sequence[Evidence], left: Residual, law: Law, as_good: Sequence[str]) -> Residual:
+        """Accept an effect, or several forms of it; return what is left beside them, which holds their model."""
         accepted = list[Evidence]()
         for one in chain:
             accepted.append(absorbed(one, self._steps))
@@ -156,6 +152,7 @@ class _CauseSearch:
             made = at_place(as_made_by(one.effect, law.signature), *place)
             self._steps.append(Step(accepted[-1], made, tuple(dict.fromkeys(as_good))))
         self._model = left.model if accepted == chain else self._with(accepted)
+        return left
 
     def _with(self, chain: Sequence[Evidence]) -> Model:
         """Return the model with further causes."""
@@ -168,8 +165,7 @@ class _CauseSearch:
         """
         if law.found:
             return law.is_gone_from(left, others)
-        least = (1 - MOST) * law.signature.energy * self._gap
-        if law.whole is not None and law.whole.excess - left.excess < least:
+        if law.whole is not None and law.whole.excess - left.excess < (1 - MOST) * law.signature.energy * self._gap:
             return False
         sensors = set(law.signature.sensors)
         there = (one.signature for one in laws_of(left, self._gap) if not sensors.isdisjoint(one.signature.sensors))

@@ -1,11 +1,11 @@
-"""One iteration for all fits, and damped steps whose solutions are those of scipy."""
+"""Damped steps, whose solutions are those of scipy, and roots of matrices."""
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import least_squares
 
-from tam_calibration.core.least_squares import iterate, root_of, scaled, solve_damped
+from tam_calibration.core.least_squares import root_of, scaled, solve_damped
 
 TIMES = np.linspace(0, 2, 12)
 
@@ -20,16 +20,6 @@ def decay(unknowns, _):
 def is_small(unknowns, step):
     """Return which steps change nothing that counts."""
     return np.linalg.norm(step, axis=1) < 1e-11 * np.linalg.norm(unknowns, axis=1)
-
-
-def test_steps_are_taken_until_one_is_the_last():
-    """And the state after it is where the iteration ends."""
-    assert iterate(lambda state: (state // 2, state // 2 == 3), 100, 10) == (3, True)
-
-
-def test_what_does_not_settle_is_told():
-    """With the state after the last step that was allowed."""
-    assert iterate(lambda state: (state + 1, False), 0, 7) == (7, False)
 
 
 @pytest.mark.parametrize("seed", range(4))

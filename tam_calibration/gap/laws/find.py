@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from tam_calibration.effects.grades import FEWEST, MOST, NEGLIGIBLE, NOTABLE, SLIGHT
 from tam_calibration.gap.laws.candidates import candidates
 from tam_calibration.gap.laws.decisions import FREEDOM, LEAST_EVIDENCE, LEAST_SHARE, MOST_TRIED, TIE, TOLERANCE
-from tam_calibration.gap.laws.law import SCALAR, Course
+from tam_calibration.gap.laws.law import SCALAR, Course, Place
 from tam_calibration.gap.laws.patterns import Candidate, switched_gains
 from tam_calibration.gap.laws.states import jumping, sharpened
 from tam_calibration.gap.laws.whitened import Residual
@@ -224,15 +224,12 @@ def _accepted(residual: Residual, tried: list[Candidate]) -> Iterator[tuple[Cand
 
 def _of_fewest_axes(best: Candidate, tried: list[Candidate]) -> Candidate:
     """Return the form of a law with about its evidence that disturbs the fewest axes."""
-    law, sensors = best.pattern.law, best.pattern.sensors
-    forms = [
-        one
-        for one in tried
-        if (one.pattern.law, one.pattern.sensors, one.pattern.follows, one.course)
-        == (law, sensors, best.pattern.follows, best.course)
-        and one.evidence >= best.evidence - TIE
-    ]
+    forms = [one for one in tried if _form(one) == _form(best) and one.evidence >= best.evidence - TIE]
     return min(forms, key=lambda one: (len(one.pattern.axes), -one.evidence))
+
+
+def _form(one: Candidate) -> tuple[str, str, Place, str | None]:
+    return one.pattern.law, one.course, one.pattern.sensors, one.pattern.follows
 
 
 def _is_of_pose(residual: Residual, one: Candidate, again: Repeats) -> bool:
