@@ -3,7 +3,7 @@
 from collections.abc import Callable, Collection, Iterator, Sequence
 from math import exp
 
-from tam_calibration.effects.effect import Effect, Finding, LinearEffect
+from tam_calibration.effects.effect import Effect, Finding, FoundEffect, LinearEffect
 from tam_calibration.effects.grades import MINOR, MOST
 from tam_calibration.effects.library import effect_named, installed_effects
 from tam_calibration.effects.states import Times
@@ -59,7 +59,8 @@ class Offers:
     def of(self, base: Base, law: Law, steps: Sequence[Step]) -> Iterator[list[Evidence]]:
         """Yield the effects that make a law, then others that explain as much; in each list the likeliest first.
 
-        A free course imitates what follows a slow motion: then others are tried too.
+        A free course imitates what follows a slow motion: then others are tried too. Those of which the readings are
+        proof, such as many at the end of a range, come before all.
 
         Parameters
         ----------
@@ -69,22 +70,24 @@ class Offers:
         steps : sequence of Step
             These causes.
         """
-        signature = law.signature
-        times = _times_of(law)
-        own = [name for name in self._effects if may_make(name, signature)]
+        signature, times = law.signature, _times_of(law)
+        others = {name: one for name, one in self._effects.items() if not makes(name, signature)}
+
+        def explaining(names: Sequence[str]) -> list[Evidence]:
+            found = self._examined(base, names, signature, times, steps)
+            return [one for one in found if 1 - exp(-one.gain / base.channels.count) > (1 - MINOR) * law.part]
+
+        proven = explaining([name for name, one in others.items() if isinstance(one, FoundEffect) and one.is_certain])
+        own = self._examined(
+            base, [name for name in self._effects if may_make(name, signature)], signature, times, steps
+        )
         # What predicts a part of a noise is preferred to more variance.
         yield sorted(
-            self._examined(base, own, signature, times, steps),
+            [*proven, *own],
             key=lambda one: (not one.is_certain, isinstance(one.form, Finding) and one.form.is_variance),
         )
         if law.found and signature.course in FREE:
-            others = [name for name in self._effects if not makes(name, signature)]
-            yield [
-                one
-                for one in self._examined(base, others, signature, times, steps)
-                if (isinstance(one.form, Hypothesis) or one.is_certain)
-                and 1 - exp(-one.gain / base.channels.count) > (1 - MINOR) * law.part
-            ]
+            yield explaining([name for name, one in others.items() if isinstance(one, LinearEffect)])
 
     def special_cases(self, base: Base, law: Law, accepted: Evidence) -> list[Evidence]:
         """Return the evidence for effects that were left out and are special cases of an accepted one.

@@ -8,7 +8,7 @@ from tam_calibration.effects.effect import Finding, LinearEffect
 from tam_calibration.effects.grades import MINOR, MOST, NEARLY_ALL, NOTABLE, SLIGHT
 from tam_calibration.effects.library import effect_named
 from tam_calibration.gap.causes import sensors_and_axes
-from tam_calibration.gap.hypothesis import Hypothesis, places_of
+from tam_calibration.gap.hypothesis import Hypothesis, places_of, sensors_of
 from tam_calibration.gap.laws.decisions import LEAST_SHARE
 from tam_calibration.gap.laws.find import repeats
 from tam_calibration.gap.laws.law import Place, as_made_by, at_place, usual_law
@@ -19,6 +19,7 @@ from tam_calibration.gap.offers import Offers, candidates, is_plausible, sensors
 from tam_calibration.gap.size import Evidence, examine
 from tam_calibration.gap.steps import LEAST_EVIDENCE, MOST_CAUSES, Search, Step, absorbed, is_elsewhere, is_new
 from tam_calibration.model.array import Array
+from tam_calibration.model.fitted_effect import ALL
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
 
@@ -98,8 +99,8 @@ class _CauseSearch:
 
         The models of causes are right to some per cent.
         """
-        least = LEAST_SHARE if is_elsewhere(law.signature, self._steps) else MINOR
-        return law.signature.energy < least and bool(self._steps)
+        elsewhere = is_elsewhere(law.signature, self._steps)
+        return bool(self._steps) and law.signature.energy < (LEAST_SHARE if elsewhere else MINOR)
 
     def _explain(self, law: Law, others: Sequence[Law]) -> Residual | None:
         """Accept the first effect that leaves nothing of a law; return what it leaves, or None without one."""
@@ -148,8 +149,10 @@ class _CauseSearch:
         accepted = list[Evidence]()
         for one in chain:
             accepted.append(absorbed(one, self._steps))
-            place = sensors_and_axes(places_of(accepted[-1].form), self._model.recording)
-            made = at_place(as_made_by(one.effect, law.signature), *place)
+            form, made = accepted[-1].form, as_made_by(one.effect, law.signature)
+            # Samples that are far off by much are so by little in all sensors: the law tells where they are.
+            if isinstance(form, Hypothesis) or ALL not in sensors_of(places_of(form)):
+                made = at_place(made, *sensors_and_axes(places_of(form), self._model.recording))
             self._steps.append(Step(accepted[-1], made, tuple(dict.fromkeys(as_good))))
         self._model = left.model if accepted == chain else self._with(accepted)
         return left
@@ -179,8 +182,7 @@ class _CauseSearch:
         model = self._with(chain)
         base = model.base()
         steps = [*self._steps, *(Step(one, law.signature) for one in chain)]
-        times = law.times(residual_of(model))
-        again = examine(base, effect, sensors_for(effect, law.signature, base), times)
+        again = examine(base, effect, sensors_for(effect, law.signature, base), law.times(residual_of(model)))
         if isinstance(again, str) or again.delta_bic < LEAST_EVIDENCE or not is_new(again, steps, base):
             return None
         return again if is_plausible(base, again, law.signature) else None

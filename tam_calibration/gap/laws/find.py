@@ -189,8 +189,7 @@ def _refined(residual: Residual, tried: list[Candidate]) -> Iterator[Candidate]:
     two_states = sorted((one for one in jumps if one.begins_on is not None), key=lambda one: -one.evidence)
     for one in two_states[:4]:
         if one.evidence > 0.8 * top and one.bins is not None and one.bins.order.shape[1] > 1:
-            fine = sharpened(residual, one)
-            if fine is not None:
+            if (fine := sharpened(residual, one)) is not None:
                 yield fine
 
 
