@@ -78,9 +78,8 @@ class Offers:
             return [one for one in found if 1 - exp(-one.gain / base.channels.count) > (1 - MINOR) * law.part]
 
         proven = explaining([name for name, one in others.items() if isinstance(one, FoundEffect) and one.is_certain])
-        own = self._examined(
-            base, [name for name in self._effects if may_make(name, signature)], signature, times, steps
-        )
+        makers = [name for name in self._effects if may_make(name, signature)]
+        own = self._examined(base, makers, signature, times, steps)
         # What predicts a part of a noise is preferred to more variance.
         yield sorted(
             [*proven, *own],

@@ -188,9 +188,9 @@ def _refined(residual: Residual, tried: list[Candidate]) -> Iterator[Candidate]:
     yield from jumps
     two_states = sorted((one for one in jumps if one.begins_on is not None), key=lambda one: -one.evidence)
     for one in two_states[:4]:
-        if one.evidence > 0.8 * top and one.bins is not None and one.bins.order.shape[1] > 1:
-            if (fine := sharpened(residual, one)) is not None:
-                yield fine
+        is_coarse = one.evidence > 0.8 * top and one.bins is not None and one.bins.order.shape[1] > 1
+        if is_coarse and (fine := sharpened(residual, one)) is not None:
+            yield fine
 
 
 def _in_question(residual: Residual, tried: list[Candidate], again: Repeats | None) -> list[Candidate]:
