@@ -13,7 +13,8 @@ from tam_calibration.gap import diagnose
 from tam_calibration.gap.diagnose import judge
 from tam_calibration.gap.laws.law import Signature
 from tam_calibration.gap.laws.signature import Law
-from tam_calibration.gap.offers import is_plausible
+from tam_calibration.gap.model import Model
+from tam_calibration.gap.offers import Offers, is_plausible
 from tam_calibration.gap.steps import Search
 from tam_calibration.model.recording import Recording
 
@@ -83,6 +84,15 @@ def test_readings_of_other_sensors_are_no_cause(run, sensors, is_possible):
     law = Signature("rate", "random", (2,), ("x", "y", "z"), 1.0, ((2,),), None, (), 100.0)
     offer = SimpleNamespace(effect="stale_samples", form=form)
     assert is_plausible(run().model().base(), offer, law) is is_possible
+
+
+def test_what_the_readings_prove_is_tried_first(run):
+    """An axis that stays at the end of its range comes before a step of its scale, of which it may look like one."""
+    made = clipped(run(SAMPLES), 45e-6)
+    law = Law(Signature("gain", "step", (3,), ("x", "y", "z"), 1.0, ((3,),), None, (), 100.0), 0.1)
+    model = Model.nominal(made.recording, made.array)
+    offers = next(Offers(model, (), lambda *_: None).of(model.base(), law, ()))
+    assert offers[0].effect == "saturation"
 
 
 def test_readings_that_were_filled_in_are_no_spikes(run):
