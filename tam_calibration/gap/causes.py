@@ -57,7 +57,7 @@ def numbered_causes(found: Search, model: Model, size: Size, chances: Mapping[st
         places = _places(effect, covariates)
         sensors, axes = sensors_and_axes(places, model.recording)
         if isinstance(step.accepted.form, Finding) and ALL in sensors_of(places):
-            sensors = step.law.sensors
+            sensors, axes = step.law.sensors, step.law.axes
         elif len(sensors) == 1 and not acts_at(effect.effect, sensors):
             # What shows in one place alone, such as the scalar, acts in all.
             sensors, axes = sensors_and_axes([(ALL, None), (SCALAR, None)], model.recording)

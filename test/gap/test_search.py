@@ -95,6 +95,17 @@ def test_what_the_readings_prove_is_tried_first(run):
     assert offers[0].effect == "saturation"
 
 
+def test_spikes_of_one_axis_are_in_that_one(run):
+    """Also where a single reading of another sensor is far off."""
+    spikes, other = np.zeros((2, SAMPLES))
+    spikes[[30, 111, 190, 222]] = 1e-7, -1.2e-7, 0.8e-7, 1.1e-7
+    other[77] = 12e-9
+    made = run(SAMPLES).with_row(7, spikes).with_row(1, other)
+    gap = diagnose(made.recording, made.array)
+    assert [(one.fitted.effect, one.sensors, one.axes) for one in gap.causes] == [("outliers", (3,), ("y",))]
+    assert [(law.law, law.sensors, law.axes) for law in gap.signature] == [("samples", (3,), ("y",))]
+
+
 def test_readings_that_were_filled_in_are_no_spikes(run):
     """Where no effect that is tried fills readings in they stay unexplained."""
     clean = run(600)
