@@ -48,6 +48,7 @@ def test_save_writes_what_was_calibrated(bench, recording, tmp_path):
     first = bench.start_nodes(collector={}, calibrator={"calibration_file": path})
     answer = bench.call("calibrator/save")
     assert not answer.success and "no calibration" in answer.message and "calibrator/calibrate" in answer.message
+    assert not path.exists()
     samples = bench.listen(sensor_msgs.PointCloud2, "samples")
     publish = bench.publish_sensors()
     bench.connect(collector={"samples": 2})
