@@ -51,6 +51,7 @@ WITHIN_95 = 1.959964
 """Standard deviations of a normal variable between which 95 % lie."""
 
 SPHERE, VEHICLE = RandomAttitudes(), Manoeuvre(from_degrees(30.0), from_degrees(30.0), 60.0)
+"""All attitudes, and those that a vehicle reaches: 30° of roll and pitch in a turn of a minute."""
 
 Row = tuple[str, str, float, float]
 

@@ -76,6 +76,7 @@ TREATMENTS: dict[str, AbstractContextManager] = {
     "taken for independent": patch.object(module, "interpolate", _interpolate_as_own),
 }
 FAST, SLOW = Tumble(from_degrees(90.0)), Tumble(from_degrees(6.0))
+"""Rates of turning at which the field changes much and little between two readings of the scalar."""
 CASES = {
     "90°/s, steady field": (FAST, None, 10, 600),
     "6°/s, steady field": (SLOW, None, 10, 600),

@@ -145,7 +145,7 @@ class _CauseSearch:
         return form.is_variance and (bool(law.found) or is_open)
 
     def _accept(self, chain: Sequence[Evidence], left: Residual, law: Law, as_good: Sequence[str]) -> Residual:
-        """Accept an effect, or several forms of it; return what is left beside them, which holds their model."""
+        """Accept an effect, or several forms of it, and return the residual that they leave."""
         accepted = list[Evidence]()
         for one in chain:
             accepted.append(absorbed(one, self._steps))

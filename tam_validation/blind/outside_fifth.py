@@ -44,7 +44,7 @@ def missed_cycles(rng: Generator, scene: Scene) -> Disturbance:
 
 
 def warm_cable(rng: Generator, scene: Scene, _sensor: int) -> FloatArray:
-    """Lay a twisted cable beside a sensor: the heat of the square of the recorded current reaches it, and its bias."""
+    """Lay a twisted cable beside a sensor: its heat, by the square of the recorded current, shifts the bias late."""
     return np.outer(_followed(rng, scene, lambda time_s: scene.current(time_s) ** 2), rng.normal(size=3))
 
 
@@ -102,7 +102,7 @@ def overload_tail(rng: Generator, scene: Scene, sensor: int) -> FloatArray:
 
 
 def draining_queue(rng: Generator, scene: Scene) -> Disturbance:
-    """Stamp the readings of a sensor as they arrive: a busy bus holds them up at times, and the queue drains slowly."""
+    """Stamp the readings of a sensor on arrival: at times a busy bus delays them, until its queue is empty again."""
     late = np.zeros(scene.sample_count)
     for start_s in rng.uniform(0, 0.93, int(rng.integers(4, 9))) * scene.duration_s:
         drained = (scene.time_s - start_s) / (scene.duration_s * rng.uniform(0.02, 0.07))

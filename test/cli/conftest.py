@@ -22,7 +22,7 @@ def files(tmp_path_factory, recording, cross):
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch, files):
-    """Give a working folder with copies of the files, or of those that a module has instead."""
+    """Work in a folder with copies of the fixture `files`, which a module may replace; return it."""
     monkeypatch.chdir(tmp_path)
     shutil.copytree(files, tmp_path, dirs_exist_ok=True)
     return tmp_path

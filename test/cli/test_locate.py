@@ -84,7 +84,7 @@ def agrees(found, position_m, deviations=5.0):
 
 
 @pytest.fixture(scope="module")
-def told(folder):
+def printed(folder):
     """Return what is printed of the pass with an exact velocity; its JSON and its page are written."""
     outputs = ("--json", str(folder / "pass.json"), "--report", str(folder / "page.html"))
     result = run(folder, "pass.csv", "--velocity", "1.5,0,0", "--velocity-error", "0", *outputs)
@@ -93,7 +93,7 @@ def told(folder):
 
 
 @pytest.fixture(scope="module")
-def passed_by(folder, told):
+def passed_by(folder, printed):
     """Return that JSON."""
     return json.loads((folder / "pass.json").read_text())
 
@@ -175,7 +175,7 @@ def test_without_attitude_the_frame_is_the_array_s(folder, dipoles_alone):
 
 
 def test_an_array_that_never_stands_still(folder, dipoles_alone):
-    """Field and gradient are demodulated as they turn; the error of finite baselines is left, and told."""
+    """Field and gradient are demodulated as they turn; the error of finite baselines is left, and printed."""
     result = run(folder, "spin.csv", "--frequency", "10", "--json", str(folder / "spin.json"))
     assert "never stood still" in result.stdout
     [sample] = json.loads((folder / "spin.json").read_text())["samples"]
@@ -192,7 +192,7 @@ def test_an_array_that_never_stands_still(folder, dipoles_alone):
     ],
 )
 def test_a_dipole_is_no_line(folder, arguments, reason):
-    """Neither a coil nor a wreck is located as a line, and the reason is told."""
+    """Neither a coil nor a wreck is located as a line, and the reason is printed."""
     result = run(folder, *arguments)
     assert result.exit_code == 1
     assert reason in " ".join(result.stdout.split())
@@ -221,9 +221,9 @@ def test_two_coils_are_told(folder, cross, true_errors):
         assert result.exit_code == 1 and reason in " ".join(result.stdout.split())
 
 
-def test_table_and_page(folder, told):
+def test_table_and_page(folder, printed):
     """The terminal has a row for the target, the page its map."""
-    assert "dipole" in told and f"written: {folder / 'page.html'}" in told
+    assert "dipole" in printed and f"written: {folder / 'page.html'}" in printed
     assert "Map of the lines and their targets" in (folder / "page.html").read_text()
 
 

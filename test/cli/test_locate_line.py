@@ -53,7 +53,7 @@ def run(folder, name, *words):
     return CliRunner().invoke(main, ["locate", str(folder / name), "--calibration", str(folder / "c.yaml"), *words])
 
 
-def told(folder, name, *words):
+def printed(folder, name, *words):
     """Return what the command prints, and its JSON."""
     result = run(folder, name, *words, "--json", str(folder / "answer.json"))
     assert result.exit_code == 0, result.stderr
@@ -62,7 +62,7 @@ def told(folder, name, *words):
 
 def test_targets_are_listed_with_their_errors(folder):
     """Both dipoles, in the world of the positions, within five standard errors."""
-    words, answer = told(folder, "line.csv", "--position-error-m", "0.01", "--position-drift-m", "0.02")
+    words, answer = printed(folder, "line.csv", "--position-error-m", "0.01", "--position-drift-m", "0.02")
     assert words.startswith("2 targets along the line.")
     assert len(answer["targets"]) == 2 and answer["notes"] == []
     for target in answer["targets"]:
@@ -79,7 +79,7 @@ def test_the_answer_says_what_the_gyroscope_did(folder, tmp_path):
     rates[0] = ",wx_rad_s,wy_rad_s,wz_rad_s"
     holed = tmp_path / "holed.csv"
     holed.write_text("\n".join(map("".join, zip(lines, rates, strict=True))))
-    words, answer = told(folder, holed)
+    words, answer = printed(folder, holed)
     [note] = answer["notes"]
     assert "the angular velocity has gaps" in note and "the angular velocity has gaps" in words
 
