@@ -15,6 +15,7 @@ Björck, Numerical Methods in Scientific Computing I, SIAM, 2008, section 4.2, f
 Angular velocities come quicker than samples, and are averaged instead: see `AveragedRates`.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from math import sqrt
@@ -241,7 +242,7 @@ class AveragedRates:
         self._stamps_ns, self._rates = np.empty(0, dtype=np.int64), np.empty((0, 3))
         self._last_ns: int | None = None
         self._is_even = True
-        self._before = np.full((2, 3), np.nan)
+        self._before: tuple[Sequence[float], Sequence[float]] = ((np.nan,) * 3,) * 2
 
     def add(self, stamps_ns: IntArray | None, rates: FloatArray) -> None:
         """Take messages: their stamps (n,) and angular velocities (n, 3)."""
@@ -253,6 +254,23 @@ class AveragedRates:
         most = 65_536
         self._stamps_ns = np.concatenate([self._stamps_ns, stamps_ns[known]])[-most:]
         self._rates = np.concatenate([self._rates, rates[known]])[-most:]
+
+    def has_one_at_most(self, stamp_ns: int, newest: Sequence[float]) -> bool:
+        """Return whether the newest angular velocity is that of the next sample, which then counts: it costs little.
+
+        Parameters
+        ----------
+        stamp_ns : int
+            Of the sample.
+        newest : (3,) sequence of float
+            What joined it; NaN where nothing did.
+        """
+        if len(self._stamps_ns) > 1 or self._last_ns is None or stamp_ns <= self._last_ns:
+            return False
+        if len(self._stamps_ns) and self._stamps_ns[0] <= stamp_ns:
+            self._stamps_ns, self._rates = self._stamps_ns[1:], self._rates[1:]
+        self._last_ns, self._before = stamp_ns, (self._before[1], newest)
+        return True
 
     def means(self, stamps_ns: IntArray, newest: FloatArray) -> FloatArray:
         """Return the angular velocities (n, 3) of samples, the newest ones where there are not several for one.
@@ -280,6 +298,6 @@ class AveragedRates:
         means = np.where((count > 1) & np.isfinite(newest), (sums[last] - sums[first]) / count, newest)
         course = np.vstack([self._before, means])
         bend = (1 - 1 / count**2) / 24 * np.diff(course, 2, axis=0)
-        self._last_ns, self._before = int(stamps_ns[-1]), course[-2:]
+        self._last_ns, self._before = int(stamps_ns[-1]), (course[-2], course[-1])
         self._stamps_ns, self._rates = self._stamps_ns[last[-1] :], self._rates[last[-1] :]
         return np.where(np.isfinite(bend), means - bend, means)

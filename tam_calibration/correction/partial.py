@@ -300,9 +300,11 @@ class ContradictionSearch:
     def __init__(self, calibration: Calibration) -> None:
         errors, count = calibration.errors, calibration.errors.sensor_count
         self._unmix, self._bias_T, self._sensor_count = np.linalg.inv(errors.matrix), errors.bias_T, count
-        weights = np.vstack([np.eye(count) - 1 / count, np.full(count, 1 / count)])  # of deviations, and of the mean
+        # Of the deviations from the mean of all, and of what a deviation of the least part of the others' field is.
+        least_part = _APART * (1 - 1 / count) / (1 + _APART / count)
+        weights = np.vstack([np.eye(count) - 1 / count, np.full(count, least_part / count)])
         self._deviations = np.einsum("ik,kab->kbia", weights, self._unmix).reshape(3 * count, -1)
-        self._least_part2 = (_APART * (1 - 1 / count) / (1 + _APART / count)) ** 2
+        self._signs = np.repeat([1.0, -1.0], [3 * count, 3])
         self._count, self._begin_s = 0, 0.0
         self._wrong, self._first_s = Counter[int](), dict[int, list[float]]()
 
@@ -320,18 +322,14 @@ class ContradictionSearch:
         self._begin_s = self._begin_s if self._count else float(time_s[0])
         self._count += len(codes)
         # Sensors of which the others outvote one.
-        if self._sensor_count >= 3 and (suspected := np.flatnonzero(self._may_fail(readings_T))).size:
-            codes[suspected] = self._failing(time_s[suspected], readings_T[suspected])
+        if self._sensor_count >= 3:
+            # One that fails deviates from the mean of all by (K - 1) / K of what it does from that of the others. All
+            # that deviate by less together are spared the rest.
+            parts = (readings_T - self._bias_T).reshape(len(readings_T), -1) @ self._deviations
+            is_suspect = ~(parts * parts @ self._signs < 0)
+            if is_suspect.any():
+                codes[is_suspect] = self._failing(time_s[is_suspect], readings_T[is_suspect])
         return codes
-
-    def _may_fail(self, readings_T: FloatArray) -> np.ndarray:
-        """Return where a sensor may deviate by the least part of the field from the mean of the others.
-
-        From the mean of all it then deviates by (K - 1) / K of that. Samples of sound sensors are spared the rest.
-        """
-        parts = (readings_T - self._bias_T).reshape(len(readings_T), -1) @ self._deviations
-        squares = np.square(parts).reshape(len(parts), -1, 3).sum(axis=2)
-        return np.asarray(~(squares[:, :-1].max(axis=1) < self._least_part2 * squares[:, -1]))
 
     def _failing(self, time_s: FloatArray, readings_T: FloatArray) -> IntArray:
         """Return the codes of samples, and count those of each sensor."""

@@ -1,5 +1,7 @@
 """Coverage while samples arrive, and what the turn has bought so far: how well a fit would tell the bias by now."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from tam_calibration.fit.coverage import CELLS, Coverage, judge_coverage, measure_coverage
@@ -27,18 +29,17 @@ class LiveCoverage:
 
     def reset(self) -> None:
         """Forget all samples."""
-        self._kept: list[FloatArray] = []
+        self._kept: list[tuple[float, ...]] = []
         self._stride, self._seen, self._turned = 1, 0, 0
 
-    def add(self, readings_T: FloatArray, time_s: float = np.nan, has_rates: bool = False) -> None:
-        """Add raw readings (n, K, 3), their stamp, and whether their angular velocity is known."""
-        self._turned += has_rates * len(readings_T)
-        for reading in readings_T[:, 0]:
-            if self._seen % self._stride == 0:
-                self._kept.append(np.append(reading, time_s))
-                if len(self._kept) == self._capacity:
-                    self._kept, self._stride = self._kept[::2], 2 * self._stride
-            self._seen += 1
+    def add(self, reading_T: Sequence[float], time_s: float = np.nan, has_rates: bool = False) -> None:
+        """Add the raw reading (3,) of sensor 1, its stamp, and whether its angular velocity is known."""
+        self._turned += has_rates
+        if self._seen % self._stride == 0:
+            self._kept.append((*reading_T, time_s))
+            if len(self._kept) == self._capacity:
+                self._kept, self._stride = self._kept[::2], 2 * self._stride
+        self._seen += 1
 
     def summary(self) -> Coverage:
         """Return the coverage so far."""

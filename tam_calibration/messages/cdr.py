@@ -3,6 +3,7 @@
 import struct
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -208,13 +209,19 @@ def read_stamp_and_doubles(message: bytes, count: int) -> tuple[int, tuple[float
         When the message is truncated or not plain CDR, or its stamp is no time.
     """
     try:
-        order = _ORDERS[message[:2]]
-        seconds, nanoseconds, length = struct.unpack_from(f"{order}iII", message, BODY)
-        begin = BODY + (_HEAD_SIZE + length + 7 & -8)
-        values = struct.unpack_from(f"{order}{count}d", message, begin)
+        place = _stamp_and_doubles(message[:2], message[FRAME_ID - 4 : FRAME_ID], count)
+        seconds, nanoseconds, *values = place.unpack_from(message)
     except (KeyError, struct.error):
         raise InputError(_DAMAGED) from None
-    return stamp_of(seconds, nanoseconds), values
+    return stamp_of(seconds, nanoseconds), tuple(values)
+
+
+@lru_cache(maxsize=64)
+def _stamp_and_doubles(order: bytes, length: bytes, count: int) -> struct.Struct:
+    """Return where stamp and doubles are in messages of an order whose frames' names have a length."""
+    (size,) = struct.unpack(f"{_ORDERS[order]}I", length)
+    begin = BODY + (_HEAD_SIZE + size + 7 & -8)
+    return struct.Struct(f"{_ORDERS[order]}{BODY}xiI{begin - BODY - 8}x{count}d")
 
 
 def unpack_from(message: bytes, kinds: str, place: int) -> tuple[Any, ...]:

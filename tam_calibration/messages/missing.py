@@ -209,7 +209,7 @@ class _GrowingRange:
     def _renew(self) -> None:
         found = Range.of(self._stream, np.array(self._kept))
         self._center, self._reach = found.center.tolist(), found.reach
-        self._due = self._seen + self._seen // 16 + 1
+        self._due = self._seen + self._seen // 4  # an arc that grows by a quarter stays far within five times
         if len(self._kept) > 1024:
             self._kept, self._stride = self._kept[1::2], 2 * self._stride
 

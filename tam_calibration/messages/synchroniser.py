@@ -404,7 +404,7 @@ class Synchroniser:
             if not is_decided and stream in self._sensors and self._silence.is_dead(stream, self._horizon):
                 is_decided, message = stream.find(key, True)
             if not is_decided:
-                self._waits_for = stream
+                self._waits_for = self._last_to_come(key, stream)
                 return None
             if message is not None and message[0] > key and 2 * (message[0] - key) >= shortest:
                 if len(pending) == 1 and not self._is_overdue(pace):
@@ -417,6 +417,14 @@ class Synchroniser:
             if message is None and stream in self._sensors and not self._silence.is_silent(stream, key):
                 break
         return partners
+
+    def _last_to_come(self, key: int, undecided: Stream) -> Stream:
+        """Return the last of the streams that a sample waits for, so that not each of their messages is a new look."""
+        for stream in reversed(self._partners):
+            is_to_come = stream.awaited and stream.newest < key and not self._is_overdue(stream)
+            if is_to_come and not (stream in self._sensors and self._silence.is_dead(stream, self._horizon)):
+                return stream
+        return undecided
 
     def _shortest_interval(self, key: int) -> int:
         """Return the shortest of the intervals that are remembered at a sample; 0 where they are too few."""

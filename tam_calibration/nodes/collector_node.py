@@ -276,7 +276,8 @@ class Collector(TamNode):
             values = self._turns[stream](*values)
         if stream == "gyroscope":
             self._rates.add(None if stamp_ns is None else np.array([stamp_ns]), np.array([values]))
-        self._deliver(self._synchroniser.push(stream, stamp_ns, values, arrived_ns))
+        if samples := self._synchroniser.push(stream, stamp_ns, values, arrived_ns):
+            self._deliver(samples)
         if self._synchroniser.steps:
             self._tell_steps(self._synchroniser)
 
@@ -309,28 +310,25 @@ class Collector(TamNode):
         )
 
     def _deliver(self, samples: Sequence[Sample]) -> None:
-        for sample in self._averaged(samples):
+        for sample in map(self._averaged, samples):
             if self._run.begins_again(sample.stamp_ns, sample.values[: 3 * len(self._sensors)]):
                 self._coverage.reset()
                 self.get_logger().warning("a recording is played once more: its first sample begins the run anew")
             if not math.isnan(sum(sample.values[: 3 * len(self._sensors)])):
                 has_rates = not math.isnan(sample.values[self._at_rates.start])
-                self._coverage.add(np.array(sample.values[:3]).reshape(1, 1, 3), sample.stamp_ns / 1e9, has_rates)
+                self._coverage.add(sample.values[:3], sample.stamp_ns / 1e9, has_rates)
             if self._samples.get_subscription_count():
                 row = self._row.pack(sample.stamp_ns / 1_000_000_000, *sample.values)
                 self._samples.publish(self._writer.message(to_stamp(sample.stamp_ns), row))
 
-    def _averaged(self, samples: Sequence[Sample]) -> Sequence[Sample]:
-        """Return samples with the mean angular velocity since the one before; else the newest."""
-        if "gyroscope" not in self._stamps or not samples:
-            return samples
-        newest = np.array([sample.values[self._at_rates] for sample in samples])
-        means = self._rates.means(np.array([sample.stamp_ns for sample in samples]), newest)
-        first, last = self._at_rates.start, self._at_rates.stop
-        return [
-            sample._replace(values=(*sample.values[:first], *rates, *sample.values[last:]))
-            for sample, rates in zip(samples, means.tolist(), strict=True)
-        ]
+    def _averaged(self, sample: Sample) -> Sample:
+        """Return a sample with the mean angular velocity since the one before; else the newest."""
+        stamp_ns, values = sample.stamp_ns, sample.values
+        newest = values[self._at_rates]
+        if self._rates.has_one_at_most(stamp_ns, newest):
+            return sample
+        [mean] = self._rates.means(np.array([stamp_ns]), np.array([newest])).tolist()
+        return sample._replace(values=(*values[: self._at_rates.start], *mean, *values[self._at_rates.stop :]))
 
     def _show_coverage(self) -> None:
         self._subscribe()

@@ -193,13 +193,14 @@ class Corrector(CalibratedNode):
             missing = missing_codes(readings)
             readings = correction.partial.filled(readings, missing)
         failing = correction.contradiction.codes_of(time_s, readings)
+        if missing is None and not failing.any():
+            self._missing = self._failing = 0
+            return None
         if new := sensors_of(int(np.bitwise_or.reduce(failing)) & ~self._told):
             names = " and ".join(map(str, new))
             self.get_logger().warning(f"sensor {names} contradicts the others at {time_s[failing > 0][0]:.2f} s")
             self._told |= int(np.bitwise_or.reduce(failing))
         self._missing, self._failing = 0 if missing is None else int(missing[-1]), int(failing[-1])
-        if missing is None and not failing.any():
-            return None
         return failing if missing is None else failing | missing
 
     def _in_run_time(self, rows: Rows, last: int) -> FloatArray:

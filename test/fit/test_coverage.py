@@ -75,7 +75,8 @@ def test_live_coverage_sees_through_a_large_bias():
     """Raw readings about a bias of ten times the field are judged as the fields are."""
     live = LiveCoverage()
     directions = sphere(2000)
-    live.add((FIELD_T * directions + np.array([4e-4, -3e-4, 0]))[:, None])
+    for reading in FIELD_T * directions + np.array([4e-4, -3e-4, 0]):
+        live.add(reading)
     expected = measure_coverage(FIELD_T * directions)
     assert live.summary().fraction == pytest.approx(expected.fraction, abs=0.02)
 
@@ -84,7 +85,8 @@ def test_live_coverage_keeps_its_memory_bounded():
     """More samples than its capacity are thinned, not kept, and a reset forgets them."""
     live = LiveCoverage(capacity=100)
     for _ in range(50):
-        live.add((FIELD_T * sphere(37))[:, None])
+        for reading in FIELD_T * sphere(37):
+            live.add(reading)
     assert 50 <= live.summary().counts.sum() < 100
     live.reset()
     assert live.summary().fraction == 0

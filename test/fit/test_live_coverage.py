@@ -25,7 +25,7 @@ def test_what_a_turn_has_bought_is_told_without_a_fit(true_errors, cross):
     beside = replace(recording, angular_velocity_rad_s=rates_of_dive(gyroscope, rng, time_s, tilt))
     coverage = LiveCoverage()
     for reading, stamp_s in zip(recording.readings_T, time_s.tolist(), strict=True):
-        coverage.add(reading[None], stamp_s, True)
+        coverage.add(reading[0], stamp_s, True)
     for told, each in zip(coverage.bought(array), (recording, beside), strict=True):
         found = calibrate(each, array).standard_errors[0, 6:9].max()
         assert told == pytest.approx(found, rel=0.2)
