@@ -304,6 +304,7 @@ class ContradictionSearch:
         least_part = _APART * (1 - 1 / count) / (1 + _APART / count)
         weights = np.vstack([np.eye(count) - 1 / count, np.full(count, least_part / count)])
         self._deviations = np.einsum("ik,kab->kbia", weights, self._unmix).reshape(3 * count, -1)
+        self._of_bias = self._bias_T.ravel() @ self._deviations
         self._signs = np.repeat([1.0, -1.0], [3 * count, 3])
         self._count, self._begin_s = 0, 0.0
         self._wrong, self._first_s = Counter[int](), dict[int, list[float]]()
@@ -325,9 +326,10 @@ class ContradictionSearch:
         if self._sensor_count >= 3:
             # One that fails deviates from the mean of all by (K - 1) / K of what it does from that of the others. All
             # that deviate by less together are spared the rest.
-            parts = (readings_T - self._bias_T).reshape(len(readings_T), -1) @ self._deviations
-            is_suspect = ~(parts * parts @ self._signs < 0)
-            if is_suspect.any():
+            parts = readings_T.reshape(len(readings_T), -1) @ self._deviations - self._of_bias
+            excess = parts * parts @ self._signs
+            if not all(each < 0 for each in excess.tolist()):
+                is_suspect = ~(excess < 0)
                 codes[is_suspect] = self._failing(time_s[is_suspect], readings_T[is_suspect])
         return codes
 

@@ -193,7 +193,7 @@ class Corrector(CalibratedNode):
             missing = missing_codes(readings)
             readings = correction.partial.filled(readings, missing)
         failing = correction.contradiction.codes_of(time_s, readings)
-        if missing is None and not failing.any():
+        if missing is None and not any(failing.tolist()):
             self._missing = self._failing = 0
             return None
         if new := sensors_of(int(np.bitwise_or.reduce(failing)) & ~self._told):
