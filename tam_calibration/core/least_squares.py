@@ -123,6 +123,16 @@ def solve_damped(
         is_last = is_small(unknowns[at], change)
         is_found[at[is_last]] = True
         is_open[at[is_last | (damping[at] > 1e12)]] = False
+    return _solution(unknowns, chi_square, normal, is_found)
+
+
+def solution_at(predict: Predict, data: FloatArray, unknowns: FloatArray, is_found: np.ndarray) -> Solution:
+    """Return the solutions of M problems whose unknowns (M, P) are known."""
+    chi_square, normal, _ = _linearize(predict, data, unknowns, np.arange(len(data)))
+    return _solution(unknowns, chi_square, normal, is_found)
+
+
+def _solution(unknowns: FloatArray, chi_square: FloatArray, normal: FloatArray, is_found: np.ndarray) -> Solution:
     covariance, is_determined = _invert(normal)
     return Solution(unknowns, covariance, chi_square, is_found & is_determined & np.isfinite(unknowns).all(axis=1))
 

@@ -136,11 +136,8 @@ def locate_run(samples: Samples, prior: Regional) -> tuple[EulerSolutions, Regio
         at = np.flatnonzero(world.is_located)
         if not len(at) and not number:
             return world, regional
-        if len(at) < _FEWEST_LOCATED:
-            raise Refused(
-                f"only {len(at)} samples are located, too few to tell one source from several: {_FEWEST_LOCATED} are "
-                f"needed. {_MEND}"
-            )
+        if number and len(at) < _FEWEST_LOCATED:  # also beside the field that the first ones tell
+            break
         part = _part_of(at, part)
         shared = fit_shared(samples.take(part), world.take(part), regional, prior)
         is_settled, regional = _is_near(regional, shared.regional), shared.regional
@@ -148,6 +145,11 @@ def locate_run(samples: Samples, prior: Regional) -> tuple[EulerSolutions, Regio
             break
     else:
         raise Refused(f"{_not_of_one(samples.index)}: no source explains all of them. {_MEND}")
+    if len(at) < _FEWEST_LOCATED:
+        raise Refused(
+            f"only {len(at)} samples are located, too few to tell one source from several: {_FEWEST_LOCATED} are "
+            f"needed. {_MEND}"
+        )
     _require_noise(shared, samples.index)
     if len(part) < len(at):
         shared = fit_shared(samples.take(at), world.take(at), regional, prior)

@@ -12,14 +12,14 @@ from functools import partial
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.core.least_squares import scaled, solve_damped
+from tam_calibration.core.least_squares import scaled, solution_at, solve_damped
 from tam_calibration.localization.euler import DIPOLE_INDEX, locate
 from tam_calibration.localization.line_fit import CURRENT_INDEX, DIPOLES_INDEX, OutputFit, directions_of, fit_lines
 from tam_calibration.localization.solutions import EulerSolutions, Status, in_pieces
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray
-from tam_calibration.sources.dipole import dipole_field
+from tam_calibration.sources.dipole import dipole_field, field_by_moment
 
 SOURCES = {CURRENT_INDEX: "line of current", DIPOLES_INDEX: "line of dipoles", DIPOLE_INDEX: "dipole"}
 """Of each structural index."""
@@ -48,11 +48,38 @@ class Dipoles:
         weights = self.weights[at]
         return (weights @ field.reshape(len(at), -1, 1))[..., 0], weights @ slopes
 
+    def with_moments(
+        self, data: FloatArray, places_m: FloatArray, at: np.ndarray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return places with the moments (n, 6) that fit data (N, D) best there.
 
-def _is_small(unknowns: FloatArray, step: FloatArray) -> np.ndarray:
-    """Return whether steps (N, 6) hardly change positions and moments."""
-    size, change = (norm(each.reshape(-1, 2, 3), axis=2) for each in (unknowns, step))
-    return np.asarray((change <= 1e-11 * size).all(axis=1))
+        With them are the slopes (n, D, 3) of the data by the moments, and what makes the moments of the data (n, 3, D).
+        """
+        field = field_by_moment(self.points_m - places_m[:, None]).reshape(len(at), -1, 3)
+        slopes = self.weights[at] @ field
+        turned = np.swapaxes(slopes, 1, 2)
+        unit, scale = scaled(np.nan_to_num(turned @ slopes, posinf=0.0))
+        least = 1e-14 * np.eye(3)  # far away there is no field, and the matrix is zero
+        inverse = np.linalg.solve(unit + least, turned / scale[..., None]) / scale[..., None]
+        moments = (inverse @ data[at][..., None])[..., 0]
+        return np.concatenate([places_m, moments], axis=1), slopes, inverse
+
+    def predict_projected(
+        self, data: FloatArray, places_m: FloatArray, at: np.ndarray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the data of the moments that fit best, and their derivatives (n, D, 3) by the place (Kaufman, 1975).
+
+        Places alone converge where place and moment together creep along a bent valley.
+        """
+        unknowns, by_moment, inverse = self.with_moments(data, places_m, at)
+        predicted, slopes = self.predict(unknowns, at)
+        by_place = slopes[..., :3]
+        return predicted, by_place - by_moment @ (inverse @ by_place)
+
+
+def _is_small(places_m: FloatArray, step: FloatArray) -> np.ndarray:
+    """Return whether steps (N, 3) hardly change places."""
+    return np.asarray(norm(step, axis=1) <= 1e-11 * norm(places_m, axis=1))
 
 
 def fit_fields(
@@ -95,11 +122,13 @@ def fit_fields(
     weights = np.broadcast_to(whitening @ by_points, (len(values), *by_points.shape))
     if index != DIPOLE_INDEX:
         return fit_lines(data, points_m, weights, start, index)
-    dipoles = Dipoles(points_m, weights)
+    dipoles, all_of_them = Dipoles(points_m, weights), np.arange(len(values))
     with np.errstate(over="ignore", invalid="ignore"):  # what a step leads far away makes no field there
-        solution = solve_damped(dipoles.predict, data, start, _is_small)
-        field_T = dipole_field(-solution.unknowns[:, :3], solution.unknowns[:, 3:])[0]
-        predicted, slopes = dipoles.predict(solution.unknowns, np.arange(len(values)))
+        places = solve_damped(partial(dipoles.predict_projected, data), data, start[:, :3], _is_small)
+        unknowns = dipoles.with_moments(data, places.unknowns, all_of_them)[0]
+        solution = solution_at(dipoles.predict, data, unknowns, places.is_found)
+        field_T = dipole_field(-unknowns[:, :3], unknowns[:, 3:])[0]
+        predicted, slopes = dipoles.predict(unknowns, all_of_them)
     return OutputFit(solution, field_T, data - predicted, slopes)
 
 

@@ -243,8 +243,8 @@ _FARTHEST_M = 1e4
 _LARGEST_TURN = 0.5
 """Radians: no error of the attitude is as large, and what a wild fit leaves of the field was not made by one."""
 
-_AS_GOOD = 9.0
-"""χ² by which another dipole may be worse and still explain the sample: three standard deviations."""
+_AS_GOOD = 6.0
+"""χ² by which another dipole may be worse and still explain the sample: its likelihood is then a twentieth."""
 
 
 def less_turned(
@@ -352,7 +352,7 @@ class _Beside:
         at = np.argmin(chi_square, axis=0), np.arange(count)
         covariance, least = solution.covariance.reshape(*shape, 6, 6)[at], chi_square[at]
         apart = np.sum((unknowns[..., :3] - unknowns[at][:, :3]) ** 2, axis=2)
-        is_other = apart > _AS_GOOD * np.trace(covariance[:, :3, :3], axis1=1, axis2=2)
+        is_other = apart > np.trace(covariance[:, :3, :3], axis1=1, axis2=2)
         is_ambiguous = (is_other & (chi_square < least + _AS_GOOD)).any(axis=0)
         own = field_T.reshape(*shape, 3)[at]
         return _Found(unknowns[at], covariance, least, np.isfinite(least), own, is_ambiguous)

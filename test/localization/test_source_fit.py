@@ -35,6 +35,26 @@ def test_derivatives_are_those_of_differences():
         assert_allclose(derivative[..., column], expected, rtol=1e-6, atol=1e-7 * np.abs(expected).max())
 
 
+def test_with_the_moment_that_fits_best_the_place_alone_leads_to_the_truth():
+    """Derivatives are exact where nothing is left, and the moment there is the true one."""
+    dipoles = Dipoles(POINTS, OWN)
+    data = dipoles.predict(TRUTH, ALL)[0]
+    assert_allclose(dipoles.with_moments(data, PLACES, ALL)[0], TRUTH, rtol=1e-9)
+    derivative = dipoles.predict_projected(data, PLACES, ALL)[1]
+    for column, step in enumerate(1e-4 * np.eye(3)):
+        after, before = (dipoles.predict_projected(data, PLACES + each, ALL)[0] for each in (step, -step))
+        assert_allclose(derivative[..., column], (after - before) / 2e-4, atol=1e-5 * np.abs(derivative).max())
+
+
+def test_a_fit_settles_from_far_along_the_valley():
+    """Of a place that is half as far again, whose moment makes nearly the same field."""
+    values = Dipoles(POINTS, np.broadcast_to(COMMON, (3, 20, 24))).predict(TRUTH, ALL)[0]
+    start = np.concatenate([1.5 * PLACES, 1.5**3 * MOMENTS], axis=1)
+    solution = fit_fields(values, POINTS, COMMON, np.eye(20), start).solution
+    assert solution.is_found.all()
+    assert_allclose(solution.unknowns, TRUTH, rtol=1e-9)
+
+
 @pytest.mark.parametrize("noise", [np.eye(20), np.eye(20) * np.array([1.0, 4.0, 9.0])[:, None, None]])
 def test_each_problem_is_solved_as_if_alone(noise):
     """From places a few decimetres off, whatever its neighbours do; one that begins at the truth stays."""
