@@ -109,8 +109,7 @@ def dipole_field(offset_m: FloatArray, moment_Am2: FloatArray) -> tuple[FloatArr
     for axis in range(3):
         gradient[axis, axis] += steep * along
     field = near * (3 * along * unit - moment)
-    last = [np.moveaxis(field, 0, -1), *(np.moveaxis(each, (0, 1), (-2, -1)) for each in (gradient, by_moment))]
-    field, gradient, by_moment = map(np.ascontiguousarray, last)
+    field, gradient, by_moment = (np.ascontiguousarray(each.T) for each in (field, gradient, by_moment))
     return field, gradient, by_moment
 
 
@@ -119,17 +118,20 @@ def field_alone(offset_m: FloatArray, moment_Am2: FloatArray) -> FloatArray:
     offset, moment = map(_components, np.broadcast_arrays(offset_m, moment_Am2))
     square = np.sum(offset**2, axis=0)
     along = 3 * np.sum(offset * moment, axis=0) / square
-    return np.moveaxis((along * offset - moment) * (_STRENGTH / (square * np.sqrt(square))), 0, -1)
+    return ((along * offset - moment) * (_STRENGTH / (square * np.sqrt(square)))).T
 
 
 def field_by_moment(offset_m: FloatArray) -> FloatArray:
     """Return the third of what ``dipole_field`` does, (…, 3, 3), in T/(A m²)."""
-    return np.moveaxis(_by_moment(_components(offset_m))[3], (0, 1), (-2, -1))
+    return _by_moment(_components(offset_m))[3].T
 
 
 def _components(vectors: FloatArray) -> FloatArray:
-    """Return vectors (…, 3) with components first: loops then run over the points, and not over three numbers each."""
-    return np.ascontiguousarray(np.moveaxis(vectors, -1, 0))
+    """Return vectors (…, 3) with components first: loops then run over the points, and not over three numbers each.
+
+    All axes are reversed. So they are again by the transpose of a field, and of a matrix (3, 3, …), which is symmetric.
+    """
+    return np.ascontiguousarray(vectors.T)
 
 
 def _by_moment(offset: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
