@@ -28,7 +28,7 @@ from tam_calibration.files.text_files import configuration_folder, write_whole
 from tam_calibration.localization.turned_samples import Regional, Samples, locate_samples
 from tam_calibration.messages.point_cloud import FIELD_GRADIENT_COLUMNS, SampleLayout
 from tam_calibration.model.array import Array
-from tam_calibration.model.geomagnetic_field import field_at
+from tam_calibration.model.geomagnetic_field import LOCAL_VARIANCE_T2, field_at
 from tam_calibration.model.units import FloatArray
 from tam_calibration.nodes.children import Children
 from tam_calibration.nodes.cloud import make_cloud, read_cloud
@@ -142,7 +142,7 @@ def show(bench: Bench, array: Array, attitude: FloatArray, outputs: FloatArray, 
     """Print and keep the figures."""
     answered = sorted(bench.rows)
     latency_ms = 1e3 * np.array([bench.answered_s[index] - bench.published_s[index] for index in answered])
-    regional = Regional(field_at(PLACE))
+    regional = Regional(field_at(PLACE), 0.0, LOCAL_VARIANCE_T2)
     offline = source_rows(locate_samples(Samples(outputs, array, np.diag(errors**2), attitude), regional))
     expected, live = offline[answered], np.array([bench.rows[index] for index in answered])
     off = np.nanmax(np.abs(live - expected) / np.abs(np.where(expected == 0, 1, expected)))
