@@ -35,6 +35,7 @@ from tam_calibration.fleet.processes import run_here
 from tam_calibration.fleet.task import Task, read_options
 from tam_calibration.model.array import Array
 from tam_calibration.recordings import write_array
+from tam_calibration.recordings.reading import Reading
 from tam_calibration.results import write_recording
 
 RATE_HZ = 100
@@ -62,7 +63,7 @@ def measure(folder: Path, bags: int, samples: int, turns: int) -> Iterator[Row]:
     for number, path in enumerate(paths):
         write_recording(path, make_recording(samples, seed=number))
     write_array(folder / "array.yaml", Array.cross(0.5, vector_noise_T=1e-9, scalar_noise_T=1e-10))
-    options = read_options(folder / "array.yaml", None, 1e-3)
+    options = read_options(folder / "array.yaml", None, Reading(tolerance_s=1e-3))
     tasks = [Task.of(path, folder / "out", options) for path in paths]
     do(tasks[:1], 1)  # what both are forked from is then there
     clock, busier, mean, plain, load = (np.empty((turns, 2)) for _ in range(5))
