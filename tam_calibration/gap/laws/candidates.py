@@ -34,12 +34,12 @@ def candidates(residual: Residual) -> list[Candidate]:
 def nearest(residual: Residual) -> list[int | str]:
     """Return the places that hold most of the energy: sensors from 1, and the scalar."""
     places: list[int | str] = [*range(1, residual.sensor_count + 1), "scalar"]
-    held = {place: _held(residual, place) for place in places}
-    least = 0.6 * max(held.values()) - 2 * residual.noise * float(np.sqrt(6 * residual.count))
-    return sorted((place for place in places if held[place] >= least), key=lambda place: -held[place])[:3]
+    energies = {place: held(residual, place) for place in places}
+    least = 0.6 * max(energies.values()) - 2 * residual.noise * float(np.sqrt(6 * residual.count))
+    return sorted((place for place in places if energies[place] >= least), key=lambda place: -energies[place])[:3]
 
 
-def _held(residual: Residual, place: int | str) -> float:
+def held(residual: Residual, place: int | str) -> float:
     """Return the energy that a free shift of the rows of a place explains in every sample, beyond that of noise."""
     rows = np.array([3 * residual.sensor_count]) if place == "scalar" else patterns.sensor_rows(int(place))
     information, products = residual.of_rows(slice(int(rows[0]), int(rows[-1]) + 1))
@@ -81,6 +81,27 @@ def _constant(residual: Residual, pattern: Pattern, label: str, tried: float = 1
     """Return the candidate with constant coefficients, the best of so many that were tried."""
     fit = constant(pattern.features, *pattern.of_rows(residual))
     return Candidate(pattern, label, fit.evidence - float(np.log(tried)))
+
+
+def can_be_elsewhere(found: Candidate) -> bool:
+    """Say whether a law of a sensor can be made in another one with the same course."""
+    return found.course == "motion" or found.pattern.law in ("offset", "gain", "rate")
+
+
+def elsewhere(residual: Residual, found: Candidate, sensor: int) -> Candidate:
+    """Return the law that was found in a sensor, with the same course, in another one."""
+    pattern = found.pattern
+    if found.course == "motion":
+        ways = (pattern.law, pattern.follows)
+        shapes = [
+            one
+            for one in patterns.of_motion(residual, sensor)
+            if (one.law, one.follows) == ways and len(one.axes) == 3
+        ]
+    else:
+        shapes = [patterns.alike(residual, pattern.law, sensor).times(found.drive(residual), pattern.follows)]
+    tried = [_constant(residual, one, found.course, len(shapes)) for one in shapes]
+    return max(tried, key=lambda one: one.evidence)
 
 
 def _sizes(residual: Residual) -> FloatArray:

@@ -1,16 +1,16 @@
 """The search for the laws of a gap: the one of most evidence, then those of what it leaves."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.effects.grades import FEWEST, MOST, NEGLIGIBLE, NOTABLE, SLIGHT
-from tam_calibration.gap.laws.candidates import candidates
+from tam_calibration.gap.laws.candidates import can_be_elsewhere, candidates, elsewhere, held
 from tam_calibration.gap.laws.decisions import FREEDOM, LEAST_EVIDENCE, LEAST_SHARE, MOST_TRIED, TIE, TOLERANCE
 from tam_calibration.gap.laws.law import SCALAR, Course, Place
-from tam_calibration.gap.laws.patterns import Candidate, switched_gains
+from tam_calibration.gap.laws.patterns import Candidate, changed_own_field, switched_gains
 from tam_calibration.gap.laws.states import jumping, sharpened
 from tam_calibration.gap.laws.whitened import Residual
 from tam_calibration.model.units import FloatArray
@@ -107,12 +107,15 @@ class Found:
     others : tuple of Candidate
     residual : Residual
         In which it was found.
+    also : tuple of Found
+        The same law with the same course in other sensors.
     """
 
     best: Candidate
     predicted: float
     others: tuple[Candidate, ...]
     residual: Residual
+    also: tuple["Found", ...] = ()
 
     def left_in(self, residual: Residual) -> float:
         """Return the energy, in units of the noise, that the same law fitted anew predicts of another residual.
@@ -167,9 +170,40 @@ def predictive_laws(residual: Residual, whole: float) -> tuple[list[Found], Resi
         predicted *= factor**2
         if found and predicted < LEAST_SHARE * max(whole, residual.excess, 1.0):
             break
-        found.append(Found(best, predicted, tuple(tried), scaled))
-        residual = residual.without(found[-1].signal(scaled, scaled))
+        first = Found(best, predicted, tuple(tried), scaled)
+        residual = residual.without(first.signal(scaled, scaled))
+        found.append(replace(first, also=tuple(_elsewhere(residual, best, factor))))
+        for also in found[-1].also:
+            residual = residual.without(also.signal(also.residual, also.residual))
     return found, residual
+
+
+def _elsewhere(residual: Residual, first: Candidate, factor: float) -> Iterator[Found]:
+    """Yield the law of a sensor with the same course in others, where it is most of what those before it leave there.
+
+    Parameters
+    ----------
+    residual : Residual
+        Without the law of that sensor.
+    first : Candidate
+        That law.
+    factor : float
+        Noise of a model that is wrong by ``TOLERANCE``.
+    """
+    if len(first.pattern.sensors) > 1 or first.pattern.sensors == SCALAR or not can_be_elsewhere(first):
+        return
+    for sensor in range(1, residual.sensor_count + 1):
+        scaled = residual.scaled(factor)
+        if sensor in first.pattern.sensors or held(scaled, sensor) < LEAST_EVIDENCE:
+            continue
+        also = elsewhere(scaled, first, sensor)
+        if also.evidence < LEAST_EVIDENCE:
+            continue
+        predicted = predicted_energy(_halves(scaled), also)
+        if predicted > MOST * held(scaled, sensor):
+            found = Found(also, predicted * factor**2, (also,), scaled)
+            residual = residual.without(found.signal(scaled, scaled))
+            yield found
 
 
 def _refined(residual: Residual, tried: list[Candidate]) -> Iterator[Candidate]:
@@ -186,11 +220,25 @@ def _refined(residual: Residual, tried: list[Candidate]) -> Iterator[Candidate]:
         chosen += [one for one in switched if one.axes == gain.axes or len(one.axes) == 3]
     jumps = [jump for pattern in chosen for jump in jumping(residual, pattern)]
     yield from jumps
+    yield from _reshaped(residual, [*tried, *jumps])
     two_states = sorted((one for one in jumps if one.begins_on is not None), key=lambda one: -one.evidence)
     for one in two_states[:4]:
         is_coarse = one.evidence > 0.8 * top and one.bins is not None and one.bins.order.shape[1] > 1
         if is_coarse and (fine := sharpened(residual, one)) is not None:
             yield fine
+
+
+def _reshaped(residual: Residual, tried: list[Candidate]) -> Iterator[Candidate]:
+    """Yield functions of the own reading that come and go as the best laws of a sensor do, where they explain more."""
+    jump = sorted((one for one in tried if one.steps and one.pattern.sensors != SCALAR and len(one.pattern.sensors) == 1), key=lambda one: -one.evidence)
+    for one in jump[:2]:
+        pattern = changed_own_field(residual, int(one.pattern.sensors[0]), one.pattern.axes)
+        changed = replace(one, pattern=pattern)
+        gain = changed.fitted(residual).evidence - one.fitted(residual).evidence
+        if gain > TIE:
+            yield replace(changed, evidence=one.evidence + gain)
+            if one.begins_on is not None and (fine := sharpened(residual, changed)) is not None:
+                yield fine
 
 
 def _in_question(residual: Residual, tried: list[Candidate], again: Repeats | None) -> list[Candidate]:
@@ -287,7 +335,7 @@ def curve_of(law: Candidate, residual: Residual) -> Course:
     fit = law.fitted(residual, with_errors=True)
     size = law.pattern.size(residual)
     in_time = law.bins is not None and law.pattern.law != "own_field"
-    mean = law.coefficients(fit.mean, residual.count) if in_time else law.pattern.features @ fit.mean[0]
+    mean = law.coefficients(fit.mean, residual.count) if in_time else size * (law.features(residual) @ fit.mean[0])
     is_gain = in_time and law.pattern.law == "gain"
     unit = residual.unit_T / size / (residual.field_T if is_gain else 1.0)
     direction = np.linalg.svd(mean - mean.mean(axis=0), full_matrices=False)[2][0]

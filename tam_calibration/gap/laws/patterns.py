@@ -1,7 +1,7 @@
 """What laws do to the residual: the columns of a pattern at each place."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -36,6 +36,8 @@ class Pattern:
         Shift of each row by a coefficient of one, in units of the field or of the row.
     follows : str, optional
         A recorded channel, "motion", "attitude", or a frequency.
+    drive : (N, c) array, optional
+        What the features are multiplied by.
     """
 
     law: str
@@ -44,6 +46,7 @@ class Pattern:
     rows: NDArray[np.intp]
     features: FloatArray
     follows: str | None = None
+    drive: FloatArray | None = None
 
     def columns(self, residual: Residual) -> FloatArray:
         """Return the columns (N, C, p) of the whitened residual, of unit mean square in a sample all together."""
@@ -67,7 +70,7 @@ class Pattern:
     def times(self, course: FloatArray, follows: str | None = None) -> "Pattern":
         """Return the pattern with features times courses (N, c)."""
         features = (self.features[:, :, :, None] * course[:, None, None, :]).reshape(*self.features.shape[:2], -1)
-        return Pattern(self.law, self.sensors, self.axes, self.rows, features, follows)
+        return replace(self, features=features, follows=follows, drive=course)
 
 
 def sensor_rows(sensor: int) -> NDArray[np.intp]:
@@ -124,6 +127,25 @@ def in_sensor(residual: Residual, sensor: int) -> Iterator[Pattern]:
     yield from _scaling("gain", sensor, residual.sensed)
     yield _whole("gain", sensor, np.cross(np.eye(3)[None], sensed[:, None]).transpose(0, 2, 1))
     yield from _scaling("rate", sensor, residual.sensed_rate)
+
+
+def alike(residual: Residual, law: str, sensor: int) -> Pattern:
+    """Return an offset, gain or rate of all axes of a sensor."""
+    values = {"offset": np.ones((residual.count, 1)), "gain": residual.field, "rate": residual.rate}
+    return _whole(law, sensor, _each(values[law], 3))
+
+
+def changed_own_field(residual: Residual, sensor: int, axes: tuple[str, ...]) -> Pattern:
+    """Return functions of the own readings of some axes of a sensor, with those that offsets and gains are."""
+    rows, chosen = sensor_rows(sensor), [AXES.index(axis) for axis in axes]
+    parts = []
+    for axis in chosen:
+        reading = residual.sensed[:, rows[axis]]
+        own = np.column_stack([np.ones(residual.count), reading, _own_functions(reading)])
+        part = np.zeros((residual.count, len(axes), own.shape[1]))
+        part[:, chosen.index(axis)] = own
+        parts.append(part)
+    return Pattern("own_field", (sensor,), axes, rows[chosen], np.concatenate(parts, axis=2))
 
 
 def switched_gains(residual: Residual, sensor: int) -> Iterator[Pattern]:
@@ -286,6 +308,16 @@ class Candidate:
     variance: float = 1.0
     steps: tuple[int, ...] = ()
     begins_on: bool | None = None
+
+    def drive(self, residual: Residual) -> FloatArray:
+        """Return what its size is proportional to (N, c), as far as the motion does not say it."""
+        if self.pattern.drive is not None:
+            return self.pattern.drive
+        coefficients = self.coefficients(self.fitted(residual).mean, residual.count)
+        if self.bins is None:
+            return np.ones((residual.count, 1))
+        course = np.linalg.svd(coefficients, full_matrices=False)[0][:, :1]
+        return np.asarray(course / np.sqrt(np.mean(course**2)))
 
     def features(self, residual: Residual) -> FloatArray:
         """Return the features (N, r, p) of its coefficients, that of the pattern where these are constant."""

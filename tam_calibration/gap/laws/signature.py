@@ -92,7 +92,7 @@ def laws_of(residual: Residual, gap: float) -> tuple[Law, ...]:
     whole, total = max(residual.excess, 1.0), float((residual.z**2).sum())
     laws, found = _signatures(residual, whole)
     each = [
-        Law(law, law.energy * whole / total, tuple(found[index : index + 1]), residual)
+        Law(law, law.energy * whole / total, tuple(also for one in found[index : index + 1] for also in (one, *one.also)), residual)
         for index, law in enumerate(laws)
     ]
     kept = [
@@ -163,7 +163,7 @@ def _common_noise(residual: Residual) -> list[Signature]:
 def _at_all(residual: Residual, quiet: Residual, found: list[Found]) -> Residual:
     """Return the residual of all samples without laws and nominal parameters, fitted to the quiet samples alone."""
     z = residual.z.copy()
-    for one in found:
+    for one in (also for first in found for also in (first, *first.also)):
         z -= one.signal(residual, one.residual)
     own = residual.nuisance.reshape(z.size, -1)
     taken = (residual.nuisance * quiet.live[:, None, None]).reshape(z.size, -1)
@@ -222,7 +222,9 @@ def _lattice(residual: Residual) -> Signature | None:
 
 
 def _of_found(found: Found, residual: Residual, whole: float) -> Signature:
-    best, pattern, places = found.best, found.best.pattern, _places(found)
+    best, pattern, places, every = found.best, found.best.pattern, _places(found), (found, *found.also)
+    if found.also:
+        places = (tuple(sorted(sensor for one in every for sensor in one.best.pattern.sensors)),)
     times_s: tuple[float, ...] = ()
     if best.bins is not None and best.steps:
         starts = best.bins.order[list(best.steps)]
@@ -231,8 +233,8 @@ def _of_found(found: Found, residual: Residual, whole: float) -> Signature:
         pattern.law,
         best.course,
         places[0],
-        pattern.axes,
-        min(found.predicted, max(found.residual.excess / found.residual.noise, 1.0)) / whole,
+        tuple(AXES) if found.also else pattern.axes,
+        sum(min(one.predicted, max(one.residual.excess / one.residual.noise, 1.0)) for one in every) / whole,
         places,
         pattern.follows or ("motion" if best.course == "motion" else None),
         times_s,
