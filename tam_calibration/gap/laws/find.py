@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 from tam_calibration.effects.grades import FEWEST, MOST, NEGLIGIBLE, NOTABLE, SLIGHT
 from tam_calibration.gap.laws.candidates import can_be_elsewhere, candidates, elsewhere, held
 from tam_calibration.gap.laws.decisions import FREEDOM, LEAST_EVIDENCE, LEAST_SHARE, MOST_TRIED, TIE, TOLERANCE
+from tam_calibration.gap.laws.evidence import Bins
 from tam_calibration.gap.laws.law import SCALAR, Course, Place
 from tam_calibration.gap.laws.patterns import Candidate, changed_own_field, switched_gains
-from tam_calibration.gap.laws.states import jumping, sharpened
+from tam_calibration.gap.laws.states import jumping, sharpened, steps
 from tam_calibration.gap.laws.whitened import Residual
 from tam_calibration.model.units import FloatArray
 
@@ -229,16 +230,14 @@ def _refined(residual: Residual, tried: list[Candidate]) -> Iterator[Candidate]:
 
 
 def _reshaped(residual: Residual, tried: list[Candidate]) -> Iterator[Candidate]:
-    """Yield functions of the own reading that come and go as the best laws of a sensor do, where they explain more."""
-    jump = sorted((one for one in tried if one.steps and one.pattern.sensors != SCALAR and len(one.pattern.sensors) == 1), key=lambda one: -one.evidence)
-    for one in jump[:2]:
+    """Yield steps of functions of the own reading, where these explain more than the best offsets and gains that jump."""
+    jumps = [one for one in tried if one.steps and one.pattern.sensors != SCALAR and len(one.pattern.sensors) == 1]
+    bins = Bins.of_time(residual.time_s)
+    for one in sorted(jumps, key=lambda one: -one.evidence)[:2]:
         pattern = changed_own_field(residual, int(one.pattern.sensors[0]), one.pattern.axes)
-        changed = replace(one, pattern=pattern)
-        gain = changed.fitted(residual).evidence - one.fitted(residual).evidence
-        if gain > TIE:
-            yield replace(changed, evidence=one.evidence + gain)
-            if one.begins_on is not None and (fine := sharpened(residual, changed)) is not None:
-                yield fine
+        step = next(steps(pattern, pattern.sums(residual, bins), bins))
+        if step.evidence > one.evidence + TIE:
+            yield step
 
 
 def _in_question(residual: Residual, tried: list[Candidate], again: Repeats | None) -> list[Candidate]:

@@ -31,8 +31,9 @@ def scatter_of(residual: Residual, whole: float) -> list[Signature]:
     unit = float(np.sqrt(1 + TOLERANCE**2 * max(left, 0.0) / residual.size))
     residual = residual.scaled(unit)
     common = _widened(_of_sizes(*_resolved(residual.response[:, :, :-1], residual)))
-    found = []
-    for law, sensors, axes, columns in _places(residual):
+    found = list[Signature]()
+
+    def judge(law: str, sensors: Place, axes: tuple[str, ...], columns: FloatArray) -> None:
         values, along = _resolved(columns, residual)
         of_sizes = _of_sizes(values, along)
         evidence = _widened(of_sizes)
@@ -49,7 +50,21 @@ def scatter_of(residual: Residual, whole: float) -> list[Signature]:
         energy = float(np.clip(explained / whole, 0, 1))
         beyond = evidence - max(common, 0.0)
         found.append(Signature(law, course, sensors, axes, energy, (sensors,), None, (), beyond))
+
+    for place in _places(residual):
+        judge(*place)
+    noisy = sorted((one for one in found if one.evidence > LEAST_EVIDENCE and one.law in ("noise", "samples") and len(one.axes) == 3), key=lambda one: -one.evidence)
+    sensors = tuple(one.sensors[0] for one in noisy if isinstance(one.sensors[0], int))
+    for count in range(2, len(sensors) + 1):
+        several = tuple(sorted(sensors[:count]))
+        judge("noise", several, tuple(AXES), _shifts(residual, several, tuple(AXES)))
     return sorted((one for one in found if one.evidence > LEAST_EVIDENCE), key=lambda one: -one.evidence)
+
+
+def _shifts(residual: Residual, place: Place, axes: tuple[str, ...]) -> FloatArray:
+    """Return what shifts of axes of sensors, or of the scalar, add to the channels (N, C, p)."""
+    rows = [sensor_rows(int(one))[AXES.index(axis)] for one in place if one != "scalar" for axis in axes]
+    return np.asarray(residual.response[:, :, rows or [-1]])
 
 
 def _places(residual: Residual) -> Iterator[tuple[str, Place, tuple[str, ...], FloatArray]]:
@@ -75,8 +90,7 @@ def noise_follows(residual: Residual, place: Place, axes: tuple[str, ...]) -> st
     Two follow the rate some samples later, as what rings or settles does. Others follow a channel or its square. The
     last has a value for each part of the time.
     """
-    columns = next(one[3] for one in _places(residual) if one[:3] == ("noise", place, axes))
-    values, along = _resolved(columns, residual)
+    values, along = _resolved(_shifts(residual, place, axes), residual)
     rank = (along**2 / np.maximum(values, ROUNDING)).sum(axis=1).argsort().argsort()
     energy = -1 - np.log(1 - (rank + 0.5) / residual.count)  # with one distribution, whatever that of the noise
     directions, step_s = _spread_directions(64), float(np.median(np.diff(residual.time_s)))
