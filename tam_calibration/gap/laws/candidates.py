@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from tam_calibration.effects.grades import MOST
+from tam_calibration.effects.grades import MINOR, MOST
 from tam_calibration.effects.recursions import lagged
 from tam_calibration.gap.laws import patterns
 from tam_calibration.gap.laws.decisions import COARSE, LENGTHS, SLOW, TIE
@@ -94,9 +94,7 @@ def elsewhere(residual: Residual, found: Candidate, sensor: int) -> Candidate:
     if found.course == "motion":
         ways = (pattern.law, pattern.follows)
         shapes = [
-            one
-            for one in patterns.of_motion(residual, sensor)
-            if (one.law, one.follows) == ways and len(one.axes) == 3
+            one for one in patterns.of_motion(residual, sensor) if (one.law, one.follows) == ways and len(one.axes) == 3
         ]
     else:
         shapes = [patterns.alike(residual, pattern.law, sensor).times(found.drive(residual), pattern.follows)]
@@ -147,9 +145,12 @@ def _tones(residual: Residual, similar: Sequence[Pattern]) -> Iterator[Candidate
         tone = pattern.times(waves, f"{frequency_hz:.6g} Hz")
         steady = _constant(residual, tone, "tone", tried)
         yield steady
-        if pattern.features.shape[2] <= 3 and steady.evidence + penalty > MOST * residual.excess / 2:
-            bins = Bins.of(residual.time_s, COARSE)
-            length = 0.25 * float(np.ptp(residual.time_s))
+        # A rotor's pace wanders: of its tone only a part is steady.
+        least = MINOR if pattern.law == "offset" else MOST
+        if pattern.features.shape[2] > 3 or steady.evidence + penalty < least * residual.excess / 2:
+            continue
+        for part, count in ((0.25, COARSE), (0.03, 4 * COARSE))[: 1 + (pattern.law == "offset")]:
+            bins, length = Bins.of(residual.time_s, count), part * float(np.ptp(residual.time_s))
             wavering = course(tone.sums(residual, bins), length, _sizes(residual))
             yield Candidate(tone, "tone", wavering.evidence - penalty, bins, length, wavering.variance)
 

@@ -53,7 +53,14 @@ def scatter_of(residual: Residual, whole: float) -> list[Signature]:
 
     for place in _places(residual):
         judge(*place)
-    noisy = sorted((one for one in found if one.evidence > LEAST_EVIDENCE and one.law in ("noise", "samples") and len(one.axes) == 3), key=lambda one: -one.evidence)
+    noisy = sorted(
+        (
+            one
+            for one in found
+            if one.evidence > LEAST_EVIDENCE and one.law in ("noise", "samples") and len(one.axes) == 3
+        ),
+        key=lambda one: -one.evidence,
+    )
     sensors = tuple(one.sensors[0] for one in noisy if isinstance(one.sensors[0], int))
     for count in range(2, len(sensors) + 1):
         several = tuple(sorted(sensors[:count]))

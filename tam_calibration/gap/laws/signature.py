@@ -92,7 +92,12 @@ def laws_of(residual: Residual, gap: float) -> tuple[Law, ...]:
     whole, total = max(residual.excess, 1.0), float((residual.z**2).sum())
     laws, found = _signatures(residual, whole)
     each = [
-        Law(law, law.energy * whole / total, tuple(also for one in found[index : index + 1] for also in (one, *one.also)), residual)
+        Law(
+            law,
+            law.energy * whole / total,
+            tuple(also for one in found[index : index + 1] for also in (one, *one.also)),
+            residual,
+        )
         for index, law in enumerate(laws)
     ]
     kept = [
