@@ -104,7 +104,7 @@ def score(case: Case, seed: int) -> dict[str, FloatArray]:
     mounted = Rotation.from_quat(run.recording.attitude) * Rotation.from_rotvec(noise * MOUNT)
     recording = replace(run.recording, attitude=mounted.as_quat())
     calibration = maximum_likelihood(recording, array, ambient_gradient=case.is_fitted)
-    variance = np.diag(bound(run.center_field_T, run.errors, array, has_scalar=True)).reshape(4, 12)
+    variance = np.diag(bound(run.center_field_T, run.errors, array.with_stated_noise(), has_scalar=True)).reshape(4, 12)
     error = calibration.errors.to_vector() - run.errors.to_vector()
     found = calibration.ambient_gradient
     missing = np.full((3, 3), np.nan)

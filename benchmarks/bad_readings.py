@@ -116,11 +116,11 @@ def recording_of(rng: Generator) -> tuple[Recording, Array, SensorErrors]:
     scenario = read_scenario("wu_table_1")
     motion = MOTIONS[rng.integers(len(MOTIONS))]
     noise_T, count = float(rng.choice([1e-9, 20e-9])), int(rng.choice([1, 3, 4, 4]))
-    changes = {"motion": motion, "sample_count": SAMPLES, "rate_hz": 10.0, "seed": int(rng.integers(1 << 30))}
-    made = simulate(replace(scenario, array=Array.cross(0.5, noise_T, 1e-10), **changes))
+    seed, cross = int(rng.integers(1 << 30)), Array.cross(0.5, noise_T, 1e-10)
+    made = simulate(replace(scenario, array=cross, motion=motion, sample_count=SAMPLES, rate_hz=10.0, seed=seed))
     is_stated = rng.random() < 0.7 or isinstance(motion, RandomAttitudes)
     places = made.scenario.array.positions_m[:count]
-    array = Array(places, noise_T, 1e-10) if is_stated else Array(places)
+    array = Array(places, np.full(count, noise_T), 1e-10) if is_stated else Array(places)
     recording = replace(made.recording, readings_T=made.recording.readings_T[:, :count])
     errors = SensorErrors.from_vector(made.errors.to_vector()[:count], made.errors.orientation[:count])
     return recording, array, errors

@@ -76,15 +76,15 @@ def joined(case: str, seed: int, tolerance_s: float) -> tuple[Recording, Usage]:
 def run_of(drivers: Drivers, seed: int, tolerance_s: float = 0.0) -> tuple[Recording, Usage]:
     """Return the samples of a run of some drivers and how many of sensor 1's readings they are."""
     random = np.random.default_rng(seed)
-    streams = {}
+    streams: dict[str, tuple[FloatArray, FloatArray]] = {}
     for sensor, (period, offset) in enumerate(zip(drivers.periods_s, drivers.offsets_s, strict=True)):
         count = int(drivers.span_s / period)
         time_s = offset + period * np.arange(count) + random.uniform(0, 2 * drivers.jitter_s, count)
         noise = 1e-9 * random.normal(size=(count, 3))
         readings = SCENARIO.errors.distort(field_of_array(time_s, drivers.rate_deg_per_s))[:, sensor] + noise
         streams[f"tam_{sensor + 1}"] = time_s + drivers.late_s[sensor], readings
-    time_s = 3e-3 + 0.1 * np.arange(int(drivers.span_s / 0.1))
-    streams["scalar"] = time_s, np.linalg.norm(FIELD_T) + 1e-10 * random.normal(size=(len(time_s), 1))
+    scalar_s = 3e-3 + 0.1 * np.arange(int(drivers.span_s / 0.1))
+    streams["scalar"] = scalar_s, np.linalg.norm(FIELD_T) + 1e-10 * random.normal(size=(len(scalar_s), 1))
     every = np.concatenate([time_s for time_s, _ in streams.values()])
     order = np.split(np.argsort(np.argsort(every)), np.cumsum([len(time_s) for time_s, _ in streams.values()])[:-1])
     synchroniser = BatchSynchroniser(LAYOUT, round(tolerance_s * 1e9), expected=["scalar"])

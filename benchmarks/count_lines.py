@@ -21,7 +21,7 @@ _NO_CODE = {
 
 def code_lines(source: str) -> int:
     """Return the number of code lines of a module."""
-    docstrings = set()
+    docstrings: set[int] = set()
     for node in ast.walk(ast.parse(source)):
         body = getattr(node, "body", None)
         texts = [each.value for each in body if isinstance(each, ast.Expr)] if isinstance(body, list) else []

@@ -72,12 +72,13 @@ def sound(rng: Generator, way: int | None = None) -> Case:
 
 def recorded(rng: Generator, array: Array, errors: SensorErrors, rotation: Rotation, time_s: FloatArray) -> Case:
     """Return what sensors read on a turn in a field that pulsates by 0.1 to 5 nT, with white noise."""
+    known = array.with_stated_noise()
     size, period_s = 10 ** rng.uniform(-10, -8.3) / norm(WORLD_T), rng.uniform(10, 200)
     field_T = rotation.inv().apply(WORLD_T)
     field_T *= 1 + size * np.sin(2 * np.pi * (time_s / period_s + rng.uniform()))[:, None]
     readings_T = errors.distort(field_T)
-    readings_T += rng.normal(size=readings_T.shape) * array.vector_noise_T[:, None]
-    scalar_T = norm(field_T, axis=1) + rng.normal(0, array.scalar_noise_T, len(field_T))
+    readings_T += rng.normal(size=readings_T.shape) * known.vector_noise_T[:, None]
+    scalar_T = norm(field_T, axis=1) + rng.normal(0, known.scalar_noise_T, len(field_T))
     return Case(Recording(START_S + time_s, readings_T, scalar_T), array, errors, rotation)
 
 

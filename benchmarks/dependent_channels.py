@@ -143,7 +143,7 @@ def main(half: str, runs: int, first_seed: int, verbose: bool) -> None:
             refused.append(isinstance(given, str))
             warned.append(not isinstance(given, str) and bool(given.warnings))
             far.append(not isinstance(given, str) and distance(given, case.errors) > FAR)
-            if verbose and far[-1]:
+            if verbose and far[-1] and not isinstance(given, str):
                 print(f"{name} {run}: {distance(given, case.errors):.1f}; {given.warnings}; {given.notes}")
         far_of_all += far
         for figure, values in (("refused", refused), ("warned of", warned), ("more than 4 standard errors off", far)):

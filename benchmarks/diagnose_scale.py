@@ -67,7 +67,7 @@ def write_recording(folder: Path, count: int, bare: bool) -> None:
 
 def diagnosed(folder: Path) -> tuple[float, float, float]:
     """Return processor time, peak memory in MiB, and how far from the truth the drift is, in standard errors."""
-    command = [
+    command: list[str | Path] = [
         *TAM,
         "diagnose",
         folder / "run.csv",

@@ -179,7 +179,7 @@ def answer(given: Given) -> Answer:
     """Diagnose a recording; a defect is an answer too."""
     began = process_time()
     try:
-        told = gap_to_mapping(diagnose(given.recording, given.array), {})
+        told = gap_to_mapping(diagnose(given.recording, given.array))
     except Exception as problem:  # a constant out of its range may break anything
         told = {"verdict": "error", "why": str(problem)}
     one = Outcome("", given.key, told)

@@ -280,7 +280,7 @@ def ahrs_rows(runs: int, seed: int) -> list[Row]:
 def real_rows(paths: Sequence[Path]) -> list[Row]:
     """Return how calibrations by gyroscope and by optical attitude differ in trials of BROAD."""
     rows = []
-    array = Array([[0.0, 0.0, 0.0]])
+    array = Array(np.zeros((1, 3)))
     for path in paths:
         recording = broad(path)
         by_rates = calibrate(replace(recording, attitude=None), array)

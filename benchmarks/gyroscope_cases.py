@@ -62,7 +62,7 @@ class Case:
         places = Array.cross(0.5).positions_m if self.sensors <= 4 else np.random.default_rng(0).normal(size=(64, 3))
         density = None if self.rate_deg_s is None else from_degrees(self.rate_deg_s) / np.sqrt(self.rate_hz / 2)
         gyroscope = None if density is None else Gyroscope(density, BIAS)
-        return Array(places[: self.sensors], 1e-9, 1e-10, gyroscope=gyroscope)
+        return Array(places[: self.sensors], np.full(self.sensors, 1e-9), 1e-10, gyroscope=gyroscope)
 
     @property
     def time_s(self) -> FloatArray:

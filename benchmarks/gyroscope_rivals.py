@@ -9,7 +9,9 @@ for turns, which ours does not take, and it begins at the true values, so that n
 """
 
 from collections.abc import Callable
+from functools import partial
 from time import process_time
+from typing import Any
 
 import click
 import numpy as np
@@ -51,7 +53,7 @@ def answers(case: Case, seed: int) -> dict[str, tuple[float, float]]:
         # In microtesla: its solvers are not scaled.
         data = 1e6 * recording.readings_T[:, 0], recording.angular_velocity_rad_s, recording.time_s
         for name in RIVALS:
-            methods[name] = lambda name=name: 1e-6 * np.ravel(getattr(magyc, name)(*data)[0])
+            methods[name] = partial(_bias_T, getattr(magyc, name), data)
     found = {}
     for name, method in methods.items():
         begin = process_time()
@@ -60,11 +62,16 @@ def answers(case: Case, seed: int) -> dict[str, tuple[float, float]]:
     return found
 
 
+def _bias_T(solver: Callable[..., Any], data: tuple[FloatArray | None, ...]) -> FloatArray:
+    return 1e-6 * np.ravel(solver(*data)[0])
+
+
 class JointMap:
     """The least-squares problem of Huang, Hendeby and Skog; the field is its unit, north and up its world."""
 
     def __init__(self, case: Case, seed: int) -> None:
         recording, errors = case.made(seed)
+        assert case.rate_deg_s is not None and recording.angular_velocity_rad_s is not None
         rng, self.time_s = np.random.default_rng([seed, 7]), recording.time_s
         self.readings = recording.readings_T[:, 0] / FIELD_T
         self.attitude = case.attitude(self.time_s)

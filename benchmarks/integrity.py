@@ -25,7 +25,7 @@ from tam_calibration.effects.library import installed_effects, shown_by
 from tam_calibration.fit import calibrate
 from tam_calibration.integrity.check import faults_of
 from tam_calibration.model.array import Array
-from tam_calibration.model.exceptions import Refused
+from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, from_nanotesla
 from tam_calibration.recordings import read_array, read_recording
@@ -178,7 +178,7 @@ def names(recording: Recording, array: Array) -> set[str]:
         return found
     try:
         return set(calibrate(recording, array, accept=LIMITS).accepted)
-    except Refused:
+    except (InputError, Refused):
         return set()
 
 

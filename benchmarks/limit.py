@@ -123,7 +123,7 @@ def score(case: Case, seed: int) -> dict[str, dict[str, FloatArray]]:
     if not case.has_scalar:
         scale = float(free_scale(errors.matrix))
         errors, field_T = SensorErrors.from_matrix(scale * errors.matrix, errors.bias_T), field_T / scale
-    smallest = np.sqrt(np.diag(bound(field_T, errors, array, case.has_scalar)))[FREE]
+    smallest = np.sqrt(np.diag(bound(field_T, errors, array.with_stated_noise(), case.has_scalar)))[FREE]
     scores = {}
     for name in case.methods:
         start = time.process_time()
@@ -146,7 +146,7 @@ def _spoil(case: Case, run: Simulation) -> Recording:
 def score_closed_form(seed: int) -> FloatArray:
     """Return the 45 differences of the closed form to maximum_likelihood, in standard errors."""
     run = simulate(CASES["Table 1"].scenario(seed))
-    array, data = run.scenario.array, normalize(run.recording)
+    array, data = run.scenario.array.with_stated_noise(), normalize(run.recording)
     matrix, bias = closed_form(data, array.vector_noise_T / data.radius_T, array.scalar_noise_T / data.radius_T)
     start = SensorErrors.from_matrix(matrix, data.origin_T + data.radius_T * bias)
     end = maximum_likelihood(run.recording, array)

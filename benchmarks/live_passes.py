@@ -64,7 +64,8 @@ def dipole(moment_A_m2: float, distance_m: float) -> Source:
             offset = at_m - place
             distance = norm(offset, axis=-1, keepdims=True)
             unit = offset / distance
-            return 1e-7 * (3 * unit * np.sum(unit * moment, axis=-1, keepdims=True) - moment) / distance**3
+            along = np.sum(unit * moment, axis=-1, keepdims=True)
+            return np.asarray(1e-7 * (3 * unit * along - moment) / distance**3)
 
         return field
 
@@ -81,7 +82,8 @@ def cable(current_A: float, distance_m: float) -> Source:
         def field(at_m: FloatArray) -> FloatArray:
             offset = at_m + np.array([0, 0, distance_m])
             offset = offset - np.sum(offset * along, axis=-1, keepdims=True) * along
-            return 2e-7 * current_A * np.cross(along, offset) / np.sum(offset**2, axis=-1, keepdims=True)
+            square = np.sum(offset**2, axis=-1, keepdims=True)
+            return np.asarray(2e-7 * current_A * np.cross(along, offset) / square)
 
         return field
 
@@ -199,10 +201,11 @@ def mission(rng: Generator, kind: Kind, errors: SensorErrors, begin_s: float) ->
     turns = Rotation.from_euler("ZYX", np.stack([yaw, pitch, roll], axis=1)).as_matrix()
     field_T = np.tile(WORLD_T, (count, 5, 1))  # at the sensors, and at the scalar in their middle
     places_m = np.einsum("nij,kj->nki", turns, np.vstack([ARRAY.positions_m, np.zeros(3)]))
-    for passed_s in np.arange(EVERY_S, MINUTES * 60, EVERY_S) if kind.source else ():
-        near = np.abs(time_s - passed_s) < NEAR_S
-        path_m = kind.speed_m_s * (time_s[near] - passed_s)[:, None, None] * np.array([1.0, 0, 0])
-        field_T[near] += kind.source(rng)(path_m + places_m[near])
+    if kind.source is not None:
+        for passed_s in np.arange(EVERY_S, MINUTES * 60, EVERY_S):
+            near = np.abs(time_s - passed_s) < NEAR_S
+            path_m = kind.speed_m_s * (time_s[near] - passed_s)[:, None, None] * np.array([1.0, 0, 0])
+            field_T[near] += kind.source(rng)(path_m + places_m[near])
     readings_T = errors.distort(np.einsum("nji,nkj->nki", turns, field_T[:, :-1]))
     readings_T += NOISE_T * kind.noise(rng, readings_T.shape)
     readings_T += kind.drift_T_per_h * rng.normal(size=(4, 3)) * (time_s / 3600)[:, None, None]

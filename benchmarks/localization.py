@@ -108,11 +108,11 @@ def _worst(
 
 
 def _error_of_range(found: EulerSolutions, places: FloatArray) -> FloatArray:
-    return np.abs(found.distance_m - norm(places, axis=1))
+    return np.asarray(np.abs(found.distance_m - norm(places, axis=1)))
 
 
 def _error_of_position(found: EulerSolutions, places: FloatArray) -> FloatArray:
-    return norm(found.position_m - places, axis=1)
+    return np.asarray(norm(found.position_m - places, axis=1))
 
 
 def coil(generator: np.random.Generator, runs: int) -> Iterable[Figure]:

@@ -155,7 +155,7 @@ def _heard(kind: str, generator: np.random.Generator) -> Dipole | Loop | Line:
     place, along = generator.uniform(2, 4) * _unit(generator), _unit(generator)
     moment = 10 ** generator.uniform(1, 2.7) * _unit(generator)
     if kind == "large coil":
-        return Loop(place, moment, norm(place) / 5)
+        return Loop(place, moment, float(norm(place)) / 5)
     if kind == "cable":
         return Line(place - (place @ along) * along, along, 10 ** generator.uniform(0, 1), np.zeros(3))
     if kind == "line of dipoles":

@@ -82,7 +82,7 @@ class Way:
         radius = norm(straight_m[-1] - straight_m[0]) / self.turn
         x, y, z = (straight_m - middle).T
         bent = np.column_stack([radius * np.sin(x / radius), y + radius * (1 - np.cos(x / radius)), z])
-        return middle + bent
+        return np.asarray(middle + bent)
 
 
 OTHER = Way(0.3, (1.2, 2.2), 0.08, 0.25, 1.5)
@@ -199,10 +199,11 @@ class Pass:
     def together(self) -> FloatArray:
         """Return the pulls (S, 3) of the dipoles that all samples show."""
         none = SensorErrors.none(self.array.sensor_count)
-        floor = noise_floor(none, self.array, 1e-10)
+        array = self.array.with_stated_noise()
+        floor = noise_floor(none, array, 1e-10)
         size = float(np.linalg.norm(_REGIONAL_T))
         exact = Calibration(
-            "maximum_likelihood", self.array, False, none, None, True, size, *[floor] * 3, 100, (0.0, 1.0), 1.0
+            "maximum_likelihood", array, False, none, None, True, size, floor, floor, floor, 100, (0.0, 1.0), 1.0
         )
         recording = Recording(_TIME_S, self.fields_T, attitude=self.poses.attitude)
         path = path_in(recording, np.array([1.0, 0.0, 0.0]))

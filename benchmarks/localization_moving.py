@@ -102,7 +102,7 @@ def _faulty_array(generator: np.random.Generator) -> SourceCalibration:
 
 def _elements(source: Loop, truth: SourceCalibration, errors: SensorErrors) -> FloatArray:
     """Return (12, 4, 3) numbers that the matrices of the errors turn into what the displaced elements read."""
-    turn, array = POSES.matrix, truth.array_of(ARRAY)
+    turn, array = POSES.matrix, truth.array_of(ARRAY.with_stated_noise())
     world = source.field_T(np.einsum("nij,kaj->nkai", turn, array.element_positions_m))
     rows = truth.errors_of(errors).matrix
     raw = np.einsum("kai,nji,nkaj->nka", rows, turn, world, optimize=True)

@@ -80,7 +80,8 @@ def scenario_of(sensors: int) -> Scenario:
     scenario = read_scenario("wu_table_1")
     if sensors == 4:
         return scenario
-    array = Array(scenario.array.positions_m[:1], scenario.array.vector_noise_T[:1], scenario.array.scalar_noise_T)
+    whole = scenario.array.with_stated_noise()
+    array = Array(whole.positions_m[:1], whole.vector_noise_T[:1], whole.scalar_noise_T)
     return replace(scenario, array=array, errors=SensorErrors.from_vector(scenario.errors.to_vector()[:1]))
 
 
@@ -142,8 +143,9 @@ def score(case: Case, scenario: Scenario, prior: Prior, seed: int) -> tuple[Floa
     truth = drawn(prior, np.random.default_rng([seed, 7]))
     array = replace(scenario.array.with_stated_noise(), attitude_noise=from_degrees(case.attitude_deg))
     found = posterior_of(case.turned(scenario, truth, seed), array, Known(prior))
-    silent = Problem.of(case.turned(scenario, truth, seed, is_silent=True), array, Known(prior))
-    there = Place(truth, silent.unit_T, silent.motion.view(*silent.rows_at(Place(truth, silent.unit_T))))
+    known = Known(prior, start=Place(truth, prior.calibration.intensity_T))
+    silent = Problem.of(case.turned(scenario, truth, seed, is_silent=True), array, known)
+    there = silent.start
     information = silent.normal_at(there).information
     size = 12 * case.sensors
     least = np.sqrt(np.diag(inverted(information, silent.basis_at(there)))[:size])

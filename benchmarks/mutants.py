@@ -5,11 +5,11 @@
     python benchmarks/mutants.py gap --most 6       # fewer of each module than twelve, the first of the same
     python benchmarks/mutants.py --since HEAD~10    # of lines changed since, for 45 seconds; writes nothing
 
-cosmic-ray changes a number or an operator in a copy of the repository, and the tests of the module run until one fails:
-those of the file that mirrors it, then of those that name it, then of those that mirror a module which imports it. What
-lives is printed. What ``benchmarks/mutants.md`` lists with the reason is not tried. After ``--since`` the exit
-code is 1 where so few are killed as would be one time in a hundred if nine of ten mutants of these lines were: a
-sample of twenty that misses three proves nothing.
+cosmic-ray, which ``make mutants`` installs, changes a number or an operator in a copy of the repository, and the tests
+of the module run until one fails: those of the file that mirrors it, then of those that name it, then of those that
+mirror a module which imports it. What lives is printed. What ``benchmarks/mutants.md`` lists with the reason is not
+tried. After ``--since`` the exit code is 1 where so few are killed as would be one time in a hundred if nine of ten
+mutants of these lines were: a sample of twenty that misses three proves nothing.
 """
 
 import argparse

@@ -52,8 +52,8 @@ class Kind:
         frequency = np.fft.rfftfreq(4 * count)
         amplitude = np.sqrt(self.density(np.maximum(frequency, frequency[1])))
         amplitude /= np.sqrt(np.mean(amplitude[4:] ** 2))
-        drawn: FloatArray = np.fft.irfft(np.fft.rfft(generator.normal(size=4 * count)) * amplitude)[:count]
-        return drawn - drawn.mean()
+        drawn = np.fft.irfft(np.fft.rfft(generator.normal(size=4 * count)) * amplitude)[:count]
+        return np.asarray(drawn - drawn.mean())
 
 
 KINDS = (

@@ -24,7 +24,7 @@ def lasting(part: float) -> Noise:
     def noise(rng: Generator, shape: tuple[int, ...]) -> FloatArray:
         drawn = rng.normal(size=shape)
         drawn[0] /= np.sqrt(1 - part**2)
-        return np.sqrt(1 - part**2) * np.asarray(lfilter([1], [1, -part], drawn, axis=0))
+        return np.asarray(np.sqrt(1 - part**2) * lfilter([1], [1, -part], drawn, axis=0))
 
     return noise
 
@@ -34,4 +34,4 @@ def flicker(rng: Generator, shape: tuple[int, ...]) -> FloatArray:
     spectrum, frequency = rfft(rng.normal(size=shape), axis=0), rfftfreq(shape[0])
     frequency[0] = frequency[1]
     values = irfft(spectrum / np.sqrt(frequency).reshape(-1, *[1] * (len(shape) - 1)), shape[0], axis=0)
-    return values / values.std(axis=0)
+    return np.asarray(values / values.std(axis=0))

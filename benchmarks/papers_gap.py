@@ -69,7 +69,7 @@ Form = Callable[[SetUp, FloatArray, np.random.Generator], FloatArray]
 
 def through(case: SetUp, field: FloatArray) -> FloatArray:
     """Return what the sensors read of a field (N, 4, 3) in the array's frame."""
-    return np.einsum("kij,nkj->nki", case.errors.matrix, field)
+    return np.asarray(np.einsum("kij,nkj->nki", case.errors.matrix, field))
 
 
 def noise(case: SetUp, _: FloatArray, rng: np.random.Generator) -> FloatArray:
@@ -106,7 +106,7 @@ def moving_source(distance_m: float) -> Form:
 def own_reading(case: SetUp, _: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Bend each axis: a polynomial of its own reading."""
     part = case.recording.readings_T / np.abs(case.recording.readings_T).max()
-    return sum(rng.normal(size=(4, 3)) * part**order for order in (2, 3, 4, 5))
+    return np.asarray(sum(rng.normal(size=(4, 3)) * part**order for order in (2, 3, 4, 5)))
 
 
 def direction_of_change(case: SetUp, _: FloatArray, rng: np.random.Generator) -> FloatArray:
@@ -118,7 +118,7 @@ def direction_of_change(case: SetUp, _: FloatArray, rng: np.random.Generator) ->
         for row, reading in enumerate(part):
             state = np.clip(state, reading - width, reading + width)
             loops[row] += weight * state
-    return loops
+    return np.asarray(loops)
 
 
 def slow_offset(case: SetUp, _: FloatArray, rng: np.random.Generator) -> FloatArray:
@@ -137,7 +137,7 @@ def both(first: Form, second: Form) -> Form:
 
     def form(case: SetUp, to_world: FloatArray, rng: np.random.Generator) -> FloatArray:
         forms = [one(case, to_world, rng) for one in (first, second)]
-        return sum((one - one.mean(axis=0)) / np.std(one - one.mean(axis=0)) for one in forms)
+        return np.asarray(sum((one - one.mean(axis=0)) / np.std(one - one.mean(axis=0)) for one in forms))
 
     return form
 
@@ -341,7 +341,7 @@ def answer(recording: Recording, array: Array) -> str:
 
 
 @click.command(help=__doc__)
-@click.option("--seeds", default=40, show_default=True)
+@click.option("--seeds", default=40, show_default=True, type=click.IntRange(11), help="More than ten figures.")
 @click.option("--diagnosed", "cases", default=10, show_default=True, help="Recordings of each paper to diagnose.")
 def main(seeds: int, cases: int) -> None:
     """Run the benchmark."""

@@ -11,16 +11,16 @@ often the 95 % intervals hold, how often a sensor is said to have moved, though 
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import replace
-from importlib import import_module
 from itertools import combinations, permutations
 from pathlib import Path
+from unittest.mock import patch
 
 import click
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from tam_calibration.core.slow_cosines import VarianceFactors
+from tam_calibration.core.slow_cosines import SlowSums
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit import calibrate
 from tam_calibration.model.array import Array
@@ -74,8 +74,7 @@ def row(what: str, found: list[FloatArray]) -> tuple[str, ...]:
 def main(paths: tuple[Path, ...], bias_nT: float, white: bool) -> None:
     """Count, and print a table."""
     if white:
-        import_module("tam_calibration.fit.slow_residuals").variance_factors = lambda *_: VarianceFactors()
-        import_module("tam_calibration.fit.joint_calibration").variance_factors = lambda *_: VarianceFactors()
+        patch("tam_calibration.fit.slow_residuals._slow_sums", lambda *_: [SlowSums(), SlowSums()]).start()
     *of_recordings, of_array = paths
     array = replace(read_array(of_array), change_rates=ChangeRates(bias_per_day=from_nanotesla(bias_nT)))
     recordings = {path.stem: read_recording(path) for path in of_recordings}

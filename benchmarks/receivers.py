@@ -88,7 +88,8 @@ def _spin(executor: Executor, seconds: float) -> None:
 
 def measure(way: str, rate_hz: float, seconds: float) -> float:
     """Return the processor time for a message, microseconds."""
-    with TemporaryDirectory() as logs, Children({"receiver": [__file__, "--way", way]}, Path(logs)) as children:
+    command = [__file__, "--way", way, "--seconds", str(seconds)]
+    with TemporaryDirectory() as logs, Children({"receiver": command}, Path(logs)) as children:
         node = Node("sensors")
         publishers = [node.create_publisher(MagneticField, topic, STREAM) for topic in SENSOR_TOPICS]
         writer, doubles = MessageWriter(MagneticField(), 12), np.zeros(12).tobytes()
@@ -105,7 +106,7 @@ def measure(way: str, rate_hz: float, seconds: float) -> float:
 
 
 @click.command(help=__doc__)
-@click.option("--seconds", default=5.0, show_default=True, help="Length of each run.")
+@click.option("--seconds", default=5.0, show_default=True, type=click.FloatRange(2), help="Length of each run.")
 @click.option("--way", hidden=True)
 def main(seconds: float, way: str | None) -> None:
     """Measure and print."""

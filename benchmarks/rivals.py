@@ -168,7 +168,8 @@ def bound_of(run: Simulation, sensor: int) -> FloatArray:
     """Return the (12,) smallest variances of a sensor that is calibrated alone."""
     alone = SensorErrors.from_vector(run.errors.to_vector()[sensor])
     alone.misalignment[:] = 0
-    return np.diag(bound(run.center_field_T, alone, array_of(data_of(run, sensor)), has_scalar=True))
+    array = array_of(data_of(run, sensor)).with_stated_noise()
+    return np.diag(bound(run.center_field_T, alone, array, has_scalar=True))
 
 
 def root_mean_square(values: FloatArray) -> float:

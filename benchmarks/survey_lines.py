@@ -125,17 +125,17 @@ def command(
         sizes = np.abs(deviations)
         asked = total["asked"]
         case = f"{name}{', judged' if judged else ''}"
-        rows = [
+        rows: list[tuple[str, float, int, tuple[float, float]]] = [
             ("found share", total["found"], asked, (0.95, 1.0)),
             ("false targets a line", total["false"], lines, (0.0, 0.05)),
-            ("95 % intervals cover", np.sum(sizes < 1.96), len(sizes), (0.93, 0.97)),
-            ("beyond 5 standard errors", np.sum(sizes > 5), len(sizes), (0.0, 0.001)),
+            ("95 % intervals cover", int(np.sum(sizes < 1.96)), len(sizes), (0.93, 0.97)),
+            ("beyond 5 standard errors", int(np.sum(sizes > 5)), len(sizes), (0.0, 0.001)),
             ("refused", total["refused"], lines, (0.0, 0.05)),
             ("seconds a metre", seconds / 200, lines, (0.0, 0.05)),
             ("dipoles told as extended", total["dipole told as extended"], asked, (0.0, 0.05)),
             ("extended told as dipoles", total["extended told as dipole"], total["extended"], (0.0, 0.0)),
         ]
-        figures += [Figure(case, "targets", what, float(n) / of, asked=bounds) for what, n, of, bounds in rows if of]
+        figures += [Figure(case, "targets", what, n / of, asked=bounds) for what, n, of, bounds in rows if of]
         parts = "judged" if judged else "made", *kind, *(["without_gyroscope"] if without_gyroscope else [])
         (RESULTS / f"survey_lines_{'_'.join(parts)}.csv").write_text("\n".join(each.line for each in figures) + "\n")
     show(figures, f"{lines} lines of 200 m of each kind, seeds from {seed}", "by")

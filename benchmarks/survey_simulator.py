@@ -77,7 +77,7 @@ def drawn_targets(rng: np.random.Generator, count: int, length: float) -> tuple[
     return places, moments / norm(moments, axis=1, keepdims=True) * size[:, None]
 
 
-KINDS = {
+KINDS: dict[str, dict[str, tuple[float, float]]] = {
     "plain": {},
     "sway": {"sway": (0.05, 0.5)},
     "navigation": {"sway": (0.0, 0.3), "white": (0.05, 0.5), "drift": (0.05, 0.5)},
@@ -91,8 +91,8 @@ KINDS = {
         "lasting": (0.0, 10.0),
         "bend": (0.0, 0.002),
     },
-    "extended": {"sway": (0.0, 0.3), "white": (0.0, 0.1), "attitude": (0.0, 0.1), "bodies": 1},
-    "nothing": {"sway": (0.0, 0.3), "attitude": (0.0, 0.3), "lasting": (0.0, 10.0), "targets": 0},
+    "extended": {"sway": (0.0, 0.3), "white": (0.0, 0.1), "attitude": (0.0, 0.1)},
+    "nothing": {"sway": (0.0, 0.3), "attitude": (0.0, 0.3), "lasting": (0.0, 10.0)},
     "gyroscope": {
         "sway": (0.0, 0.3),
         "white": (0.0, 0.1),
@@ -120,11 +120,13 @@ def line_of(kind: str, seed: int, judged: bool = False, length: float = 200.0) -
     path += draw("sway") * shape * [0.1, 1, 1]
     angles = from_degrees(5.0) * waves(rng, time_s, (4, 10)) * [1, 0.6, 0.6]
     true = Rotation.from_euler("zyx", angles)
-    count = ranges.get("targets", int(rng.integers(1, 13)))
+    count = int(rng.integers(1, 13))
+    if kind == "nothing":
+        count = 0
     places, moments = drawn_targets(rng, count, length)
     extended = np.zeros(count, dtype=bool)
     parts = [(place[None], moment[None]) for place, moment in zip(places, moments, strict=True)]
-    if ranges.get("bodies"):
+    if kind == "extended":
         places, moments, parts = places[:3], moments[:3], parts[:3]
         centre = np.array([length / 2, rng.uniform(-2, 2), -rng.uniform(5, 8)])
         spread = rng.uniform(-3, 3, (8, 3)) * [1, 0.4, 0.15]

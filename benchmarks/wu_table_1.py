@@ -7,6 +7,7 @@ Run ``python benchmarks/wu_table_1.py [--runs 500]``. All methods see the same d
 3. RMSE of the bias with a field drift of 8.26 nT that the scalar tracks, over that without drift.
 """
 
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -23,6 +24,8 @@ from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit.information import bound
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.published import lossless
+from tam_calibration.model.array import Array
+from tam_calibration.model.recording import Recording
 from tam_calibration.model.residuals import measure_residuals
 from tam_calibration.model.units import FloatArray, to_nanotesla
 from tam_calibration.results.scenario import read_scenario
@@ -32,7 +35,7 @@ from tam_calibration.simulation.surroundings import SinusoidDrift
 DRIFT_T = 8.26e-9
 """Standard deviation of the drift of the field, as in ``docs/explanation/methods.md``."""
 
-METHODS = {
+METHODS: dict[str, Callable[[Recording, Array], Calibration]] = {
     "maximum_likelihood": maximum_likelihood,
     "lossless": lossless,
     "lossless, step 1 as published": partial(lossless, as_published=True),
@@ -69,7 +72,7 @@ def score(seed: int) -> dict[str, dict[str, FloatArray | float]]:
     period_s = scenario.sample_count / scenario.rate_hz / 3
     drifting = simulate(replace(scenario, drift=SinusoidDrift(DRIFT_T, period_s)))
     steady, unseen = simulate(scenario), simulate(replace(scenario, seed=-1 - seed & 0xFFFFFFFF))
-    variance = np.diag(bound(steady.center_field_T, steady.errors, scenario.array, has_scalar=True))
+    variance = np.diag(bound(steady.center_field_T, steady.errors, scenario.array.with_stated_noise(), has_scalar=True))
     return {
         name: {"bound": variance.reshape(4, 12)}
         | _score(method(steady.recording, scenario.array), steady, unseen)

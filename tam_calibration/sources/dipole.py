@@ -118,7 +118,7 @@ def field_alone(offset_m: FloatArray, moment_Am2: FloatArray) -> FloatArray:
     offset, moment = map(_components, np.broadcast_arrays(offset_m, moment_Am2))
     square = np.sum(offset**2, axis=0)
     along = 3 * np.sum(offset * moment, axis=0) / square
-    return ((along * offset - moment) * (_STRENGTH / (square * np.sqrt(square)))).T
+    return np.asarray(((along * offset - moment) * (_STRENGTH / (square * np.sqrt(square)))).T)
 
 
 def field_by_moment(offset_m: FloatArray) -> FloatArray:
