@@ -28,8 +28,9 @@ _SHARES = {
 
 _EVERYWHERE = (
     *("ambient_gradient", "platform_field"),
-    *("proton_polarisation", "solar_panel", "swapped_pack"),
+    "proton_polarisation",
     *("moist_boards", "walking_operator", "arc_welder"),
+    *("left_toolbox", "folding_arms", "viscous_hull"),
 )
 """What disturbs all sensors leaves none to another cause."""
 

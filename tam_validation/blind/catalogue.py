@@ -8,8 +8,8 @@ from tam_validation.blind import SETS, disorder, instrument_faults, material, su
 from tam_validation.blind.disturbance import Entry
 from tam_validation.blind.outside import OUTSIDE
 from tam_validation.blind.outside_fifth import FIFTH
-from tam_validation.blind.outside_fourth import FOURTH
 from tam_validation.blind.outside_second import SECOND
+from tam_validation.blind.outside_sixth import SIXTH
 
 _DRAWS = {
     name: draw
@@ -32,10 +32,10 @@ pumped scalars without compensation; an hour of a magnetic storm; a magnet at a 
 spikes of twice the field; the steps of a phone's converter; elsewhere a fifth of the field, past which nobody
 calibrates."""
 
-OUTSIDE_SETS = dict(zip(SETS, (OUTSIDE, SECOND, FOURTH, FIFTH), strict=True))
+OUTSIDE_SETS = dict(zip(SETS, (OUTSIDE, SECOND, FIFTH, SIXTH), strict=True))
 """The causes outside the library, set by set."""
 
-CAUSES = CATALOGUE | OUTSIDE | SECOND | FOURTH | FIFTH
+CAUSES = CATALOGUE | OUTSIDE | SECOND | FIFTH | SIXTH
 """Every cause that a case may hold."""
 
 LAWS: dict[str, dict[str, list[str]]] = tomllib.loads(Path(__file__).with_name("laws.toml").read_text(encoding="utf-8"))

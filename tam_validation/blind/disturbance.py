@@ -102,6 +102,12 @@ def draw_sensor(rng: Generator, scene: Scene) -> int:
     return int(rng.integers(scene.sensor_count))
 
 
+def draw_sensors(rng: Generator, scene: Scene) -> list[int]:
+    """Draw the indices of two sensors, or of up to half of all where those are more."""
+    count = int(rng.integers(2, max(3, scene.sensor_count // 2 + 1)))
+    return [int(one) for one in np.sort(rng.choice(scene.sensor_count, count, replace=False))]
+
+
 def draw_axes(rng: Generator, chance_of_one: float) -> FloatArray:
     """Draw a mask (3,) of all axes, or with some chance of one."""
     mask = np.ones(3)

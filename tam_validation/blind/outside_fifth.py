@@ -12,6 +12,7 @@ from tam_validation.blind.disturbance import (
     Disturbance,
     draw_direction,
     draw_sensor,
+    draw_sensors,
     of_scalar,
     of_sensors,
     proportional,
@@ -75,8 +76,7 @@ def moist_boards(rng: Generator, scene: Scene) -> Disturbance:
 
 def shared_rail(rng: Generator, scene: Scene) -> Disturbance:
     """Let some sensors share a supply rail, which dips by the currents that null the field in all of their axes."""
-    count = int(rng.integers(2, max(3, scene.sensor_count // 2 + 1)))
-    sharing = np.sort(rng.choice(scene.sensor_count, count, replace=False)).tolist()
+    sharing = draw_sensors(rng, scene)
     drawn = np.abs(scene.readings_T[:, sharing]).sum(axis=(1, 2)) / scene.intensity_T.mean()
     change = proportional(of_sensors(scene, {one: 1e-9 * np.outer(drawn, draw_direction(rng)) for one in sharing}))
     return Disturbance("shared_rail", tuple(one + 1 for one in sharing), (), change, "nT", {})
@@ -121,7 +121,7 @@ def hunting_clock(rng: Generator, scene: Scene) -> Disturbance:
 def walking_operator(rng: Generator, scene: Scene) -> Disturbance:
     """Let who turns the array walk around with it, upright, with iron in the pockets: it yaws along but never tilts."""
     yaw = scene.motion.angles(scene.time_s)[:, 0]
-    return _from_beside(rng, scene, "walking_operator", about("z", -yaw) @ scene.to_world, np.ones(len(yaw)))
+    return from_beside(rng, scene, "walking_operator", about("z", -yaw) @ scene.to_world, np.ones(len(yaw)))
 
 
 def arc_welder(rng: Generator, scene: Scene) -> Disturbance:
@@ -129,10 +129,10 @@ def arc_welder(rng: Generator, scene: Scene) -> Disturbance:
     arcs = rng.uniform(0, 0.95, int(rng.integers(4, 10))) * scene.duration_s
     since = (scene.time_s[:, None] - arcs) / (scene.duration_s * rng.uniform(0.02, 0.08, len(arcs)))
     current = rng.normal(size=scene.sample_count) * ((since >= 0) & (since < 1)).any(axis=1)
-    return _from_beside(rng, scene, "arc_welder", scene.to_world, current)
+    return from_beside(rng, scene, "arc_welder", scene.to_world, current)
 
 
-def _from_beside(rng: Generator, scene: Scene, effect: str, turned: FloatArray, size: FloatArray) -> Disturbance:
+def from_beside(rng: Generator, scene: Scene, effect: str, turned: FloatArray, size: FloatArray) -> Disturbance:
     """Return what a dipole of some size (N,) does, at rest in a frame in which the array turns (N, 3, 3)."""
     distance_m = rng.uniform(0.8, 3)
     at_m = np.einsum("nij,kj->nki", turned, np.vstack([scene.positions_m, np.zeros(3)]))
