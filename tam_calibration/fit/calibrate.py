@@ -120,9 +120,9 @@ def calibrate(
             with _naming_attitude(recording, takes_priors):
                 require_determined(recording, array, is_uniform=not ambient_gradient)
         require_enough(recording.sample_count, accept)
-        is_joint |= takes_priors and turning_scalar(recording, array) is not None
+        is_joint |= takes_priors and "scalar" not in accept and turning_scalar(recording, array) is not None
         if is_joint:
-            made = calibrate_jointly(recording, array, prior, main_field_T)
+            made = calibrate_jointly(recording, array, prior, main_field_T, accept)
         else:
             with _naming_attitude(recording, takes_priors):
                 known = Known() if takes_priors else None

@@ -1,6 +1,6 @@
 """The calibration of a recording with what else is known: which channels and priors count, and what has moved."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial, reduce
@@ -64,7 +64,11 @@ class JointCalibration(NamedTuple):
 
 
 def calibrate_jointly(
-    recording: SampleSource, array: Array, prior: Prior | Calibration | None, main_field_T: FloatArray | None
+    recording: SampleSource,
+    array: Array,
+    prior: Prior | Calibration | None,
+    main_field_T: FloatArray | None,
+    accept: Collection[str] = (),
 ) -> JointCalibration:
     """Return the calibration of a recording with what else is known.
 
@@ -78,6 +82,8 @@ def calibrate_jointly(
         Of the same sensors.
     main_field_T : (3,) array, optional
         The world's field, east, north, up, tesla.
+    accept : collection of str
+        Names of findings that are overruled: of ``tam_calibration.integrity.ACCEPTABLE``.
 
     Returns
     -------
@@ -95,7 +101,7 @@ def calibrate_jointly(
     """
     if prior is None:
         given = None if array.tolerances is None else prior_of_tolerances(recording, array)
-        return _as_far_as_they_agree(recording, array, Known(given, main_field_T))
+        return _as_far_as_they_agree(recording, array, Known(given, main_field_T), accept)
     given = prior_for(recording, array, prior)
     kept = replace(given.calibration, effects=of_array(given.calibration.effects))
     sizes = zip(given.calibration.effects, given.calibration.effect_sizes, strict=True)
@@ -104,7 +110,7 @@ def calibrate_jointly(
         recording = kept.without_effects(recording.whole())
     if kept.known_source is not None:
         array = replace(array, positions_m=kept.array.positions_m, axis_offsets_m=kept.array.axis_offsets_m)
-    joint = _as_far_as_they_agree(recording, array, Known(given, main_field_T))
+    joint = _as_far_as_they_agree(recording, array, Known(given, main_field_T), accept)
     calibration = replace(
         joint.calibration, effects=kept.effects, effect_sizes=kept.effect_sizes, known_source=kept.known_source
     )
@@ -144,13 +150,15 @@ def prior_for(recording: SampleSource, array: Array, prior: Prior | Calibration)
     return prior_of(calibration, (first_s + last_s) / 2, temperature_C, array.change_rates)
 
 
-def _as_far_as_they_agree(recording: SampleSource, array: Array, known: Known) -> JointCalibration:
+def _as_far_as_they_agree(
+    recording: SampleSource, array: Array, known: Known, accept: Collection[str]
+) -> JointCalibration:
     """Return the calibration with scalar, place and attitude as far as they agree, and depend on no sensor.
 
     A field that pulsates as the array turns looks like a magnet near the scalar. The standard errors
     therefore hold by how much the errors differ with and without a scalar that follows the direction of the field.
     """
-    scalar = turning_scalar(recording, array)
+    scalar = None if "scalar" in accept else turning_scalar(recording, array)
     if scalar is None:
         return _with_motion(recording, array, known)
     given = recording, known

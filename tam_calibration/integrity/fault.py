@@ -16,6 +16,7 @@ CHANNEL_FAULTS = {
     "quantised": "steps of the readings far above the stated noise",
     "repeated": "a sensor or axis that repeats another, at once or later",
     "saturated": "an axis that stays at an end of its range",
+    "scalar": "a scalar that follows the direction of the field, as near a magnet",
     "stuck_bits": "an axis whose values leave out every second band of equal width",
     "unit": "an axis, a sensor or the scalar in another unit than the others",
     "zero": "readings that are exactly zero",

@@ -8,6 +8,7 @@ from compasses import CROSS, circles, recorded, worst
 from swinging_circle import COUNT, RATE_HZ, made
 
 from tam_calibration.fit import calibrate
+from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.model.exceptions import InputError, Refused
 
 
@@ -25,6 +26,14 @@ def test_a_magnet_beside_the_scalar_costs_its_precision_only(size_T):
     found = calibrate(read_beside(circles(), 1, size_T * np.array([0.6, -0.64, 0.48])), CROSS)
     assert any("the scalar follows the direction of the field" in note for note in (*found.warnings, *found.notes))
     assert found.has_scalar_reference and worst(found) < 4
+
+
+def test_what_a_scalar_follows_may_be_accepted():
+    """As where an effect of the vehicle, which sensors and scalar share, is taken off: then all of it is used."""
+    recording = read_beside(circles(), 1, 150e-9 * np.array([0.6, -0.64, 0.48]))
+    found = calibrate(recording, CROSS, accept=["scalar"])
+    assert not any("the scalar follows" in note for note in (*found.warnings, *found.notes))
+    np.testing.assert_array_equal(found.errors.scale_factor, maximum_likelihood(recording, CROSS).errors.scale_factor)
 
 
 def test_a_load_that_is_switched_as_the_array_turns_is_found():
