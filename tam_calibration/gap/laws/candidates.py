@@ -83,23 +83,18 @@ def _constant(residual: Residual, pattern: Pattern, label: str, tried: float = 1
     return Candidate(pattern, label, fit.evidence - float(np.log(tried)))
 
 
-def can_be_elsewhere(found: Candidate) -> bool:
-    """Say whether a law of a sensor can be made in another one with the same course."""
-    return found.course == "motion" or found.pattern.law in ("offset", "gain", "rate")
-
-
-def elsewhere(residual: Residual, found: Candidate, sensor: int) -> Candidate:
-    """Return the law that was found in a sensor, with the same course, in another one."""
-    pattern = found.pattern
-    if found.course == "motion":
-        ways = (pattern.law, pattern.follows)
-        shapes = [
-            one for one in patterns.of_motion(residual, sensor) if (one.law, one.follows) == ways and len(one.axes) == 3
-        ]
+def elsewhere(residual: Residual, law: Candidate, sensor: int) -> Candidate | None:
+    """Return the law of another sensor, with the same course, in a sensor; None where it cannot have that course."""
+    pattern = law.pattern
+    if law.course == "motion":
+        every = (one for one in patterns.of_motion(residual, sensor) if len(one.axes) == 3)
+        shapes = [one for one in every if (one.law, one.follows) == (pattern.law, pattern.follows)]
+    elif pattern.law in ("offset", "gain", "rate"):
+        shapes = [patterns.of_all_axes(residual, pattern.law, sensor).times(law.drive(residual), pattern.follows)]
     else:
-        shapes = [patterns.alike(residual, pattern.law, sensor).times(found.drive(residual), pattern.follows)]
-    tried = [_constant(residual, one, found.course, len(shapes)) for one in shapes]
-    return max(tried, key=lambda one: one.evidence)
+        return None
+    tried = [_constant(residual, one, law.course, len(shapes)) for one in shapes]
+    return max(tried, key=lambda one: one.evidence, default=None)
 
 
 def _sizes(residual: Residual) -> FloatArray:
@@ -145,14 +140,21 @@ def _tones(residual: Residual, similar: Sequence[Pattern]) -> Iterator[Candidate
         tone = pattern.times(waves, f"{frequency_hz:.6g} Hz")
         steady = _constant(residual, tone, "tone", tried)
         yield steady
-        # A rotor's pace wanders: of its tone only a part is steady.
-        least = MINOR if pattern.law == "offset" else MOST
+        # A rotor's pace wanders: of its tone only a part is steady. So would be that of the motion.
+        wanders = pattern.law == "offset" and frequency_hz > _pace_hz(residual)
+        least = MINOR if wanders else MOST
         if pattern.features.shape[2] > 3 or steady.evidence + penalty < least * residual.excess / 2:
             continue
-        for part, count in ((0.25, COARSE), (0.03, 4 * COARSE))[: 1 + (pattern.law == "offset")]:
+        for part, count in ((0.25, COARSE), (0.03, 4 * COARSE))[: 1 + wanders]:
             bins, length = Bins.of(residual.time_s, count), part * float(np.ptp(residual.time_s))
             wavering = course(tone.sums(residual, bins), length, _sizes(residual))
             yield Candidate(tone, "tone", wavering.evidence - penalty, bins, length, wavering.variance)
+
+
+def _pace_hz(residual: Residual) -> float:
+    """Return a frequency above which the field as the sensors see it hardly changes."""
+    rate = np.gradient(residual.field, residual.time_s, axis=0)
+    return 2 / np.pi * float(np.sqrt(np.mean(rate**2) / residual.field.var(axis=0).mean()))
 
 
 def _line(residual: Residual, pattern: Pattern) -> tuple[float | None, int]:
@@ -177,8 +179,7 @@ def _line(residual: Residual, pattern: Pattern) -> tuple[float | None, int]:
     frequency = np.fft.rfftfreq(length, step_s)
     slowest = 12 / time_s[-1]  # a slower one is a drift
     if pattern.law == "gain":  # and one of the pace of the motion a function of that
-        rate = np.gradient(residual.field, time_s, axis=0)
-        slowest = max(slowest, 2 / np.pi * float(np.sqrt(np.mean(rate**2) / residual.field.var(axis=0).mean())))
+        slowest = max(slowest, _pace_hz(residual))
     power[frequency < slowest] = 0
     near, spacing = float(frequency[power.argmax()]), float(frequency[1])  # a quarter of a line's width
 

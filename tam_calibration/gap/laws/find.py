@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.effects.grades import FEWEST, MOST, NEGLIGIBLE, NOTABLE, SLIGHT
-from tam_calibration.gap.laws.candidates import can_be_elsewhere, candidates, elsewhere, held
+from tam_calibration.gap.laws.candidates import candidates, elsewhere, held
 from tam_calibration.gap.laws.decisions import FREEDOM, LEAST_EVIDENCE, LEAST_SHARE, MOST_TRIED, TIE, TOLERANCE
 from tam_calibration.gap.laws.evidence import Bins
 from tam_calibration.gap.laws.law import SCALAR, Course, Place
@@ -118,6 +118,11 @@ class Found:
     residual: Residual
     also: tuple["Found", ...] = ()
 
+    @property
+    def everywhere(self) -> tuple["Found", ...]:
+        """The law in each of its sensors."""
+        return self, *self.also
+
     def left_in(self, residual: Residual) -> float:
         """Return the energy, in units of the noise, that the same law fitted anew predicts of another residual.
 
@@ -172,39 +177,36 @@ def predictive_laws(residual: Residual, whole: float) -> tuple[list[Found], Resi
         if found and predicted < LEAST_SHARE * max(whole, residual.excess, 1.0):
             break
         first = Found(best, predicted, tuple(tried), scaled)
-        residual = residual.without(first.signal(scaled, scaled))
-        found.append(replace(first, also=tuple(_elsewhere(residual, best, factor))))
-        for also in found[-1].also:
-            residual = residual.without(also.signal(also.residual, also.residual))
+        also, residual = _elsewhere(residual.without(first.signal(scaled, scaled)), best, factor)
+        found.append(replace(first, also=also))
     return found, residual
 
 
-def _elsewhere(residual: Residual, first: Candidate, factor: float) -> Iterator[Found]:
-    """Yield the law of a sensor with the same course in others, where it is most of what those before it leave there.
+def _elsewhere(residual: Residual, law: Candidate, factor: float) -> tuple[tuple[Found, ...], Residual]:
+    """Return a law of a sensor in others, with the same course, where it is most of what is left; and what that leaves.
 
     Parameters
     ----------
     residual : Residual
         Without the law of that sensor.
-    first : Candidate
-        That law.
+    law : Candidate
+        Of that sensor; one of the scalar or of several sensors is in no other.
     factor : float
         Noise of a model that is wrong by ``TOLERANCE``.
     """
-    if len(first.pattern.sensors) > 1 or first.pattern.sensors == SCALAR or not can_be_elsewhere(first):
-        return
-    for sensor in range(1, residual.sensor_count + 1):
+    found: list[Found] = []
+    is_of_sensor = len(law.pattern.sensors) == 1 and law.pattern.sensors != SCALAR
+    others = [one for one in range(1, residual.sensor_count + 1) if one not in law.pattern.sensors]
+    for sensor in others if is_of_sensor else ():
         scaled = residual.scaled(factor)
-        if sensor in first.pattern.sensors or held(scaled, sensor) < LEAST_EVIDENCE:
-            continue
-        also = elsewhere(scaled, first, sensor)
-        if also.evidence < LEAST_EVIDENCE:
+        also = elsewhere(scaled, law, sensor)
+        if also is None or also.evidence < LEAST_EVIDENCE:
             continue
         predicted = predicted_energy(_halves(scaled), also)
         if predicted > MOST * held(scaled, sensor):
-            found = Found(also, predicted * factor**2, (also,), scaled)
-            residual = residual.without(found.signal(scaled, scaled))
-            yield found
+            found.append(Found(also, predicted * factor**2, (also,), scaled))
+            residual = residual.without(found[-1].signal(scaled, scaled))
+    return tuple(found), residual
 
 
 def _refined(residual: Residual, tried: list[Candidate]) -> Iterator[Candidate]:
@@ -230,7 +232,7 @@ def _refined(residual: Residual, tried: list[Candidate]) -> Iterator[Candidate]:
 
 
 def _reshaped(residual: Residual, tried: list[Candidate]) -> Iterator[Candidate]:
-    """Yield steps of functions of the own reading, where these explain more than the best offsets and gains that jump."""
+    """Yield steps of functions of the own reading, where these explain more than offsets and gains that jump."""
     jumps = [one for one in tried if one.steps and one.pattern.sensors != SCALAR and len(one.pattern.sensors) == 1]
     bins = Bins.of_time(residual.time_s)
     for one in sorted(jumps, key=lambda one: -one.evidence)[:2]:

@@ -129,7 +129,7 @@ def in_sensor(residual: Residual, sensor: int) -> Iterator[Pattern]:
     yield from _scaling("rate", sensor, residual.sensed_rate)
 
 
-def alike(residual: Residual, law: str, sensor: int) -> Pattern:
+def of_all_axes(residual: Residual, law: str, sensor: int) -> Pattern:
     """Return an offset, gain or rate of all axes of a sensor."""
     values = {"offset": np.ones((residual.count, 1)), "gain": residual.field, "rate": residual.rate}
     return _whole(law, sensor, _each(values[law], 3))

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,43 +30,47 @@ def scatter_of(residual: Residual, whole: float) -> list[Signature]:
     left = float((residual.z**2).sum() - residual.size)
     # Noise, and the error of any law of the residual's size.
     unit = float(np.sqrt(1 + TOLERANCE**2 * max(left, 0.0) / residual.size))
-    residual = residual.scaled(unit)
-    common = _widened(_of_sizes(*_resolved(residual.response[:, :, :-1], residual)))
-    found = list[Signature]()
+    scaled = residual.scaled(unit)
+    common = _widened(_of_sizes(*_resolved(scaled.response[:, :, :-1], scaled)))
+    judged = partial(_scatter, scaled, unit, whole, max(common, 0.0))
+    found = [judged(*place) for place in _places(scaled)]
+    noisy = [one.sensors[0] for one in _certain(found) if one.law in ("noise", "samples") and len(one.axes) == 3]
+    for count in range(2, len(noisy) + 1):
+        several = tuple(sorted(noisy[:count], key=str))
+        found.append(judged("noise", several, tuple(AXES), _shifts(scaled, several, tuple(AXES))))
+    return _certain(found)
 
-    def judge(law: str, sensors: Place, axes: tuple[str, ...], columns: FloatArray) -> None:
-        values, along = _resolved(columns, residual)
-        of_sizes = _of_sizes(values, along)
-        evidence = _widened(of_sizes)
-        sparse, share, often = _sparse(of_sizes)
-        explained = unit**2 * (along**2 / np.maximum(values, 1e-12)).sum() - (values > 1e-9).sum()
-        course = "random"
-        is_rare = share < MINOR  # deviations of single samples, and not spans of noise
-        if sparse > evidence + LEAST_EVIDENCE and not (is_rare and law == "rate"):
-            evidence = sparse
-            if is_rare and law == "noise":
-                law = "samples"
-            elif often.std() > 0 and np.corrcoef(often[1:], often[:-1])[0, 1] > NOTABLE:
-                course = "episodes"
-        energy = float(np.clip(explained / whole, 0, 1))
-        beyond = evidence - max(common, 0.0)
-        found.append(Signature(law, course, sensors, axes, energy, (sensors,), None, (), beyond))
 
-    for place in _places(residual):
-        judge(*place)
-    noisy = sorted(
-        (
-            one
-            for one in found
-            if one.evidence > LEAST_EVIDENCE and one.law in ("noise", "samples") and len(one.axes) == 3
-        ),
-        key=lambda one: -one.evidence,
-    )
-    sensors = tuple(one.sensors[0] for one in noisy if isinstance(one.sensors[0], int))
-    for count in range(2, len(sensors) + 1):
-        several = tuple(sorted(sensors[:count]))
-        judge("noise", several, tuple(AXES), _shifts(residual, several, tuple(AXES)))
+def _certain(found: list[Signature]) -> list[Signature]:
     return sorted((one for one in found if one.evidence > LEAST_EVIDENCE), key=lambda one: -one.evidence)
+
+
+def _scatter(
+    residual: Residual,
+    unit: float,
+    whole: float,
+    common: float,
+    law: str,
+    sensors: Place,
+    axes: tuple[str, ...],
+    columns: FloatArray,
+) -> Signature:
+    """Return a law of scatter, its evidence beyond that of noise that all sensors have in common."""
+    values, along = _resolved(columns, residual)
+    of_sizes = _of_sizes(values, along)
+    evidence = _widened(of_sizes)
+    sparse, share, often = _sparse(of_sizes)
+    explained = unit**2 * (along**2 / np.maximum(values, 1e-12)).sum() - (values > 1e-9).sum()
+    course = "random"
+    is_rare = share < MINOR  # deviations of single samples, and not spans of noise
+    if sparse > evidence + LEAST_EVIDENCE and not (is_rare and law == "rate"):
+        evidence = sparse
+        if is_rare and law == "noise":
+            law = "samples"
+        elif often.std() > 0 and np.corrcoef(often[1:], often[:-1])[0, 1] > NOTABLE:
+            course = "episodes"
+    energy = float(np.clip(explained / whole, 0, 1))
+    return Signature(law, course, sensors, axes, energy, (sensors,), None, (), evidence - common)
 
 
 def _shifts(residual: Residual, place: Place, axes: tuple[str, ...]) -> FloatArray:

@@ -92,12 +92,7 @@ def laws_of(residual: Residual, gap: float) -> tuple[Law, ...]:
     whole, total = max(residual.excess, 1.0), float((residual.z**2).sum())
     laws, found = _signatures(residual, whole)
     each = [
-        Law(
-            law,
-            law.energy * whole / total,
-            tuple(also for one in found[index : index + 1] for also in (one, *one.also)),
-            residual,
-        )
+        Law(law, law.energy * whole / total, found[index].everywhere if index < len(found) else (), residual)
         for index, law in enumerate(laws)
     ]
     kept = [
@@ -168,7 +163,7 @@ def _common_noise(residual: Residual) -> list[Signature]:
 def _at_all(residual: Residual, quiet: Residual, found: list[Found]) -> Residual:
     """Return the residual of all samples without laws and nominal parameters, fitted to the quiet samples alone."""
     z = residual.z.copy()
-    for one in (also for first in found for also in (first, *first.also)):
+    for one in (also for first in found for also in first.everywhere):
         z -= one.signal(residual, one.residual)
     own = residual.nuisance.reshape(z.size, -1)
     taken = (residual.nuisance * quiet.live[:, None, None]).reshape(z.size, -1)
@@ -227,7 +222,7 @@ def _lattice(residual: Residual) -> Signature | None:
 
 
 def _of_found(found: Found, residual: Residual, whole: float) -> Signature:
-    best, pattern, places, every = found.best, found.best.pattern, _places(found), (found, *found.also)
+    best, pattern, places, every = found.best, found.best.pattern, _places(found), found.everywhere
     if found.also:
         places = (tuple(sorted(sensor for one in every for sensor in one.best.pattern.sensors)),)
     times_s: tuple[float, ...] = ()
