@@ -31,17 +31,18 @@ def scatter_of(residual: Residual, whole: float) -> list[Signature]:
     # Noise, and the error of any law of the residual's size.
     unit = float(np.sqrt(1 + TOLERANCE**2 * max(left, 0.0) / residual.size))
     scaled = residual.scaled(unit)
-    common = _widened(_of_sizes(*_resolved(scaled.response[:, :, :-1], scaled)))
-    judged = partial(_scatter, scaled, unit, whole, max(common, 0.0))
+    axes = tuple(AXES)
+    judged = partial(_scatter, scaled, unit, whole)
     found = [judged(*place) for place in _places(scaled)]
-    noisy = [one.sensors[0] for one in _certain(found) if one.law in ("noise", "samples") and len(one.axes) == 3]
+    noisy = [one for one in found if one.law in ("noise", "samples") and len(one.axes) == 3]
+    noisy = sorted(noisy, key=lambda one: -one.evidence)
     for count in range(2, len(noisy) + 1):
-        several = tuple(sorted(noisy[:count], key=str))
-        found.append(judged("noise", several, tuple(AXES), _shifts(scaled, several, tuple(AXES))))
-    return _certain(found)
-
-
-def _certain(found: list[Signature]) -> list[Signature]:
+        several = tuple(sorted((one.sensors[0] for one in noisy[:count]), key=str))
+        found.append(judged("noise", several, axes, _shifts(scaled, several, axes)))
+        if found[-1].evidence < noisy[0].evidence:
+            break
+    common = max(_widened(_of_sizes(*_resolved(scaled.response[:, :, :-1], scaled))), 0.0)
+    found = [replace(one, evidence=one.evidence - common) for one in found]
     return sorted((one for one in found if one.evidence > LEAST_EVIDENCE), key=lambda one: -one.evidence)
 
 
@@ -49,13 +50,12 @@ def _scatter(
     residual: Residual,
     unit: float,
     whole: float,
-    common: float,
     law: str,
     sensors: Place,
     axes: tuple[str, ...],
     columns: FloatArray,
 ) -> Signature:
-    """Return a law of scatter, its evidence beyond that of noise that all sensors have in common."""
+    """Return a law of scatter."""
     values, along = _resolved(columns, residual)
     of_sizes = _of_sizes(values, along)
     evidence = _widened(of_sizes)
@@ -70,7 +70,7 @@ def _scatter(
         elif often.std() > 0 and np.corrcoef(often[1:], often[:-1])[0, 1] > NOTABLE:
             course = "episodes"
     energy = float(np.clip(explained / whole, 0, 1))
-    return Signature(law, course, sensors, axes, energy, (sensors,), None, (), evidence - common)
+    return Signature(law, course, sensors, axes, energy, (sensors,), None, (), evidence)
 
 
 def _shifts(residual: Residual, place: Place, axes: tuple[str, ...]) -> FloatArray:

@@ -205,6 +205,62 @@ def test_sensors_that_share_a_course_have_one_law(run):
     assert found == {("offset", "episodes", (1, 4)), ("offset", "step", (2,))}
 
 
+def in_sensors(run, of_sensors):
+    """Return a run to whose sensors (from 1) signals (N, 3) are added."""
+    added = np.zeros((run.recording.sample_count, run.row_count))
+    for sensor, signal in of_sensors.items():
+        added[:, 3 * sensor - 3 : 3 * sensor] = signal
+    return run.with_added(added)
+
+
+def test_a_law_of_many_sensors_names_them_all(run):
+    """A load that all sensors feel, each along its own direction, one of them a tenth as much as others."""
+    clean = run(samples=600)
+    course = episodes(clean.recording.time_s)[:, None]
+    sizes_T = 3e-9 * np.array([[1, 0, 0.5], [0, -1, 0.5], [0.1, 0.2, 0], [-0.5, 0, 1]])
+    found = signature(in_sensors(clean, {sensor: course * size for sensor, size in enumerate(sizes_T, 1)}))
+    assert (found[0].law, found[0].course, found[0].sensors) == ("offset", "episodes", (1, 2, 3, 4))
+
+
+def test_laws_of_two_sensors_that_are_not_one_stay_apart(run):
+    """A curved axis of one, and gains of another that wander, which a curve imitates in part."""
+    clean = run(samples=900)
+    time_s, own = clean.recording.time_s, along_axis(clean, 3, 0)
+    curved = np.outer(2e-8 * (own / 5e-5) ** 3, [1.0, 0, 0])
+    sensed = clean.recording.readings_T[:, 1] - clean.errors.bias_T[1]
+    wandering = 3e-5 * np.sin(2 * np.pi * time_s / 31)[:, None] * sensed[:, [1, 2, 0]]
+    found = {one.law: one.sensors for one in signature(in_sensors(clean, {4: curved, 2: wandering}))}
+    assert found["own_field"] == (4,) and found["gain"] == (2,)
+
+
+def test_a_curve_that_begins(run):
+    """An axis that is bent from some moment on is a law of its reading, which a gain that steps is not."""
+    clean = run(samples=600)
+    after, own = clean.recording.time_s > 33, along_axis(clean, 2, 1)
+    (bent,) = signature(clean.with_row(7, after * 5e-9 * np.exp(6 * (own / np.abs(own).max() - 1))))
+    assert (bent.law, bent.course, bent.sensors, bent.axes) == ("own_field", "step", (3,), ("y",))
+    assert bent.times_s == pytest.approx((33.0,), abs=0.5)
+    (scaled,) = signature(clean.with_row(7, after * 1e-4 * own))
+    assert (scaled.law, scaled.course) == ("gain", "step")
+
+
+def test_a_tone_whose_pace_wanders(run):
+    """Of a rotor: its phase walks by a radian within some turns, and the tone is one of an offset all the same."""
+    clean = run(samples=900)
+    walk = np.cumsum(np.random.default_rng(3).normal(size=900)) * 0.15
+    wave = 4e-9 * np.sin(2 * np.pi * 2.3 * clean.recording.time_s + walk)
+    first = signature(in_sensors(clean, {2: np.outer(wave, [1.0, -0.5, 0.3])}))[0]
+    assert (first.law, first.course, first.sensors) == ("offset", "tone", (2,))
+
+
+def test_noise_of_several_sensors(run):
+    """Brushes beside two of four sensors: their noise is told of both, and of no third."""
+    clean = run(samples=600)
+    noise = 4e-9 * np.random.default_rng(8).normal(size=(2, 600, 3))
+    first = signature(in_sensors(clean, {1: noise[0], 4: noise[1]}))[0]
+    assert (first.law, first.course, first.sensors) == ("noise", "random", (1, 4))
+
+
 def test_shares_are_those_of_samples_that_were_not_fitted(run):
     """Of an offset in one sensor beside white noise of its size in another, each has about half of the gap."""
     clean = run(samples=750)
