@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.grades import FEWEST, MOST, NEGLIGIBLE, NOTABLE, SLIGHT
+from tam_calibration.effects.grades import FEWEST, MINOR, MOST, NEGLIGIBLE, NOTABLE, SLIGHT
 from tam_calibration.gap.laws.candidates import candidates, elsewhere, held
 from tam_calibration.gap.laws.decisions import FREEDOM, LEAST_EVIDENCE, LEAST_SHARE, MOST_TRIED, TIE, TOLERANCE
 from tam_calibration.gap.laws.evidence import Bins
@@ -233,8 +233,9 @@ def _refined(residual: Residual, tried: list[Candidate]) -> Iterator[Candidate]:
 
 def _reshaped(residual: Residual, tried: list[Candidate]) -> Iterator[Candidate]:
     """Yield steps of functions of the own reading, where these explain more than offsets and gains that jump."""
-    jumps = [one for one in tried if one.steps and one.pattern.sensors != SCALAR and len(one.pattern.sensors) == 1]
-    bins = Bins.of_time(residual.time_s)
+    least, bins = (1 - MINOR) * max(one.evidence for one in tried), Bins.of_time(residual.time_s)
+    jumps = [one for one in tried if one.steps and one.evidence > least and len(one.pattern.sensors) == 1]
+    jumps = [one for one in jumps if one.pattern.sensors != SCALAR]
     for one in sorted(jumps, key=lambda one: -one.evidence)[:2]:
         pattern = changed_own_field(residual, int(one.pattern.sensors[0]), one.pattern.axes)
         step = next(steps(pattern, pattern.sums(residual, bins), bins))
