@@ -177,24 +177,24 @@ def predictive_laws(residual: Residual, whole: float) -> tuple[list[Found], Resi
         if found and predicted < LEAST_SHARE * max(whole, residual.excess, 1.0):
             break
         first = Found(best, predicted, tuple(tried), scaled)
-        also, residual = _elsewhere(residual.without(first.signal(scaled, scaled)), best, factor)
+        also, residual = _elsewhere(residual.without(first.signal(scaled, scaled)), first, factor)
         found.append(replace(first, also=also))
     return found, residual
 
 
-def _elsewhere(residual: Residual, law: Candidate, factor: float) -> tuple[tuple[Found, ...], Residual]:
+def _elsewhere(residual: Residual, first: Found, factor: float) -> tuple[tuple[Found, ...], Residual]:
     """Return a law of a sensor in others, with the same course, where it is most of what is left; and what that leaves.
 
     Parameters
     ----------
     residual : Residual
         Without the law of that sensor.
-    law : Candidate
-        Of that sensor; one of the scalar or of several sensors is in no other.
+    first : Found
+        That law; one of the scalar or of several sensors is in no other.
     factor : float
         Noise of a model that is wrong by ``TOLERANCE``.
     """
-    found: list[Found] = []
+    found, law = list[Found](), first.best
     is_of_sensor = len(law.pattern.sensors) == 1 and law.pattern.sensors != SCALAR
     others = [one for one in range(1, residual.sensor_count + 1) if one not in law.pattern.sensors]
     for sensor in others if is_of_sensor else ():
@@ -203,7 +203,8 @@ def _elsewhere(residual: Residual, law: Candidate, factor: float) -> tuple[tuple
         if also is None or also.evidence < LEAST_EVIDENCE:
             continue
         predicted = predicted_energy(_halves(scaled), also)
-        if predicted > MOST * held(scaled, sensor):
+        # Models are wrong by a part of the law.
+        if predicted > max(MOST * held(scaled, sensor), NEGLIGIBLE * first.predicted / factor**2):
             found.append(Found(also, predicted * factor**2, (also,), scaled))
             residual = residual.without(found[-1].signal(scaled, scaled))
     return tuple(found), residual
