@@ -102,10 +102,10 @@ def answering(function: Callable[..., Any]) -> Callable[..., Any]:
     """
 
     @wraps(function)
-    def with_answer(*args: Any, json_path: Path | None, detail: Detail, **extra: Any) -> Any:
+    def with_answer(*, json_path: Path | None, detail: Detail, **extra: Any) -> Any:
         if json_path is not None and json_path.suffix != ".json" and json_path.is_file():
             raise InputError(f"{json_path} would be overwritten: put --json last, or name a .json file")
-        return function(*args, answer=Answer(json_path, detail), **extra)
+        return function(answer=Answer(json_path, detail), **extra)
 
     command: Callable[..., Any] = json_option(answer_options(with_answer))
     return command

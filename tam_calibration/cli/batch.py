@@ -54,9 +54,7 @@ def _answer(results: Sequence[Result], points: Sequence[str]) -> str:
 @click.option("--scheduler", help="Address of a Dask scheduler, such as tcp://host:8786, whose workers do the work.")
 @terminal.reading_options
 @terminal.answer_options
-@click.pass_context
 def command(
-    ctx: click.Context,
     recordings: tuple[str, ...],
     array_path: Path,
     calibration_path: Path | None,
@@ -84,7 +82,7 @@ def command(
     with terminal.showing_progress() as progress:
         results = run_batch(paths, output, options, run, terminal.working(progress, "recordings"))
     _print(results, output, detail)
-    ctx.exit(0 if all(result.is_settled for result in results) else 1)
+    raise click.exceptions.Exit(0 if all(result.is_settled for result in results) else 1)
 
 
 def _runner(paths: Sequence[Path], jobs: int | None, scheduler: str | None) -> "Run":

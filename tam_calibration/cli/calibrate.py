@@ -151,10 +151,7 @@ def _gradient(gradient: AmbientGradientEstimate) -> str:
 @answering
 @click.option("--report", type=terminal.PATH, help="Write an HTML page with residuals, coverage and parameters.")
 @terminal.accept_option
-@click.pass_context
 def command(
-    ctx: click.Context,
-    /,
     recording: Path,
     array_path: Path,
     output: Path | None,
@@ -199,7 +196,7 @@ def command(
             f"tam correct {recording} --calibration {output} -o corrected.csv" if output else "",
         )
     if found.calibration.quality.grade == "bad":
-        ctx.exit(1)
+        raise click.exceptions.Exit(1)
 
 
 def _delays(path: Path, array: Array, place: str | None, how: Reading, progress: Progress) -> "Delays":

@@ -31,9 +31,7 @@ from tam_calibration.results.comparison_json import Sources, comparison_to_mappi
 @terminal.path_option("--map-of-simulation", "Map YAML of the simulation, if its names differ.")
 @terminal.reading_options
 @answering
-@click.pass_context
 def command(
-    ctx: click.Context,
     simulation: Path,
     recording: Path,
     array_path: Path,
@@ -72,7 +70,7 @@ def command(
         )
     if mend_path is not None and comparison.mend is None and not answer.is_json:
         say(f"not written: {mend_path}, as nothing was compared")
-    ctx.exit(0 if comparison.verdict == "same" else 1)
+    raise click.exceptions.Exit(0 if comparison.verdict == "same" else 1)
 
 
 def _compare(

@@ -25,9 +25,7 @@ _CLAUSES = 30
 @click.option("--write-map", "map_path", type=PATH, help="Write the choice, or the best guess, as a map to edit.")
 @click.option("--report", type=PATH, help="Write an HTML page that draws every channel over time.")
 @answering
-@click.pass_context
 def command(
-    ctx: click.Context,
     recording: tuple[Path, ...],
     array_path: Path | None,
     map_path: Path | None,
@@ -53,12 +51,11 @@ def command(
         settled = f"tam calibrate {names} --array {array_path or 'array.yaml'} -o calibration.yaml"
         advice = settled if found.is_certain else f"tam inspect {names} --write-map map.yaml"
         answer.give(inspection_to_mapping(found), headline(found), _blocks(found), advice=advice)
-    ctx.exit(0 if found.is_certain else 1)
+    raise click.exceptions.Exit(0 if found.is_certain else 1)
 
 
 def _blocks(found: Inspection) -> list[Block]:
-    table = Table(HEADER, list(rows_of(found, _CHANNELS)), numeric=False)
-    blocks: list[Block] = [table]
+    blocks: list[Block] = [Table(HEADER, list(rows_of(found, _CHANNELS)), numeric=False)]
     more = [f"… and {len(found.oddities) - _CLAUSES} more: --json has all"] if len(found.oddities) > _CLAUSES else []
     for title, clauses in (
         ("Taken:", found.reasons),

@@ -186,7 +186,7 @@ def reading_options(function: Callable[..., Any]) -> Callable[..., Any]:
 
     @wraps(function)
     def with_reading(
-        *args: Any,
+        *,
         map_path: Path | None,
         start: str | None,
         until: str | None,
@@ -199,7 +199,7 @@ def reading_options(function: Callable[..., Any]) -> Callable[..., Any]:
         channel_map = None if map_path is None else read_map(map_path)
         files = tuple(path for path in (map_path, base_station_path) if path is not None)
         how = Reading(channel_map, window, unwrap, base_station_path, tolerance_s, files)
-        return function(*args, how=how, **extra)
+        return function(how=how, **extra)
 
     command: Callable[..., Any] = with_reading
     for option in reversed(_READING_OPTIONS):
