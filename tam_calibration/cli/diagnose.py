@@ -18,16 +18,9 @@ from tam_calibration.model.geomagnetic_field import EARTH_FIELD, bounds_at
 from tam_calibration.recordings import provenance, read_array, transforms_in
 from tam_calibration.recordings.fit_input import read_source
 from tam_calibration.recordings.reading import Reading
+from tam_calibration.report import gap_rows
 from tam_calibration.report.blocks import Block, Points, Text
 from tam_calibration.report.formatting import sentence
-from tam_calibration.report.gap_rows import (
-    cause_blocks,
-    hypotheses,
-    next_blocks,
-    size_blocks,
-    summary_blocks,
-    where_words,
-)
 from tam_calibration.report.signature_rows import first_sentence, law_blocks
 from tam_calibration.results import read_calibration
 from tam_calibration.results.results_json import gap_to_mapping
@@ -36,15 +29,15 @@ from tam_calibration.results.results_json import gap_to_mapping
 def _blocks(gap: Gap) -> list[Block]:
     """Return the size of the gap, its causes, where it lies, what became of each hypothesis, and what to record."""
     sensor_count = len(gap.residue.floor_T) // 3
-    blocks = [*law_blocks(gap, sensor_count), *size_blocks(gap)]
+    blocks = [*law_blocks(gap, sensor_count), *gap_rows.size_blocks(gap)]
     if gap.where.sensors:
-        blocks.append(Text(f"Where: {where_words(gap.where, sensor_count)}."))
+        blocks.append(Text(f"Where: {gap_rows.where_words(gap.where, sensor_count)}."))
     if gap.causes:
-        blocks += cause_blocks(gap, sensor_count)
+        blocks += gap_rows.cause_blocks(gap, sensor_count)
     if gap.checks is not None and gap.checks.sentences:
         left = "What remains with the causes, and" if gap.causes else "What"
         blocks += [Text(f"{left} the simulated twin does not have:"), Points(gap.checks.sentences)]
-    return [*blocks, Text("Hypotheses:"), hypotheses(gap.considered), *next_blocks(gap)]
+    return [*blocks, Text("Hypotheses:"), gap_rows.hypotheses(gap.considered), *gap_rows.next_blocks(gap)]
 
 
 @click.command()
@@ -69,9 +62,7 @@ def _blocks(gap: Gap) -> list[Block]:
 @terminal.reading_options
 @answering
 @terminal.accept_option
-@click.pass_context
 def command(
-    ctx: click.Context,
     recording: Path,
     array_path: Path,
     report: Path | None,
@@ -101,11 +92,11 @@ def command(
         answer.give(
             gap_to_mapping(gap, source),
             " ".join(filter(None, (first_sentence(gap, array.sensor_count), gap.headline, *gap.remarks[:1]))),
-            [*law_blocks(gap, array.sensor_count, is_short=True), *summary_blocks(gap), *used],
+            [*law_blocks(gap, array.sensor_count, is_short=True), *gap_rows.summary_blocks(gap), *used],
             [*_blocks(gap), *used],
             f"tam calibrate {recording} --array {array_path} --effects {effects}" if effects else "",
         )
-    ctx.exit(0 if gap.verdict in ("no_gap", "explained") else 1)
+    raise click.exceptions.Exit(0 if gap.verdict in ("no_gap", "explained") else 1)
 
 
 def _diagnose(

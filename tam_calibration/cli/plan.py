@@ -9,18 +9,9 @@ import click
 import numpy as np
 from rich.progress import Progress
 
+from tam_calibration.cli import terminal
 from tam_calibration.cli.answer import Answer, answering
 from tam_calibration.cli.streams import say
-from tam_calibration.cli.terminal import (
-    PATH,
-    Number,
-    array_option,
-    numbers_in,
-    path_option,
-    reading,
-    reading_options,
-    showing_progress,
-)
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit import plan as planning
 from tam_calibration.fit.coverage import ENOUGH_STANDARD_ERROR, describe
@@ -236,19 +227,23 @@ _ASSUMED_INCLINATION, _ASSUMED_INTENSITY_T = from_degrees(60.0), 50e-6
 
 
 @click.command()
-@click.argument("recording", type=PATH, required=False)
-@array_option
-@path_option("--calibration", "Calibration YAML instead of a recording.")
-@path_option("--prior", "Calibration YAML at its present age: rank a vehicle's turns by what they add per minute.")
-@click.option("--turn-rate-deg-s", type=Number(0.1, 180), help="Turn rate of a vehicle about each axis.  [default: 5]")
-@click.option("--sample-rate-hz", type=Number(0.1, 10_000), help="Sample rate of its sensors.  [default: 10]")
+@click.argument("recording", type=terminal.PATH, required=False)
+@terminal.array_option
+@terminal.path_option("--calibration", "Calibration YAML instead of a recording.")
+@terminal.path_option(
+    "--prior", "Calibration YAML at its present age: rank a vehicle's turns by what they add per minute."
+)
+@click.option(
+    "--turn-rate-deg-s", type=terminal.Number(0.1, 180), help="Turn rate of a vehicle about each axis.  [default: 5]"
+)
+@click.option("--sample-rate-hz", type=terminal.Number(0.1, 10_000), help="Sample rate of its sensors.  [default: 10]")
 @click.option("--turntable", help="Steps of a turntable, degrees: one for all, or YAW,PITCH,ROLL; 0 for a fixed axis.")
 @click.option("--pitch-limit-deg", type=float, help="Pitch limit of a vehicle with full yaw.  [default: 0]")
 @click.option("--roll-limit-deg", type=float, help="Roll limit of a vehicle with full yaw.  [default: 0]")
 @click.option("--place", help="LAT,LON,DATE: take inclination and intensity from IGRF.")
 @click.option("--poses", type=click.IntRange(1, 200), default=12, show_default=True, help="Number of attitudes.")
 @click.option("--samples-per-pose", type=click.IntRange(1, 1_000_000), default=100, show_default=True)
-@reading_options
+@terminal.reading_options
 @answering
 def command(
     recording: Path | None,
@@ -284,7 +279,7 @@ def command(
     if turn_rate_deg_s is not None or sample_rate_hz is not None:
         raise InputError("--turn-rate-deg-s and --sample-rate-hz go with --prior")
     with answer.files([recording, calibration_path, array_path, *how.files]):
-        with showing_progress() as progress:
+        with terminal.showing_progress() as progress:
             start = _start(recording, calibration_path, array, field_T, how, progress)
             inclination, source = _inclination(field_T, start)
             reach = _reach(turntable, pitch_limit_deg, roll_limit_deg, inclination)
@@ -319,7 +314,7 @@ def _start(
             return replace(start, note="the intensity of the field is assumed: give --place")
         known = array if array.scalar_noise_T is not None else replace(array, scalar_noise_T=0.0)
         return planning.start_from_nothing(known, float(np.linalg.norm(field_T)))
-    source, usage = read_source(recording_path, array, how, reading(progress))
+    source, usage = read_source(recording_path, array, how, terminal.reading(progress))
     recording = source.whole()
     for remark in () if usage is None else usage.missing:
         say(f"warning: {remark}", err=True)
@@ -347,5 +342,5 @@ def _reach(
     if turntable is None:
         return planning.reach_of_vehicle(from_degrees(pitch_deg or 0.0), from_degrees(roll_deg or 0.0), inclination)
     form = "one step in degrees or YAW,PITCH,ROLL such as 30,60,60"
-    steps = numbers_in("--turntable", form, turntable, (1, 3))
+    steps = terminal.numbers_in("--turntable", form, turntable, (1, 3))
     return planning.reach_of_turntable(from_degrees(np.broadcast_to(steps, 3)), inclination)
