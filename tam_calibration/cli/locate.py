@@ -59,7 +59,6 @@ from tam_calibration.results import read_calibration, targets_file
 def command(
     recordings: tuple[Path, ...],
     calibration_path: Path,
-    targets_path: Path | None,
     grid_path: Path | None,
     how: Reading,
     answer: Answer,
@@ -73,16 +72,15 @@ def command(
     regional field is subtracted. An alternating source is located in each pose in which the array was at rest.
     """
     wanted = Wanted(**asked)
-    if targets_path is not None:
-        targets_file.require_table(targets_path, wanted.begin)
+    if wanted.targets_path is not None:
+        targets_file.require_table(wanted.targets_path, wanted.begin)
     calibration = read_calibration(calibration_path)
     inputs = [*recordings, calibration_path, *how.files]
     graded = terminal.graded(answer.is_json, lambda reason: {"targets": [], "refused": reason})
-    with graded, answer.files(inputs, report=report_path, table=targets_path, grid=grid_path) as places:
+    with graded, answer.files(inputs, report=report_path, table=wanted.targets_path, grid=grid_path) as places:
         data = [_read(each, calibration.array, replace(how, origin=wanted.begin)) for each in recordings]
         if wanted.are_lines(data):
-            suffix = "" if targets_path is None else targets_path.suffix
-            _give_targets(data, calibration, wanted, answer, places, suffix, [each.name for each in recordings])
+            _give_targets(data, calibration, wanted, answer, places, [each.name for each in recordings])
         else:
             wanted.require_one(data, of_lines="table" in places or "grid" in places)
             _give_survey(_located(data[0], calibration, wanted), answer, places.get("report"), recordings[0].name)
@@ -117,7 +115,6 @@ def _give_targets(
     wanted: Wanted,
     answer: Answer,
     places: dict[str, Path],
-    suffix: str,
     names: list[str],
 ) -> None:
     """Find the targets of lines, write the table, map and page that are wanted, and give the answer."""
@@ -129,8 +126,8 @@ def _give_targets(
         find_targets(each, calibration, path, wanted.attitude_noise) for path, each in zip(paths, data, strict=True)
     ]
     targets = merged([each.targets for each in lines])
-    if "table" in places:
-        targets_file.write_targets(places["table"], targets, wanted.begin, suffix=suffix)
+    if wanted.targets_path is not None:
+        targets_file.write_targets(places["table"], targets, wanted.begin, suffix=wanted.targets_path.suffix)
     if "grid" in places:
         targets_file.write_map(places["grid"], field_map(lines), wanted.begin)
     if "report" in places:

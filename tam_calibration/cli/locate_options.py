@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
@@ -34,6 +35,7 @@ class Wanted:
     place: str | None
     attitude_noise_deg: float
     origin: str | None
+    targets_path: Path | None
 
     def __post_init__(self) -> None:
         """Check each option, and those that exclude each other."""
