@@ -42,11 +42,8 @@ class GradedBad(Refused):
         from tam_calibration.results.calibration_yaml import quality_to_mapping
 
         quality = quality_for("bad", [reason])
-        say(
-            to_json({"quality": quality_to_mapping(quality)} | self._further)
-            if self._as_json
-            else f"{on_one_line(str(quality))}."
-        )
+        in_words = f"{on_one_line(str(quality))}."
+        say(to_json({"quality": quality_to_mapping(quality)} | self._further) if self._as_json else in_words)
 
 
 @contextmanager
