@@ -15,30 +15,16 @@ from matplotlib.figure import Figure
 
 from tam_calibration.files.text_files import to_json
 from tam_calibration.files.whole_files import write_set
-from tam_calibration.fleet.missions import (
-    COUNTS_HEADER,
-    DRIFT_HEADER,
-    Missions,
-    ParameterDrift,
-    all_drifts,
-    all_missions,
-    by_platform,
-    causes_of,
-    count_rows,
-    counts_of,
-    drift_row,
-    law_points,
-    open_points,
-)
+from tam_calibration.fleet import missions as fleet_rows
 from tam_calibration.fleet.task import Result
 from tam_calibration.report.blocks import Block, Gallery, Points, Section, Table, Text
-from tam_calibration.report.formatting import KINDS, Kind, count, number, sentence
+from tam_calibration.report.formatting import KINDS, Kind, count, counted, number, sentence
 from tam_calibration.report.page import COLORS, QUIET_COLOR, STYLE, WIDTH_INCH, embed, write_page
 from tam_calibration.results.results_json import attributes
 
 
 @matplotlib.rc_context(STYLE | {"date.converter": "concise"})
-def plot_missions(missions: Missions, kind: Kind) -> Figure:
+def plot_missions(missions: fleet_rows.Missions, kind: Kind) -> Figure:
     """Draw three parameters of each sensor less their means, with standard errors, over time.
 
     Parameters
@@ -94,34 +80,34 @@ def _write_fleet_page(path: Path, results: Sequence[Result]) -> None:
     """
     header = ("recording", "platform", "start (UTC)", "samples", "status", "verdict", "gap (noise floors)")
     recordings = Table(header, list(map(_recording_cells, results)), numeric=False)
-    sections = [_overview(results), *map(_drift_section, all_missions(results)), Section("Recordings", [recordings])]
-    platforms = len(by_platform(results))
-    subtitle = f"{_number(len(results), 'recording')} of {_number(platforms, 'platform')}"
+    drifts = map(_drift_section, fleet_rows.all_missions(results))
+    sections = [_overview(results), *drifts, Section("Recordings", [recordings])]
+    subtitle = f"{counted(len(results), 'recording')} of {counted(len(fleet_rows.by_platform(results)), 'platform')}"
     write_page(path, "Calibrations over many missions", subtitle, sections)
 
 
 def _overview(results: Sequence[Result]) -> Section:
-    points = open_points(results)
+    points = fleet_rows.open_points(results)
     settled = sum(result.is_settled for result in results)
-    words = f"{count(settled)} of {_number(len(results), 'recording')} without a failure and without an open gap."
+    words = f"{count(settled)} of {counted(len(results), 'recording')} without a failure and without an open gap."
     verdict = Text(words, "doubt" if points else "good")
-    blocks: list[Block] = [verdict, Table(COUNTS_HEADER, count_rows(results))]
-    if laws := law_points(results):
+    blocks: list[Block] = [verdict, Table(fleet_rows.COUNTS_HEADER, fleet_rows.count_rows(results))]
+    if laws := fleet_rows.law_points(results):
         blocks += [Text("Laws of the gaps, whatever causes them:"), Points(laws)]
     if points:
         blocks.append(Points(points))
     return Section("What was found", blocks)
 
 
-def _drift_section(missions: Missions) -> Section:
+def _drift_section(missions: fleet_rows.Missions) -> Section:
     drawn = [
         embed(plot_missions(missions, kind), f"{kind.name} over the missions", f"{kind.name} ± 1 standard error")
         for kind in KINDS
     ]
-    rows = [drift_row(found)[1:] for found in missions.drifts()]
+    rows = [fleet_rows.drift_row(found)[1:] for found in missions.drifts()]
     words = sentence(missions.no_drift) if missions.no_drift else _DRIFTS
-    blocks: list[Block] = [Text(words), Gallery(drawn), Table(DRIFT_HEADER[1:], rows)]
-    return Section(f"Drift of {missions.platform}: {_number(len(missions.time_s), 'mission')}", blocks)
+    blocks: list[Block] = [Text(words), Gallery(drawn), Table(fleet_rows.DRIFT_HEADER[1:], rows)]
+    return Section(f"Drift of {missions.platform}: {counted(len(missions.time_s), 'mission')}", blocks)
 
 
 def _recording_cells(result: Result) -> list[str]:
@@ -134,10 +120,6 @@ def _recording_cells(result: Result) -> list[str]:
         gap = f"{number(before)} → {number(after)}"
     verdict = result.verdict.replace("_", " ") or "–"
     return [result.recording, result.platform, start, count(result.samples), result.status, verdict, gap]
-
-
-def _number(value: int, noun: str) -> str:
-    return f"{count(value)} {noun}" + ("" if value == 1 else "s")
 
 
 _SCHEMA = "tam_calibration/batch/1"
@@ -180,11 +162,11 @@ def _summary_to_mapping(results: Sequence[Result]) -> dict[str, Any]:
         "schema": _SCHEMA,
         "platforms": [
             {"platform": platform}
-            | {name.replace(" ", "_"): number for name, number in counts_of(some).items()}
-            | {"causes": causes_of(some)}
-            for platform, some in by_platform(results).items()
+            | {name.replace(" ", "_"): number for name, number in fleet_rows.counts_of(some).items()}
+            | {"causes": fleet_rows.causes_of(some)}
+            for platform, some in fleet_rows.by_platform(results).items()
         ],
-        "drifts": [_drift_mapping(drift) for drift in all_drifts(results)],
+        "drifts": [_drift_mapping(drift) for drift in fleet_rows.all_drifts(results)],
         "recordings": [
             {key: value for key, value in asdict(result).items() if key not in ("sensors", "options")}
             for result in results
@@ -192,7 +174,7 @@ def _summary_to_mapping(results: Sequence[Result]) -> dict[str, Any]:
     }
 
 
-def _drift_mapping(found: ParameterDrift) -> dict[str, Any]:
+def _drift_mapping(found: fleet_rows.ParameterDrift) -> dict[str, Any]:
     unit = f"_{found.kind.unit}" if found.kind.unit else ""
     return {
         "platform": found.platform,

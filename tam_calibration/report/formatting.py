@@ -129,6 +129,11 @@ def count(value: int) -> str:
     return fixed(value, 0)
 
 
+def counted(value: int, noun: str) -> str:
+    """Return a count with what is counted, in the plural where it is not 1."""
+    return f"{count(value)} {noun}" + ("" if value == 1 else "s")
+
+
 def join(words: list[str]) -> str:
     """Join words to a list in prose: a, b and c."""
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)

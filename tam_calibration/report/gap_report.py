@@ -7,7 +7,7 @@ from tam_calibration.gap.laws.law import causes_of
 from tam_calibration.gap.result import Gap
 from tam_calibration.report import gap_rows
 from tam_calibration.report.blocks import Block, Points, Section, Text
-from tam_calibration.report.formatting import count, sentence
+from tam_calibration.report.formatting import count, counted, sentence
 from tam_calibration.report.gap_cause_plots import GapView, plot_dependence, plot_evidence, plot_sphere
 from tam_calibration.report.gap_residual_plots import plot_course, plot_histogram, plot_map, plot_spectrum, plot_time
 from tam_calibration.report.page import figure_blocks, write_page
@@ -169,8 +169,7 @@ def write_gap_report(path: Path, gap: Gap, source: Provenance | None = None) -> 
         Section("What explained nothing", _considered(gap)),
         Section("What to record next", [Text(sentence(gap.next_recording))] if gap.next_recording else []),
     ]
-    parts = ["1 sensor" if view.sensor_count == 1 else f"{view.sensor_count} sensors"]
-    parts.append(f"{count(len(gap.residue.time_s))} samples")
+    parts = [counted(view.sensor_count, "sensor"), f"{count(len(gap.residue.time_s))} samples"]
     if source is not None:
         parts = [source.name, *parts, f"SHA-256 {source.sha256}"]
     write_page(path, "The gap between recording and simulation", ", ".join(parts), sections)

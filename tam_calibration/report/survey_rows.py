@@ -8,7 +8,7 @@ from tam_calibration.localization.survey import Overall, Survey, standard_errors
 from tam_calibration.localization.target import Target
 from tam_calibration.model.units import FloatArray, to_nanotesla
 from tam_calibration.report.blocks import Block, Table
-from tam_calibration.report.formatting import count, number, with_error, with_errors
+from tam_calibration.report.formatting import count, counted, number, with_error, with_errors
 
 MOST_ROWS = 20
 """Samples that are shown; of more, some from the first to the last."""
@@ -97,8 +97,7 @@ def targets_answer(targets: Sequence[Target]) -> str:
         return "No target is seen along the line."
     extended = sum(each.is_extended for each in targets)
     of_them = f", {count(extended)} of them extended or too near for a dipole" if extended else ""
-    ending = "" if len(targets) == 1 else "s"
-    return f"{count(len(targets))} target{ending} along the line{of_them}."
+    return f"{counted(len(targets), 'target')} along the line{of_them}."
 
 
 def target_table(targets: Sequence[Target]) -> Table:
