@@ -19,22 +19,11 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.model.residuals import ResidualSeries, residual_series
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import to_nanotesla
+from tam_calibration.report import recording_plots
 from tam_calibration.report.blocks import Block, Gallery, Points, Section, Table, Text
 from tam_calibration.report.calibration_rows import known_source_blocks, parameter_blocks, quality_blocks, update_blocks
-from tam_calibration.report.formatting import count, fixed, number, sentence
+from tam_calibration.report.formatting import count, counted, fixed, number, sentence
 from tam_calibration.report.page import AFTER_COLOR, BEFORE_COLOR, COLORS, PAGE_WIDTH_INCH, STYLE, embed, write_page
-from tam_calibration.report.recording_plots import (
-    Panel,
-    draw_coverage,
-    draw_over_time,
-    height_inch,
-    intensity_panels,
-    plot_coverage,
-    plot_distributions,
-    plot_over_time,
-    tensor_panels,
-    thinning_note,
-)
 
 _NO_GRADIENT = "The geometry of this array does not determine a gradient tensor, so there is no tensor residual."
 
@@ -54,15 +43,15 @@ class _View:
         is_measured = calibration.has_scalar_reference
         self.reference_name = "the scalar reference" if is_measured else "the fitted constant intensity"
 
-    def panels(self, series: ResidualSeries, color: str) -> dict[str, list[Panel]]:
+    def panels(self, series: ResidualSeries, color: str) -> dict[str, list[recording_plots.Panel]]:
         """Return the panels of the intensity, nT, and of the tensor where there is one, nT/m, by what they show."""
         floor = self.calibration.floor
-        kinds = {f"|B| − {self.reference_name}": intensity_panels(series, floor, color)}
+        kinds = {f"|B| − {self.reference_name}": recording_plots.intensity_panels(series, floor, color)}
         if self.calibration.array.has_gradient:
-            kinds["Tensor components"] = tensor_panels(series, floor, color)
+            kinds["Tensor components"] = recording_plots.tensor_panels(series, floor, color)
         return kinds
 
-    def plots(self) -> list[list[tuple[str, list[Panel], str]]]:
+    def plots(self) -> list[list[tuple[str, list[recording_plots.Panel], str]]]:
         """Return title, panels and unit of each kind of residual, before and after calibration."""
         states = {"before": self.panels(self.before, BEFORE_COLOR), "after": self.panels(self.after, AFTER_COLOR)}
         return [
@@ -89,14 +78,14 @@ def plot_calibration(calibration: Calibration, recording: Recording) -> Figure:
     """
     view = _View(calibration, recording)
     kinds = view.plots()
-    heights = [*(height_inch(panels) for (_, panels, _), _ in kinds), 3.8]
+    heights = [*(recording_plots.height_inch(panels) for (_, panels, _), _ in kinds), 3.8]
     figure = Figure(figsize=(1.5 * PAGE_WIDTH_INCH, sum(heights)), layout="constrained")
     *rows, last = figure.subfigures(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0]
     for row, plots in zip(rows, kinds, strict=True):
         for part, (title, panels, unit) in zip(row.subfigures(1, 2, squeeze=False)[0], plots, strict=True):
             part.suptitle(title)
-            draw_over_time(part, recording.time_s, panels, unit)
-    draw_coverage(last, view.coverage)
+            recording_plots.draw_over_time(part, recording.time_s, panels, unit)
+    recording_plots.draw_coverage(last, view.coverage)
     return figure
 
 
@@ -136,12 +125,13 @@ def _residuals(view: _View) -> list[Block]:
         f"{', and the gradient tensor is zero' if has_gradient else ''}; "
         "the rest is the residual. The dashed lines are ± one standard deviation of the noise floor, which no "
         "calibration can remove. Before and after are drawn to their own scales. "
-        f"{thinning_note(view.recording.sample_count)}"
+        f"{recording_plots.thinning_note(view.recording.sample_count)}"
     )
     blocks: list[Block] = [Text(introduction.strip())]
+    time_s = view.recording.time_s
     for plots in view.plots():
-        figures = {title: plot_over_time(view.recording.time_s, panels, unit) for title, panels, unit in plots}
-        blocks.append(Gallery([embed(figure, f"{title}, over time", title) for title, figure in figures.items()]))
+        drawn = [(recording_plots.plot_over_time(time_s, panels, unit), title) for title, panels, unit in plots]
+        blocks.append(Gallery([embed(figure, f"{title}, over time", title) for figure, title in drawn]))
     return blocks if has_gradient else [*blocks, Text(_NO_GRADIENT)]
 
 
@@ -157,7 +147,7 @@ def _histograms(view: _View) -> list[Block]:
     for what, panels in view.panels(view.after, AFTER_COLOR).items():
         drawn = [replace(panel, color=color) for panel, color in zip(panels, cycle(COLORS), strict=False)]
         label = f"{what}, after calibration"
-        figure = plot_distributions(drawn, f"{label}, in noise floors")
+        figure = recording_plots.plot_distributions(drawn, f"{label}, in noise floors")
         blocks.append(embed(figure, f"Distributions: {label}", label))
     return blocks
 
@@ -165,7 +155,7 @@ def _histograms(view: _View) -> list[Block]:
 def _coverage(view: _View) -> list[Block]:
     """Return which directions of the field were visited."""
     picture = embed(
-        plot_coverage(view.coverage),
+        recording_plots.plot_coverage(view.coverage),
         "Map of the directions of the field",
         "Direction of the field in the array frame, equal-area (Hammer) map: forward is +x, left +y, up +z.",
     )
@@ -248,6 +238,5 @@ def write_calibration_report(path: Path, calibration: Calibration, recording: Re
         Section("Provenance", _provenance(calibration)),
     ]
     name = [calibration.source.name] if calibration.source else []
-    sensors = "1 sensor" if calibration.errors.sensor_count == 1 else f"{calibration.errors.sensor_count} sensors"
-    subtitle = ", ".join([*name, sensors, f"{count(calibration.samples)} samples"])
-    write_page(path, "Calibration report", subtitle, sections)
+    counts = counted(calibration.errors.sensor_count, "sensor"), f"{count(calibration.samples)} samples"
+    write_page(path, "Calibration report", ", ".join([*name, *counts]), sections)

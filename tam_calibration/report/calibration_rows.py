@@ -109,12 +109,7 @@ def _field(calibration: Calibration) -> str:
 
 def quality_blocks(calibration: Calibration) -> list[Block]:
     """Return the residuals in and out of sample against the noise floor."""
-    return [
-        _residuals(calibration),
-        Text(_chi_square(calibration)),
-        Text(_noise(calibration)),
-        Text(_field(calibration)),
-    ]
+    return [_residuals(calibration), *(Text(words(calibration)) for words in (_chi_square, _noise, _field))]
 
 
 def _residuals(calibration: Calibration) -> Table:

@@ -15,41 +15,32 @@ from tam_calibration.files.yaml_document import dump_mapping
 from tam_calibration.fit.coverage import cell_directions
 from tam_calibration.gap.noise import AxisNoise
 from tam_calibration.model.units import FloatArray, to_nanotesla
-from tam_calibration.report import comparison_rows
+from tam_calibration.report import comparison_rows, page
 from tam_calibration.report.blocks import Block, Code, Points, Section, Table, Text
 from tam_calibration.report.comparison_rows import axis_name
 from tam_calibration.report.formatting import count, number
 from tam_calibration.report.gap_cause_plots import SHADES, GapView, cell_means, draw_means
-from tam_calibration.report.page import (
-    AFTER_COLOR,
-    BEFORE_COLOR,
-    MISSING_COLOR,
-    PAGE_WIDTH_INCH,
-    QUIET_COLOR,
-    STYLE,
-    embed,
-    write_page,
-)
+from tam_calibration.report.page import embed, write_page
 from tam_calibration.report.recording_plots import Panel, plot_distributions
 from tam_calibration.results.comparison_json import Sources, mend_in_texts
 
-SIDE_COLORS = {"simulation": AFTER_COLOR, "recording": BEFORE_COLOR}
+SIDE_COLORS = {"simulation": page.AFTER_COLOR, "recording": page.BEFORE_COLOR}
 """Of the two columns, on all figures."""
 
 
-@matplotlib.rc_context(STYLE)
+@matplotlib.rc_context(page.STYLE)
 def plot_noise(noise: Sequence[NoiseDifference]) -> Figure:
     """Draw the spectra of all axes small, those of sensors on one scale; what differs has a shaded ground."""
     columns = 3
     rows = -(-len(noise) // columns)
-    figure = Figure(figsize=(PAGE_WIDTH_INCH, 0.6 + 1.1 * rows), layout="constrained")
+    figure = Figure(figsize=(page.PAGE_WIDTH_INCH, 0.6 + 1.1 * rows), layout="constrained")
     panels = figure.subplots(rows, columns, sharex=True, squeeze=False)
     common = _range([each for each in noise if each.recording.sensor])
     for axes, each in zip(panels.ravel(), noise, strict=False):
         _draw_noise(axes, each, common if each.recording.sensor else _range([each]))
         axes.set_title(f"{axis_name(each.recording)}{': differs' if each.differs else ''}", loc="left", fontsize=8)
         if each.differs:
-            axes.set_facecolor(f"{MISSING_COLOR}22")
+            axes.set_facecolor(f"{page.MISSING_COLOR}22")
     for axes in panels[:, 1:].ravel():
         axes.tick_params(labelleft=False)
     for axes in panels.ravel()[len(noise) :]:
@@ -103,7 +94,7 @@ def row_to_draw(simulation: Side, recording: Side) -> int:
     return int(np.argmax(np.abs(np.log(ratio))))
 
 
-@matplotlib.rc_context(STYLE)
+@matplotlib.rc_context(page.STYLE)
 def plot_sphere(simulation: Side, recording: Side, row: int, name: str) -> Figure:
     """Draw mean residuals of one row over the directions of the field: the simulation's as dots on the recording's.
 
@@ -121,13 +112,13 @@ def plot_sphere(simulation: Side, recording: Side, row: int, name: str) -> Figur
         for side in (simulation, recording)
     )
     reach = float(np.nanmax(np.abs([dots, ground]), initial=0.0)) or 1.0
-    figure = Figure(figsize=(PAGE_WIDTH_INCH, 3.8), layout="constrained")
+    figure = Figure(figsize=(page.PAGE_WIDTH_INCH, 3.8), layout="constrained")
     axes = figure.add_subplot(projection="hammer")
     mesh = draw_means(axes, ground, reach)
     x, y, z = cell_directions()[np.isfinite(dots)].T
     dots = dots[np.isfinite(dots)]
     places = -np.arctan2(y, x), np.arcsin(z)
-    drawn = axes.scatter(*places, 45, dots, cmap=SHADES, edgecolors=QUIET_COLOR, linewidths=0.5)
+    drawn = axes.scatter(*places, 45, dots, cmap=SHADES, edgecolors=page.QUIET_COLOR, linewidths=0.5)
     drawn.set_clim(-reach, reach)
     label = f"mean residual of {name} (nT): ground recording, dots simulation"
     figure.colorbar(mesh, ax=axes, location="bottom", shrink=0.5, aspect=40, label=label)

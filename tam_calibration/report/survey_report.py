@@ -18,18 +18,10 @@ from tam_calibration.localization.survey import ARRAY_FRAME, Survey
 from tam_calibration.localization.target import Target
 from tam_calibration.localization.targets import SurveyLine
 from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
+from tam_calibration.report import page
 from tam_calibration.report.blocks import Block, Points, Section, Text
 from tam_calibration.report.formatting import count, fixed
-from tam_calibration.report.page import (
-    AFTER_COLOR,
-    BEFORE_COLOR,
-    FLOOR_COLOR,
-    PAGE_WIDTH_INCH,
-    QUIET_COLOR,
-    STYLE,
-    embed,
-    write_page,
-)
+from tam_calibration.report.page import embed, write_page
 from tam_calibration.report.survey_rows import sample_blocks, source_blocks, statements, target_table, targets_answer
 from tam_calibration.sources.demodulation import Spectrum
 
@@ -54,11 +46,11 @@ class _Window:
         return self.scale * (points_m - self.origin_m)
 
 
-@matplotlib.rc_context(STYLE)
+@matplotlib.rc_context(page.STYLE)
 def plot_survey_map(survey: Survey) -> Figure:
     """Draw sources and array from above and from two sides, with ellipses that hold 95 %; magnified below."""
     windows = _windows(survey)
-    figure = Figure(figsize=(PAGE_WIDTH_INCH, 0.6 + 2.5 * len(windows)), layout="constrained")
+    figure = Figure(figsize=(page.PAGE_WIDTH_INCH, 0.6 + 2.5 * len(windows)), layout="constrained")
     names = _NAMES[survey.frame == ARRAY_FRAME]
     panels = figure.subplots(len(windows), len(_VIEWS), squeeze=False)
     for row, window in zip(panels, windows, strict=True):
@@ -72,7 +64,7 @@ def plot_survey_map(survey: Survey) -> Figure:
     return figure
 
 
-@matplotlib.rc_context(STYLE)
+@matplotlib.rc_context(page.STYLE)
 def plot_source_spectrum(spectrum: Spectrum, frequency_hz: float) -> Figure:
     """Draw the power of all readings over that of their noise; the frequency that was demodulated is marked.
 
@@ -83,11 +75,11 @@ def plot_source_spectrum(spectrum: Spectrum, frequency_hz: float) -> Figure:
     frequency_hz : float
         Frequency of the source, hertz.
     """
-    figure = Figure(figsize=(PAGE_WIDTH_INCH, 2.6), layout="constrained")
+    figure = Figure(figsize=(page.PAGE_WIDTH_INCH, 2.6), layout="constrained")
     axes = figure.subplots()
-    axes.plot(spectrum.frequency_hz, spectrum.power, color=AFTER_COLOR, linewidth=0.7, rasterized=True)
-    axes.axhline(spectrum.threshold, color=FLOOR_COLOR, linestyle="--", linewidth=0.8, label="what chance reaches")
-    axes.axvline(frequency_hz, color=BEFORE_COLOR, alpha=0.4, linewidth=4, zorder=0, label="the source")
+    axes.plot(spectrum.frequency_hz, spectrum.power, color=page.AFTER_COLOR, linewidth=0.7, rasterized=True)
+    axes.axhline(spectrum.threshold, color=page.FLOOR_COLOR, linestyle="--", linewidth=0.8, label="what chance reaches")
+    axes.axvline(frequency_hz, color=page.BEFORE_COLOR, alpha=0.4, linewidth=4, zorder=0, label="the source")
     axes.set(yscale="log", xlabel="frequency (Hz)", ylabel="power over that of noise")
     axes.set_ylim(bottom=0.1)
     axes.legend(frameon=False, fontsize=8)
@@ -96,22 +88,21 @@ def plot_source_spectrum(spectrum: Spectrum, frequency_hz: float) -> Figure:
 
 def _draw_view(axes: Axes, survey: Survey, pair: list[int], window: _Window) -> None:
     solutions, center = survey.solutions, window.shown(survey.center_m)
-    axes.plot(
-        *center[:, pair].T, color=FLOOR_COLOR, linewidth=1.0, marker="" if len(center) > 1 and np.ptp(center) else "+"
-    )
-    axes.plot([], [], color=FLOOR_COLOR, marker="+", label="the array")
+    marker = "" if len(center) > 1 and np.ptp(center) else "+"
+    axes.plot(*center[:, pair].T, color=page.FLOOR_COLOR, linewidth=1.0, marker=marker)
+    axes.plot([], [], color=page.FLOOR_COLOR, marker="+", label="the array")
     located = np.flatnonzero(solutions.is_located)
     points = window.shown(solutions.position_m)
-    axes.plot(*points[located][:, pair].T, ".", color=QUIET_COLOR, markersize=3, label="source of one sample")
+    axes.plot(*points[located][:, pair].T, ".", color=page.QUIET_COLOR, markersize=3, label="source of one sample")
     # More than 40 ellipses cover one another.
     for index in located[:: max(1, len(located) // 40)]:
         spread = solutions.position_covariance_m2[index][np.ix_(pair, pair)]
-        axes.add_patch(error_ellipse(points[index, pair], spread, QUIET_COLOR, 0.4, window.scale))
+        axes.add_patch(error_ellipse(points[index, pair], spread, page.QUIET_COLOR, 0.4, window.scale))
     if (overall := survey.overall) is not None:
         place = window.shown(overall.position_m)[pair]
-        axes.plot(*place, "x", color=BEFORE_COLOR, label="source of all together")
+        axes.plot(*place, "x", color=page.BEFORE_COLOR, label="source of all together")
         spread = overall.position_covariance_m2[np.ix_(pair, pair)]
-        axes.add_patch(error_ellipse(place, spread, BEFORE_COLOR, 1.4, window.scale))
+        axes.add_patch(error_ellipse(place, spread, page.BEFORE_COLOR, 1.4, window.scale))
     middle, half = window.shown(window.middle_m)[pair], window.scale * window.half_m
     axes.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half))
 
@@ -199,27 +190,28 @@ _COURSE = (
 )
 
 
-@matplotlib.rc_context(STYLE)
+@matplotlib.rc_context(page.STYLE)
 def _plot_lines(lines: Sequence[SurveyLine], targets: Sequence[Target]) -> Figure:
     """Draw lines and targets in plan, east and north."""
-    figure = Figure(figsize=(PAGE_WIDTH_INCH, 3.6), layout="constrained")
+    figure = Figure(figsize=(page.PAGE_WIDTH_INCH, 3.6), layout="constrained")
     axes = figure.subplots()
     for line in lines:
-        axes.plot(*line.center_m[:, :2].T, color=FLOOR_COLOR, linewidth=1.0)
+        axes.plot(*line.center_m[:, :2].T, color=page.FLOOR_COLOR, linewidth=1.0)
     for number, target in enumerate(targets, 1):
         place = float(target.position_m[0]), float(target.position_m[1])
-        axes.plot(*place, "s" if target.is_extended else "x", color=BEFORE_COLOR, fillstyle="none")
+        axes.plot(*place, "s" if target.is_extended else "x", color=page.BEFORE_COLOR, fillstyle="none")
         axes.annotate(str(number), place, xytext=(4, 4), textcoords="offset points", fontsize=8)
-        axes.add_patch(error_ellipse(target.position_m[:2], target.position_covariance_m2[:2, :2], BEFORE_COLOR, 1.2))
+        spread = target.position_covariance_m2[:2, :2]
+        axes.add_patch(error_ellipse(target.position_m[:2], spread, page.BEFORE_COLOR, 1.2))
     axes.set(xlabel="x, east (m)", ylabel="y, north (m)", aspect="equal")
     axes.set_adjustable("datalim")
     return figure
 
 
-@matplotlib.rc_context(STYLE)
+@matplotlib.rc_context(page.STYLE)
 def _plot_course(line: SurveyLine) -> Figure:
     """Draw the anomaly, the invariant of the gradient and what is left along a line."""
-    figure = Figure(figsize=(PAGE_WIDTH_INCH, 4.6), layout="constrained")
+    figure = Figure(figsize=(page.PAGE_WIDTH_INCH, 4.6), layout="constrained")
     panels: Sequence[Axes] = figure.subplots(3, 1, sharex=True)
     courses = (
         (to_nanotesla(line.intensity_T - np.median(line.intensity_T)), "intensity (nT)", "linear"),
@@ -228,10 +220,10 @@ def _plot_course(line: SurveyLine) -> Figure:
     )
     passed = [line.along_m[np.argmin(np.linalg.norm(line.center_m - each.position_m, axis=1))] for each in line.targets]
     for axes, (values, label, scale) in zip(panels, courses, strict=True):
-        axes.plot(line.along_m, values, color=AFTER_COLOR, linewidth=0.8)
+        axes.plot(line.along_m, values, color=page.AFTER_COLOR, linewidth=0.8)
         axes.set(ylabel=label, yscale=scale)
         for way in passed:
-            axes.axvline(way, color=BEFORE_COLOR, linestyle=":", linewidth=0.8)
+            axes.axvline(way, color=page.BEFORE_COLOR, linestyle=":", linewidth=0.8)
     panels[-1].set_xlabel("way along the line (m)")
     return figure
 
