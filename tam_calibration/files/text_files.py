@@ -22,6 +22,28 @@ def in_file(path: Path | str) -> Iterator[None]:
         raise InputError(sentence if sentence.startswith((f"{path} ", f"{path}:")) else f"{path}: {sentence}") from None
 
 
+@contextmanager
+def readable(path: Path) -> Iterator[None]:
+    """Tell in one sentence that a file cannot be read, or is no text file.
+
+    Parameters
+    ----------
+    path : Path
+        The file that the body reads.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read.
+    """
+    try:
+        yield
+    except OSError as problem:
+        raise InputError(f"{path} cannot be read: {problem.strerror}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path} is not a text file") from None
+
+
 MOST_BYTES = 1 << 26
 """Of a text that is read at once: four times the largest calibration, and a century of an observatory's hours."""
 
@@ -41,11 +63,9 @@ def require_regular(path: Path) -> None:
     InputError
         When it is something else, or leads nowhere.
     """
-    try:
+    with readable(path):
         path.stat()
         parts = list(path.iterdir()) if path.is_dir() else []
-    except OSError as problem:
-        raise InputError(f"{path} cannot be read: {problem.strerror}") from None
     for each in (path, *parts):
         if each.exists() and not (each.is_file() or each.is_dir()):
             raise InputError(f"{each} is no regular file but a device, pipe or socket: copy what it gives into a file")
@@ -60,14 +80,10 @@ def read_text(path: Path) -> str:
         When there is no such file, it cannot be read, is too long, empty or not text.
     """
     require_regular(path)
-    try:
+    with readable(path):
         if path.stat().st_size > MOST_BYTES:
             raise InputError(f"{path} has {path.stat().st_size} bytes, and at most {MOST_BYTES} are read of a text")
         text = path.read_text(encoding="utf-8-sig")
-    except OSError as problem:
-        raise InputError(f"{path} cannot be read: {problem.strerror}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path} is not a text file") from None
     if not text.strip():
         raise InputError(f"{path} is empty")
     return text

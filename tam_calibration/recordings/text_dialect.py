@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from tam_calibration.files.text_files import readable
 from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.recordings.channel_map import TextFormat
 from tam_calibration.recordings.vectors import is_own_column
@@ -133,11 +134,8 @@ def detect_dialect(path: Path, stated: TextFormat) -> Dialect:
 
 def _beginning(path: Path) -> tuple[str, str]:
     """Return the text of the first complete lines, and its encoding."""
-    try:
-        with path.open("rb") as file:
-            content = file.read(_BEGINNING)
-    except OSError as problem:
-        raise InputError(f"{path} cannot be read: {problem.strerror}") from None
+    with readable(path), path.open("rb") as file:
+        content = file.read(_BEGINNING)
     is_wide = content.startswith((b"\xff\xfe", b"\xfe\xff"))
     encoding, end = ("utf-16", b"\n\0") if is_wide else ("utf-8-sig", b"\n")
     if b"\0" in content and not is_wide:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tam_calibration.files.text_files import in_file
+from tam_calibration.files.text_files import in_file, readable
 from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.libraries import require
 from tam_calibration.model.units import FloatArray
@@ -79,20 +79,15 @@ class TextSource(RowSource):
     def _texts(self) -> Iterator[str]:
         """Yield the lines of numbers, many at once, without the comments."""
         comment = self.dialect.comment
-        try:
-            with self.path.open(encoding=self.dialect.encoding, newline=None) as file:
-                for _ in range(self.dialect.first_line - 1):
-                    file.readline(LONGEST_LINE)
-                while text := file.read(_PIECE):
-                    text += file.readline(LONGEST_LINE)
-                    if comment and comment in text:
-                        text = re.sub(rf"^[ \t]*{re.escape(comment)}.*$", "", text, flags=re.MULTILINE)
-                    if text.strip():
-                        yield text.removesuffix("\n")
-        except OSError as problem:
-            raise InputError(f"{self.path} cannot be read: {problem.strerror}") from None
-        except UnicodeDecodeError:
-            raise InputError(f"{self.path} is not a text file") from None
+        with readable(self.path), self.path.open(encoding=self.dialect.encoding, newline=None) as file:
+            for _ in range(self.dialect.first_line - 1):
+                file.readline(LONGEST_LINE)
+            while text := file.read(_PIECE):
+                text += file.readline(LONGEST_LINE)
+                if comment and comment in text:
+                    text = re.sub(rf"^[ \t]*{re.escape(comment)}.*$", "", text, flags=re.MULTILINE)
+                if text.strip():
+                    yield text.removesuffix("\n")
 
 
 class FrameSource(RowSource):
