@@ -51,7 +51,7 @@ def write_set(paths: Iterable[Path]) -> Iterator[list[Path]]:
     for path in targets:
         _require_replaceable(path)
     with ExitStack() as folders:
-        moves = {folders.enter_context(_beside(path)) / path.name: path for path in targets}
+        moves = {_beside(path, folders) / path.name: path for path in targets}
         try:
             yield list(moves)
             _put_in_place({place: path for place, path in moves.items() if os.path.lexists(place)})
@@ -73,15 +73,12 @@ def _require_replaceable(path: Path) -> None:
         raise InputError(f"{path} is not a regular file: choose another name")
 
 
-@contextmanager
-def _beside(path: Path) -> Iterator[Path]:
-    """Give a folder as `unfinished` does, or say that there can be none."""
-    with ExitStack() as stack:
-        try:
-            folder = stack.enter_context(unfinished(path))
-        except OSError as problem:
-            raise InputError(f"{path} cannot be written: {problem.strerror} ({path.parent})") from None
-        yield folder
+def _beside(path: Path, folders: ExitStack) -> Path:
+    """Return a folder as of `unfinished`, which the stack removes, or say that there can be none."""
+    try:
+        return folders.enter_context(unfinished(path))
+    except OSError as problem:
+        raise InputError(f"{path} cannot be written: {problem.strerror} ({path.parent})") from None
 
 
 def _written_where(problem: OSError, moves: Mapping[Path, Path]) -> str:
