@@ -121,12 +121,7 @@ class Intake:
         if not self._counter.axes:
             return raw
         if not self.unwrap:
-            axis, bits = next(iter(self._counter.axes.items()))
-            count = self._counter.overflows(raw[is_there], axis)
-            raise InputError(
-                f"{in_words(self.stream)} axis {'xyz'[axis]} jumps {count} times by 2^{bits} counts: its counter of "
-                f"{bits} bits overflows; read it with --unwrap"
-            )
+            raise InputError(f"{in_words(self.stream)} {self._counter.overflows(raw[is_there])[0]}")
         return self._counter.unwrapped(raw, is_there)
 
 
@@ -280,9 +275,13 @@ class Counter:
         turns = min(product((0, -1, 1), repeat=len(self.axes)), key=variation)
         return dict(zip(self.axes, turns, strict=True))
 
-    def overflows(self, raw: FloatArray, axis: int) -> int:
-        """Return how often an axis jumps."""
-        return int((np.abs(np.diff(raw[:, axis])) > _JUMP * self.sizes[axis]).sum())
+    def overflows(self, raw: FloatArray) -> list[str]:
+        """Return how often the axes of readings (n, 3) jump, a clause for each."""
+        return [
+            f"axis {'xyz'[axis]} jumps {(np.abs(np.diff(raw[:, axis])) > _JUMP * self.sizes[axis]).sum()} times by "
+            f"2^{bits} counts: its counter of {bits} bits overflows; read it with --unwrap"
+            for axis, bits in self.axes.items()
+        ]
 
     def unwrapped(self, raw: FloatArray, is_there: NDArray[np.bool_]) -> FloatArray:
         """Return readings (n, 3) without the overflows, as those before them go on."""

@@ -163,12 +163,7 @@ def of_readings(values: FloatArray, is_field: bool, codes: NDArray[np.int8], tim
 
 
 def _of_vectors(values: FloatArray) -> list[str]:
-    counter = Counter.of(values)
-    remarks = [
-        f"axis {'xyz'[axis]} jumps {counter.overflows(values, axis)} times by 2^{bits} counts: its counter of "
-        f"{bits} bits overflows; read it with --unwrap"
-        for axis, bits in counter.axes.items()
-    ]
+    remarks = Counter.of(values).overflows(values)
     values = values[:_LOOKED_AT]
     steps = np.linalg.norm(np.diff(values, axis=0), axis=1)
     # By chance fewer readings repeat.
