@@ -40,9 +40,8 @@ def read_iaga2002(path: Path) -> ObservatoryRecord:
     InputError
         When the file cannot be read, is of another format, reports other components, or contains a broken row.
     """
-    lines = read_text(path).splitlines()
     with in_file(path):
-        start, time_s, columns = _columns(lines)
+        start, time_s, columns = _columns(read_text(path).splitlines())
         return ObservatoryRecord(start, time_s, _meridian_components(columns))
 
 
@@ -57,14 +56,10 @@ def read_intensity(path: Path) -> tuple[FloatArray, FloatArray]:
     InputError
         As of `read_iaga2002`, and when no intensity is known.
     """
-    lines = read_text(path).splitlines()
     with in_file(path):
-        start, time_s, columns = _columns(lines)
-        name = next((letter for letter in "FS" if letter in columns), None)
-        if name is None:
-            intensity_T = np.linalg.norm(_meridian_components(columns), axis=1)
-        else:
-            intensity_T = from_nanotesla(columns[name])
+        start, time_s, columns = _columns(read_text(path).splitlines())
+        reported = [from_nanotesla(columns[letter]) for letter in "FS" if letter in columns]
+        intensity_T = reported[0] if reported else np.linalg.norm(_meridian_components(columns), axis=1)
         known = np.isfinite(intensity_T)
         if known.sum() < 2:
             raise InputError("it has no intensity: F, S or three components are needed")

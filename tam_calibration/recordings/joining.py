@@ -4,6 +4,7 @@ import logging
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import chain, pairwise
 
 import numpy as np
 
@@ -153,13 +154,9 @@ class Joining:
         Refused
             When most messages of a sensor cannot be used.
         """
-        last = None
-        for piece in self._rows(progress):  # the last piece has the usage of all, so each waits for the next
-            if last is not None:
-                yield self._samples(*last)
-            last = piece
-        if last is not None:
-            yield self._samples(*last)
+        end = np.empty(0, dtype=np.int64), np.empty((0, 0))
+        for piece, _ in pairwise(chain(self._rows(progress), [end])):  # each waits for the next: the last tells all
+            yield self._samples(*piece)
 
     def whole(self, progress: Progress) -> Samples:
         """Return the samples of the complete recording, as `pieces` yields them."""
