@@ -110,13 +110,8 @@ def require_sound(
     if screened is not None and any(fault.name in _SCREENED for fault in faults):
         left = [fault for fault in faults_of(screened, array) if fault.name in _SCREENED]
         faults = left + [fault for fault in faults if fault.name not in _SCREENED]
-    refuse(
-        fault
-        for fault in faults
-        if fault.severity == "refusal"
-        and fault.name not in accept
-        and not (fault.may_be_effect and fault.name in sought)
-    )
+    refusals = [fault for fault in faults if fault.severity == "refusal" and fault.name not in accept]
+    refuse(fault for fault in refusals if not (fault.may_be_effect and fault.name in sought))
     return faults
 
 

@@ -23,6 +23,7 @@ RATE_COLUMNS = ("wx_rad_s", "wy_rad_s", "wz_rad_s")
 POSITION_COLUMNS = ("x_m", "y_m", "z_m")
 """Columns of the position in a table; any other channel is one column of its own name."""
 
+_OF_VECTORS = {"attitude": ATTITUDE_COLUMNS, "angular_velocity_rad_s": RATE_COLUMNS, "position_m": POSITION_COLUMNS}
 _SINGLE_CHANNELS = ("scalar_T", "temperature_C", "current_A")
 
 _TIME = ("time_s",)
@@ -64,12 +65,7 @@ def to_pandas(values: Mapping[str, FloatArray]) -> "pandas.DataFrame":
     readings = values["readings_T"]
     columns = dict(zip(reading_columns(readings.shape[1]), readings.reshape(len(readings), -1).T, strict=True))
     columns |= {name: values[name] for name in _SINGLE_CHANNELS if name in values}
-    of_vectors = {
-        "attitude": ATTITUDE_COLUMNS,
-        "angular_velocity_rad_s": RATE_COLUMNS,
-        "position_m": POSITION_COLUMNS,
-    }
-    for name, own in of_vectors.items():
+    for name, own in _OF_VECTORS.items():
         if name in values:
             columns |= zip(own, values[name].T, strict=True)
     columns |= {name: channel for name, channel in values.items() if is_further(name)}

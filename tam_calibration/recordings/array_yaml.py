@@ -170,21 +170,18 @@ class ArrayFile(Document):
             bounds,
             own("delay_s"),
             self.scalar_delay_s,
-            self._mounting(),
+            Mounting(
+                _rotation_of("rotations", self.rotations_deg, self.rotations_quaternion),
+                _rotation_of("imu_rotation", self.imu_rotation_deg, self.imu_rotation_quaternion),
+                None if self.frame_ids is None else tuple(self.frame_ids),
+                self.imu_frame_id,
+            ),
             part_of(self.change_rates),
             inf if self.attitude_noise_deg == "estimate" else own("attitude_noise_deg"),
             own("mounting_error_deg"),
             tuple(self.further_channels),
             part_of(self.tolerances),
             part_of(self.gyroscope),
-        )
-
-    def _mounting(self) -> Mounting:
-        return Mounting(
-            _rotation_of("rotations", self.rotations_deg, self.rotations_quaternion),
-            _rotation_of("imu_rotation", self.imu_rotation_deg, self.imu_rotation_quaternion),
-            None if self.frame_ids is None else tuple(self.frame_ids),
-            self.imu_frame_id,
         )
 
 

@@ -249,8 +249,7 @@ def read_map(path: str | Path) -> ChannelMap:
 
 def map_to_mapping(channel_map: ChannelMap) -> dict[str, Any]:
     """Return the keys and values of a map's file, without what is as by default."""
-    mapping: dict[str, Any] = _stated(channel_map)
-    return mapping
+    return dict(_stated(channel_map))
 
 
 def _stated(value: Any) -> Any:

@@ -36,9 +36,7 @@ from tam_calibration.recordings.vectors import attitudes_in, is_magnetic, unit_i
 
 
 def inspect(
-    path: str | Path | Sequence[str | Path],
-    array: Array | None = None,
-    progress: Progress = lambda done, total: None,
+    path: str | Path | Sequence[str | Path], array: Array | None = None, progress: Progress = lambda done, total: None
 ) -> Inspection:
     """Inspect a recording: its channels, what is odd, and what would be taken as sensors and channels.
 
@@ -122,10 +120,8 @@ class _Inspecting:
         self.choice, self._wanted, self._fault = Choice(None), dict[str, Wanted](), ""
         self._clock: Clock = "stamp"
         try:
-            if array is None:
-                self.choice = choose(source, None)
-            else:
-                self.choice = choose(source, array.sensor_count, array.mounting.frame_ids)
+            frame_ids = None if array is None else array.mounting.frame_ids
+            self.choice = choose(source, None if array is None else array.sensor_count, frame_ids)
             if self.choice.channel_map is not None:
                 streams = resolve(source, self.choice.channel_map)
                 self._wanted, self._clock = dict(streams.wanted), streams.clock

@@ -8,7 +8,7 @@ from tam_calibration.messages.missing import in_words
 from tam_calibration.messages.point_cloud import IMU
 from tam_calibration.messages.stream import sensor_stream
 from tam_calibration.model.exceptions import InputError, quoted
-from tam_calibration.recordings.channel_map import CHANNEL_WIDTHS, ChannelMap, Clock, Pick
+from tam_calibration.recordings.channel_map import CHANNEL_WIDTHS, ChannelMap, Pick
 from tam_calibration.recordings.joining import Streams
 from tam_calibration.recordings.navigation import POSITION_FIELDS
 from tam_calibration.recordings.tables import Source, Table, Wanted
@@ -50,9 +50,8 @@ def resolve(source: Source, channel_map: ChannelMap, has_sure_units: bool = True
     if has_sure_units:
         without = {stream: pick for stream, pick in picks.items() if pick.factor is None}
         picks |= {stream: replace(pick, unit=stated[stream]) for stream, pick in without.items()}
-    clock: Clock = channel_map.clock
     is_stamped = all(wanted[sensor_stream(number + 1)].table.is_stamped for number in range(len(channel_map.sensors)))
-    return Streams(wanted, picks, clock if is_stamped else "received", {} if has_sure_units else stated)
+    return Streams(wanted, picks, channel_map.clock if is_stamped else "received", {} if has_sure_units else stated)
 
 
 def wanted_of(tables: Mapping[tuple[str, int], Table], stream: str, pick: Pick) -> Wanted:
