@@ -100,16 +100,12 @@ def mend_to_mapping(mend: Mend) -> dict[str, Any]:
 
 def _noise_to_mapping(term: NoiseTerm) -> dict[str, Any]:
     place = {"sensor": "scalar"} if term.sensor == 0 else {"sensor": term.sensor, "axis": term.axis}
-    mapping = place | {"white_nT": _nanotesla(term.white_T), "added_white_nT": _nanotesla(term.added_white_T)}
+    mapping = place | {"white_nT": term.white_T, "added_white_nT": term.added_white_T}
     if np.isfinite(term.knee_hz):
         mapping |= {"knee_hz": float(term.knee_hz), "exponent": float(term.exponent)}
     if term.band_hz is not None:
-        mapping |= {"band_hz": [float(limit) for limit in term.band_hz], "band_nT": _nanotesla(term.band_T)}
-    return mapping
-
-
-def _nanotesla(tesla: float) -> Any:
-    return value_to_write("_nT", tesla)
+        mapping |= {"band_hz": [float(limit) for limit in term.band_hz], "band_nT": term.band_T}
+    return {key: value_to_write(key, value) for key, value in mapping.items()}
 
 
 class _Noise(Document):

@@ -67,9 +67,8 @@ class _Part(Document):
 
     def build(self, folder: Path) -> Any:
         """Return the object."""
-        values = dict(zip((each.name for each in fields(self)), in_si(self), strict=True))
-        values.pop("kind", None)
-        return type(self).makes(*values.values())
+        named = zip(fields(self), in_si(self), strict=True)
+        return type(self).makes(*(value for each, value in named if each.name != "kind"))
 
 
 class _Sinusoid(_Part):

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.files.text_files import to_json, write_text
-from tam_calibration.localization.solutions import Status
+from tam_calibration.localization.solutions import EulerSolutions, Status
 from tam_calibration.localization.survey import WORLD_FRAME, Overall, Survey, standard_errors
 from tam_calibration.localization.target import Target
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.units import FloatArray, to_nanotesla
+from tam_calibration.model.units import to_nanotesla
 from tam_calibration.recordings.navigation import geographic
 from tam_calibration.results.results_json import attributes
 
@@ -179,7 +179,7 @@ def _target(target: Target) -> dict[str, Any]:
 
 def survey_to_mapping(survey: Survey) -> dict[str, Any]:
     """Return what `tam locate --json` prints; NaN where a value is not known."""
-    line = survey.line
+    line, overall = survey.line, survey.overall
     return {
         "schema": "tam_calibration/source/1",
         "frame": survey.frame,
@@ -188,35 +188,24 @@ def survey_to_mapping(survey: Survey) -> dict[str, Any]:
         "regional_field_T": None if survey.regional_T is None else survey.regional_T.tolist(),
         "located": int(survey.solutions.is_located.sum()),
         "refused": {status.name.lower(): count for status, count in survey.refusals.items()},
-        "overall": survey.overall and _overall(survey.overall),
-        "targets": [] if survey.overall is None else [_as_target(survey.overall)],
+        "overall": overall and _source(overall) | attributes(overall, "chi_square", "degrees_of_freedom"),
+        "targets": [] if overall is None else [_as_target(overall)],
         "samples": [_sample(survey, index) for index in range(len(survey.time_s))],
     }
 
 
-_ESTIMATE = "position_m", "position_covariance_m2", "moment_Am2", "moment_covariance_A2m4"
-
-
-def _source(
-    position_m: FloatArray,
-    position_covariance_m2: FloatArray,
-    moment_Am2: FloatArray,
-    moment_covariance_A2m4: FloatArray,
-) -> dict[str, Any]:
+def _source(found: Overall | EulerSolutions, index: Any = ...) -> dict[str, Any]:
     """Return position (3,) and moment (3,) of a source, SI, each with its standard errors and its covariance."""
+    position_covariance_m2 = found.position_covariance_m2[index]
+    moment_covariance_A2m4 = found.moment_covariance_A2m4[index]
     return {
-        "position_m": position_m.tolist(),
+        "position_m": found.position_m[index].tolist(),
         "position_standard_errors_m": standard_errors(position_covariance_m2).tolist(),
         "position_covariance_m2": position_covariance_m2.tolist(),
-        "moment_Am2": moment_Am2.tolist(),
+        "moment_Am2": found.moment_Am2[index].tolist(),
         "moment_standard_errors_Am2": standard_errors(moment_covariance_A2m4).tolist(),
         "moment_covariance_A2m4": moment_covariance_A2m4.tolist(),
     }
-
-
-def _overall(overall: Overall) -> dict[str, Any]:
-    source = _source(*(getattr(overall, name) for name in _ESTIMATE))
-    return {**source, **attributes(overall, "chi_square", "degrees_of_freedom")}
 
 
 def _as_target(overall: Overall) -> dict[str, Any]:
@@ -237,5 +226,4 @@ def _sample(survey: Survey, index: int) -> dict[str, Any]:
     sample = {"time_s": float(survey.time_s[index]), "status": status}
     if not solutions.is_located[index]:
         return sample
-    source = _source(*(getattr(solutions, name)[index] for name in _ESTIMATE))
-    return {**sample, **source, "array_center_m": survey.center_m[index].tolist()}
+    return {**sample, **_source(solutions, index), "array_center_m": survey.center_m[index].tolist()}

@@ -161,8 +161,8 @@ def add_effects(
     InputError
         When an effect is not known, needs a channel that the scenario has not, or has no such sensor, term or value.
     """
-    for index in sorted(range(len(effects)), key=lambda index: effect_named(effects[index].effect).output_stage):
-        fitted, generator = effects[index], generators[index]
+    pairs = zip(effects, generators, strict=True)
+    for fitted, generator in sorted(pairs, key=lambda pair: effect_named(pair[0].effect).output_stage):
         effect = effect_named(fitted.effect)
         if isinstance(effect, LinearEffect) != (stage == "field"):
             continue
