@@ -23,14 +23,7 @@ from tam_calibration.messages.cdr import RawMessages
 from tam_calibration.messages.samples import Progress
 from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.recordings import bag_storages
-from tam_calibration.recordings.bag_bounds import (
-    NAMED,
-    Damaged,
-    check_piece,
-    damage_named,
-    unpack_bounded,
-    unpacked,
-)
+from tam_calibration.recordings.bag_bounds import NAMED, Damaged, check_piece, damage_named, unpack_bounded, unpacked
 from tam_calibration.recordings.bag_storages import Condition, StoredFile, serialisation_of, storage_for
 
 log = logging.getLogger(__name__)
@@ -256,9 +249,7 @@ def raw_messages(reader: BagReader, connections: Sequence[Connection]) -> Iterat
 
 
 def raw_blocks(
-    reader: BagReader,
-    connections: Sequence[Connection],
-    progress: Progress = lambda done, total: None,
+    reader: BagReader, connections: Sequence[Connection], progress: Progress = lambda done, total: None
 ) -> Iterator[RawMessages]:
     """Yield the messages of some connections, many at once, in the order of the bag; empty ones are left out.
 

@@ -105,11 +105,7 @@ def fit_with_usage(
 
 
 def read_compared(
-    role: Role,
-    path: Path,
-    array: Array,
-    how: Reading = AS_IT_IS,
-    progress: Progress = lambda done, total: None,
+    role: Role, path: Path, array: Array, how: Reading = AS_IT_IS, progress: Progress = lambda done, total: None
 ) -> tuple[SampleSource, tuple[str, ...]]:
     """Read one of two recordings that are compared.
 

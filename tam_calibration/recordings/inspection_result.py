@@ -8,14 +8,7 @@ from typing import Any, cast
 from tam_calibration.files.yaml_document import dump_mapping
 from tam_calibration.messages.missing import in_words
 from tam_calibration.model.units import TESLA_PER_FIELD_UNIT, FloatArray, to_nanotesla
-from tam_calibration.recordings.channel_map import (
-    ChannelMap,
-    FieldUnit,
-    Pick,
-    TextFormat,
-    TimeColumn,
-    map_to_mapping,
-)
+from tam_calibration.recordings.channel_map import ChannelMap, FieldUnit, Pick, TextFormat, TimeColumn, map_to_mapping
 from tam_calibration.recordings.intake import size_doubt
 from tam_calibration.recordings.row_source import NO_TIME_RATE_HZ, RowSource
 from tam_calibration.recordings.tables import Source
@@ -237,10 +230,7 @@ def unit_doubt(stream: str, channel: InspectedChannel, is_sure: bool) -> str:
 
 
 def completed_map(
-    channel_map: ChannelMap,
-    channels: Mapping[str, InspectedChannel],
-    sources: Sequence[Source],
-    is_received: bool,
+    channel_map: ChannelMap, channels: Mapping[str, InspectedChannel], sources: Sequence[Source], is_received: bool
 ) -> ChannelMap:
     """Return a map with units that were detected, where the time is, and how a text file is written.
 

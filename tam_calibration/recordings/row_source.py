@@ -56,12 +56,7 @@ class RowSource:
     """
 
     def __init__(
-        self,
-        path: Path,
-        format: str,
-        columns: Sequence[str],
-        numeric: Sequence[str],
-        time: TimeColumn,
+        self, path: Path, format: str, columns: Sequence[str], numeric: Sequence[str], time: TimeColumn
     ) -> None:
         self.path, self.format, self.unfinished, self._columns = path, format, "", tuple(columns)
         self.time_column, self.time_unit = self._time(time, numeric)

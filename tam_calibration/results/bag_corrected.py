@@ -79,12 +79,7 @@ def write_bag_corrected(
 
 
 def _merge(
-    source: BagSource,
-    streams: Streams,
-    reader: BagReader,
-    writer: BlockWriter,
-    results: "_Results",
-    progress: Progress,
+    source: BagSource, streams: Streams, reader: BagReader, writer: BlockWriter, results: "_Results", progress: Progress
 ) -> None:
     """Write the source's messages, and each result behind the reading that set its pace."""
     names = [wanted.table.name for stream, wanted in streams.wanted.items() if not point_cloud.is_channel(stream)]

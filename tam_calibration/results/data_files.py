@@ -132,10 +132,7 @@ def write_corrected_pieces(
 
 
 def correct_file(
-    path: Path,
-    calibration: Calibration,
-    how: Reading = AS_IT_IS,
-    progress: Progress = lambda done, total: None,
+    path: Path, calibration: Calibration, how: Reading = AS_IT_IS, progress: Progress = lambda done, total: None
 ) -> Iterator[tuple[Corrected, IntArray | None]]:
     """Yield the corrected pieces of a recording with the stamps of its messages; None where it is a CSV file.
 
