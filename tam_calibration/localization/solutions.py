@@ -53,8 +53,8 @@ _REASONS = {
     Status.NO_GRADIENT: "the gradient tensor is zero or within its noise: go nearer, or average longer",
     Status.ILL_CONDITIONED: "the smallest eigenvalue of the tensor is zero or within its noise, as it is where the "
     "moment is at right angles to the line of sight: use the constrained solution",
-    Status.AMBIGUOUS: "the two smallest eigenvalues of the tensor are equal within their noise, and which of their "
-    "directions is left out changes the position: it is no single dipole, or the noise is too large",
+    Status.AMBIGUOUS: "two places explain the sample as well, as where the two smallest eigenvalues of the tensor "
+    "are equal within their noise: go nearer, average longer, state the regional field, or it is no single dipole",
     Status.UNCERTAIN: "the position is too uncertain for its distance: go nearer, average longer, or measure the "
     "attitude better",
     Status.NO_ATTITUDE: "the attitude is unknown, without which the regional field cannot be taken off, nor a position "

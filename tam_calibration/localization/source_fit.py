@@ -58,7 +58,7 @@ class Dipoles:
         field = field_by_moment(self.points_m - places_m[:, None]).reshape(len(at), -1, 3)
         slopes = self.weights[at] @ field
         turned = np.swapaxes(slopes, 1, 2)
-        unit, scale = scaled(np.nan_to_num(turned @ slopes, posinf=0.0))
+        unit, scale = scaled(np.nan_to_num(turned @ slopes, posinf=0.0, neginf=0.0))
         least = 1e-14 * np.eye(3)  # far away there is no field, and the matrix is zero
         inverse = np.linalg.solve(unit + least, turned / scale[..., None]) / scale[..., None]
         moments = (inverse @ data[at][..., None])[..., 0]

@@ -55,7 +55,7 @@ def _scatter(
     axes: tuple[str, ...],
     columns: FloatArray,
 ) -> Signature:
-    """Return a law of scatter."""
+    """Return what scatter in the columns (N, C, p) of a place explains of a gap, as a law."""
     values, along = _resolved(columns, residual)
     of_sizes = _of_sizes(values, along)
     evidence = _widened(of_sizes)
