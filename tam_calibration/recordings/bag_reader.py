@@ -3,7 +3,7 @@
 import logging
 import sys
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
@@ -172,7 +172,7 @@ def _opened(path: Path, state: tuple[tuple[str, int, int], ...]) -> BagReader:
             if faults and not is_unfinished:
                 raise Damaged("; ".join(faults[:NAMED]))
             bag = BagReader(path, [recovered.get(file) or storage_for(file).FILE(file) for file in files])
-            _require_topics(bag, metadata.counts if metadata and not is_unfinished else {})
+            _require_topics(bag, None if is_unfinished else metadata)
         if not bag.message_count:
             no_message = "contains no message: the recorder wrote nothing, or was killed"
             lost = "is damaged or truncated: no message in it is complete"
@@ -184,15 +184,19 @@ def _opened(path: Path, state: tuple[tuple[str, int, int], ...]) -> BagReader:
     return bag
 
 
-def _require_topics(bag: BagReader, counts: Mapping[str, int]) -> None:
-    """Check the names of topics and types, and that topics are there of which messages were counted."""
+def _require_topics(bag: BagReader, metadata: bag_storages.Metadata | None) -> None:
+    """Check the names of topics and types, and that topics are there and serialised as the metadata have it."""
     for each in bag.topics:
         if not (isinstance(each.topic, str) and isinstance(each.msgtype, str)):
             raise Damaged(f"{quoted(each.topic)} of {quoted(each.msgtype)} is no topic with a type")
-    topics = {one.topic for one in bag.topics}
-    for topic, count in counts.items():
-        if count and topic not in topics:
+    if metadata is None:
+        return
+    found = {one.topic: serialisation_of(one) for one in bag.topics if one.msgcount}
+    for topic, count in metadata.counts.items():
+        if count and topic not in found:
             raise Damaged(f"the metadata count {quoted(count)} messages of {topic}, which no file has")
+        if (stated := metadata.serialisations[topic]) != found.get(topic, stated):
+            raise Damaged(f"{topic} is serialised as {quoted(found[topic])}, and as {quoted(stated)} by the metadata")
 
 
 _Kind = tuple[str, str, str, str]

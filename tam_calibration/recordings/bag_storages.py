@@ -248,10 +248,13 @@ class Metadata:
         Names of the data files, in their order.
     counts : dict of str to int
         Messages of each topic.
+    serialisations : dict of str to str
+        How the messages of each topic are serialised.
     """
 
     files: tuple[str, ...]
     counts: dict[str, int]
+    serialisations: dict[str, str]
 
 
 def read_metadata(folder: Path) -> Metadata | None:
@@ -259,8 +262,10 @@ def read_metadata(folder: Path) -> Metadata | None:
     try:
         information = parse_mapping(read_text(folder / METADATA))["rosbag2_bagfile_information"]
         files = dict.fromkeys(Path(str(path)).name for path in information["relative_file_paths"])
-        topics = information["topics_with_message_count"]
-        return Metadata(tuple(files), {str(each["topic_metadata"]["name"]): each["message_count"] for each in topics})
+        topics = {str(each["topic_metadata"]["name"]): each for each in information["topics_with_message_count"]}
+        counts = {name: each["message_count"] for name, each in topics.items()}
+        serialisations = {name: str(each["topic_metadata"]["serialization_format"]) for name, each in topics.items()}
+        return Metadata(tuple(files), counts, serialisations)
     except (InputError, LookupError, TypeError):
         return None
 

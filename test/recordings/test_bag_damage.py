@@ -102,6 +102,19 @@ def test_a_changed_byte_is_noticed_or_changes_nothing(tmp_path, caplog, kind):
     assert values_of(read_recording(path)) == values_of(whole)
 
 
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [("serialization_format = 'c;r'", "is serialised as 'c;r', and as 'cdr'"), ("id = 92", "no file has")],
+)
+def test_a_topic_that_the_metadata_know_otherwise_is_damage(tmp_path, change, problem):
+    """Else sensor 2 would be taken for sensor 1."""
+    path = make(tmp_path, "sqlite3")
+    with closing(sqlite3.connect(path / "bag.db3")) as database:
+        database.execute(f"UPDATE topics SET {change} WHERE name = '/tam_1/magnetic_field'")
+        database.commit()
+    assert problem in refusal(path)
+
+
 def spoil(file, sample, sensor):
     """Change one bit of a reading of a sensor in a file of the small recording, that of the sample with this number."""
     reading = small_recording().readings_T[sample, sensor].tobytes()
