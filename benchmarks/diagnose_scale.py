@@ -24,7 +24,11 @@ from tam_calibration.results.scenario import shipped_scenarios
 SIZES = (100_000, 300_000, 1_000_000)
 RATE_HZ = 100
 ASKED_MIB = 500.0
+"""Peak memory that is asked of a million rows: what a small computer on board has left."""
+
 ASKED_ERRORS = 4.0
+"""Deviation from the truth, at most: four standard errors of a sound answer come once in 16 000."""
+
 TAM = (sys.executable, "-m", "tam_calibration")
 RESULTS = Path(__file__).parent / "results" / "diagnose_scale.csv"
 

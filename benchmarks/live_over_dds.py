@@ -43,7 +43,7 @@ CASE = "4 × 100 Hz and scalar, over DDS"
 MOST_S = 60.0
 """Longest wait for a change to be told, twice what is asked."""
 KEPT_S = 3.0
-"""From a change that is told until it is on disk too: what is learned is saved once a second."""
+"""From the report of a change until it is on disk: the calibrator saves once a second; twice that, and a margin."""
 
 
 class Mission:

@@ -255,8 +255,10 @@ class AveragedRates:
         self._stamps_ns = np.concatenate([self._stamps_ns, stamps_ns[known]])[-most:]
         self._rates = np.concatenate([self._rates, rates[known]])[-most:]
 
-    def has_one_at_most(self, stamp_ns: int, newest: Sequence[float]) -> bool:
-        """Return whether the newest angular velocity is that of the next sample, which then counts: it costs little.
+    def skips(self, stamp_ns: int, newest: Sequence[float]) -> bool:
+        """Take the next sample without averaging if it has one message at most, and return whether it has.
+
+        Then ``means`` would return the newest angular velocity, at more cost.
 
         Parameters
         ----------

@@ -324,8 +324,8 @@ class ContradictionSearch:
         self._count += len(codes)
         # Sensors of which the others outvote one.
         if self._sensor_count >= 3:
-            # One that fails deviates from the mean of all by (K - 1) / K of what it does from that of the others. All
-            # that deviate by less together are spared the rest.
+            # One that fails deviates from the mean of all by (K - 1) / K of its deviation from the others. A sample in
+            # which all sensors together deviate by less needs no closer look.
             parts = readings_T.reshape(len(readings_T), -1) @ self._deviations - self._of_bias
             excess = parts * parts @ self._signs
             if not all(each < 0 for each in excess.tolist()):

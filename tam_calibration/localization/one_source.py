@@ -136,7 +136,7 @@ def locate_run(samples: Samples, prior: Regional) -> tuple[EulerSolutions, Regio
         at = np.flatnonzero(world.is_located)
         if not len(at) and not number:
             return world, regional
-        if number and len(at) < _FEWEST_LOCATED:  # also beside the field that the first ones tell
+        if number and len(at) < _FEWEST_LOCATED:  # even with the field that the first ones determine
             break
         part = _part_of(at, part)
         shared = fit_shared(samples.take(part), world.take(part), regional, prior)

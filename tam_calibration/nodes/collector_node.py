@@ -325,7 +325,7 @@ class Collector(TamNode):
         """Return a sample with the mean angular velocity since the one before; else the newest."""
         stamp_ns, values = sample.stamp_ns, sample.values
         newest = values[self._at_rates]
-        if self._rates.has_one_at_most(stamp_ns, newest):
+        if self._rates.skips(stamp_ns, newest):
             return sample
         [mean] = self._rates.means(np.array([stamp_ns]), np.array([newest])).tolist()
         return sample._replace(values=(*values[: self._at_rates.start], *mean, *values[self._at_rates.stop :]))

@@ -121,6 +121,28 @@ def test_a_quick_gyroscope_counts_by_its_mean(tmp_path):
         np.testing.assert_allclose(read.angular_velocity_rad_s, expected, atol=1e-12)
 
 
+@pytest.mark.parametrize("quicker", [0.25, 1.0, 3.0])
+def test_a_sample_that_needs_no_mean_has_the_same_angular_velocity(quicker):
+    """For messages slower than the samples, as fast, and quicker, each a little late or early."""
+    rng, count = np.random.default_rng(2), 200
+    times = np.sort(np.arange(int(count * quicker)) * int(10_000_000 / quicker) + rng.integers(0, 2_000_000))
+    rates = rng.normal(size=(len(times), 3))
+    spared, averaged, skipped, taken = AveragedRates(), AveragedRates(), 0, 0
+    for stamp in range(1_000_000, count * 10_000_000, 10_000_000):
+        new = np.flatnonzero((times > stamp - 10_000_000) & (times <= stamp))
+        taken = max(taken, *new.tolist()) if len(new) > 1 else int(new[0]) if len(new) else taken
+        newest = rates[taken]
+        for each in (spared, averaged):
+            each.add(times[new], rates[new])
+        expected = averaged.means(np.array([stamp]), newest[None])[0]
+        if spared.skips(stamp, newest.tolist()):
+            skipped, found = skipped + 1, newest
+        else:
+            found = spared.means(np.array([stamp]), newest[None])[0]
+        np.testing.assert_array_equal(found, expected)
+    assert skipped > 190 if quicker <= 1 else skipped < 10
+
+
 def test_a_mean_of_a_swing_is_as_large_as_the_swing():
     """To a hundred thousandth, where the plain mean of ten is 0.06 % too small, in whatever pieces."""
     time_ns, omega = np.arange(100_000) * 10_000_000, 2 * np.pi / 5

@@ -140,7 +140,7 @@ def _tones(residual: Residual, similar: Sequence[Pattern]) -> Iterator[Candidate
         tone = pattern.times(waves, f"{frequency_hz:.6g} Hz")
         steady = _constant(residual, tone, "tone", tried)
         yield steady
-        # A rotor's pace wanders: of its tone only a part is steady. So would be that of the motion.
+        # A rotor's pace wanders: only a part of its tone is steady. A slower tone would imitate the motion.
         wanders = pattern.law == "offset" and frequency_hz > _pace_hz(residual)
         least = MINOR if wanders else MOST
         if pattern.features.shape[2] > 3 or steady.evidence + penalty < least * residual.excess / 2:

@@ -183,7 +183,7 @@ def predictive_laws(residual: Residual, whole: float) -> tuple[list[Found], Resi
 
 
 def _elsewhere(residual: Residual, first: Found, factor: float) -> tuple[tuple[Found, ...], Residual]:
-    """Return a law of a sensor in others, with the same course, where it is most of what is left; and what that leaves.
+    """Return a law of a sensor in others, with the same course, where it is most of the residual, and what remains.
 
     Parameters
     ----------
