@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Collection, Sequence
 from functools import reduce
+from weakref import WeakKeyDictionary
 
 from tam_calibration.effects.covariates import Covariates, to_world
 from tam_calibration.effects.effect import Finding, LinearEffect
@@ -62,6 +63,7 @@ class _CauseSearch:
         self._nominal, self._tell = nominal, tell
         self._offers = Offers(nominal, without, tell)
         self._steps: list[Step] = []
+        self._laws = WeakKeyDictionary[Residual, tuple[Law, ...]]()
         self._open: list[Law] = []  # those that predict, and have no cause
         self._model = nominal
 
@@ -70,7 +72,7 @@ class _CauseSearch:
         self._tell("laws", 0.0)
         whole = residual_of(self._nominal)
         self._gap = whole.excess
-        laws = remaining = laws_of(whole, self._gap)
+        laws = remaining = self._laws_of(whole)
         explained, unexplained = set[_Key](), set[_Key]()
         while len(self._steps) < MOST_CAUSES:
             law = next((one for one in remaining if _key(one) not in unexplained and not self._is_small(one)), None)
@@ -83,7 +85,7 @@ class _CauseSearch:
                 continue
             explained.add(_key(law))
             self._tell("laws", len(self._steps) / (MOST_CAUSES + 1))
-            remaining = tuple(one for one in laws_of(left, self._gap) if _key(one) not in explained)
+            remaining = tuple(one for one in self._laws_of(left) if _key(one) not in explained)
         return Search(
             self._nominal,
             self._model,
@@ -93,6 +95,12 @@ class _CauseSearch:
             tuple(self._offers.weighed.values()),
             self._offers.considered(laws),
         )
+
+    def _laws_of(self, residual: Residual) -> tuple[Law, ...]:
+        """Return the laws of what a model leaves; a second time as they were found before."""
+        if residual not in self._laws:
+            self._laws[residual] = laws_of(residual, self._gap)
+        return self._laws[residual]
 
     def _is_small(self, law: Law) -> bool:
         """Say whether a law is too small to ask for a cause of it, mostly in sensors of a cause.
@@ -171,7 +179,7 @@ class _CauseSearch:
         if law.whole is not None and law.whole.excess - left.excess < (1 - MOST) * law.signature.energy * self._gap:
             return False
         sensors = set(law.signature.sensors)
-        there = (one.signature for one in laws_of(left, self._gap) if not sensors.isdisjoint(one.signature.sensors))
+        there = (one.signature for one in self._laws_of(left) if not sensors.isdisjoint(one.signature.sensors))
         return sum(one.energy for one in there) < MOST * law.signature.energy
 
     def _repeated(self, chain: Sequence[Evidence], law: Law) -> Evidence | None:

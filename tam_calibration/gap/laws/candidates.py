@@ -8,7 +8,7 @@ from tam_calibration.effects.grades import MINOR, MOST
 from tam_calibration.effects.recursions import lagged
 from tam_calibration.gap.laws import patterns
 from tam_calibration.gap.laws.decisions import COARSE, LENGTHS, SLOW, TIE
-from tam_calibration.gap.laws.evidence import Bins, constant, course
+from tam_calibration.gap.laws.evidence import Bins, course
 from tam_calibration.gap.laws.patterns import Candidate, Pattern
 from tam_calibration.gap.laws.states import steps
 from tam_calibration.gap.laws.whitened import Residual
@@ -21,9 +21,9 @@ def candidates(residual: Residual) -> list[Candidate]:
     near, bins = nearest(residual), Bins.of_time(residual.time_s)
     for place in near:
         found += _in_place(residual, place, bins)
-    found += [_steady(residual, one) for one in patterns.everywhere(residual)]
+    found += [next(_steady(residual, one)) for one in patterns.everywhere(residual)]
     if len(near) > 2:
-        found += [_steady(residual, one) for one in patterns.bent_everywhere(residual)]
+        found += [next(_steady(residual, one)) for one in patterns.bent_everywhere(residual)]
     if residual.sensor_count > 1:
         offsets = patterns.offsets_everywhere(residual)
         found += list(_following(residual, offsets))
@@ -46,11 +46,11 @@ def held(residual: Residual, place: int | str) -> float:
     trace = np.trace(information, axis1=1, axis2=2).mean()
     if trace <= 0:
         return -np.inf
-    information = information + 1e-9 * trace * np.eye(len(rows))
-    score = products[:, :, 0]
-    energy = (score * np.linalg.solve(information, score[:, :, None])[:, :, 0]).sum()
-    free = np.linalg.matrix_rank(information, tol=1e-6 * trace).sum()
-    return float(energy - residual.noise * free)
+    score = products[:, :, :1]
+    regular = information + 1e-6 * trace * np.eye(len(rows))
+    solved = np.linalg.solve(regular, np.concatenate([score, information], axis=2))
+    free = np.trace(solved[:, :, 1:], axis1=1, axis2=2).sum()
+    return float((score * solved[:, :, :1]).sum() - residual.noise * free)
 
 
 def _in_place(residual: Residual, place: int | str, bins: Bins) -> Iterator[Candidate]:
@@ -61,26 +61,27 @@ def _in_place(residual: Residual, place: int | str, bins: Bins) -> Iterator[Cand
         own = list(patterns.in_sensor(residual, int(place)))
         yield from _over_reading(residual, int(place))
     for pattern in patterns.of_motion(residual, place):
-        yield _steady(residual, pattern)
+        yield from _steady(residual, pattern)
     for pattern in own:
         if pattern.law == "rate":
-            yield _steady(residual, pattern)
+            yield from _steady(residual, pattern)
         yield from _in_time(residual, pattern, bins)
         yield from _following(residual, pattern)
         if pattern.law == "offset":
-            yield from _tones(residual, [pattern])
-    yield from _tones(residual, [one for one in own if one.law == "gain"])
+            yield from (tone for part, _ in pattern.parts() for tone in _tones(residual, [part]))
+    yield from _tones(residual, [part for one in own if one.law == "gain" for part, _ in one.parts()])
 
 
-def _steady(residual: Residual, pattern: Pattern) -> Candidate:
-    """Return the candidate that goes with the motion alone, a law of a rate with a constant course."""
+def _steady(residual: Residual, pattern: Pattern) -> Iterator[Candidate]:
+    """Yield the candidates that go with the motion alone, a law of a rate with a constant course."""
     return _constant(residual, pattern, "constant" if pattern.law == "rate" else "motion")
 
 
-def _constant(residual: Residual, pattern: Pattern, label: str, tried: float = 1.0) -> Candidate:
-    """Return the candidate with constant coefficients, the best of so many that were tried."""
-    fit = constant(pattern.features, *pattern.of_rows(residual))
-    return Candidate(pattern, label, fit.evidence - float(np.log(tried)))
+def _constant(residual: Residual, pattern: Pattern, label: str, tried: float = 1.0) -> Iterator[Candidate]:
+    """Yield the candidates of a pattern and its parts with constant coefficients, the best of so many tried."""
+    normal = pattern.normal(residual)
+    for part, columns in pattern.parts():
+        yield Candidate(part, label, normal.part(columns).fit().evidence - float(np.log(tried)))
 
 
 def elsewhere(residual: Residual, law: Candidate, sensor: int) -> Candidate | None:
@@ -93,7 +94,7 @@ def elsewhere(residual: Residual, law: Candidate, sensor: int) -> Candidate | No
         shapes = [patterns.of_all_axes(residual, pattern.law, sensor).times(law.drive(residual), pattern.follows)]
     else:
         return None
-    tried = [_constant(residual, one, law.course, len(shapes)) for one in shapes]
+    tried = [next(_constant(residual, one, law.course, len(shapes))) for one in shapes]
     return max(tried, key=lambda one: one.evidence, default=None)
 
 
@@ -104,19 +105,20 @@ def _sizes(residual: Residual) -> FloatArray:
 
 
 def _in_time(residual: Residual, pattern: Pattern, bins: Bins) -> Iterator[Candidate]:
-    """Yield courses in time: steps, slow ones, and fast ones."""
-    sums = pattern.sums(residual, bins)
-    coarse, whole = sums.merged(COARSE), float(np.ptp(residual.time_s))
-    variances = _sizes(residual)
-    best = -np.inf
-    for length in LENGTHS:
-        fit = course(coarse if length >= LENGTHS[1] else sums, length * whole, variances)
-        if fit.evidence < best - TIE and length < SLOW:
-            break
-        best = max(best, fit.evidence)
-        label = "slow" if length >= SLOW else "random"
-        yield Candidate(pattern, label, fit.evidence, bins, length * whole, fit.variance)
-    yield next(steps(pattern, sums, bins))
+    """Yield courses in time of a pattern and its parts: steps, slow ones, and fast ones."""
+    every, size = pattern.sums(residual, bins), pattern.size(residual)
+    whole, variances = float(np.ptp(residual.time_s)), _sizes(residual)
+    for part, columns in pattern.parts():
+        sums = every if part is pattern else every.part(columns, size / part.size(residual))
+        coarse, best = sums.merged(COARSE), -np.inf
+        for length in LENGTHS:
+            fit = course(coarse if length >= LENGTHS[1] else sums, length * whole, variances)
+            if fit.evidence < best - TIE:
+                break
+            best = max(best, fit.evidence)
+            label = "slow" if length >= SLOW else "random"
+            yield Candidate(part, label, fit.evidence, bins, length * whole, fit.variance)
+        yield next(steps(part, sums, bins))
 
 
 def _following(residual: Residual, pattern: Pattern) -> Iterator[Candidate]:
@@ -125,7 +127,7 @@ def _following(residual: Residual, pattern: Pattern) -> Iterator[Candidate]:
     for name, channel in residual.channels.items():
         drives = [lagged(channel, residual.time_s, lag * duration_s) for lag in (0.0, 0.02, 0.1)]
         for drive in (one[:, None] / one.std() for one in drives if one.std() > 0):
-            yield _constant(residual, pattern.times(drive, name), "channel", len(drives))
+            yield from _constant(residual, pattern.times(drive, name), "channel", len(drives))
 
 
 def _tones(residual: Residual, similar: Sequence[Pattern]) -> Iterator[Candidate]:
@@ -138,12 +140,12 @@ def _tones(residual: Residual, similar: Sequence[Pattern]) -> Iterator[Candidate
     penalty = np.log(tried)
     for pattern in similar:
         tone = pattern.times(waves, f"{frequency_hz:.6g} Hz")
-        steady = _constant(residual, tone, "tone", tried)
+        steady = next(_constant(residual, tone, "tone", tried))
         yield steady
         # A rotor's pace wanders: only a part of its tone is steady. A slower tone would imitate the motion.
         wanders = pattern.law == "offset" and frequency_hz > _pace_hz(residual)
         least = MINOR if wanders else MOST
-        if pattern.features.shape[2] > 3 or steady.evidence + penalty < least * residual.excess / 2:
+        if pattern.width > 3 or steady.evidence + penalty < least * residual.excess / 2:
             continue
         for part, count in ((0.25, COARSE), (0.03, 4 * COARSE))[: 1 + wanders]:
             bins, length = Bins.of(residual.time_s, count), part * float(np.ptp(residual.time_s))
@@ -161,10 +163,9 @@ def _line(residual: Residual, pattern: Pattern) -> tuple[float | None, int]:
     """Return the frequency of most power in the scores of a pattern, and how many were tried."""
     from scipy.optimize import minimize_scalar
 
-    of_sample, products = pattern.of_rows(residual)
+    _, products = pattern.of_rows(residual)
     score = np.einsum("nrp,nr->np", pattern.features, products[:, :, 0])
-    information = np.einsum("nrp,nrq->pq", pattern.features, of_sample @ pattern.features) / residual.count
-    values, vectors = np.linalg.eigh(information)
+    values, vectors = np.linalg.eigh(pattern.normal(residual).information / residual.count)
     kept = values > 1e-6 * values[-1]
     score = score @ (vectors[:, kept] / np.sqrt(values[kept]))
     time_s = residual.time_s - residual.time_s[0]
@@ -195,8 +196,7 @@ def _over_reading(residual: Residual, sensor: int) -> Iterator[Candidate]:
     """Yield any function of an axis' own reading, the same both ways or not."""
     for axis, row in enumerate(patterns.sensor_rows(sensor)):
         reading = residual.sensed[:, row]
-        one = np.ones((residual.count, 1, 1))
-        pattern = Pattern("own_field", (sensor,), (patterns.AXES[axis],), np.array([row]), one)
+        pattern = Pattern("own_field", (sensor,), (patterns.AXES[axis],), np.array([row]), np.ones((residual.count, 1)))
         for branch in (None, np.sign(residual.sensed_rate[:, row])):
             bins = Bins.of(reading, min(256, max(residual.count // 4, 4)), branch)
             sums = pattern.sums(residual, bins)

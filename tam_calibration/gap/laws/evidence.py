@@ -1,7 +1,7 @@
 """The evidence of a law: log marginal likelihoods over that of no law, the nominal parameters marginalised.
 
 A law adds A_n c to the whitened residual of sample n. Either c is the same throughout, with independent normal elements
-(``constant``), or it goes with an index such as time as p independent Ornstein-Uhlenbeck processes (``course``), whose
+(``Normal``), or it goes with an index such as time as p independent Ornstein-Uhlenbeck processes (``course``), whose
 precision is tridiagonal (Rue and Held 2005, section 2.4), so that the cost is proportional to the number of bins.
 """
 
@@ -57,16 +57,24 @@ class Sums:
         return band.reshape(width + 1, -1)
 
     @classmethod
-    def of(cls, features: FloatArray, information: FloatArray, products: FloatArray, bins: "Bins") -> "Sums":
-        """Return the sums of features (N, r, p) of rows with information (N, r, r) and products (N, r, 1 + q)."""
-        turned = np.swapaxes(bins.arranged(features), 1, 2)
-        weighed: FloatArray = bins.arranged(information @ features)
-        summed: FloatArray = turned @ bins.arranged(products)
-        cross = summed[:, :, 1:].reshape(-1, summed.shape[2] - 1)
-        # A row sees few combinations of the nuisance directions, often a third of them: the others are left out.
-        shared, directions = np.linalg.eigh(cross.T @ cross)
-        seen = summed[:, :, 1:] @ directions[:, shared > 1e-13 * shared[-1]]
-        return cls(turned @ weighed, np.concatenate([summed[:, :, :1], seen], axis=2), bins.place, bins.is_first)
+    def of(cls, shifts: FloatArray, information: FloatArray, products: FloatArray, bins: "Bins") -> "Sums":
+        """Return the sums of shifts of r rows with information (N, r, r) and products (N, r, 1 + q).
+
+        Parameters
+        ----------
+        shifts : (N, f) or (N, r, p) array
+            As of ``normal_equations``.
+        information, products : array
+            Of each sample.
+        bins : Bins
+        """
+        own, right = normal_equations(*(bins.arranged(one) for one in (shifts, information, products)))
+        return cls(own, _fewer(right), bins.place, bins.is_first)
+
+    def part(self, columns: slice, factor: float) -> "Sums":
+        """Return the sums of some columns, multiplied by a factor."""
+        own, right = self.information[:, columns, columns], self.products[:, columns]
+        return Sums(factor**2 * own, _fewer(factor * right), self.place, self.is_first)
 
     def merged(self, bin_count: int) -> "Sums":
         """Return the sums over runs of neighbouring bins, about so many."""
@@ -109,11 +117,11 @@ class Bins:
         return cls.of(time_s, max(min(512, len(time_s) // 2), 4))
 
     def arranged(self, values: FloatArray) -> FloatArray:
-        """Return values (N, r, p) by bins, (B, m r, p), zero where a bin has fewer samples."""
+        """Return values (N, ...) by bins, (B, m, ...), zero where a bin has fewer samples."""
         taken: FloatArray = values[self.order]
         if (self.order < 0).any():
             taken[self.order < 0] = 0
-        return taken.reshape(len(self.order), -1, values.shape[2])
+        return taken
 
     def spread(self, by_bin: NDArray[Any], count: int) -> NDArray[Any]:
         """Return values by bin (B, ...) at the samples (N, ...)."""
@@ -143,13 +151,17 @@ def course(sums: Sums, length: float, variances: FloatArray, with_errors: bool =
     length : float
         Correlation length, in units of the index; 0 for independent bins.
     variances : (V,) array
-        Variances of the processes that are tried.
+        Variances of the processes that are tried, from the smallest on as long as the evidence rises.
     with_errors : bool
         Whether the standard deviations are wanted.
     """
     diagonal, beside, log_determinant = _precision(sums, length)
-    fits = [_at(sums, diagonal, beside, log_determinant, variance) for variance in variances]
-    evidence, half, factor, variance = max(fits, key=lambda one: one[0])
+    evidence, half, factor, variance = _at(sums, diagonal, beside, log_determinant, variances[0])
+    for larger in variances[1:]:
+        tried = _at(sums, diagonal, beside, log_determinant, larger)
+        if tried[0] < evidence:
+            break
+        evidence, half, factor, variance = tried
     mean = _substituted(factor, half, "N").reshape(sums.score.shape)
     deviation = _deviations(factor, mean.shape) if with_errors else None
     return Fit(evidence, mean, deviation, variance)
@@ -171,13 +183,13 @@ def _at(
     sums: Sums, diagonal: FloatArray, beside: FloatArray, log_determinant: float, variance: float
 ) -> tuple[float, FloatArray, FloatArray, float]:
     """Return the evidence, the mean before the last substitution by the factor, the factor, and the variance."""
-    from scipy.linalg import cholesky_banded
+    from scipy.linalg.lapack import dpbtrf
 
     bins, width = sums.score.shape
     band = sums.band.copy()
     band[-1] += np.repeat(diagonal, width) / variance
     band[0, width:] = np.repeat(beside, width) / variance
-    factor = cholesky_banded(band, check_finite=False)
+    factor = dpbtrf(band)[0]
     half = _substituted(factor, sums.products.reshape(bins * width, -1), "T")
     products = half.T @ half
     left = (1 + 1e-9) * np.eye(len(products) - 1) - products[1:, 1:]
@@ -204,26 +216,83 @@ def _deviations(factor: FloatArray, shape: tuple[int, ...]) -> FloatArray:
     return np.asarray(np.sqrt(np.maximum(inverse, 0)).reshape(shape))
 
 
-def constant(features: FloatArray, information: FloatArray, products: FloatArray) -> Fit:
-    """Return the fit of features whose coefficients stay, of the best common variance.
+def normal_equations(
+    shifts: FloatArray, information: FloatArray, products: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the information (B, P, P) on coefficients, and their products (B, P, 1 + q), in bins of m samples.
 
     Parameters
     ----------
-    features : (N, r, P) array
-        Of r rows.
-    information : (N, r, r) array
+    shifts : (B, m, f) or (B, m, r, P) array
+        What a coefficient of one shifts each of r rows by: f values, for which each row has coefficients of its own,
+        P = r f; or what each of P coefficients does to all rows.
+    information : (B, m, r, r) array
         Of each sample on shifts of the rows.
-    products : (N, r, 1 + q) array
+    products : (B, m, r, 1 + q) array
         Of the responses to the rows with the residual, and with the nuisance directions.
     """
-    flat = features.reshape(-1, features.shape[2])
-    own: FloatArray = flat.T @ (information @ features).reshape(flat.shape)
-    most = np.trace(information, axis1=1, axis2=2) @ (features**2).sum(axis=1)
-    seen = np.diag(own) > ROUNDING * most
-    size = np.where(seen, np.sqrt(np.maximum(np.diag(own), 0) / len(features)), np.inf)
-    right = flat.T @ products.reshape(len(flat), -1)
-    score, cross = right[:, 0], right[:, 1:]
-    return of_normal((own - cross @ cross.T) / np.outer(size, size), score / size, size, len(features))
+    bins, count, rows, _ = information.shape
+    width = shifts.shape[-1]
+    if rows == 1:
+        shifts = shifts.reshape(bins, count, 1, width)
+    if shifts.ndim == 4:
+        flat = shifts.reshape(bins, -1, width)
+        weighed: FloatArray = (information @ shifts).reshape(flat.shape)
+        turned = np.swapaxes(flat, 1, 2)
+        return turned @ weighed, turned @ products.reshape(bins, count * rows, -1)
+    pairs = (shifts[:, :, :, None] * shifts[:, :, None]).reshape(bins, count, -1)
+    own: FloatArray = np.swapaxes(information.reshape(bins, count, -1), 1, 2) @ pairs
+    own = own.reshape(bins, rows, rows, width, width).swapaxes(2, 3).reshape(bins, rows * width, -1)
+    right: FloatArray = np.swapaxes(shifts, 1, 2) @ products.reshape(bins, count, -1)
+    return own, right.reshape(bins, width, rows, -1).swapaxes(1, 2).reshape(bins, rows * width, -1)
+
+
+def _fewer(products: FloatArray) -> FloatArray:
+    """Return products (B, p, 1 + q) with fewer nuisance directions: a row sees often a third of their combinations."""
+    cross = products[:, :, 1:].reshape(-1, products.shape[2] - 1)
+    shared, directions = np.linalg.eigh(cross.T @ cross)
+    seen = products[:, :, 1:] @ directions[:, shared > 1e-13 * shared[-1]]
+    return np.concatenate([products[:, :, :1], seen], axis=2)
+
+
+@dataclass(frozen=True, eq=False)
+class Normal:
+    """Normal equations of constant coefficients.
+
+    Parameters
+    ----------
+    information : (P, P) array
+    products : (P, 1 + q) array
+        Of the columns with the residual, and with the nuisance directions.
+    most : (P,) array
+        Information if every shift were seen.
+    count : int
+        Of samples.
+    """
+
+    information: FloatArray
+    products: FloatArray
+    most: FloatArray
+    count: int
+
+    @classmethod
+    def of(cls, shifts: FloatArray, information: FloatArray, products: FloatArray) -> "Normal":
+        """Return the equations of shifts (N, f) or (N, r, P), as of ``normal_equations`` in one bin."""
+        own, right = normal_equations(shifts[None], information[None], products[None])
+        most = np.trace(information, axis1=1, axis2=2) @ (shifts**2 if shifts.ndim == 2 else (shifts**2).sum(axis=1))
+        return cls(own[0], right[0], np.tile(most, len(own[0]) // len(most)), len(shifts))
+
+    def part(self, columns: slice) -> "Normal":
+        """Return the equations of some columns."""
+        return Normal(self.information[columns, columns], self.products[columns], self.most[columns], self.count)
+
+    def fit(self) -> Fit:
+        """Return the fit of the best common variance of the coefficients."""
+        own = np.diag(self.information)
+        seen = own > ROUNDING * self.most
+        size = np.where(seen, np.sqrt(np.maximum(own, 0) / self.count), np.inf)
+        score, cross = self.products[:, 0], self.products[:, 1:]
+        return of_normal((self.information - cross @ cross.T) / np.outer(size, size), score / size, size, self.count)
 
 
 def of_normal(information: FloatArray, score: FloatArray, size: FloatArray, whole: float = 0.0) -> Fit:

@@ -313,8 +313,7 @@ def _halves(residual: Residual) -> tuple[Residual, Residual]:
 
     Most neighbours are in different halves, but not at a regular pace, at which a tone would look constant.
     """
-    chosen = np.arange(residual.count) * (np.sqrt(5) - 1) / 2 % 1 < 0.5
-    return residual.taking(chosen), residual.taking(~chosen)
+    return residual.parted(np.arange(residual.count) * (np.sqrt(5) - 1) / 2 % 1 < 0.5)
 
 
 def predicted_energy(halves: tuple[Residual, Residual], law: Candidate) -> float:

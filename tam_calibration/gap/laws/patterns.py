@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from tam_calibration.core.harmonics import fields
 from tam_calibration.effects.recursions import lagged, play
 from tam_calibration.gap.laws.decisions import ROUNDING
-from tam_calibration.gap.laws.evidence import Bins, Fit, Sums, constant, course
+from tam_calibration.gap.laws.evidence import Bins, Fit, Normal, Sums, course
 from tam_calibration.gap.laws.law import SCALAR
 from tam_calibration.gap.laws.whitened import Residual
 from tam_calibration.model.units import FloatArray
@@ -32,45 +33,82 @@ class Pattern:
         The axes that are disturbed.
     rows : (r,) array
         Rows that it shifts; they follow each other.
-    features : (N, r, p) array
-        Shift of each row by a coefficient of one, in units of the field or of the row.
+    shifts : (N, f) or (N, r, p) array
+        What a coefficient of one shifts each row by, in units of the field or of the row: f values, for which each row
+        has coefficients of its own, p = r f; or what each of p coefficients does to all rows.
     follows : str, optional
         A recorded channel, "motion", "attitude", or a frequency.
     drive : (N, c) array, optional
-        What the features are multiplied by.
+        What the shifts are multiplied by.
+    matrix : (r, 3) array, optional
+        From the field to the rows, where each component of the field at all sensors has coefficients of its own.
     """
 
     law: str
     sensors: tuple[int | str, ...]
     axes: tuple[str, ...]
     rows: NDArray[np.intp]
-    features: FloatArray
+    shifts: FloatArray
     follows: str | None = None
     drive: FloatArray | None = None
+    matrix: FloatArray | None = None
+
+    @property
+    def features(self) -> FloatArray:
+        """(N, r, p) shift of each row by each coefficient."""
+        if self.shifts.ndim == 3:
+            return self.shifts
+        return _each(self.shifts, np.eye(len(self.rows)) if self.matrix is None else self.matrix)
+
+    @property
+    def width(self) -> int:
+        """Number of coefficients p."""
+        each = len(self.rows) if self.matrix is None else self.matrix.shape[1]
+        return int(self.shifts.shape[-1]) * (1 if self.shifts.ndim == 3 else each)
+
+    def parts(self) -> Iterator[tuple["Pattern", slice]]:
+        """Yield it, and where the axes of a sensor have coefficients of their own each axis, with their columns."""
+        yield self, slice(None)
+        if self.shifts.ndim == 2 and len(self.rows) == len(AXES):
+            width = self.shifts.shape[1]
+            for axis, name in enumerate(AXES):
+                rows = self.rows[axis : axis + 1]
+                yield replace(self, axes=(name,), rows=rows), slice(axis * width, (axis + 1) * width)
 
     def columns(self, residual: Residual) -> FloatArray:
         """Return the columns (N, C, p) of the whitened residual, of unit mean square in a sample all together."""
         return np.asarray(residual.response[:, :, self.rows] @ (self.features / self.size(residual)))
 
     def of_rows(self, residual: Residual) -> tuple[FloatArray, FloatArray]:
-        """Return the information (N, r, r) on shifts of its rows, and their products (N, r, 1 + q)."""
+        """Return the information (N, r, r) on shifts of its rows, or of the field, and the products (N, r, 1 + q)."""
+        if self.matrix is not None:
+            return residual.of_field()
         return residual.of_rows(slice(int(self.rows[0]), int(self.rows[-1]) + 1))
 
     def size(self, residual: Residual) -> float:
         """Return the root mean square of the columns of its features; infinite where the channels do not see them."""
         information, _ = self.of_rows(residual)
-        square = float(np.sum(self.features * (information @ self.features)))
-        most = float(np.trace(information, axis1=1, axis2=2) @ np.sum(self.features**2, axis=(1, 2)))
-        return float(np.sqrt(square / self.features[:, 0].size)) if square > ROUNDING * most else np.inf
+        trace = np.trace(information, axis1=1, axis2=2)
+        if self.shifts.ndim == 2:
+            square = most = float(trace @ np.sum(self.shifts**2, axis=1))
+        else:
+            square = float(np.sum(self.shifts * (information @ self.shifts)))
+            most = float(trace @ np.sum(self.shifts**2, axis=(1, 2)))
+        return float(np.sqrt(square / (residual.count * self.width))) if square > ROUNDING * most else np.inf
+
+    def normal(self, residual: Residual) -> Normal:
+        """Return the normal equations of constant coefficients."""
+        return Normal.of(self.shifts, *self.of_rows(residual))
 
     def sums(self, residual: Residual, bins: Bins) -> Sums:
         """Return the sums of the columns in bins."""
-        return Sums.of(self.features / self.size(residual), *self.of_rows(residual), bins)
+        return Sums.of(self.shifts / self.size(residual), *self.of_rows(residual), bins)
 
     def times(self, course: FloatArray, follows: str | None = None) -> "Pattern":
-        """Return the pattern with features times courses (N, c)."""
-        features = (self.features[:, :, :, None] * course[:, None, None, :]).reshape(*self.features.shape[:2], -1)
-        return replace(self, features=features, follows=follows, drive=course)
+        """Return the pattern with shifts times courses (N, c)."""
+        beside = np.expand_dims(course, tuple(range(1, self.shifts.ndim)))
+        shifts = (self.shifts[..., None] * beside).reshape(*self.shifts.shape[:-1], -1)
+        return replace(self, shifts=shifts, follows=follows, drive=course)
 
 
 def sensor_rows(sensor: int) -> NDArray[np.intp]:
@@ -78,38 +116,30 @@ def sensor_rows(sensor: int) -> NDArray[np.intp]:
     return 3 * (sensor - 1) + np.arange(3)
 
 
-def _each(values: FloatArray, row_count: int) -> FloatArray:
-    """Return features (N, r, r f) in which each row has coefficients of its own for values (N, f)."""
-    eye = np.eye(row_count)
-    return np.asarray(np.einsum("rs,nf->nrsf", eye, values).reshape(len(values), row_count, -1))
+def _each(values: FloatArray, matrix: FloatArray) -> FloatArray:
+    """Return features (N, r, s f) of rows that are a matrix (r, s) times shifts with coefficients of their own."""
+    return np.asarray(np.einsum("rs,nf->nrsf", matrix, values).reshape(len(values), len(matrix), -1))
 
 
-def _whole(law: str, sensor: int, features: FloatArray, follows: str | None = None) -> Pattern:
-    """Return a pattern of all axes of a sensor with features (N, 3, p)."""
-    return Pattern(law, (sensor,), tuple(AXES), sensor_rows(sensor), features, follows)
+def _whole(law: str, sensor: int, shifts: FloatArray, follows: str | None = None) -> Pattern:
+    """Return a pattern of all axes of a sensor with shifts (N, f), each with its own coefficients, or (N, 3, p)."""
+    return Pattern(law, (sensor,), tuple(AXES), sensor_rows(sensor), shifts, follows)
 
 
 def _of_scalar(law: str, residual: Residual, values: FloatArray, follows: str | None = None) -> Pattern:
-    """Return a pattern of the scalar with features (N, p)."""
-    return Pattern(law, SCALAR, (), np.array([3 * residual.sensor_count]), values[:, None], follows)
+    """Return a pattern of the scalar with shifts (N, f)."""
+    return Pattern(law, SCALAR, (), np.array([3 * residual.sensor_count]), values, follows)
 
 
-def _axis(law: str, sensor: int, axis: int, values: FloatArray, follows: str | None = None) -> Pattern:
-    """Return a pattern of one axis of a sensor with features (N, p)."""
-    return Pattern(law, (sensor,), (AXES[axis],), sensor_rows(sensor)[axis : axis + 1], values[:, None], follows)
+def _axis(law: str, sensor: int, axis: int, values: FloatArray) -> Pattern:
+    """Return a pattern of one axis of a sensor with shifts (N, f)."""
+    return Pattern(law, (sensor,), (AXES[axis],), sensor_rows(sensor)[axis : axis + 1], values)
 
 
-def _every(law: str, residual: Residual, features: FloatArray, follows: str | None = None) -> Pattern:
-    """Return a pattern of all sensors with features (N, 3K, p)."""
+def _every(law: str, residual: Residual, shifts: FloatArray, follows: str | None = None) -> Pattern:
+    """Return a pattern of all sensors with shifts (N, f), each row with its own coefficients, or (N, 3K, p)."""
     sensors = tuple(range(1, residual.sensor_count + 1))
-    return Pattern(law, sensors, tuple(AXES), np.arange(3 * len(sensors)), features, follows)
-
-
-def _free(law: str, sensor: int, values: FloatArray, follows: str | None = None) -> Iterator[Pattern]:
-    """Yield patterns in which each axis has coefficients of its own for values (N, f), of all axes and of one."""
-    yield _whole(law, sensor, _each(values, 3), follows)
-    for axis in range(3):
-        yield _axis(law, sensor, axis, values, follows)
+    return Pattern(law, sensors, tuple(AXES), np.arange(3 * len(sensors)), shifts, follows)
 
 
 def _scaling(law: str, sensor: int, values: FloatArray) -> Iterator[Pattern]:
@@ -120,10 +150,10 @@ def _scaling(law: str, sensor: int, values: FloatArray) -> Iterator[Pattern]:
 
 
 def in_sensor(residual: Residual, sensor: int) -> Iterator[Pattern]:
-    """Yield offset, gain and rate laws of one sensor, of all axes and of one."""
+    """Yield offset, gain and rate laws of one sensor; of one axis alone where it is no part of those of all axes."""
     sensed = residual.sensed[:, sensor_rows(sensor)]
-    yield from _free("offset", sensor, np.ones((residual.count, 1)))
-    yield from _free("gain", sensor, residual.field)
+    yield _whole("offset", sensor, np.ones((residual.count, 1)))
+    yield _whole("gain", sensor, residual.field)
     yield from _scaling("gain", sensor, residual.sensed)
     yield _whole("gain", sensor, np.cross(np.eye(3)[None], sensed[:, None]).transpose(0, 2, 1))
     yield from _scaling("rate", sensor, residual.sensed_rate)
@@ -132,7 +162,7 @@ def in_sensor(residual: Residual, sensor: int) -> Iterator[Pattern]:
 def of_all_axes(residual: Residual, law: str, sensor: int) -> Pattern:
     """Return an offset, gain or rate of all axes of a sensor."""
     values = {"offset": np.ones((residual.count, 1)), "gain": residual.field, "rate": residual.rate}
-    return _whole(law, sensor, _each(values[law], 3))
+    return _whole(law, sensor, values[law])
 
 
 def changed_own_field(residual: Residual, sensor: int, axes: tuple[str, ...]) -> Pattern:
@@ -141,32 +171,36 @@ def changed_own_field(residual: Residual, sensor: int, axes: tuple[str, ...]) ->
     parts = []
     for axis in chosen:
         reading = residual.sensed[:, rows[axis]]
-        own = np.column_stack([np.ones(residual.count), reading, _own_functions(reading)])
+        own = np.column_stack([np.ones(residual.count), reading, _own_functions(residual, rows[axis])])
         part = np.zeros((residual.count, len(axes), own.shape[1]))
         part[:, chosen.index(axis)] = own
         parts.append(part)
     return Pattern("own_field", (sensor,), axes, rows[chosen], np.concatenate(parts, axis=2))
 
 
-def switched_gains(residual: Residual, sensor: int) -> Iterator[Pattern]:
-    """Yield gains of a sensor that change together with its offsets, of all axes and of one."""
-    return _free("gain", sensor, np.column_stack([residual.field, np.ones(residual.count)]))
+def switched_gains(residual: Residual, sensor: int) -> list[Pattern]:
+    """Return gains of a sensor that change together with its offsets, of all axes and of one."""
+    both = _whole("gain", sensor, np.column_stack([residual.field, np.ones(residual.count)]))
+    return [part for part, _ in both.parts()]
 
 
 def of_motion(residual: Residual, place: int | str) -> Iterator[Pattern]:
     """Yield laws of a place that go with the motion: its own reading, rates with a free matrix, directions."""
     if place != "scalar":
         yield from _own_fields(residual, int(place))
-        for rates in (residual.rate, _with_lags(residual)):
-            yield from _free("rate", int(place), rates)
+        yield from (_whole("rate", int(place), rates) for rates in (residual.rate, _with_lags(residual)))
     yield from _attitudes(residual, place)
 
 
 def _with_lags(residual: Residual) -> FloatArray:
     """Return the rate of the field as it is and after first-order lags (N, 12)."""
-    step_s = float(np.median(np.diff(residual.time_s)))
-    lags = [lagged(residual.rate, residual.time_s, lag * step_s) for lag in (1.0, 4.0, 16.0)]
-    return np.column_stack([residual.rate, *lags])
+
+    def computed() -> FloatArray:
+        step_s = float(np.median(np.diff(residual.time_s)))
+        lags = [lagged(residual.rate, residual.time_s, lag * step_s) for lag in (1.0, 4.0, 16.0)]
+        return np.column_stack([residual.rate, *lags])
+
+    return residual.once("rates with lags", computed)
 
 
 def in_scalar(residual: Residual) -> Iterator[Pattern]:
@@ -179,16 +213,14 @@ def everywhere(residual: Residual) -> Iterator[Pattern]:
     """Yield laws of all sensors: rates, the same in all and of each its own, and a field that is not uniform."""
     yield from _gradients(residual)
     yield _every("rate", residual, residual.sensed_rate[:, :, None])
-    row_count = 3 * residual.sensor_count
     for rates in (residual.rate, _with_lags(residual)):
-        common = np.einsum("rj,nk->nrjk", residual.matrix, rates).reshape(residual.count, row_count, -1)
-        yield _every("rate", residual, common)
-    yield _every("rate", residual, _each(residual.rate, row_count))
+        yield replace(_every("rate", residual, rates), matrix=residual.matrix)
+    yield _every("rate", residual, residual.rate)
 
 
 def offsets_everywhere(residual: Residual) -> Pattern:
     """Return an offset of each axis of all sensors."""
-    return _every("offset", residual, _each(np.ones((residual.count, 1)), 3 * residual.sensor_count))
+    return _every("offset", residual, np.ones((residual.count, 1)))
 
 
 def _own_fields(residual: Residual, sensor: int) -> Iterator[Pattern]:
@@ -196,7 +228,7 @@ def _own_fields(residual: Residual, sensor: int) -> Iterator[Pattern]:
     rows = sensor_rows(sensor)
     for axis, row in enumerate(rows):
         yield _axis("own_field", sensor, axis, _beyond(residual, row))
-    parts = [_own_functions(residual.sensed[:, row]) for row in rows]
+    parts = [_own_functions(residual, row) for row in rows]
     for axis in range(3):
         yield _axis("own_field", sensor, axis, parts[axis])
     features = np.zeros((3, residual.count, 3, parts[0].shape[1]))
@@ -210,8 +242,12 @@ def _beyond(residual: Residual, row: int) -> FloatArray:
     return np.column_stack([np.maximum(field - reading.max(), 0), np.minimum(field - reading.min(), 0)])
 
 
-def _own_functions(reading: FloatArray) -> FloatArray:
-    """Return curves and loops of a reading (N,), standardised (N, F)."""
+def _own_functions(residual: Residual, row: int) -> FloatArray:
+    """Return curves and loops (N, F) of what an axis senses, standardised."""
+    return residual.once(f"functions of row {row}", lambda: _curves_and_loops(residual.sensed[:, row]))
+
+
+def _curves_and_loops(reading: FloatArray) -> FloatArray:
     half = max((reading.max() - reading.min()) / 2, 1e-12)
     x = (reading - (reading.max() + reading.min()) / 2) / half
     # Half-widths of loops, as parts of the half range: narrow to wide.
@@ -250,7 +286,7 @@ def _attitudes(residual: Residual, sensor: int | str) -> Iterator[Pattern]:
         if sensor == "scalar":
             yield _of_scalar(law, residual, values, follows)
         else:
-            yield from _free(law, int(sensor), values, follows)
+            yield _whole(law, int(sensor), values, follows)
 
 
 def _bent(up: FloatArray, field: FloatArray) -> FloatArray:
@@ -262,7 +298,7 @@ def bent_everywhere(residual: Residual) -> Iterator[Pattern]:
     """Yield rotations of every sensor that follow gravity, each its own."""
     if residual.up is not None:
         bent = _bent(residual.up, residual.field)
-        yield _every("attitude", residual, _each(bent, 3 * residual.sensor_count), "attitude")
+        yield _every("attitude", residual, bent, "attitude")
 
 
 def _gradients(residual: Residual) -> Iterator[Pattern]:
@@ -270,15 +306,18 @@ def _gradients(residual: Residual) -> Iterator[Pattern]:
     positions_m = np.asarray(residual.model.array.positions_m)
     if residual.rotation is None or not positions_m.any():
         return
-    rotation, parts = residual.rotation, []
-    for degree in (2, 3):
+    rotation, matrices = residual.rotation, residual.matrix.reshape(-1, 3, 3)
+
+    def of_degree(degree: int) -> FloatArray:
         of_sensors = []
-        for position, own in zip(positions_m, residual.matrix.reshape(-1, 3, 3), strict=True):
+        for position, own in zip(positions_m, matrices, strict=True):
             world = fields(degree, (rotation @ position).T)
             of_sensors.append(np.einsum("ab,nkb,pkn->nap", own, rotation, world, optimize=True))
         part = np.concatenate(of_sensors, axis=1)
-        parts.append(part / np.sqrt(np.mean(part**2)))
-    for features in (parts[0], np.concatenate(parts, axis=2)):
+        return np.asarray(part / np.sqrt(np.mean(part**2)))
+
+    second, third = (residual.once(f"potentials of degree {one}", partial(of_degree, one)) for one in (2, 3))
+    for features in (second, np.concatenate([second, third], axis=2)):
         yield _every("attitude", residual, features, "attitude")
 
 
@@ -336,8 +375,11 @@ class Candidate:
 
     def fitted(self, residual: Residual, with_errors: bool = False) -> Fit:
         """Return the fit to a residual."""
-        if self.bins is None or self.steps:
-            return constant(self.features(residual), *self.pattern.of_rows(residual))
+        if self.steps:
+            return Normal.of(self.features(residual), *self.pattern.of_rows(residual)).fit()
+        if self.bins is None:
+            pattern = self.pattern
+            return Normal.of(pattern.shifts / pattern.size(residual), *pattern.of_rows(residual)).fit()
         return course(self.pattern.sums(residual, self.bins), self.length, np.array([self.variance]), with_errors)
 
     def signal(self, residual: Residual, training: Residual) -> FloatArray:

@@ -156,12 +156,13 @@ def _widened(of_sizes: FloatArray) -> float:
 def _sparse(of_sizes: FloatArray) -> tuple[float, float, FloatArray]:
     """Return the evidence of large deviations in some samples, how many, and the probability (N,) of each."""
     ratios = of_sizes[::2]
-    odds = np.exp(-np.clip(ratios, -500, 500))
+    odds = np.exp(-np.maximum(ratios, -500))
     part = np.full((len(ratios), 1), 0.02)
     for _ in range(10):
         often = 1 / (1 + (1 - part) / part * odds)
         part = np.clip(often.mean(axis=1, keepdims=True), 1e-4, 0.4)
-    total = np.logaddexp(np.log1p(-part), np.log(part) + ratios).sum(axis=1) - 1.5 * np.log(ratios.shape[1])
+    likelihood = np.maximum(ratios, -500) + np.log(part + (1 - part) * odds)
+    total = likelihood.sum(axis=1) - 1.5 * np.log(ratios.shape[1])
     best = int(total.argmax())
     return float(total[best]), float(part[best, 0]), often[best]
 

@@ -130,9 +130,10 @@ def _signatures(residual: Residual, whole: float) -> tuple[list[Signature], list
     found, rest = predictive_laws(quiet, whole)
     if apart.any():
         rest = _at_all(residual, quiet, found)
-        if outlying.any() and not lost and (rest.z**2).sum() - rest.size > whole / 2:
+        is_large = (rest.z**2).sum() - rest.size > whole / 2
+        # A clipped axis is far off in few samples too, but these are a function of its reading.
+        if is_large and not lost and _are_at_like_readings(residual, outlying):
             again, left = predictive_laws(residual, whole)
-            # A clipped axis is far off in few samples too, but these are a function of its reading.
             if again and again[0].best.pattern.law == "own_field":
                 found, rest, outlying = again, left, np.zeros_like(outlying)
     laws = [_of_found(one, residual, whole) for one in found]
@@ -146,6 +147,12 @@ def _signatures(residual: Residual, whole: float) -> tuple[list[Signature], list
         if scattered and scattered[0].energy > least and not (spiky and scattered[0].law == "samples"):
             laws = [*(one for one in laws if one not in spiky), _of_noise(scattered, rest)]
     return laws or _common_noise(residual), found
+
+
+def _are_at_like_readings(residual: Residual, chosen: NDArray[np.bool_]) -> bool:
+    """Say whether many of some samples (N,) are next to each other in the order of the readings of an axis."""
+    in_order = chosen[residual.own.argsort(axis=0)]
+    return bool(((in_order[1:] & in_order[:-1]).sum(axis=0) > NOTABLE * chosen.sum()).any())
 
 
 def _common_noise(residual: Residual) -> list[Signature]:

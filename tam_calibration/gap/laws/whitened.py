@@ -1,5 +1,6 @@
 """The whitened residual of a recording, and what a disturbance of its rows does to it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
 
@@ -52,6 +53,8 @@ class Residual:
         Which samples count.
     index : (N,) array
         Which samples of the recording these are.
+    of_motion : dict
+        Functions of the motion that were computed before, by name; all residuals of a model share them.
     noise : float
         Variance of the recording's noise in units of the one that is reckoned with.
     """
@@ -72,6 +75,7 @@ class Residual:
     own: FloatArray
     live: NDArray[np.bool_]
     index: NDArray[np.intp]
+    of_motion: dict[str, FloatArray]
     noise: float = 1.0
 
     @property
@@ -103,6 +107,17 @@ class Residual:
     def pose(self) -> FloatArray:
         """Axes of the array in the world (N, 9), or without attitude the direction of the field in the array (N, 3)."""
         return self.field if self.rotation is None else self.rotation.reshape(self.count, 9)
+
+    def once(self, name: str, computed: Callable[[], FloatArray]) -> FloatArray:
+        """Return a function of the motion by its name, computed when it is asked for the first time."""
+        if name not in self.of_motion:
+            self.of_motion[name] = computed()
+        return self.of_motion[name]
+
+    def of_field(self) -> tuple[FloatArray, FloatArray]:
+        """Return the information (N, 3, 3) on shifts of the field at all sensors, and their products (N, 3, 1 + q)."""
+        information, products = self.of_rows(slice(0, 3 * self.sensor_count))
+        return self.matrix.T @ information @ self.matrix, self.matrix.T @ products
 
     def of_rows(self, rows: slice) -> tuple[FloatArray, FloatArray]:
         """Return the information (N, r, r) on shifts of some rows, and their products (N, r, 1 + q).
@@ -155,10 +170,27 @@ class Residual:
         """Return the residual with the samples that are not chosen (N,) of bool left out of every sum."""
         if chosen[self.live].all():
             return self
+        return self._of(chosen, _orthonormal(self.nuisance * chosen[:, None, None]))
+
+    def parted(self, chosen: NDArray[np.bool_]) -> tuple["Residual", "Residual"]:
+        """Return the residual with the samples chosen (N,) of bool alone, and with the others alone."""
+        flat = self.nuisance[chosen].reshape(-1, self.nuisance.shape[2])
+        # Of orthonormal directions, the information that is not in one part is in the other.
+        information, turn = np.linalg.eigh(flat.T @ flat)
+        return self._part(chosen, information, turn), self._part(~chosen, 1 - information, turn)
+
+    def _part(self, chosen: NDArray[np.bool_], information: FloatArray, turn: FloatArray) -> "Residual":
+        """Return the part of some samples (N,), with the information (q,) in it on the nuisance directions, turned."""
+        kept = information > 1e-9
+        nuisance = np.zeros((*self.z.shape, int(kept.sum())))
+        nuisance[chosen] = self.nuisance[chosen] @ (turn[:, kept] / np.sqrt(information[kept]))
+        return self._of(chosen, nuisance)
+
+    def _of(self, chosen: NDArray[np.bool_], nuisance: FloatArray) -> "Residual":
+        """Return the residual of some samples (N,), with the nuisance directions (N, C, q) in them."""
         keep = chosen[:, None]
-        nuisance = _orthonormal(self.nuisance * keep[:, :, None])
-        z = _perpendicular(self.z * keep, nuisance)
-        return replace(self, z=z, response=self.response * keep[:, :, None], nuisance=nuisance, live=self.live & chosen)
+        z, response = _perpendicular(self.z * keep, nuisance), self.response * keep[:, :, None]
+        return replace(self, z=z, response=response, nuisance=nuisance, live=self.live & chosen)
 
     def scaled(self, factor: float) -> "Residual":
         """Return the residual in units of a noise that is larger by a factor."""
@@ -176,14 +208,14 @@ def residual_of(model: Model) -> Residual:
     row_T = 1 / float(size)
     response = response * row_T
     unit_T = float(np.mean(covariates.intensity_T))
-    field = covariates.field_T[index] / unit_T
+    field_T = covariates.field_T[index]
     # The length of the field holds errors of the scalar, the direction does not.
-    unit = field / np.linalg.norm(field, axis=1, keepdims=True)
+    unit = field_T / np.linalg.norm(field_T, axis=1, keepdims=True)
     rate = covariates.rate_T_per_s[index] / unit_T
     rate = _of_unit_size(rate - unit * (unit * rate).sum(axis=1, keepdims=True))
     matrix = covariates.errors.matrix.reshape(-1, 3)
     sensors: FloatArray = response[:, :, :-1]
-    parts = [sensors, *(sensors * field[:, None, axis, None] for axis in range(3))]
+    parts = [sensors, *(sensors * field_T[:, None, axis, None] / unit_T for axis in range(3))]
     rotation = None if covariates.attitude is None else to_world(covariates)
     if covariates.follows_attitude and covariates.attitude is not None:
         world = turns(covariates.attitude)[index]
@@ -211,6 +243,7 @@ def residual_of(model: Model) -> Residual:
         own,
         np.ones(len(index), dtype=bool),
         index,
+        {},
     )
 
 

@@ -5,7 +5,7 @@ import pytest
 from numpy.linalg import inv, slogdet
 from numpy.testing import assert_allclose
 
-from tam_calibration.gap.laws.evidence import Bins, constant, course
+from tam_calibration.gap.laws.evidence import Bins, Normal, course
 from tam_calibration.gap.laws.patterns import in_sensor
 from tam_calibration.gap.laws.whitened import residual_of
 
@@ -19,7 +19,7 @@ def residual(run):
 @pytest.mark.parametrize("law", ["offset", "gain", "rate"])
 def test_sums_over_rows_are_those_over_the_channels(residual, law):
     """A sample has more channels than rows that a law shifts, and the same products of both."""
-    for pattern in (one for one in in_sensor(residual, 2) if one.law == law):
+    for pattern in (part for one in in_sensor(residual, 2) if one.law == law for part, _ in one.parts()):
         columns, sums = pattern.columns(residual), pattern.sums(residual, Bins.of_time(residual.time_s))
         assert_allclose(sums.information.sum(axis=0), np.einsum("ncp,ncq->pq", columns, columns), rtol=1e-9, atol=1e-9)
         assert_allclose(sums.score.sum(axis=0), np.einsum("ncp,nc->p", columns, residual.z), rtol=1e-6, atol=1e-9)
@@ -52,5 +52,5 @@ def test_the_evidence_of_a_course_is_that_of_its_dense_equations(residual):
 
 def test_what_no_channel_sees_has_no_evidence():
     """A row without response takes no coefficient."""
-    fit = constant(np.ones((50, 1, 1)), np.zeros((50, 1, 1)), np.zeros((50, 1, 4)))
+    fit = Normal.of(np.ones((50, 1)), np.zeros((50, 1, 1)), np.zeros((50, 1, 4))).fit()
     assert (fit.evidence, fit.mean.tolist()) == (0, [[0]])

@@ -10,7 +10,8 @@ from tam_calibration.gap.laws.whitened import residual_of
 
 def offset_of(residual, sensor, axis):
     """Return the pattern of an offset of one axis."""
-    return next(one for one in in_sensor(residual, sensor) if one.law == "offset" and one.axes == (axis,))
+    of_all = next(one for one in in_sensor(residual, sensor) if one.law == "offset")
+    return next(part for part, _ in of_all.parts() if part.axes == (axis,))
 
 
 @pytest.mark.parametrize("edges", [(22.02,), (12.03, 31.01), (3.02, 5.53, 14.01, 20.02, 29.03, 33.02)])
