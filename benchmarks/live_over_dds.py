@@ -34,8 +34,7 @@ from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.model.data_sheet import DAY_S
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
-from tam_calibration.nodes.children import Children
-from tam_calibration.nodes.session import ros_session
+from tam_calibration.nodes.session import Children, ros_session
 
 RESULTS = Path(__file__).parent / "results" / "live_over_dds.csv"
 UPDATES, PLAIN = "calibrator that updates", "calibrator that does not"

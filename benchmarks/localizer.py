@@ -30,11 +30,9 @@ from tam_calibration.messages.point_cloud import FIELD_GRADIENT_COLUMNS, SampleL
 from tam_calibration.model.array import Array
 from tam_calibration.model.geomagnetic_field import LOCAL_VARIANCE_T2, field_at
 from tam_calibration.model.units import FloatArray
-from tam_calibration.nodes.children import Children
-from tam_calibration.nodes.cloud import make_cloud, read_cloud
-from tam_calibration.nodes.listening import RELIABLE_STREAM
 from tam_calibration.nodes.localizer_node import source_rows
-from tam_calibration.nodes.session import ros_session
+from tam_calibration.nodes.session import Children, ros_session
+from tam_calibration.nodes.topics import RELIABLE_STREAM, make_cloud, read_cloud
 from tam_calibration.recordings import read_array
 from tam_calibration.sources.dipole import Dipole
 

@@ -23,10 +23,8 @@ from spread import machine
 from streaming_bench import SENSOR_TOPICS
 
 from tam_calibration.files.text_files import write_whole
-from tam_calibration.nodes.children import Children
-from tam_calibration.nodes.cloud import MessageWriter, to_stamp
-from tam_calibration.nodes.listening import STREAM, waiting
-from tam_calibration.nodes.session import ros_session
+from tam_calibration.nodes.session import Children, ros_session
+from tam_calibration.nodes.topics import STREAM, MessageWriter, to_stamp, waiting
 
 RESULTS = Path(__file__).parent / "results" / "receivers.csv"
 WARM_S = 2.0

@@ -29,8 +29,7 @@ from streaming_bench import IMU_TOPIC, SENSOR_TOPICS, Bench, in_pieces, run, sam
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit import calibrate
-from tam_calibration.nodes.children import START, Children
-from tam_calibration.nodes.session import precede, ros_session
+from tam_calibration.nodes.session import START, Children, precede, ros_session
 from tam_calibration.recordings import write_array
 from tam_calibration.results import write_calibration
 from tam_calibration.results.scenario import read_scenario

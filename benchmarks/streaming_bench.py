@@ -18,8 +18,8 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.messages.point_cloud import CHANNEL_TOPICS, sensor_topic
 from tam_calibration.model.geomagnetic_field import field_at
 from tam_calibration.model.units import FloatArray
-from tam_calibration.nodes.children import Children
-from tam_calibration.nodes.cloud import STAMP, MessageWriter, from_stamp, to_stamp
+from tam_calibration.nodes.session import Children
+from tam_calibration.nodes.topics import STAMP, MessageWriter, from_stamp, to_stamp
 from tam_calibration.sources.dipole import Dipole
 
 SENSOR_TOPICS = [*(sensor_topic(sensor) for sensor in (1, 2, 3, 4)), CHANNEL_TOPICS["scalar"]]

@@ -10,7 +10,7 @@ from multiprocessing import active_children, forkserver, get_context, resource_t
 
 from tam_calibration.model import signals
 from tam_calibration.nodes import bound
-from tam_calibration.nodes.children import NODES, Children
+from tam_calibration.nodes.session import NODES, Children
 
 SERVER = get_context("forkserver")
 

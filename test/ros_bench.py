@@ -15,7 +15,7 @@ from ros_domains import lock_domain
 
 from tam_calibration.files.text_files import configuration_folder
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.nodes.children import START, Children
+from tam_calibration.nodes.session import START, Children
 
 NO_ROS = "rclpy is not installed: pip install 'tam_calibration[ros]'"
 
@@ -63,7 +63,7 @@ def figures_of(status):
 
 def rows_of(clouds):
     """Return the rows of one-row clouds, one below the other."""
-    from tam_calibration.nodes.cloud import read_cloud
+    from tam_calibration.nodes.topics import read_cloud
 
     return np.concatenate([read_cloud(cloud)[1] for cloud in clouds])
 
@@ -248,7 +248,7 @@ class Bench:
         """Return a function that publishes samples of a recording on the sensors' topics."""
         from sensor_msgs.msg import MagneticField
 
-        from tam_calibration.nodes.cloud import MessageWriter, to_stamp
+        from tam_calibration.nodes.topics import MessageWriter, to_stamp
 
         topics = [f"tam_{sensor}/magnetic_field" for sensor in sensors] + ["scalar/intensity"] * scalar
         publishers = [self.node.create_publisher(MagneticField, topic, 1000) for topic in topics]
@@ -322,7 +322,7 @@ def bench(fork_server, ros_domain, monkeypatch):
 
 @contextmanager
 def _watched(logs, monkeypatch):
-    monkeypatch.setattr("tam_calibration.nodes.children._GRACE_S", _PATIENCE_S)
+    monkeypatch.setattr("tam_calibration.nodes.session._GRACE_S", _PATIENCE_S)
     bench = Bench(logs)
     yield bench
     bench.close()

@@ -19,8 +19,7 @@ from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.libraries import require
 from tam_calibration.model.residuals import noise_floor
 from tam_calibration.model.units import FloatArray, to_nanotesla
-from tam_calibration.nodes.children import NODES, Children, node_commands
-from tam_calibration.nodes.session import ros_session
+from tam_calibration.nodes.session import NODES, Children, node_commands, ros_session
 from tam_calibration.recordings import provenance
 from tam_calibration.report.blocks import Table
 from tam_calibration.results import read_calibration, write_recording

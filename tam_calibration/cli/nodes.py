@@ -11,8 +11,7 @@ import click
 from tam_calibration.cli.streams import say
 from tam_calibration.cli.terminal import MAP_HELP, NamedPath, completed
 from tam_calibration.files.text_files import check_writable, require_regular
-from tam_calibration.nodes.children import Children, node_commands
-from tam_calibration.nodes.session import ros_session
+from tam_calibration.nodes.session import Children, node_commands, ros_session
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -10,8 +10,8 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.messages.timeline import Run
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.nodes.base import TamNode
-from tam_calibration.nodes.listening import LATCHED
 from tam_calibration.nodes.node_parameters import SHARED, Rule
+from tam_calibration.nodes.topics import LATCHED
 from tam_calibration.results import calibration_from_yaml, read_calibration
 
 CALIBRATED = (

@@ -10,6 +10,8 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from tam_calibration.comparison import compare
+from tam_calibration.comparison.result import Comparison
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files.text_files import check_writable
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
@@ -19,22 +21,108 @@ from tam_calibration.gap.calibration_with_effects import explained
 from tam_calibration.gap.result import Gap
 from tam_calibration.integrity.fault import names_in, require_names
 from tam_calibration.messages.usage import Usage
+from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.libraries import require
-from tam_calibration.nodes.answering import Work
-from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health, TamNode
+from tam_calibration.model.recording import SampleSource
+from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health, TamNode, Work
 from tam_calibration.nodes.calibrated import figures, introduce
-from tam_calibration.nodes.cloud import CloudReader, Rows, from_stamp, layout_of
-from tam_calibration.nodes.comparing import COMPARED, WRITTEN_OF_COMPARISON, compare_with_simulation, require_comparable
 from tam_calibration.nodes.kept_samples import KEPT, SAVE_S, KeptSamples
-from tam_calibration.nodes.listening import LATCHED, RELIABLE_STREAM
 from tam_calibration.nodes.live_update import UPDATED, LiveUpdate
 from tam_calibration.nodes.node_parameters import SHARED, Rule
-from tam_calibration.recordings.fit_input import fit_with_usage, remarks_on
+from tam_calibration.nodes.topics import LATCHED, RELIABLE_STREAM, CloudReader, Rows, from_stamp, layout_of
+from tam_calibration.recordings import provenance
+from tam_calibration.recordings.fit_input import fit_with_usage, read_array_of, read_compared, remarks_on
 from tam_calibration.report.calibration_rows import update_sentences
+from tam_calibration.report.comparison_rows import answer
 from tam_calibration.results import calibration_to_yaml, read_calibration, write_calibration
+from tam_calibration.results.comparison_json import Sources, write_comparison, write_mend
 from tam_calibration.results.overwriting import require_separate
 from tam_calibration.results.results_json import write_gap
+
+COMPARED = (
+    Rule("simulation", "", "Recording of a simulator, bag or CSV, with which ~/compare compares.", read_only=False),
+    Rule("simulation_array_file", "", "Array YAML of the simulation; empty for that of array_file.", read_only=False),
+    Rule("comparison_file", "", "Comparison JSON: written by ~/compare where a file is named.", read_only=False),
+    Rule("comparison_report_file", "", "HTML page: written by ~/compare where a file is named.", read_only=False),
+    Rule("mend_file", "", "YAML of what the simulation lacks: written by ~/compare where named.", read_only=False),
+)
+
+WRITTEN_OF_COMPARISON = ("comparison_file", "comparison_report_file", "mend_file")
+"""Parameters that name a file which ~/compare writes."""
+
+
+def require_comparable(node: TamNode) -> None:
+    """Check that a node names a simulation, and that what it shall write of the comparison can be made.
+
+    Raises
+    ------
+    InputError
+        When what makes pages is not installed.
+    Refused
+        When no simulation is named.
+    """
+    if not node.value("simulation"):
+        raise Refused(f"no simulation is named: set the parameter simulation of {node.get_name()} to a bag or CSV file")
+    if node.value("comparison_report_file"):
+        require("report", "comparison_report_file")
+
+
+def compare_with_simulation(
+    node: TamNode,
+    samples: SampleSource,
+    remarks: tuple[str, ...],
+    array: Array,
+    progress: Callable[[str, float], None],
+) -> str:
+    """Compare stored samples with the simulation that a node names, and write what it names.
+
+    Parameters
+    ----------
+    node : TamNode
+        With the parameters of ``COMPARED``.
+    samples : SampleSource
+        That were collected.
+    remarks : tuple of str
+        On how they were joined.
+    array : Array
+        Of them.
+    progress : callable
+        Called with the stage and the part that is done.
+
+    Returns
+    -------
+    str
+        Verdict, first difference and what was written, on one line.
+
+    Raises
+    ------
+    InputError
+        When the simulation cannot be used, or a file cannot be written.
+    Refused
+        When more than half of the simulation's samples cannot be used.
+    """
+    path, array_path = Path(node.value("simulation")), node.value("simulation_array_file")
+    simulated = read_array_of("simulation", Path(array_path), path) if array_path else array
+    simulation, simulated_remarks = read_compared("simulation", path, simulated)
+    comparison = compare(simulation, samples, array, array_of_simulation=simulated, progress=progress)
+    comparison = replace(comparison, remarks=(*simulated_remarks, *remarks, *comparison.remarks))
+    return answer(comparison) + _write(node, comparison, Sources(provenance(path)))
+
+
+def _write(node: TamNode, comparison: Comparison, sources: Sources) -> str:
+    def write_page(path: Path) -> None:
+        from tam_calibration.report.comparison_report import write_comparison_report
+
+        write_comparison_report(path, comparison, sources)
+
+    mend = comparison.mend
+    return node.write_files(
+        comparison_file=lambda path: write_comparison(path, comparison, sources),
+        comparison_report_file=write_page,
+        **({} if mend is None else {"mend_file": lambda path: write_mend(path, mend)}),
+    )
+
 
 RULES = (
     *SHARED,

@@ -29,12 +29,11 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.limits import SHORTEST_ATTITUDE, largest_of
 from tam_calibration.model.units import to_nanotesla
 from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health, TamNode
-from tam_calibration.nodes.cloud import cloud_writer, make_cloud, to_stamp
 from tam_calibration.nodes.inputs import FrameCheck, Input, map_of_topics, own_map
-from tam_calibration.nodes.listening import RELIABLE_STREAM, STREAM, message_class
 from tam_calibration.nodes.markers import Shown, coverage_markers
 from tam_calibration.nodes.node_parameters import REAL_TIME, SHARED, Rule
 from tam_calibration.nodes.session import precede
+from tam_calibration.nodes.topics import RELIABLE_STREAM, STREAM, cloud_writer, make_cloud, message_class, to_stamp
 from tam_calibration.recordings.channel_map import Pick
 from tam_calibration.recordings.reading import TOLERANCE_S
 

@@ -27,11 +27,18 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health
 from tam_calibration.nodes.calibrated import CALIBRATED, SILENCE_S, CalibratedNode, figures
-from tam_calibration.nodes.cloud import CloudReader, MessageWriter, Rows, cloud_writer, from_stamp, layout_of
-from tam_calibration.nodes.listening import RELIABLE_STREAM
 from tam_calibration.nodes.markers import Shown, field_marker
 from tam_calibration.nodes.node_parameters import REAL_TIME
 from tam_calibration.nodes.session import precede
+from tam_calibration.nodes.topics import (
+    RELIABLE_STREAM,
+    CloudReader,
+    MessageWriter,
+    Rows,
+    cloud_writer,
+    from_stamp,
+    layout_of,
+)
 
 RULES = (*CALIBRATED, REAL_TIME)
 

@@ -21,7 +21,7 @@ from tam_calibration.messages.stream import sensor_stream
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.mounting import Mounting
 from tam_calibration.model.units import TESLA_PER_FIELD_UNIT
-from tam_calibration.nodes.listening import type_name
+from tam_calibration.nodes.topics import type_name
 from tam_calibration.recordings.channel_map import ChannelMap, Pick, TimeColumn, read_map
 from tam_calibration.recordings.intake import in_si
 from tam_calibration.recordings.resolving import wanted_of

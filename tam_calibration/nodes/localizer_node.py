@@ -23,14 +23,20 @@ from tam_calibration.model.conversion import ATTITUDE_COLUMNS, RATE_COLUMNS
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import LOCAL_VARIANCE_T2, field_at
 from tam_calibration.model.units import FloatArray
-from tam_calibration.nodes.attitude_join import AttitudeJoin, Joined
 from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health
 from tam_calibration.nodes.calibrated import CALIBRATED, SILENCE_S, CalibratedNode
-from tam_calibration.nodes.cloud import CloudReader, MessageWriter, cloud_writer, from_stamp, layout_of, to_stamp
-from tam_calibration.nodes.line_targets import LineTargets
-from tam_calibration.nodes.listening import RELIABLE_STREAM
 from tam_calibration.nodes.markers import Shown, source_markers
 from tam_calibration.nodes.node_parameters import Rule
+from tam_calibration.nodes.survey import AttitudeJoin, Joined, LineTargets
+from tam_calibration.nodes.topics import (
+    RELIABLE_STREAM,
+    CloudReader,
+    MessageWriter,
+    cloud_writer,
+    from_stamp,
+    layout_of,
+    to_stamp,
+)
 
 _FITTED, _NONE = "fitted", "none"
 RULES = (

@@ -18,9 +18,8 @@ from std_srvs.srv import Trigger
 
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.units import FloatArray
-from tam_calibration.nodes.children import NODES, Children
-from tam_calibration.nodes.cloud import read_cloud
-from tam_calibration.nodes.listening import RELIABLE_STREAM
+from tam_calibration.nodes.session import NODES, Children
+from tam_calibration.nodes.topics import RELIABLE_STREAM, read_cloud
 
 _LEVELS = {
     DiagnosticStatus.OK: ("OK", "green"),

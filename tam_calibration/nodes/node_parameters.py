@@ -17,7 +17,7 @@ from tam_calibration.messages.transforms import STATIC_TRANSFORMS, TransformTree
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.units import FloatArray
-from tam_calibration.nodes.listening import leave, waiting
+from tam_calibration.nodes.topics import leave, waiting
 from tam_calibration.recordings import read_array
 
 

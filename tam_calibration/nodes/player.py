@@ -19,7 +19,7 @@ from rosgraph_msgs.msg import Clock
 
 from tam_calibration.messages.point_cloud import MAGNETIC_FIELD, topic_and_type
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.nodes.listening import message_class
+from tam_calibration.nodes.topics import message_class
 from tam_calibration.recordings.bag_reader import BagReader, raw_messages
 from tam_calibration.recordings.bag_source import BagSource
 from tam_calibration.recordings.bag_writing import serialise

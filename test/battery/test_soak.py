@@ -85,7 +85,7 @@ class Soak:
         from diagnostic_msgs.msg import DiagnosticArray
         from rclpy.qos import QoSProfile
 
-        from tam_calibration.nodes.listening import LATCHED
+        from tam_calibration.nodes.topics import LATCHED
 
         for name in NODES:
             self._start(name)

@@ -10,7 +10,7 @@ from ros_bench import processes_of
 
 from tam_calibration.cli.main import main
 from tam_calibration.fit import calibrate
-from tam_calibration.nodes.children import node_commands
+from tam_calibration.nodes.session import node_commands
 from tam_calibration.results import write_calibration
 
 pytest.importorskip("rclpy", reason="rclpy is not installed: pip install 'tam_calibration[ros]'")

@@ -48,7 +48,7 @@ def play(bench, *arguments):
 
 def test_played_bag_gives_what_offline_commands_give(bench, bag, tmp_path):
     """At 100 Hz no message is lost, the service calibrates, and field_gradient equals `tam correct` of the same bag."""
-    from tam_calibration.nodes.cloud import read_cloud
+    from tam_calibration.nodes.topics import read_cloud
 
     path, offline = tmp_path / "calibration.yaml", tmp_path / "corrected.mcap"
     bench.start_nodes(collector={}, calibrator={"calibration_file": path}, corrector={})

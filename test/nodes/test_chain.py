@@ -28,7 +28,7 @@ def stamps_of(messages):
 
 def publisher_of(bench, text):
     """Publish a string on the latched topic `calibration`, as another calibrator would."""
-    from tam_calibration.nodes.listening import LATCHED
+    from tam_calibration.nodes.topics import LATCHED
 
     publisher = bench.node.create_publisher(std_msgs.String, "calibration", LATCHED)
     publisher.publish(std_msgs.String(data=text))

@@ -122,8 +122,7 @@ def test_a_sample_that_is_none_is_counted(bench, drifting, calibration_file):
     from rclpy.time import Time
     from std_msgs.msg import Header
 
-    from tam_calibration.nodes.cloud import make_cloud
-    from tam_calibration.nodes.listening import RELIABLE_STREAM
+    from tam_calibration.nodes.topics import RELIABLE_STREAM, make_cloud
 
     bench.start_nodes(corrector={"calibration_file": calibration_file})
     outputs = bench.listen(sensor_msgs.PointCloud2, "field_gradient")

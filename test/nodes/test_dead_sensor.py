@@ -70,7 +70,7 @@ class Array:
 
     def pulls(self, clouds):
         """Return the errors (N, 9) of outputs over their standard errors; the true field is known and uniform."""
-        from tam_calibration.nodes.cloud import read_cloud
+        from tam_calibration.nodes.topics import read_cloud
 
         rows = np.concatenate([read_cloud(cloud)[1] for cloud in clouds])
         stamps = [cloud.header.stamp.sec - self.start_s + 1e-9 * cloud.header.stamp.nanosec for cloud in clouds]

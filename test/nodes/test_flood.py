@@ -104,7 +104,7 @@ class Flood:
         from rclpy.qos import QoSProfile
         from rclpy.serialization import deserialize_message
 
-        from tam_calibration.nodes.listening import LATCHED
+        from tam_calibration.nodes.topics import LATCHED
 
         sample, gradient = (
             deserialize_message(clouds[-1], sensor_msgs.PointCloud2) for clouds in (self.samples, self.outputs)
@@ -143,7 +143,7 @@ class Flood:
         """Return the readings (12,) of a sample that the collector made, tesla."""
         from rclpy.serialization import deserialize_message
 
-        from tam_calibration.nodes.cloud import read_cloud
+        from tam_calibration.nodes.topics import read_cloud
 
         [row] = read_cloud(deserialize_message(cloud, sensor_msgs.PointCloud2))[1]
         return row[1:13]

@@ -55,7 +55,7 @@ def test_samples_hold_the_mean_angular_velocity(bench, run, tmp_path, is_mapped)
     """As offline; the health says how well biases are known by the turn so far, with the gyroscope and without."""
     from rclpy.time import Time
 
-    from tam_calibration.nodes.cloud import read_cloud
+    from tam_calibration.nodes.topics import read_cloud
 
     recording, array, rates = run
     write_array(tmp_path / "array.yaml", array)

@@ -62,7 +62,7 @@ class Feed:
     """Publishes what collector and corrector would, and keeps what the localizer answers."""
 
     def __init__(self, bench, **parameters):
-        from tam_calibration.nodes.listening import RELIABLE_STREAM
+        from tam_calibration.nodes.topics import RELIABLE_STREAM
 
         bench.start_nodes(localizer=parameters)
         self.bench = bench
@@ -81,7 +81,7 @@ class Feed:
 
     def publish(self, topic, stamp_ns, columns, row):
         """Publish a row."""
-        from tam_calibration.nodes.cloud import make_cloud
+        from tam_calibration.nodes.topics import make_cloud
 
         self.publishers[topic].publish(make_cloud(header(stamp_ns), columns, row.tolist()))
 
@@ -98,7 +98,7 @@ class Feed:
 
     def rows(self):
         """Return the rows that were answered."""
-        from tam_calibration.nodes.cloud import read_cloud
+        from tam_calibration.nodes.topics import read_cloud
 
         return np.concatenate([read_cloud(cloud)[1] for cloud in self.estimates])
 
@@ -260,7 +260,7 @@ def test_whole_chain_locates_the_source(bench, near, calibration_file):
 
     bench.play(near, publish, samples)
     bench.spin_until(lambda: len(estimates) >= near.sample_count - 1, "all are answered")
-    from tam_calibration.nodes.cloud import read_cloud
+    from tam_calibration.nodes.topics import read_cloud
 
     rows = np.concatenate([read_cloud(cloud)[1] for cloud in estimates])
     nearest = rows[FIRST + 70]
@@ -270,7 +270,7 @@ def test_whole_chain_locates_the_source(bench, near, calibration_file):
 
 def test_outputs_wait_for_their_attitude():
     """Whichever comes first, outputs get the attitude of their stamp, in order and once."""
-    from tam_calibration.nodes.attitude_join import AttitudeJoin
+    from tam_calibration.nodes.survey import AttitudeJoin
 
     join, turn, row = AttitudeJoin(), np.ones(4), np.zeros(18)
     assert join.push_outputs(1, row) == []
@@ -284,7 +284,7 @@ def test_outputs_wait_for_their_attitude():
 
 def test_a_new_run_begins_without_a_loss():
     """When stamps start over, outputs that still waited go on without attitude, and new ones find theirs."""
-    from tam_calibration.nodes.attitude_join import AttitudeJoin
+    from tam_calibration.nodes.survey import AttitudeJoin
 
     join, turn, row = AttitudeJoin(), np.ones(4), np.zeros(18)
     join.push_attitude(100, turn)
@@ -298,7 +298,7 @@ def test_a_new_run_begins_without_a_loss():
 
 def test_outputs_do_not_wait_for_ever():
     """Without any sample the oldest outputs go on without attitude."""
-    from tam_calibration.nodes.attitude_join import LONGEST_WAIT, AttitudeJoin
+    from tam_calibration.nodes.survey import LONGEST_WAIT, AttitudeJoin
 
     join = AttitudeJoin()
     answered = [one for stamp in range(LONGEST_WAIT + 7) for one in join.push_outputs(stamp, np.zeros(18))]
@@ -312,8 +312,7 @@ def test_the_targets_of_the_last_stretch_are_published(bench, passing, calibrati
     """
     from nav_msgs.msg import Odometry
 
-    from tam_calibration.nodes.cloud import make_cloud
-    from tam_calibration.nodes.listening import RELIABLE_STREAM
+    from tam_calibration.nodes.topics import RELIABLE_STREAM, make_cloud
 
     bench.start_nodes(
         localizer={"calibration_file": str(calibration_file), "targets_s": 100.0, "targets_period_s": 0.5}

@@ -19,8 +19,7 @@ from ros_bench import own_lines
 from tam_calibration.files.text_files import configuration_folder
 from tam_calibration.fit import calibrate
 from tam_calibration.model.exceptions import Refused
-from tam_calibration.nodes.children import START, Children
-from tam_calibration.nodes.session import configure_fast_dds
+from tam_calibration.nodes.session import START, Children, configure_fast_dds
 from tam_calibration.results import write_calibration
 
 NODES = ("collector", "calibrator", "corrector", "localizer")
@@ -268,7 +267,7 @@ def test_what_a_user_says_of_fast_dds_stays_in_force(variable, monkeypatch):
 @pytest.mark.parametrize(("end", "told"), [(SystemExit(130), SystemExit), (None, Refused)])
 def test_a_process_that_had_to_be_killed_changes_no_exit_code(tmp_path, monkeypatch, end, told):
     """Where the user ended the command; where it ended by itself it is a failure."""
-    monkeypatch.setattr("tam_calibration.nodes.children._GRACE_S", 0.1)
+    monkeypatch.setattr("tam_calibration.nodes.session._GRACE_S", 0.1)
     deaf = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN); print('deaf', flush=True); signal.pause()"
     with pytest.raises(told), Children({"deaf": ["-c", deaf]}, tmp_path) as children:
         limit = time.monotonic() + 20

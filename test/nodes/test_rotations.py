@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from tam_calibration.fit import calibrate
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.mounting import Mounting
-from tam_calibration.nodes.children import START
+from tam_calibration.nodes.session import START
 from tam_calibration.recordings import write_array
 from tam_calibration.results import calibration_from_yaml
 
@@ -59,7 +59,7 @@ def publish_imu(bench, frame_id=""):
 
 def play(bench, recording, imu_frame_id=""):
     """Play a recording to the collector and return the rows of `samples`."""
-    from tam_calibration.nodes.cloud import read_cloud
+    from tam_calibration.nodes.topics import read_cloud
 
     samples = bench.listen(sensor_msgs.PointCloud2, "samples")
     publish_attitude = publish_imu(bench, imu_frame_id)
@@ -133,7 +133,7 @@ def put_in_place_of_tf2_msgs(folder, monkeypatch):
 
 def publish_transforms(bench, messages):
     """Publish serialised TFMessages as static broadcasters do, each with one of its own."""
-    from tam_calibration.nodes.listening import LATCHED
+    from tam_calibration.nodes.topics import LATCHED
 
     for message in messages:
         bench.node.create_publisher(std_msgs.String, "/tf_static", LATCHED).publish(message)

@@ -5,7 +5,7 @@ import signal
 import pytest
 from ros_bench import own_lines
 
-from tam_calibration.nodes.children import START
+from tam_calibration.nodes.session import START
 
 diagnostic_msgs = pytest.importorskip("diagnostic_msgs.msg", reason="the ROS message packages are not installed")
 

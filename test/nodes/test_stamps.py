@@ -99,8 +99,7 @@ def test_a_bad_message_costs_one_sample(bench, recording, nodes):
     from std_msgs.msg import Header
 
     from tam_calibration.messages.point_cloud import SampleLayout
-    from tam_calibration.nodes.cloud import make_cloud, read_cloud
-    from tam_calibration.nodes.listening import RELIABLE_STREAM
+    from tam_calibration.nodes.topics import RELIABLE_STREAM, make_cloud, read_cloud
 
     drivers, samples = nodes
     foreign = bench.node.create_publisher(sensor_msgs.PointCloud2, "samples", RELIABLE_STREAM)

@@ -82,8 +82,7 @@ def test_without_collector_the_usage_is_not_known(bench, recording):
 
     from tam_calibration.messages.point_cloud import SampleLayout
     from tam_calibration.messages.samples import stamps_of
-    from tam_calibration.nodes.cloud import make_cloud
-    from tam_calibration.nodes.listening import RELIABLE_STREAM
+    from tam_calibration.nodes.topics import RELIABLE_STREAM, make_cloud
 
     bench.start_nodes(calibrator={})
     publisher = bench.node.create_publisher(sensor_msgs.PointCloud2, "samples", RELIABLE_STREAM)

@@ -19,7 +19,7 @@ pytest.importorskip("rclpy", reason="rclpy is not installed: pip install 'tam_ca
 )
 def test_no_problem_of_an_action_ends_the_node(problem, said):
     """Bad data, a refusal and a defect are all answered with no and the reason on one line."""
-    from tam_calibration.nodes.answering import AnsweringNode
+    from tam_calibration.nodes.base import AnsweringNode
 
     def fail():
         raise problem

@@ -1,10 +1,71 @@
-"""Serialised clouds and other messages: written from templates, read many at once."""
+"""Topics of the nodes: in which order messages are read, and clouds that are filled in and read without objects."""
+
+import os
+import signal
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
+
+from test.nodes.test_streaming import rows_of
+
+sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
+
+
+def test_a_collector_that_waits_for_its_turn_loses_nothing(bench, recording):
+    """What five topics bring in half a second at 1000 Hz waits for a collector that the machine gives no time."""
+    children = bench.start_nodes(collector={})
+    samples = bench.listen(sensor_msgs.PointCloud2, "samples")
+    publish = bench.publish_sensors()
+    bench.connect(collector={"samples": 1})
+    fast = replace(recording, time_s=1.7e9 + np.arange(recording.sample_count) / 1000)
+    os.kill(children.pids["collector"], signal.SIGSTOP)
+    for index in range(500):
+        publish(fast, index)
+    os.kill(children.pids["collector"], signal.SIGCONT)
+    bench.spin_until(lambda: len(samples) == 500, "every sample")
+    assert_array_equal(rows_of(samples)[:, 1:13], recording.readings_T[:500].reshape(500, 12))
+    _, figures = bench.health("collector", lambda _, figures: figures.get("samples") == "500", "they are counted")
+    assert figures["lost"] == "0"
+
+
+def test_messages_that_wait_come_in_the_order_of_their_arrival(ros_domain):
+    """Whichever topic wakes the node: messages of two topics come as they were published."""
+    import rclpy
+    from rclpy.executors import SingleThreadedExecutor
+    from std_msgs.msg import Float64
+
+    from tam_calibration.messages.cdr import read_float64
+    from tam_calibration.nodes.topics import RELIABLE_STREAM, ListeningNode
+
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    node, came = ListeningNode("ears", context=context), []
+    topics, arrived = ["first", "second"], []
+
+    def take(message, arrived_ns):
+        came.append(read_float64(message))
+        arrived.append(arrived_ns)
+
+    for topic in topics:
+        node.listen_in_order(Float64, topic, take, RELIABLE_STREAM)
+    publishers = [node.create_publisher(Float64, topic, RELIABLE_STREAM) for topic in topics]
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    while not all(each.get_subscription_count() for each in publishers):
+        executor.spin_once(timeout_sec=0.01)
+    for number in range(200):
+        publishers[number // 3 % 2].publish(Float64(data=float(number)))
+    while len(came) < 200:
+        executor.spin_once(timeout_sec=1.0)
+    executor.shutdown()
+    node.destroy_node()
+    context.try_shutdown()
+    assert came == list(range(200)) and sorted(arrived) == arrived and 0 <= arrived[-1] - arrived[0] < 60e9
+
 
 sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
 std_msgs = pytest.importorskip("std_msgs.msg", reason="the ROS message packages are not installed")
@@ -16,7 +77,7 @@ STAMP_NS = 1_700_000_000_123_456_789
 
 def read(messages):
     """Return columns, stamp and values of each row that a reader gives, and what it refuses."""
-    from tam_calibration.nodes.cloud import CloudReader, from_stamp
+    from tam_calibration.nodes.topics import CloudReader, from_stamp
 
     refused = []
     rows = [
@@ -32,7 +93,7 @@ def cloud(stamp_ns, columns, rows, frame_id="f"):
     from rclpy.serialization import serialize_message
     from rclpy.time import Time
 
-    from tam_calibration.nodes.cloud import make_cloud
+    from tam_calibration.nodes.topics import make_cloud
 
     header = std_msgs.Header(stamp=Time(nanoseconds=stamp_ns).to_msg(), frame_id=frame_id)
     message = make_cloud(header, columns, [0.0] * len(columns))
@@ -47,7 +108,7 @@ def test_a_written_cloud_is_the_one_that_rclpy_makes(columns, frame_id):
     """Stamp, frame, fields and numbers of a written cloud are those asked for, whatever the lengths of the names."""
     from rclpy.serialization import deserialize_message
 
-    from tam_calibration.nodes.cloud import cloud_writer, read_cloud, to_stamp
+    from tam_calibration.nodes.topics import cloud_writer, read_cloud, to_stamp
 
     row = np.random.default_rng(0).normal(size=len(columns))
     written = cloud_writer(columns, frame_id).message(to_stamp(STAMP_NS), row.tobytes())
@@ -85,7 +146,7 @@ def test_other_messages_are_written_as_rclpy_makes_them():
     from geometry_msgs.msg import PointStamped
     from rclpy.serialization import deserialize_message
 
-    from tam_calibration.nodes.cloud import MessageWriter, to_stamp
+    from tam_calibration.nodes.topics import MessageWriter, to_stamp
 
     stamp, doubles = to_stamp(STAMP_NS), np.arange(1.0, 13.0)
     header = std_msgs.Header(frame_id="tam_array")
