@@ -11,8 +11,7 @@ from spread import Row, measure
 
 from tam_calibration.recordings import read_samples
 from tam_calibration.recordings.bag_writing import TYPESTORE
-from tam_calibration.recordings.channel_map import map_of
-from tam_calibration.recordings.reading import Reading
+from tam_calibration.recordings.channel_map import Reading, map_of
 from tam_calibration.results import write_recording
 
 MAP = map_of(

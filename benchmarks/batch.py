@@ -35,7 +35,7 @@ from tam_calibration.fleet.processes import run_here
 from tam_calibration.fleet.task import Task, read_options
 from tam_calibration.model.array import Array
 from tam_calibration.recordings import write_array
-from tam_calibration.recordings.reading import Reading
+from tam_calibration.recordings.channel_map import Reading
 from tam_calibration.results import write_recording
 
 RATE_HZ = 100

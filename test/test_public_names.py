@@ -22,7 +22,7 @@ RESULTS = (
     "tam_calibration.gap.result.Gap",
     "tam_calibration.localization.survey.Survey",
     "tam_calibration.model.residuals.ResidualSeries",
-    "tam_calibration.recordings.inspection_result.Inspection",
+    "tam_calibration.recordings.inspection.Inspection",
     "tam_calibration.simulation.observe.Simulation",
     "tam_calibration.simulation.observe.Scenario",
 )

@@ -14,7 +14,7 @@ from tam_calibration.fleet.task import Result
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.libraries import require
 from tam_calibration.recordings.bag_storages import is_bag
-from tam_calibration.recordings.reading import Reading
+from tam_calibration.recordings.channel_map import Reading
 from tam_calibration.report.blocks import Block, Table, Text
 
 if TYPE_CHECKING:

@@ -25,8 +25,8 @@ from tam_calibration.model.geomagnetic_field import field_at
 from tam_calibration.model.recording import SKETCH, Recording, SampleSource
 from tam_calibration.model.units import from_degrees, to_nanotesla
 from tam_calibration.recordings import provenance, read_array, transforms_in
+from tam_calibration.recordings.channel_map import AS_IT_IS, Reading
 from tam_calibration.recordings.fit_input import StatedSource, fit_with_usage, read_known_source, read_source
-from tam_calibration.recordings.reading import AS_IT_IS, Reading
 from tam_calibration.report import calibration_rows
 from tam_calibration.report.blocks import Block, Text
 from tam_calibration.report.formatting import sentence, with_errors

@@ -11,9 +11,8 @@ from tam_calibration.cli.streams import say
 from tam_calibration.comparison import compare
 from tam_calibration.comparison.result import Comparison
 from tam_calibration.recordings import provenance
-from tam_calibration.recordings.channel_map import read_map
+from tam_calibration.recordings.channel_map import AS_IT_IS, Reading, read_map
 from tam_calibration.recordings.fit_input import read_array_of, read_compared
-from tam_calibration.recordings.reading import AS_IT_IS, Reading
 from tam_calibration.report import comparison_rows
 from tam_calibration.report.blocks import Block
 from tam_calibration.results.comparison_json import Sources, comparison_to_mapping, write_mend

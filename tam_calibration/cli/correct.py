@@ -19,7 +19,7 @@ from tam_calibration.correction.partial import sensors_of
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.units import IntArray, to_nanotesla
 from tam_calibration.recordings import read_array, transforms_in
-from tam_calibration.recordings.reading import Reading
+from tam_calibration.recordings.channel_map import Reading
 from tam_calibration.results import read_calibration, write_corrected_pieces
 from tam_calibration.results.data_files import OUTPUT_COLUMNS, correct_file
 from tam_calibration.results.overwriting import require_separate

@@ -16,8 +16,8 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, bounds_at
 from tam_calibration.recordings import provenance, read_array, transforms_in
+from tam_calibration.recordings.channel_map import Reading
 from tam_calibration.recordings.fit_input import read_source
-from tam_calibration.recordings.reading import Reading
 from tam_calibration.report import gap_rows
 from tam_calibration.report.blocks import Block, Points, Text
 from tam_calibration.report.formatting import sentence

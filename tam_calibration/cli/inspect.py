@@ -7,8 +7,7 @@ import click
 from tam_calibration.cli.answer import Answer, answering
 from tam_calibration.cli.terminal import PATH, reading, showing_progress
 from tam_calibration.recordings import read_array, transforms_in
-from tam_calibration.recordings.inspection import inspect
-from tam_calibration.recordings.inspection_result import Inspection, inspection_to_mapping
+from tam_calibration.recordings.inspection import Inspection, inspect, inspection_to_mapping
 from tam_calibration.report.blocks import Block, Points, Table, Text
 from tam_calibration.report.inspection_rows import HEADER, headline, rows_of
 

@@ -19,8 +19,8 @@ from tam_calibration.localization.targets import field_map, find_targets, path_i
 from tam_calibration.model.array import Array
 from tam_calibration.model.geomagnetic_field import LOCAL_VARIANCE_T2
 from tam_calibration.model.recording import Recording
+from tam_calibration.recordings.channel_map import Reading
 from tam_calibration.recordings.fit_input import read_source
-from tam_calibration.recordings.reading import Reading
 from tam_calibration.report import survey_rows
 from tam_calibration.report.blocks import Block, Text
 from tam_calibration.results import read_calibration, targets_file

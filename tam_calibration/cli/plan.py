@@ -23,8 +23,8 @@ from tam_calibration.model.geomagnetic_field import field_at
 from tam_calibration.model.sensor_errors import PARAMETER_NAMES
 from tam_calibration.model.units import FloatArray, from_degrees, to_degrees, to_nanotesla
 from tam_calibration.recordings import read_array
+from tam_calibration.recordings.channel_map import Reading
 from tam_calibration.recordings.fit_input import read_source
-from tam_calibration.recordings.reading import Reading
 from tam_calibration.report.blocks import Block, Table, Text
 from tam_calibration.report.calibration_rows import age_in_words
 from tam_calibration.report.formatting import KINDS, number, sentence

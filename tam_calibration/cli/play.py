@@ -11,9 +11,8 @@ from tam_calibration.cli.terminal import MAP_HELP, PATH, Number
 from tam_calibration.files.text_files import in_file
 from tam_calibration.model.libraries import require
 from tam_calibration.nodes.session import ros_session
-from tam_calibration.recordings.channel_map import read_map
-from tam_calibration.recordings.formats import open_source
-from tam_calibration.recordings.reading import Reading
+from tam_calibration.recordings.channel_map import Reading, read_map
+from tam_calibration.recordings.recording_file import open_source
 
 if TYPE_CHECKING:
     from tam_calibration.nodes.player import Player

@@ -17,14 +17,13 @@ from rich.table import Table as RichTable
 from rich.text import Text as RichText
 
 from tam_calibration.cli.streams import GradedBad, say
-from tam_calibration.files.whole_files import write_set
+from tam_calibration.files.text_files import write_set
 from tam_calibration.integrity.fault import ACCEPTABLE
 from tam_calibration.messages.samples import Progress as ProgressCallback
 from tam_calibration.model.exceptions import InputError, Refused, printable
 from tam_calibration.model.libraries import require
 from tam_calibration.model.units import FloatArray
-from tam_calibration.recordings.channel_map import read_map
-from tam_calibration.recordings.reading import TOLERANCE_S, Moment, Reading, Window
+from tam_calibration.recordings.channel_map import TOLERANCE_S, Moment, Reading, Window, read_map
 from tam_calibration.report.blocks import Block, Points, Table, Text
 from tam_calibration.results.overwriting import require_separate
 

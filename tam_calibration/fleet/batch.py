@@ -7,7 +7,7 @@ from glob import glob, has_magic
 from os.path import realpath
 from pathlib import Path
 
-from tam_calibration.files.whole_files import hold, remove_left_over
+from tam_calibration.files.text_files import hold, remove_left_over
 from tam_calibration.fleet.summary import SUMMARIES, write_summaries
 from tam_calibration.fleet.task import Options, Result, Task, read_result
 from tam_calibration.model.exceptions import InputError, Refused

@@ -15,7 +15,7 @@ from multiprocessing.context import ForkServerContext, SpawnContext
 from threading import Thread
 from typing import Any, TypeVar
 
-from tam_calibration.files.whole_files import remove_unfinished, temporary_place
+from tam_calibration.files.text_files import remove_unfinished, temporary_place
 from tam_calibration.fleet.task import Task, process
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.libraries import require, use_one_thread

@@ -13,8 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tam_calibration.files.text_files import to_json
-from tam_calibration.files.whole_files import write_set
+from tam_calibration.files.text_files import to_json, write_set
 from tam_calibration.fleet import missions as fleet_rows
 from tam_calibration.fleet.task import Result
 from tam_calibration.report.blocks import Block, Gallery, Points, Section, Table, Text

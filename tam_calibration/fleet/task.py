@@ -14,8 +14,7 @@ from typing import Any, Literal
 
 from tam_calibration import __version__
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.files.text_files import to_json
-from tam_calibration.files.whole_files import replace_folder, unfinished
+from tam_calibration.files.text_files import replace_folder, to_json, unfinished
 from tam_calibration.fit import calibrate
 from tam_calibration.gap import diagnose
 from tam_calibration.messages.usage import Usage
@@ -25,8 +24,8 @@ from tam_calibration.model.recording import SampleSource
 from tam_calibration.model.sensors_in_words import sensors_in_words
 from tam_calibration.recordings import array_to_mapping, read_array, read_samples
 from tam_calibration.recordings.bag_storages import is_bag
+from tam_calibration.recordings.channel_map import Reading
 from tam_calibration.recordings.fit_input import fit_with_usage, read_source
-from tam_calibration.recordings.reading import Reading
 from tam_calibration.recordings.recording_file import provenance
 from tam_calibration.results import (
     calibration_to_mapping,

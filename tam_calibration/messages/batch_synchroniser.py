@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from tam_calibration.messages.batch_match import Match
-from tam_calibration.messages.batch_queue import EARLIER, LONG_AGO, Arrivals, Queue, width_of
+from tam_calibration.messages.batch_queue import EARLIER, LONG_AGO, Arrivals, Match, Queue, width_of
 from tam_calibration.messages.samples import BoolArray, StreamMessages
-from tam_calibration.messages.silence import BEFORE_ALL
+from tam_calibration.messages.stream import BEFORE_ALL
 from tam_calibration.messages.synchroniser import REMEMBERED, Sample, Synchroniser
 from tam_calibration.messages.timeline import NEVER
 from tam_calibration.model.units import FloatArray, IntArray

@@ -18,8 +18,9 @@ from typing import NamedTuple
 import numpy as np
 
 from tam_calibration.messages.point_cloud import SampleLayout, columns_of, is_channel
-from tam_calibration.messages.silence import BEFORE_ALL, SILENCE_NS, Silence
 from tam_calibration.messages.stream import (
+    BEFORE_ALL,
+    SILENCE_NS,
     HeldStream,
     IntensityStream,
     InterpolatedStream,
@@ -27,6 +28,7 @@ from tam_calibration.messages.stream import (
     Losses,
     Message,
     OnceStream,
+    Silence,
     Stream,
     sensor_stream,
 )

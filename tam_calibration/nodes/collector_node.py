@@ -19,8 +19,7 @@ from tam_calibration.fit.live_coverage import LiveCoverage
 from tam_calibration.messages.missing import LiveMissing, are
 from tam_calibration.messages.point_cloud import CHANNEL_TOPICS, SampleLayout
 from tam_calibration.messages.samples import turns_of
-from tam_calibration.messages.silence import SILENCE_NS
-from tam_calibration.messages.stream import sensor_stream
+from tam_calibration.messages.stream import SILENCE_NS, sensor_stream
 from tam_calibration.messages.synchroniser import Sample, Synchroniser
 from tam_calibration.messages.timeline import Run, StampFigures
 from tam_calibration.messages.usage import Usage, why_doubled
@@ -34,8 +33,7 @@ from tam_calibration.nodes.markers import Shown, coverage_markers
 from tam_calibration.nodes.node_parameters import REAL_TIME, SHARED, Rule
 from tam_calibration.nodes.session import precede
 from tam_calibration.nodes.topics import RELIABLE_STREAM, STREAM, cloud_writer, make_cloud, message_class, to_stamp
-from tam_calibration.recordings.channel_map import Pick
-from tam_calibration.recordings.reading import TOLERANCE_S
+from tam_calibration.recordings.channel_map import TOLERANCE_S, Pick
 
 _SCALAR_TOPIC = CHANNEL_TOPICS["scalar"]
 _SCALAR_TYPES = ("sensor_msgs/MagneticField", "std_msgs/Float64")

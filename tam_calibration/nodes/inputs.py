@@ -23,8 +23,8 @@ from tam_calibration.model.mounting import Mounting
 from tam_calibration.model.units import TESLA_PER_FIELD_UNIT
 from tam_calibration.nodes.topics import type_name
 from tam_calibration.recordings.channel_map import ChannelMap, Pick, TimeColumn, read_map
+from tam_calibration.recordings.choice import wanted_of
 from tam_calibration.recordings.intake import in_si
-from tam_calibration.recordings.resolving import wanted_of
 from tam_calibration.recordings.tables import Table
 from tam_calibration.recordings.vectors import unit_in
 

@@ -5,14 +5,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from tam_calibration.messages.point_cloud import SampleLayout
-from tam_calibration.messages.sample_store import SampleStore
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.nodes.base import TamNode
 from tam_calibration.nodes.node_parameters import Rule
 from tam_calibration.recordings.array_yaml import array_to_mapping
 from tam_calibration.results.overwriting import require_outside_bags
-from tam_calibration.results.sample_file import SampleFile
+from tam_calibration.results.sample_file import SampleFile, SampleStore
 
 SAVE_S = 1.0
 """Time from one saving to the next, seconds: no more is lost when the process is killed."""

@@ -12,8 +12,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.subscription import Subscription
 
 from tam_calibration.files.text_files import configuration_folder
+from tam_calibration.messages.cdr import STATIC_TRANSFORMS, TransformTree
 from tam_calibration.messages.point_cloud import FRAME_ID
-from tam_calibration.messages.transforms import STATIC_TRANSFORMS, TransformTree
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.units import FloatArray

@@ -23,9 +23,9 @@ from tam_calibration.nodes.topics import message_class
 from tam_calibration.recordings.bag_reader import BagReader, raw_messages
 from tam_calibration.recordings.bag_source import BagSource
 from tam_calibration.recordings.bag_writing import serialise
+from tam_calibration.recordings.channel_map import Reading
 from tam_calibration.recordings.choice import choose
 from tam_calibration.recordings.joining import Streams
-from tam_calibration.recordings.reading import Reading
 from tam_calibration.recordings.recording_file import streams_of, tell_taken
 from tam_calibration.recordings.tables import Source
 

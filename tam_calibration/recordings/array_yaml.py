@@ -9,13 +9,12 @@ from typing import Any, Literal
 
 import numpy as np
 
-from tam_calibration.files import quantities
-from tam_calibration.files.quantities import part_of, part_to_mapping, value_in_si, value_to_write
-from tam_calibration.files.schema import Document, check
+from tam_calibration.files import schema
+from tam_calibration.files.schema import Document, check, part_of, part_to_mapping, value_in_si, value_to_write
 from tam_calibration.files.text_files import write_text
 from tam_calibration.files.yaml_document import dump_mapping, mapping_in
+from tam_calibration.messages.cdr import STATIC_TRANSFORMS, TransformTree
 from tam_calibration.messages.point_cloud import FRAME_ID
-from tam_calibration.messages.transforms import STATIC_TRANSFORMS, TransformTree
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
@@ -106,11 +105,11 @@ class ArrayFile(Document):
     imu_rotation_quaternion: _Quaternion | None = None
     frame_ids: list[str] | None = None
     imu_frame_id: str | None = None
-    change_rates: quantities.RatesFile | None = None
-    tolerances: quantities.TolerancesFile | None = None
+    change_rates: schema.RatesFile | None = None
+    tolerances: schema.TolerancesFile | None = None
     attitude_noise_deg: float | Literal["estimate"] | None = None
     mounting_error_deg: float | None = None
-    gyroscope: quantities.GyroscopeFile | None = None
+    gyroscope: schema.GyroscopeFile | None = None
     further_channels: list[str] = field(default_factory=list)
     notes: Any = None
     recording: Any = None

@@ -11,7 +11,7 @@ from rosbags.interfaces import Qos
 from rosbags.rosbag2.metadata import parse_qos
 from zstandard import ZstdDecompressor
 
-from tam_calibration.files.whole_files import temporary_place
+from tam_calibration.files.text_files import temporary_place
 from tam_calibration.files.yaml_document import parse_mapping
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.recordings.bag_storages import PACKED

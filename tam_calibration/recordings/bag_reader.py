@@ -17,8 +17,7 @@ import numpy as np
 from rosbags.interfaces import Connection
 from zstandard import BufferWithSegments, ZstdDecompressor, frame_content_size
 
-from tam_calibration.files.text_files import require_regular
-from tam_calibration.files.whole_files import temporary_place, unfinished
+from tam_calibration.files.text_files import require_regular, temporary_place, unfinished
 from tam_calibration.messages.cdr import RawMessages
 from tam_calibration.messages.samples import Progress
 from tam_calibration.model.exceptions import InputError, quoted

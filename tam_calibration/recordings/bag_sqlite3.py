@@ -16,7 +16,7 @@ from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefiniti
 from rosbags.rosbag2 import CompressionMode
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 
-from tam_calibration.files.whole_files import temporary_place, unfinished
+from tam_calibration.files.text_files import temporary_place, unfinished
 from tam_calibration.messages.cdr import RawMessages
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.recordings.bag_bounds import LARGEST_PIECE, Damaged, check_topics, quality_of

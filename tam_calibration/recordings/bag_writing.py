@@ -13,8 +13,7 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_typestore
 
-from tam_calibration.files.text_files import require_regular, write_whole
-from tam_calibration.files.whole_files import temporary_place, unfinished
+from tam_calibration.files.text_files import require_regular, temporary_place, unfinished, write_whole
 from tam_calibration.messages.cdr import ByteArray, RawMessages, fill, interleave
 from tam_calibration.messages.point_cloud import FLOAT64, FRAME_ID, IMU, MAGNETIC_FIELD, TEMPERATURE, topic_and_type
 from tam_calibration.messages.samples import pieces, stamps_of

@@ -15,9 +15,8 @@ from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.units import FloatArray, IntArray
-from tam_calibration.recordings.channel_map import Clock, TimeColumn
+from tam_calibration.recordings.channel_map import Clock, Reading, TimeColumn
 from tam_calibration.recordings.joining import Streams, samples_of
-from tam_calibration.recordings.reading import Reading
 from tam_calibration.recordings.tables import Batches, Columns, MemorySource, Table, Wanted, by_stream, fields_of
 from tam_calibration.recordings.times import (
     PER_SECOND,

@@ -6,7 +6,7 @@ from pathlib import Path
 import matplotlib
 from matplotlib.figure import Figure
 
-from tam_calibration.recordings.inspection_result import InspectedChannel, InspectedTable, Inspection
+from tam_calibration.recordings.inspection import InspectedChannel, InspectedTable, Inspection
 from tam_calibration.report.blocks import Block, Code, Image, Points, Section, Table, Text
 from tam_calibration.report.inspection_rows import HEADER, headline, rows_of
 from tam_calibration.report.page import COLORS, PAGE_WIDTH_INCH, STYLE, embed, write_page

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from tam_calibration.recordings.inspection_result import InspectedChannel, InspectedTable, Inspection
+from tam_calibration.recordings.inspection import InspectedChannel, InspectedTable, Inspection
 from tam_calibration.report.formatting import count, number
 
 HEADER = ("topic or column", "type", "count", "rate (Hz)", "times or range", "missing", "recorded in", "taken as")

@@ -20,8 +20,8 @@ from tam_calibration.recordings.bag_reader import BagReader, open_bag, raw_block
 from tam_calibration.recordings.bag_source import BagSource
 from tam_calibration.recordings.bag_storages import DEFAULT, storage_of
 from tam_calibration.recordings.bag_writing import TYPESTORE, BlockWriter, copy_connection, header, write_bag
+from tam_calibration.recordings.channel_map import AS_IT_IS, Reading
 from tam_calibration.recordings.joining import Streams
-from tam_calibration.recordings.reading import AS_IT_IS, Reading
 from tam_calibration.recordings.recording_file import streams_of
 
 _MAGNETIC_FIELD, _MULTI_ARRAY = "sensor_msgs/msg/MagneticField", "std_msgs/msg/Float64MultiArray"

@@ -1,4 +1,4 @@
-"""What a calibration file contains, and the calibration that it gives."""
+"""What a calibration file contains, the calibration that it gives, and what it took from the one before it."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -8,11 +8,28 @@ import numpy as np
 
 from tam_calibration.correction.acceptance import beyond_limits
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.correction.parts import AmbientGradientEstimate, EffectSize, Grade, KnownSource, Provenance
+from tam_calibration.correction.parts import (
+    AmbientGradientEstimate,
+    EffectSize,
+    Grade,
+    KnownSource,
+    Moved,
+    Provenance,
+    Update,
+)
 from tam_calibration.effects.library import check_numbers
-from tam_calibration.files import quantities
-from tam_calibration.files.quantities import in_si
-from tam_calibration.files.schema import Bounds, Document, check, require_schema
+from tam_calibration.files import schema
+from tam_calibration.files.schema import (
+    Bounds,
+    Document,
+    check,
+    in_si,
+    part_of,
+    part_to_mapping,
+    require_schema,
+    value_in_si,
+    value_to_write,
+)
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.limits import is_covariance
 from tam_calibration.model.residuals import Residuals
@@ -20,11 +37,120 @@ from tam_calibration.model.sensor_errors import SensorErrors, orientation_from_a
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 from tam_calibration.recordings.array_yaml import ArrayFile
 from tam_calibration.results.effects_schema import EffectFile
-from tam_calibration.results.update_schema import UpdateFile
+
+_Part = Annotated[float, Bounds(least=0, most=1, may_be_nan=True)]
+_PriorError = Annotated[float, Bounds(least=0, most=1e12)]
+"""SI, of an error of a sensor: a larger one means a damaged file, as in the calibration itself."""
+
+_Kind = Literal["scale factor", "non-orthogonality", "bias", "misalignment"]
+
+_UNIT_OF = {"scale factor": "", "non-orthogonality": "_deg", "bias": "_nT", "misalignment": "_deg"}
+
+
+class _ChangeFile(Document):
+    kind: _Kind | Literal["several errors", "biases", "scalar reading, or the scale factors"]
+    sensor: int
+
+
+class _MovedFile(Document):
+    kind: _Kind
+    sensor: int
+    change: schema.Vector | None = None
+    change_nT: schema.Vector | None = None
+    change_deg: schema.Vector | None = None
+    standard_error: schema.Vector | None = None
+    standard_error_nT: schema.Vector | None = None
+    standard_error_deg: schema.Vector | None = None
+    probability: _Part
+    rivals: list[_ChangeFile] = dataclasses.field(default_factory=list)
+    since_s: schema.Seconds | None = None
+    together: _ChangeFile | None = None
+
+    def to_moved(self) -> Moved:
+        """Return the change in SI."""
+        rivals = tuple(map(dataclasses.astuple, self.rivals))
+        change, error = self._in_si("change"), self._in_si("standard_error")
+        together = dataclasses.astuple(self.together) if self.together else None
+        return Moved(self.kind, self.sensor, change, error, self.probability, rivals, self.since_s, together)
+
+    def _in_si(self, name: str) -> FloatArray:
+        key = name + _UNIT_OF[self.kind]
+        if getattr(self, key) is None:
+            raise InputError(f"the file is damaged: a {self.kind} that moved has no {key}")
+        return np.asarray(value_in_si(key, getattr(self, key)))
+
+
+class UpdateFile(Document):
+    """The keys of ``update``, in the order of `Update`.
+
+    Tables have a row of twelve numbers for each sensor, SI, as ``covariance_SI`` has.
+    """
+
+    prior: str
+    change_rates: schema.RatesFile | None
+    elapsed_s: Annotated[float, Bounds(least=0)] | None
+    warming_K: schema.Finite | None
+    prior_standard_errors_SI: list[list[_PriorError]]
+    data_share: list[list[_Part]]
+    chi_square: Annotated[float, Bounds(least=-1e-6)]
+    freedom: int
+    probability: _Part
+    moved: list[_MovedFile]
+
+    def to_update(self, sensor_count: int) -> Update:
+        """Return the update in SI.
+
+        Raises
+        ------
+        InputError
+            When a table is not of so many sensors.
+        """
+        for name in ("prior_standard_errors_SI", "data_share"):
+            if [len(row) for row in getattr(self, name)] != [12] * sensor_count:
+                raise InputError(f"the file is damaged: {name} must have {sensor_count} rows of 12 numbers")
+        return Update(
+            prior=self.prior,
+            rates=part_of(self.change_rates),
+            elapsed_s=self.elapsed_s,
+            warming_K=self.warming_K,
+            prior_standard_errors=np.array(self.prior_standard_errors_SI),
+            data_share=np.array(self.data_share),
+            chi_square=self.chi_square,
+            freedom=self.freedom,
+            probability=self.probability,
+            moved=tuple(each.to_moved() for each in self.moved),
+        )
+
+
+def update_to_mapping(update: Update) -> dict[str, Any]:
+    """Return the keys and values of an update in a file."""
+    stated = zip(dataclasses.fields(UpdateFile), dataclasses.fields(Update), strict=True)
+    mapping = {key.name: value_to_write(key.name, getattr(update, own.name)) for key, own in stated}
+    moved = [_moved_to_mapping(each) for each in update.moved]
+    return mapping | {"change_rates": part_to_mapping(update.rates), "moved": moved}
+
+
+def _moved_to_mapping(moved: Moved) -> dict[str, Any]:
+    unit = _UNIT_OF[moved.kind]
+    return {
+        "kind": moved.kind,
+        "sensor": moved.sensor,
+        f"change{unit}": value_to_write(unit, moved.change),
+        f"standard_error{unit}": value_to_write(unit, moved.standard_errors),
+        "probability": moved.probability,
+        "rivals": [_change_to_mapping(rival) for rival in moved.rivals],
+        "since_s": moved.since_s,
+        "together": moved.together and _change_to_mapping(moved.together),
+    }
+
+
+def _change_to_mapping(change: tuple[str, int]) -> dict[str, Any]:
+    return dict(zip(("kind", "sensor"), change, strict=True))
+
 
 SCHEMA = "tam_calibration/calibration/1"
 
-_Size = quantities.NanoteslaSize
+_Size = schema.NanoteslaSize
 _StandardError = Annotated[float, Bounds(least=0, most=1e12, may_be_nan=True)]
 _StandardErrors = tuple[_StandardError, _StandardError, _StandardError]
 _Covariance = Annotated[float, Bounds(least=-1e12, most=1e12)]
@@ -35,11 +161,11 @@ class SensorFile(Document):
     """The errors of one sensor."""
 
     sensor: int
-    scale_factor: quantities.ScaleFactors
-    non_orthogonality_deg: quantities.Shears
-    bias_nT: quantities.NanoteslaVector
-    misalignment_deg: quantities.Turns
-    orientation: quantities.Orientation = quantities.NOT_TURNED
+    scale_factor: schema.ScaleFactors
+    non_orthogonality_deg: schema.Shears
+    bias_nT: schema.NanoteslaVector
+    misalignment_deg: schema.Turns
+    orientation: schema.Orientation = schema.NOT_TURNED
 
 
 def errors_of(sensors: Sequence[SensorFile]) -> SensorErrors:
@@ -66,7 +192,7 @@ class _CalibratedSensor(SensorFile):
     non_orthogonality_standard_error_deg: _StandardErrors
     bias_standard_error_nT: _StandardErrors
     misalignment_standard_error_deg: _StandardErrors
-    matrix: quantities.Tensor
+    matrix: schema.Tensor
 
 
 class _Array(ArrayFile):
@@ -74,10 +200,10 @@ class _Array(ArrayFile):
 
 
 class _Field(Document):
-    intensity_nT: quantities.Nanotesla
+    intensity_nT: schema.Nanotesla
     has_scalar_reference: bool
     coverage_of_sphere: Annotated[float, Bounds(least=0, most=1)]
-    gradient_nT_per_m: quantities.NanoteslaTensor | None = None
+    gradient_nT_per_m: schema.NanoteslaTensor | None = None
     gradient_standard_error_nT_per_m: tuple[_StandardErrors, _StandardErrors, _StandardErrors] | None = None
 
     def to_gradient(self) -> AmbientGradientEstimate | None:
@@ -104,11 +230,11 @@ class _AllResiduals(Document):
 
 class _Recording(Document):
     samples: int
-    time_span_s: tuple[quantities.Seconds, quantities.Seconds]
+    time_span_s: tuple[schema.Seconds, schema.Seconds]
     name: str | None
     size_bytes: int | None
     sha256: str | None
-    mean_temperature_C: quantities.Celsius | None = None
+    mean_temperature_C: schema.Celsius | None = None
 
     def to_provenance(self) -> Provenance | None:
         """Return where the recording came from, if that is known."""
@@ -138,9 +264,9 @@ class _Effect(EffectFile):
 class KnownSourceFile(Document):
     """What a known source of field determined."""
 
-    baseline_scale: quantities.ScaleFactor
+    baseline_scale: schema.ScaleFactor
     baseline_scale_standard_error: _StandardError
-    rotation_deg: quantities.Turns
+    rotation_deg: schema.Turns
     rotation_standard_error_deg: _StandardErrors
     axis_offsets_standard_error_m: list[tuple[_StandardErrors, _StandardErrors, _StandardErrors]]
     reduced_chi_square: Annotated[float, Bounds(least=0)]

@@ -15,8 +15,16 @@ from tam_calibration.comparison.mend import Mend, NoiseTerm, gazebo_sdf, python_
 from tam_calibration.comparison.side import Figure
 from tam_calibration.correction.calibration import Provenance
 from tam_calibration.effects.library import check_numbers, effect_named, units_of
-from tam_calibration.files.quantities import Hertz, NanoteslaSize, in_si, value_to_write
-from tam_calibration.files.schema import Bounds, Document, check, require_schema
+from tam_calibration.files.schema import (
+    Bounds,
+    Document,
+    Hertz,
+    NanoteslaSize,
+    check,
+    in_si,
+    require_schema,
+    value_to_write,
+)
 from tam_calibration.files.text_files import in_file, read_text, to_json, write_text
 from tam_calibration.files.yaml_document import dump_mapping, parse_mapping
 from tam_calibration.gap.noise import AxisNoise

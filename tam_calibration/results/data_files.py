@@ -9,7 +9,7 @@ import numpy as np
 
 from tam_calibration.correction.calibration import Calibration, Corrected
 from tam_calibration.correction.partial import ContradictionSearch, PartialCorrection
-from tam_calibration.files.quantities import nanotesla_to_write
+from tam_calibration.files.schema import nanotesla_to_write
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.messages.point_cloud import SampleLayout
 from tam_calibration.messages.samples import Progress, stamps_of
@@ -19,7 +19,7 @@ from tam_calibration.model.libraries import require
 from tam_calibration.model.recording import BLOCK, Recording
 from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.recordings.bag_storages import DEFAULT, is_bag
-from tam_calibration.recordings.reading import AS_IT_IS, Reading
+from tam_calibration.recordings.channel_map import AS_IT_IS, Reading
 from tam_calibration.recordings.recording_file import read_pieces, read_samples
 
 

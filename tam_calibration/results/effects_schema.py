@@ -16,8 +16,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from tam_calibration.files.quantities import value_in_si, value_to_write
-from tam_calibration.files.schema import Bounds, Document
+from tam_calibration.files.schema import Bounds, Document, value_in_si, value_to_write
 from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
 

@@ -8,9 +8,8 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
-from tam_calibration.files import quantities
-from tam_calibration.files.quantities import GyroscopeFile, in_si, part_of
-from tam_calibration.files.schema import Bounds, Document, check
+from tam_calibration.files import schema
+from tam_calibration.files.schema import Bounds, Document, GyroscopeFile, check, in_si, part_of
 from tam_calibration.files.text_files import configuration_folder, write_text
 from tam_calibration.files.yaml_document import dump_mapping, mapping_in
 from tam_calibration.model.exceptions import InputError
@@ -34,16 +33,16 @@ _Angle = Annotated[float, Bounds(above=0, least=1e-6, most=1e6, unit="deg")]
 
 
 class _StatedSensor(SensorFile):
-    scale_factor: quantities.ScaleFactors = (1.0, 1.0, 1.0)
-    non_orthogonality_deg: quantities.Shears = (0.0, 0.0, 0.0)
-    bias_nT: quantities.NanoteslaVector = (0.0, 0.0, 0.0)
-    misalignment_deg: quantities.Turns = (0.0, 0.0, 0.0)
+    scale_factor: schema.ScaleFactors = (1.0, 1.0, 1.0)
+    non_orthogonality_deg: schema.Shears = (0.0, 0.0, 0.0)
+    bias_nT: schema.NanoteslaVector = (0.0, 0.0, 0.0)
+    misalignment_deg: schema.Turns = (0.0, 0.0, 0.0)
 
 
 class _Site(Document):
     intensity_nT: _Intensity
     inclination_deg: Annotated[float, Bounds(least=-90, most=90)]
-    declination_deg: quantities.Degrees = 0.0
+    declination_deg: schema.Degrees = 0.0
 
     def field_T(self) -> FloatArray:
         angles = from_degrees(self.inclination_deg), from_degrees(self.declination_deg)
@@ -75,7 +74,7 @@ class _Sinusoid(_Part):
     makes = surroundings.SinusoidDrift
     kind: Literal["sinusoid"]
     standard_deviation_nT: _Spread
-    period_s: quantities.Period
+    period_s: schema.Period
 
 
 class _Ramp(_Part):
@@ -99,8 +98,8 @@ class _Observatory(Document):
 
 class _Dipole(_Part):
     makes = Dipole
-    position_m: quantities.Place
-    moment_Am2: quantities.Moment
+    position_m: schema.Place
+    moment_Am2: schema.Moment
 
 
 class _Motion(Document):
@@ -130,37 +129,37 @@ class _Tumble(_Part):
 class _Auv(_Part):
     makes = attitude.Manoeuvre
     kind: Literal["auv"]
-    pitch_limit_deg: quantities.Degrees
-    roll_limit_deg: quantities.Degrees
-    turn_period_s: quantities.Period
+    pitch_limit_deg: schema.Degrees
+    roll_limit_deg: schema.Degrees
+    turn_period_s: schema.Period
 
 
 class _Scalar(_Part):
     makes = surroundings.ScalarReference
-    rate_hz: quantities.Hertz | None = None
+    rate_hz: schema.Hertz | None = None
     one_error_per_recording: bool = False
 
 
 class _Temperature(_Part):
     makes = surroundings.Temperature
-    start_C: quantities.Celsius
-    end_C: quantities.Celsius
+    start_C: schema.Celsius
+    end_C: schema.Celsius
     noise_C: _Spread = 0.0
 
 
 class _Current(_Part):
     makes = surroundings.Current
-    low_A: quantities.Ampere
-    high_A: quantities.Ampere
-    period_s: quantities.Period
+    low_A: schema.Ampere
+    high_A: schema.Ampere
+    period_s: schema.Period
     noise_A: _Spread = 0.0
 
 
 class _Switched(_Part):
     makes = surroundings.Current
-    low: quantities.Ampere
-    high: quantities.Ampere
-    period_s: quantities.Period
+    low: schema.Ampere
+    high: schema.Ampere
+    period_s: schema.Period
     noise: _Spread = 0.0
 
 
@@ -184,11 +183,11 @@ class ScenarioFile(Document):
     place: _Place | None = None
     motion: _Motion | _RandomEulerAngles | _Tumble | _Auv
     samples: int
-    rate_hz: quantities.Hertz
+    rate_hz: schema.Hertz
     seed: Annotated[int, Bounds(least=0)] = 0
     drift: _Drift | None = None
     dipole: _Dipole | None = None
-    site_gradient_nT_per_m: quantities.NanoteslaTensor | None = None
+    site_gradient_nT_per_m: schema.NanoteslaTensor | None = None
     scalar: _Scalar | None = None
     temperature: _Temperature | None = None
     current: _Current | None = None

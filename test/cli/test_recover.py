@@ -12,7 +12,7 @@ from tam_calibration.fit import calibrate
 from tam_calibration.fleet import task
 from tam_calibration.fleet.task import read_result
 from tam_calibration.recordings import fit_input, read_recording, write_array
-from tam_calibration.recordings.reading import Reading
+from tam_calibration.recordings.channel_map import Reading
 from tam_calibration.results import read_calibration, write_calibration, write_recording
 
 

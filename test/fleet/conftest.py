@@ -9,7 +9,7 @@ import pytest
 from tam_calibration.fleet.task import read_options
 from tam_calibration.model.array import Array
 from tam_calibration.recordings import write_array
-from tam_calibration.recordings.reading import Reading
+from tam_calibration.recordings.channel_map import Reading
 from tam_calibration.results import write_recording
 
 DAY_S = 86_400.0

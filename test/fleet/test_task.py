@@ -11,7 +11,7 @@ from tam_calibration.fit import calibrate
 from tam_calibration.fleet.task import Task, process, read_options, read_result
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.recordings import read_recording, write_array
-from tam_calibration.recordings.reading import Reading
+from tam_calibration.recordings.channel_map import Reading
 from tam_calibration.results import read_calibration, write_calibration, write_recording
 
 

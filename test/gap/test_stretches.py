@@ -12,7 +12,7 @@ from tam_calibration.gap import diagnose
 from tam_calibration.gap.diagnose import MOST_SAMPLES, STRETCH, in_stretches
 from tam_calibration.messages.samples import Samples
 from tam_calibration.model.recording import Recording
-from tam_calibration.recordings.recording_stream import RecordingStream
+from tam_calibration.recordings.fit_input import RecordingStream
 
 
 def long_recording(count):

@@ -5,7 +5,7 @@ from tam_calibration.integrity import repeated
 from tam_calibration.integrity.check import faults_of
 from tam_calibration.messages.samples import Samples
 from tam_calibration.model.array import Array
-from tam_calibration.recordings.recording_stream import RecordingStream
+from tam_calibration.recordings.fit_input import RecordingStream
 
 
 def at(run, first, last):

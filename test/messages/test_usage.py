@@ -14,7 +14,7 @@ from tam_calibration.messages.synchroniser import Synchroniser
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
-from tam_calibration.recordings.recording_stream import RecordingStream
+from tam_calibration.recordings.fit_input import RecordingStream
 
 MS = 1_000_000
 PERIOD = 10 * MS

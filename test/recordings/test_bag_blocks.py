@@ -30,9 +30,8 @@ from tam_calibration.recordings import (
 from tam_calibration.recordings.bag_reader import open_bag, raw_blocks, raw_messages
 from tam_calibration.recordings.bag_source import BagSource
 from tam_calibration.recordings.bag_writing import BlockWriter
-from tam_calibration.recordings.choice import choose
+from tam_calibration.recordings.choice import choose, resolve
 from tam_calibration.recordings.joining import PATIENCE_NS
-from tam_calibration.recordings.resolving import resolve
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 FIELD, FLOAT64, TEXT = "sensor_msgs/msg/MagneticField", "std_msgs/msg/Float64", "std_msgs/msg/String"
@@ -287,7 +286,7 @@ def test_a_block_is_written_as_single_messages_are(tmp_path, storage):
 
 def test_an_index_that_does_not_fit_is_refused(tmp_path, monkeypatch):
     """An index of messages that points elsewhere is damage, not data, also where no CRC tells."""
-    monkeypatch.setattr(bag_mcap.mcap_records, "seal", lambda path: None)
+    monkeypatch.setattr(bag_mcap, "seal", lambda path: None)
     path = write(tmp_path / "bag", rough_messages(), "mcap", as_block=True)
     data = path / "bag.mcap"
     with Reader(path) as reader:

@@ -162,7 +162,7 @@ def test_a_damaged_chunk_is_named(tmp_path, monkeypatch, name):
 
 def test_a_chunk_is_checked_where_only_it_has_a_crc(tmp_path, monkeypatch):
     """As in the files of ROS, which have no CRC of the data section."""
-    monkeypatch.setattr(bag_mcap.mcap_records, "seal", lambda path: None)
+    monkeypatch.setattr(bag_mcap, "seal", lambda path: None)
     path = tmp_path / "run.mcap"
     write_recording(path, small_recording())
     assert read_recording(path).sample_count == 60

@@ -14,8 +14,7 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.mounting import Mounting
 from tam_calibration.recordings import read_recording
 from tam_calibration.recordings.channel_map import Pick, map_of
-from tam_calibration.recordings.choice import choose
-from tam_calibration.recordings.resolving import resolve
+from tam_calibration.recordings.choice import choose, resolve
 from tam_calibration.recordings.tables import Table
 from tam_calibration.recordings.vectors import is_own_column
 

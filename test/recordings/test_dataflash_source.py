@@ -13,7 +13,7 @@ from pymavlink.DFReader import DFReader_binary
 from tam_calibration import inspect, read_recording
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.recordings.dataflash_source import DataFlashReader
-from tam_calibration.recordings.formats import open_source
+from tam_calibration.recordings.recording_file import open_source
 
 ITSELF = described(128, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns")
 MAG = "TimeUS,MagX,MagY,MagZ,OfsX,OfsY,OfsZ,Health"
@@ -57,7 +57,7 @@ def columns(path, name, *fields, instance=0):
 @pytest.fixture(autouse=True)
 def is_installed(monkeypatch):
     """Let logs be read also where the package was installed before it read them."""
-    monkeypatch.setattr("tam_calibration.recordings.formats._readers", lambda: (DataFlashReader(),))
+    monkeypatch.setattr("tam_calibration.recordings.recording_file._readers", lambda: (DataFlashReader(),))
 
 
 def test_each_type_of_number_is_read(tmp_path):

@@ -16,8 +16,8 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.recordings import read_pieces
 from tam_calibration.recordings.array_yaml import write_array
 from tam_calibration.recordings.bag_writing import serialise, write_bag
+from tam_calibration.recordings.fit_input import RecordingStream
 from tam_calibration.recordings.inspection import inspect
-from tam_calibration.recordings.recording_stream import RecordingStream
 from tam_calibration.results.data_files import write_recording
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate

@@ -27,12 +27,11 @@ from tam_calibration import inspect
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.mounting import Mounting
-from tam_calibration.recordings import formats, read_recording, series
+from tam_calibration.recordings import oddities, read_recording, recording_file
 from tam_calibration.recordings.channel_map import map_of, read_map
-from tam_calibration.recordings.formats import open_source
-from tam_calibration.recordings.oddities import of_times
-from tam_calibration.recordings.resolving import resolve
-from tam_calibration.recordings.series import Series
+from tam_calibration.recordings.choice import resolve
+from tam_calibration.recordings.oddities import Series, of_times
+from tam_calibration.recordings.recording_file import open_source
 from tam_calibration.recordings.tables import Table
 
 ROOT = Path(__file__).parents[2]
@@ -413,7 +412,7 @@ def test_a_damaged_topic_does_not_hide_the_others(tmp_path):
     path = write_bag(tmp_path / "bag", bag) / "bag.mcap"
     found = inspect(path)
     assert found.is_certain
-    read = series._parts
+    read = oddities._parts
 
     def broken(source, wanted, progress):
         if any(each.table.name == "/cut" for each in wanted.values()):
@@ -421,7 +420,7 @@ def test_a_damaged_topic_does_not_hide_the_others(tmp_path):
         return read(source, wanted, progress)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(series, "_parts", broken)
+        patch.setattr(oddities, "_parts", broken)
         found = inspect(path)
     assert found.is_certain and "/cut: topic /cut: a message is shorter" in found.oddities[0]
 
@@ -459,27 +458,27 @@ def test_the_reader_of_the_documentation_works(tmp_path, monkeypatch):
     installed = tmp_path / "lab-1.0.dist-info"
     installed.mkdir()
     (installed / "METADATA").write_text("Metadata-Version: 2.1\nName: lab\nVersion: 1.0\n")
-    (installed / "entry_points.txt").write_text(f"[{formats.GROUP}]\nlab = lab:LabReader\n")
+    (installed / "entry_points.txt").write_text(f"[{recording_file.GROUP}]\nlab = lab:LabReader\n")
     rows = np.column_stack([times(first_ns=0) / 1e9, turned(48_000)])
     (tmp_path / "run.lab").write_bytes(b"LAB1" + rows.tobytes())
     monkeypatch.syspath_prepend(tmp_path)
-    formats._readers.cache_clear()
+    recording_file._readers.cache_clear()
     found = inspect(tmp_path / "run.lab")
-    formats._readers.cache_clear()
+    recording_file._readers.cache_clear()
     assert found.is_certain and found.format == "LAB1 file" and found.channel_map.sensors[0].topic == "magnetometer"
     np.testing.assert_allclose(read_recording(tmp_path / "run.lab").readings_T[:, 0], turned(48_000) * 1e-9)
 
 
 def test_a_reader_that_cannot_be_loaded_costs_only_itself(tmp_path, monkeypatch, caplog):
     """It is named in a warning, and all other formats are read."""
-    broken = EntryPoint("lab", "no_such_package.lab:LabReader", formats.GROUP)
-    monkeypatch.setattr(formats, "entry_points", lambda group: [*entry_points(group=group), broken])
-    formats._readers.cache_clear()
+    broken = EntryPoint("lab", "no_such_package.lab:LabReader", recording_file.GROUP)
+    monkeypatch.setattr(recording_file, "entry_points", lambda group: [*entry_points(group=group), broken])
+    recording_file._readers.cache_clear()
     try:
         assert inspect(text(tmp_path)).is_certain
         assert read_recording(write_bag(tmp_path / "bag", {"/mag": (fields(turned(), times()), times())})).sample_count
     finally:
-        formats._readers.cache_clear()
+        recording_file._readers.cache_clear()
     (told,) = caplog.messages[:1]
     assert told.startswith("the reader lab of no_such_package.lab:LabReader cannot be loaded (No module named")
 

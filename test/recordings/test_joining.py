@@ -16,10 +16,9 @@ from tam_calibration.messages.point_cloud import SampleLayout
 from tam_calibration.messages.synchroniser import Synchroniser
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.recordings import read_recording
-from tam_calibration.recordings.channel_map import Pick
+from tam_calibration.recordings.channel_map import AS_IT_IS, Pick
 from tam_calibration.recordings.fit_input import read_source
 from tam_calibration.recordings.joining import PATIENCE_NS, Joining, Streams
-from tam_calibration.recordings.reading import AS_IT_IS
 from tam_calibration.recordings.recording_file import read_pieces, read_samples
 from tam_calibration.recordings.tables import Columns, MemorySource, Table, Wanted
 

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.recordings import read_recording, text_source
-from tam_calibration.recordings.reading import Moment, Window
+from tam_calibration.recordings.channel_map import Moment, Window
 from tam_calibration.recordings.recording_file import read_pieces, read_samples
 
 START = datetime.fromtimestamp(START_NS // 10**9, UTC)
@@ -102,7 +102,7 @@ def test_a_window_counts_from_the_start_of_the_recording_in_pieces(tmp_path, mon
     path = write_text(tmp_path / "run.csv", {"time_s": np.arange(COUNT) / 20, **columns_of("mag_", turned(48_000))})
     monkeypatch.setattr(text_source, "_PIECE", 1000)
     how = read_samples(path).recording
-    from tam_calibration.recordings.reading import Reading
+    from tam_calibration.recordings.channel_map import Reading
 
     pieces = list(read_pieces(path, reading=Reading(window=Window(Moment.of(3), Moment.of(16)))))
     assert len(pieces) > 2

@@ -12,8 +12,8 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.mounting import Mounting
 from tam_calibration.recordings import read_recording, text_source
+from tam_calibration.recordings.channel_map import Moment, Reading, Window
 from tam_calibration.recordings.fit_input import read_source
-from tam_calibration.recordings.reading import Moment, Reading, Window
 from tam_calibration.recordings.recording_file import read_pieces, read_samples
 
 TIME = times(first_ns=0) / 1e9

@@ -13,7 +13,7 @@ from pyulog import ULog
 from tam_calibration import inspect, read_recording
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.recordings.formats import open_source
+from tam_calibration.recordings.recording_file import open_source
 from tam_calibration.recordings.ulog_source import UlogReader
 
 HEAD = b"ULog\x01\x12\x35\x01" + bytes(8)
@@ -68,7 +68,7 @@ def columns(path, name, *fields, instance=0):
 @pytest.fixture(autouse=True)
 def is_installed(monkeypatch):
     """Let logs be read also where the package was installed before it read them."""
-    monkeypatch.setattr("tam_calibration.recordings.formats._readers", lambda: (UlogReader(),))
+    monkeypatch.setattr("tam_calibration.recordings.recording_file._readers", lambda: (UlogReader(),))
 
 
 def test_each_number_of_nested_messages_is_read(tmp_path):

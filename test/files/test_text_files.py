@@ -10,8 +10,8 @@ from tempfile import mkdtemp
 
 import pytest
 
-from tam_calibration.files import whole_files
-from tam_calibration.files.whole_files import UNFINISHED, hold, remove_left_over, replace_folder, unfinished, write_set
+from tam_calibration.files import text_files
+from tam_calibration.files.text_files import UNFINISHED, hold, remove_left_over, replace_folder, unfinished, write_set
 from tam_calibration.model.exceptions import InputError
 
 
@@ -178,7 +178,8 @@ def test_a_sentence_names_the_path_and_not_the_place_beside_it(tmp_path):
 _KILLED = """
 import os, signal, sys
 from pathlib import Path
-from tam_calibration.files.whole_files import write_set
+from tam_calibration.files import text_files
+from tam_calibration.files.text_files import write_set
 with write_set([Path("a")]) as (place,):
     place.write_text("half")
     os.kill(os.getpid(), signal.SIGKILL)
@@ -231,7 +232,7 @@ def test_an_older_folder_comes_back_where_the_newer_one_cannot_be_moved(tmp_path
         unfinished(tmp_path / "result") as folder,
         pytest.MonkeyPatch.context() as patch,
     ):
-        patch.setattr(whole_files, "_sync", lambda path: None)
+        patch.setattr(text_files, "_sync", lambda path: None)
         replace_folder(folder / "missing", tmp_path / "result")
     assert content(tmp_path) == {"result": None}
 
@@ -291,7 +292,7 @@ def test_a_signal_while_the_folder_is_made_leaves_none(tmp_path, monkeypatch):
         raise SystemExit(143)
 
     before = signal.signal(signal.SIGTERM, end)
-    monkeypatch.setattr("tam_calibration.files.whole_files.mkdtemp", make_and_tell)
+    monkeypatch.setattr("tam_calibration.files.text_files.mkdtemp", make_and_tell)
     try:
         with pytest.raises(SystemExit):
             write_both(tmp_path)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tam_calibration.messages.point_cloud import SampleLayout
-from tam_calibration.messages.silence import SILENCE_NS
+from tam_calibration.messages.stream import SILENCE_NS
 from tam_calibration.messages.synchroniser import Synchroniser
 
 MS = 1_000_000

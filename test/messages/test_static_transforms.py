@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.messages.transforms import TransformTree, read_transforms
+from tam_calibration.messages.cdr import TransformTree, read_transforms
 from tam_calibration.model.exceptions import InputError
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
