@@ -31,7 +31,7 @@ from process_times import ProcessTimes
 from rich.progress import track
 from spread import Row, show
 
-from tam_calibration.fleet.processes import run_here
+from tam_calibration.fleet.batch import run_here
 from tam_calibration.fleet.task import Task, read_options
 from tam_calibration.model.array import Array
 from tam_calibration.recordings import write_array

@@ -48,7 +48,7 @@ from pairs.plan import PairPlan, plan_pairs
 from pairs.score import failures, rows
 from pairs.world import make_world_pair
 
-from tam_calibration.fleet.processes import processes, submit_all
+from tam_calibration.fleet.batch import processes, submit_all
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_validation.blind.folder import read_json
 

@@ -10,8 +10,7 @@ import numpy as np
 
 from tam_calibration.gap import diagnose
 from tam_calibration.model.units import from_nanotesla
-from tam_calibration.report.gap_cause_plots import GapView
-from tam_calibration.report.gap_residual_plots import plot_map
+from tam_calibration.report.gap_plots import GapView, plot_map
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.surroundings import ScalarReference, Temperature

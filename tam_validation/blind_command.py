@@ -10,10 +10,18 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from tam_calibration.cli.answer import STDOUT, json_option
 from tam_calibration.cli.streams import say
-from tam_calibration.cli.terminal import JOBS, PATH, Number, showing_progress, stdout, write_together
-from tam_calibration.fleet.processes import processes, submit_all
+from tam_calibration.cli.terminal import (
+    JOBS,
+    PATH,
+    STDOUT,
+    Number,
+    json_option,
+    showing_progress,
+    stdout,
+    write_together,
+)
+from tam_calibration.fleet.batch import processes, submit_all
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.recordings import read_array, read_recording
 from tam_calibration.results.data_files import write_csv_recording

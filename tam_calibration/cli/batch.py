@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tam_calibration.cli import terminal
-from tam_calibration.fleet import missions as fleet_rows
+from tam_calibration.fleet import summary
 from tam_calibration.fleet.task import Result
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.libraries import require
@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 
 def _blocks(results: Sequence[Result]) -> list[Block]:
     """Return counts by platform, the drifts that stand out most, and which platforms have none."""
-    blocks: list[Block] = [Table(fleet_rows.COUNTS_HEADER, fleet_rows.count_rows(results), "What was found")]
-    blocks += [Text(f"Law of the gap: {words}.") for words in fleet_rows.law_points(results)[:_FEW]]
-    if drifts := fleet_rows.largest(fleet_rows.all_drifts(results)):
-        rows = [fleet_rows.drift_row(found)[:-1] for found in drifts]
-        blocks.append(Table(fleet_rows.DRIFT_HEADER[:-1], rows, "Largest drift of each kind, ± standard errors"))
-    missions = fleet_rows.all_missions(results)
+    blocks: list[Block] = [Table(summary.COUNTS_HEADER, summary.count_rows(results), "What was found")]
+    blocks += [Text(f"Law of the gap: {words}.") for words in summary.law_points(results)[:_FEW]]
+    if drifts := summary.largest(summary.all_drifts(results)):
+        rows = [summary.drift_row(found)[:-1] for found in drifts]
+        blocks.append(Table(summary.DRIFT_HEADER[:-1], rows, "Largest drift of each kind, ± standard errors"))
+    missions = summary.all_missions(results)
     return [*blocks, *(Text(f"{each.platform}: {each.no_drift}") for each in missions if each.no_drift)]
 
 
@@ -87,7 +87,7 @@ def command(
 
 def _runner(paths: Sequence[Path], jobs: int | None, scheduler: str | None) -> "Run":
     """Return what does the tasks: processes of this machine, or the workers of a cluster."""
-    from tam_calibration.fleet.processes import run_here, run_on_cluster
+    from tam_calibration.fleet.batch import run_here, run_on_cluster
 
     if scheduler is not None:
         if jobs is not None:
@@ -99,13 +99,11 @@ def _runner(paths: Sequence[Path], jobs: int | None, scheduler: str | None) -> "
 
 
 def _print(results: Sequence[Result], output: Path, detail: terminal.Detail) -> None:
-    from tam_calibration.fleet.summary import SUMMARIES
-
-    blocks, points = _blocks(results), fleet_rows.open_points(results)
+    blocks, points = _blocks(results), summary.open_points(results)
     terminal.print_answer(
         _answer(results, points),
         [*map(Text, points[1:_FEW]), *blocks],
         [*blocks, *map(Text, points)],
         detail,
-        (output / name for name in SUMMARIES),
+        (output / name for name in summary.SUMMARIES),
     )

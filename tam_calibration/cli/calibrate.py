@@ -11,7 +11,7 @@ import numpy as np
 from rich.progress import Progress
 
 from tam_calibration.cli import terminal
-from tam_calibration.cli.answer import Answer, answering
+from tam_calibration.cli.terminal import Answer, answering
 from tam_calibration.correction.calibration import AmbientGradientEstimate, Calibration
 from tam_calibration.effects.library import installed_effects
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
@@ -28,8 +28,7 @@ from tam_calibration.recordings import provenance, read_array, transforms_in
 from tam_calibration.recordings.channel_map import AS_IT_IS, Reading
 from tam_calibration.recordings.fit_input import StatedSource, fit_with_usage, read_known_source, read_source
 from tam_calibration.report import calibration_rows
-from tam_calibration.report.blocks import Block, Text
-from tam_calibration.report.formatting import sentence, with_errors
+from tam_calibration.report.blocks import Block, Text, sentence, with_errors
 from tam_calibration.results import FORMULA, calibration_to_mapping, calibration_to_yaml, read_calibration
 
 if TYPE_CHECKING:

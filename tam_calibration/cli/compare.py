@@ -6,8 +6,8 @@ from pathlib import Path
 import click
 
 from tam_calibration.cli import terminal
-from tam_calibration.cli.answer import Answer, answering
 from tam_calibration.cli.streams import say
+from tam_calibration.cli.terminal import Answer, answering
 from tam_calibration.comparison import compare
 from tam_calibration.comparison.result import Comparison
 from tam_calibration.recordings import provenance

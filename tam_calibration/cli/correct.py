@@ -10,9 +10,17 @@ from typing import Any
 import click
 import numpy as np
 
-from tam_calibration.cli.answer import Answer, answering
 from tam_calibration.cli.streams import say
-from tam_calibration.cli.terminal import PATH, path_option, reading, reading_options, showing_progress, working
+from tam_calibration.cli.terminal import (
+    PATH,
+    Answer,
+    answering,
+    path_option,
+    reading,
+    reading_options,
+    showing_progress,
+    working,
+)
 from tam_calibration.correction.acceptance import ScalarAgreement
 from tam_calibration.correction.calibration import Calibration, Corrected
 from tam_calibration.correction.partial import sensors_of

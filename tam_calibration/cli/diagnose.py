@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from tam_calibration.cli import terminal
-from tam_calibration.cli.answer import Answer, answering
+from tam_calibration.cli.terminal import Answer, answering
 from tam_calibration.effects.library import effect_named, installed_effects
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.diagnose import in_stretches
@@ -19,9 +19,8 @@ from tam_calibration.recordings import provenance, read_array, transforms_in
 from tam_calibration.recordings.channel_map import Reading
 from tam_calibration.recordings.fit_input import read_source
 from tam_calibration.report import gap_rows
-from tam_calibration.report.blocks import Block, Points, Text
-from tam_calibration.report.formatting import sentence
-from tam_calibration.report.signature_rows import first_sentence, law_blocks
+from tam_calibration.report.blocks import Block, Points, Text, sentence
+from tam_calibration.report.gap_rows import first_sentence, law_blocks
 from tam_calibration.results import read_calibration
 from tam_calibration.results.results_json import gap_to_mapping
 

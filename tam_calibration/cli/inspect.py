@@ -4,12 +4,11 @@ from pathlib import Path
 
 import click
 
-from tam_calibration.cli.answer import Answer, answering
-from tam_calibration.cli.terminal import PATH, reading, showing_progress
+from tam_calibration.cli.terminal import PATH, Answer, answering, reading, showing_progress
 from tam_calibration.recordings import read_array, transforms_in
 from tam_calibration.recordings.inspection import Inspection, inspect, inspection_to_mapping
 from tam_calibration.report.blocks import Block, Points, Table, Text
-from tam_calibration.report.inspection_rows import HEADER, headline, rows_of
+from tam_calibration.report.inspection_report import HEADER, headline, rows_of
 
 _CHANNELS = 12
 """Channels of a topic that are printed in addition to those taken."""

@@ -84,6 +84,9 @@ VALIDATION = {
 }
 """Subcommands of the package `tam_validation`, which a checkout has next to this one and which is not installed."""
 
+_IN_NODES = ("play", "call")
+"""Subcommands in the file of `tam nodes`, each a function of its name."""
+
 
 def subcommands() -> dict[str, str]:
     """Return the subcommands that there are, each with what it does."""
@@ -127,9 +130,12 @@ class LazyGroup(click.Group):
         """
         if cmd_name not in subcommands():
             return None
-        of_validation = cmd_name in VALIDATION
-        module = f"tam_validation.{cmd_name}_command" if of_validation else f"tam_calibration.cli.{cmd_name}"
-        command: click.Command = import_module(module).command
+        module, name = f"tam_calibration.cli.{cmd_name}", "command"
+        if cmd_name in VALIDATION:
+            module = f"tam_validation.{cmd_name}_command"
+        elif cmd_name in _IN_NODES:
+            module, name = "tam_calibration.cli.nodes", cmd_name
+        command: click.Command = getattr(import_module(module), name)
         if isinstance(ctx.obj, Ending):
             ctx.obj.loaded()
         return command

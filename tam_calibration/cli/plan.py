@@ -10,8 +10,8 @@ import numpy as np
 from rich.progress import Progress
 
 from tam_calibration.cli import terminal
-from tam_calibration.cli.answer import Answer, answering
 from tam_calibration.cli.streams import say
+from tam_calibration.cli.terminal import Answer, answering
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit import plan as planning
 from tam_calibration.fit.coverage import ENOUGH_STANDARD_ERROR, describe
@@ -25,9 +25,8 @@ from tam_calibration.model.units import FloatArray, from_degrees, to_degrees, to
 from tam_calibration.recordings import read_array
 from tam_calibration.recordings.channel_map import Reading
 from tam_calibration.recordings.fit_input import read_source
-from tam_calibration.report.blocks import Block, Table, Text
+from tam_calibration.report.blocks import KINDS, Block, Table, Text, number, sentence
 from tam_calibration.report.calibration_rows import age_in_words
-from tam_calibration.report.formatting import KINDS, number, sentence
 from tam_calibration.results import read_calibration
 
 _MOST_SHOWN = 8

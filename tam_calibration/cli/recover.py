@@ -4,8 +4,7 @@ from pathlib import Path
 
 import click
 
-from tam_calibration.cli.answer import Answer, answering
-from tam_calibration.cli.terminal import PATH
+from tam_calibration.cli.terminal import PATH, Answer, answering
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.libraries import require
 from tam_calibration.recordings.bag_storages import is_bag

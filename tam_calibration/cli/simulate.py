@@ -11,8 +11,7 @@ import numpy as np
 from numpy.linalg import norm
 from rich.console import Console
 
-from tam_calibration.cli.answer import Answer, answering
-from tam_calibration.cli.terminal import PATH, path_option, write_together
+from tam_calibration.cli.terminal import PATH, Answer, answering, path_option, write_together
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.further_channels import channel_in_words

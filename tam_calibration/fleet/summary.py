@@ -1,29 +1,284 @@
-"""The summaries of a batch: ``summary.json``, ``summary.csv``, and a page of counts, drifts and troubles."""
+"""The summaries of a batch: counts, drifts and troubles of the missions, as rows, a page, a table and JSON."""
 
 import csv
+import math
 import re
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import matplotlib
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from tam_calibration.files.text_files import to_json, write_set
-from tam_calibration.fleet import missions as fleet_rows
-from tam_calibration.fleet.task import Result
-from tam_calibration.report.blocks import Block, Gallery, Points, Section, Table, Text
-from tam_calibration.report.formatting import KINDS, Kind, count, counted, number, sentence
-from tam_calibration.report.page import COLORS, QUIET_COLOR, STYLE, WIDTH_INCH, embed, write_page
+from tam_calibration.fleet.task import ANSWERS, Result
+from tam_calibration.model.data_sheet import DAY_S
+from tam_calibration.model.units import FloatArray
+from tam_calibration.report.blocks import (
+    KINDS,
+    Block,
+    Gallery,
+    Kind,
+    Points,
+    Section,
+    Table,
+    Text,
+    count,
+    counted,
+    number,
+    sentence,
+    with_error,
+)
+from tam_calibration.report.page import COLORS, QUIET_COLOR, WIDTH_INCH, embed, in_style, new_figure, write_page
 from tam_calibration.results.results_json import attributes
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
-@matplotlib.rc_context(STYLE | {"date.converter": "concise"})
-def plot_missions(missions: fleet_rows.Missions, kind: Kind) -> Figure:
+
+@dataclass(frozen=True)
+class LinearDrift:
+    """The line through one parameter over the missions; NaN is what they do not tell.
+
+    Parameters
+    ----------
+    missions : int
+        Estimates that have a standard error.
+    mean, mean_standard_error : float
+        Weighted mean.
+    per_day, per_day_standard_error : float
+        Slope of the line, in the parameter's unit.
+    scatter : float
+        Of the estimates about the line, in their standard errors: √(χ²/(missions - 2)). Where it is above 1, the
+        missions differ by more than the calibrations know of, and all standard errors here are wider by it.
+    """
+
+    missions: int
+    mean: float
+    mean_standard_error: float
+    per_day: float
+    per_day_standard_error: float
+    scatter: float
+
+    @property
+    def significance(self) -> float:
+        """Slope over its standard error."""
+        return self.per_day / self.per_day_standard_error
+
+
+def fit_drift(
+    time_s: FloatArray, values: FloatArray, standard_errors: FloatArray, least_apart_s: float = 0.0
+) -> LinearDrift | None:
+    """Fit a line through estimates by weighted least squares.
+
+    Parameters
+    ----------
+    time_s, values, standard_errors : (M,) array
+        Of each mission; a standard error of zero marks what was held fixed, NaN what is not known.
+    least_apart_s : float
+        The slope is NaN where no two missions are further apart than this, seconds.
+
+    Returns
+    -------
+    LinearDrift or None
+        None if no mission determines the parameter.
+    """
+    known = np.isfinite(values) & (standard_errors > 0)
+    count = int(known.sum())
+    if not count:
+        return None
+    days, value, weight = (time_s[known] - time_s[0]) / DAY_S, values[known], 1 / standard_errors[known]
+    since = days - np.average(days, weights=weight**2)
+    has_line = np.ptp(time_s[known]) > least_apart_s
+    line, covariance = np.polyfit(since, value, int(has_line), w=weight, cov="unscaled")
+    scatter, wider = math.nan, 1.0
+    if has_line and count > 2:
+        scatter = math.sqrt(np.sum((weight * (value - np.polyval(line, since))) ** 2) / (count - 2))
+        wider = max(1.0, scatter)
+    errors = (wider * np.sqrt(np.diagonal(covariance))).tolist()
+    slope, slope_error = (float(line[0]), errors[0]) if has_line else (math.nan, math.nan)
+    return LinearDrift(count, float(line[-1]), errors[-1], slope, slope_error, scatter)
+
+
+@dataclass(frozen=True)
+class ParameterDrift:
+    """The drift of one parameter of a sensor of a platform."""
+
+    platform: str
+    sensor: int
+    kind: Kind
+    axis: int
+    drift: LinearDrift
+
+    @property
+    def name(self) -> str:
+        """Name of the parameter, without the sensor."""
+        return f"{self.kind.name} {self.kind.axes[self.axis]}"
+
+
+@dataclass(frozen=True, eq=False)
+class Missions:
+    """The missions of a platform that were calibrated.
+
+    Parameters
+    ----------
+    platform : str
+        Its name.
+    time_s : (M,) array
+        The middle of each mission, seconds.
+    longest_s : float
+        Duration of the longest mission, seconds.
+    values, standard_errors : dict
+        For each kind (M, K, 3), in its unit.
+    """
+
+    platform: str
+    time_s: FloatArray
+    longest_s: float
+    values: dict[Kind, FloatArray]
+    standard_errors: dict[Kind, FloatArray]
+
+    @property
+    def no_drift(self) -> str:
+        """Why several missions give no drift; empty where they give one, or there is one mission."""
+        if len(self.time_s) == 1:
+            return ""
+        if np.ptp(self.time_s) <= self.longest_s:
+            return "no drift: the missions have one time"
+        # Times before 1990 count from the start of a recorder.
+        is_absolute = self.time_s.min() >= 631_152_000.0
+        return "" if is_absolute else "no drift: the times of the missions do not count from 1970"
+
+    def drifts(self) -> Iterator[ParameterDrift]:
+        """Yield the drift of each parameter that some mission determines."""
+        apart_s = math.inf if self.no_drift else self.longest_s
+        for kind, values in self.values.items():
+            errors = self.standard_errors[kind]
+            for sensor, axis in np.ndindex(*values.shape[1:]):
+                drift = fit_drift(self.time_s, values[:, sensor, axis], errors[:, sensor, axis], apart_s)
+                if drift is not None:
+                    yield ParameterDrift(self.platform, sensor + 1, kind, axis, drift)
+
+
+def by_platform(results: Sequence[Result]) -> dict[str, list[Result]]:
+    """Return the results of each platform, which stand together already."""
+    return {platform: list(some) for platform, some in groupby(results, lambda result: result.platform)}
+
+
+def _table(results: Sequence[Result], key: str) -> FloatArray:
+    return np.array([[sensor[key] for sensor in each.sensors] for each in results], float)
+
+
+def all_missions(results: Sequence[Result]) -> list[Missions]:
+    """Return the calibrated missions, platform by platform."""
+    missions = []
+    for platform, some in by_platform([result for result in results if result.sensors and result.time_span_s]).items():
+        spans_s = np.array([result.time_span_s for result in some])
+        values = {kind: _table(some, kind.key()) for kind in KINDS}
+        errors = {kind: _table(some, kind.key("standard_error")) for kind in KINDS}
+        missions.append(Missions(platform, spans_s.mean(axis=1), float(np.ptp(spans_s, axis=1).max()), values, errors))
+    return missions
+
+
+def all_drifts(results: Sequence[Result]) -> list[ParameterDrift]:
+    """Return the drifts of all parameters, platform by platform."""
+    return [drift for missions in all_missions(results) for drift in missions.drifts()]
+
+
+def counts_of(results: Sequence[Result]) -> dict[str, int]:
+    """Return the number of recordings by status and by verdict, by the names of the columns."""
+    status = Counter(result.status for result in results)
+    verdicts = Counter(result.verdict for result in results if result.verdict)
+    return {
+        "recordings": len(results),
+        "done": status["done"],
+        "refused": status["refused"],
+        "failed": status["failed"],
+        "no gap": verdicts["no_gap"],
+        "explained": verdicts["explained"],
+        "open": sum(number for verdict, number in verdicts.items() if verdict not in ANSWERS),
+    }
+
+
+def causes_of(results: Sequence[Result]) -> dict[str, int]:
+    """Return in how many recordings each cause was found, the most frequent first."""
+    causes = sorted(cause for result in results if result.gap for cause in result.gap["causes"])
+    return dict(Counter(causes).most_common())
+
+
+def law_points(results: Sequence[Result]) -> list[str]:
+    """Return each law of a gap of each platform, in how many recordings it is and since when, the most frequent first.
+
+    Parameters
+    ----------
+    results : sequence of Result
+        Sorted by platform and time.
+    """
+    groups: dict[tuple[str, str], list[Result]] = {}
+    for result in results:
+        for law in () if result.gap is None else result.gap.get("laws", ()):
+            groups.setdefault((result.platform, law), []).append(result)
+    ranked = sorted(groups.items(), key=lambda item: -len(item[1]))
+    return [f"{platform}, {law}: {_occurrences(some)}" for (platform, law), some in ranked]
+
+
+def _occurrences(results: Sequence[Result]) -> str:
+    begins = [result.time_span_s[0] for result in results if result.time_span_s]
+    since = f", since {datetime.fromtimestamp(min(begins), UTC):%Y-%m-%d}" if begins else ""
+    return f"{len(results)} recording{'s' * (len(results) > 1)}{since}"
+
+
+COUNTS_HEADER = ("platform", *counts_of([]), "causes")
+DRIFT_HEADER = ("platform", "sensor", "parameter", "missions", "drift per day", "over its error", "scatter", "mean")
+
+
+def count_rows(results: Sequence[Result]) -> list[list[str]]:
+    """Return a row for each platform, under ``COUNTS_HEADER``."""
+    rows = []
+    for platform, some in by_platform(results).items():
+        causes = ", ".join(f"{cause} {times}" for cause, times in causes_of(some).items())
+        rows.append([platform, *map(str, counts_of(some).values()), causes or "–"])
+    return rows
+
+
+def drift_row(found: ParameterDrift) -> list[str]:
+    """Return the row of a drift, under ``DRIFT_HEADER``."""
+    drift, unit = found.drift, f" ({found.kind.sign})" if found.kind.sign else ""
+    return [
+        found.platform,
+        str(found.sensor),
+        found.name + unit,
+        str(drift.missions),
+        with_error(drift.per_day, drift.per_day_standard_error, 6),
+        number(drift.significance),
+        number(drift.scatter),
+        with_error(drift.mean, drift.mean_standard_error, 6),
+    ]
+
+
+def largest(drifts: Sequence[ParameterDrift]) -> list[ParameterDrift]:
+    """Return the drift of each platform and kind of parameter that stands out most over its standard error."""
+    some = [found for found in drifts if abs(found.drift.significance) > 0]
+    groups = groupby(some, lambda found: (found.platform, found.kind.name))
+    return [max(group, key=lambda found: abs(found.drift.significance)) for _, group in groups]
+
+
+def open_points(results: Sequence[Result]) -> list[str]:
+    """Return for each recording that is not settled what is the matter with it."""
+    points = []
+    for result in results:
+        statement = "" if result.gap is None or result.is_settled else f"{result.gap['statement']}"
+        if words := "; ".join(part for part in (result.trouble, statement) if part):
+            points.append(f"{result.platform}/{result.recording}: {result.status}; {words}")
+    return points
+
+
+@in_style
+def plot_missions(missions: Missions, kind: Kind) -> "Figure":
     """Draw three parameters of each sensor less their means, with standard errors, over time.
 
     Parameters
@@ -36,7 +291,7 @@ def plot_missions(missions: fleet_rows.Missions, kind: Kind) -> Figure:
     factor, unit = (1.0, kind.sign) if kind.sign else (1e6, "ppm")
     values, errors = factor * missions.values[kind], factor * missions.standard_errors[kind]
     count = values.shape[1]
-    figure = Figure(figsize=(WIDTH_INCH, 1.5 * count + 0.4), layout="constrained")
+    figure = new_figure(WIDTH_INCH, 1.5 * count + 0.4)
     panels = figure.subplots(count, sharex=True, squeeze=False)[:, 0]
     times = [datetime.fromtimestamp(time, UTC) for time in missions.time_s]
     for sensor, axes in enumerate(panels):
@@ -50,7 +305,7 @@ def plot_missions(missions: fleet_rows.Missions, kind: Kind) -> Figure:
     return figure
 
 
-def _finish(axes: Axes, title: str) -> None:
+def _finish(axes: "Axes", title: str) -> None:
     axes.axhline(0.0, color=QUIET_COLOR, linewidth=0.6)
     if not axes.containers:
         axes.set_title(f"{title}: held fixed", loc="left")
@@ -79,33 +334,33 @@ def _write_fleet_page(path: Path, results: Sequence[Result]) -> None:
     """
     header = ("recording", "platform", "start (UTC)", "samples", "status", "verdict", "gap (noise floors)")
     recordings = Table(header, list(map(_recording_cells, results)), numeric=False)
-    drifts = map(_drift_section, fleet_rows.all_missions(results))
+    drifts = map(_drift_section, all_missions(results))
     sections = [_overview(results), *drifts, Section("Recordings", [recordings])]
-    subtitle = f"{counted(len(results), 'recording')} of {counted(len(fleet_rows.by_platform(results)), 'platform')}"
+    subtitle = f"{counted(len(results), 'recording')} of {counted(len(by_platform(results)), 'platform')}"
     write_page(path, "Calibrations over many missions", subtitle, sections)
 
 
 def _overview(results: Sequence[Result]) -> Section:
-    points = fleet_rows.open_points(results)
+    points = open_points(results)
     settled = sum(result.is_settled for result in results)
     words = f"{count(settled)} of {counted(len(results), 'recording')} without a failure and without an open gap."
     verdict = Text(words, "doubt" if points else "good")
-    blocks: list[Block] = [verdict, Table(fleet_rows.COUNTS_HEADER, fleet_rows.count_rows(results))]
-    if laws := fleet_rows.law_points(results):
+    blocks: list[Block] = [verdict, Table(COUNTS_HEADER, count_rows(results))]
+    if laws := law_points(results):
         blocks += [Text("Laws of the gaps, whatever causes them:"), Points(laws)]
     if points:
         blocks.append(Points(points))
     return Section("What was found", blocks)
 
 
-def _drift_section(missions: fleet_rows.Missions) -> Section:
+def _drift_section(missions: Missions) -> Section:
     drawn = [
         embed(plot_missions(missions, kind), f"{kind.name} over the missions", f"{kind.name} ± 1 standard error")
         for kind in KINDS
     ]
-    rows = [fleet_rows.drift_row(found)[1:] for found in missions.drifts()]
+    rows = [drift_row(found)[1:] for found in missions.drifts()]
     words = sentence(missions.no_drift) if missions.no_drift else _DRIFTS
-    blocks: list[Block] = [Text(words), Gallery(drawn), Table(fleet_rows.DRIFT_HEADER[1:], rows)]
+    blocks: list[Block] = [Text(words), Gallery(drawn), Table(DRIFT_HEADER[1:], rows)]
     return Section(f"Drift of {missions.platform}: {counted(len(missions.time_s), 'mission')}", blocks)
 
 
@@ -161,11 +416,11 @@ def _summary_to_mapping(results: Sequence[Result]) -> dict[str, Any]:
         "schema": _SCHEMA,
         "platforms": [
             {"platform": platform}
-            | {name.replace(" ", "_"): number for name, number in fleet_rows.counts_of(some).items()}
-            | {"causes": fleet_rows.causes_of(some)}
-            for platform, some in fleet_rows.by_platform(results).items()
+            | {name.replace(" ", "_"): number for name, number in counts_of(some).items()}
+            | {"causes": causes_of(some)}
+            for platform, some in by_platform(results).items()
         ],
-        "drifts": [_drift_mapping(drift) for drift in fleet_rows.all_drifts(results)],
+        "drifts": [_drift_mapping(drift) for drift in all_drifts(results)],
         "recordings": [
             {key: value for key, value in asdict(result).items() if key not in ("sensors", "options")}
             for result in results
@@ -173,7 +428,7 @@ def _summary_to_mapping(results: Sequence[Result]) -> dict[str, Any]:
     }
 
 
-def _drift_mapping(found: fleet_rows.ParameterDrift) -> dict[str, Any]:
+def _drift_mapping(found: ParameterDrift) -> dict[str, Any]:
     unit = f"_{found.kind.unit}" if found.kind.unit else ""
     return {
         "platform": found.platform,

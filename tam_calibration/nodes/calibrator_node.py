@@ -27,8 +27,7 @@ from tam_calibration.model.libraries import require
 from tam_calibration.model.recording import SampleSource
 from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health, TamNode, Work
 from tam_calibration.nodes.calibrated import figures, introduce
-from tam_calibration.nodes.kept_samples import KEPT, SAVE_S, KeptSamples
-from tam_calibration.nodes.live_update import UPDATED, LiveUpdate
+from tam_calibration.nodes.calibrator_state import KEPT, SAVE_S, UPDATED, KeptSamples, LiveUpdate
 from tam_calibration.nodes.node_parameters import SHARED, Rule
 from tam_calibration.nodes.topics import LATCHED, RELIABLE_STREAM, CloudReader, Rows, from_stamp, layout_of
 from tam_calibration.recordings import provenance

@@ -15,10 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tam_calibration.recordings import log_records
+from tam_calibration.recordings import tables
 from tam_calibration.recordings.channel_map import ChannelMap
-from tam_calibration.recordings.log_records import records_of, stored
-from tam_calibration.recordings.tables import MemorySource, Table
+from tam_calibration.recordings.tables import MemorySource, Table, records_of, stored
 
 _HEAD = b"\xa3\x95"
 _HEAD_SIZE = 3
@@ -46,15 +45,15 @@ class _Format(NamedTuple):
 
     name: str
     length: int
-    layout: log_records.Layout
+    layout: tables.Layout
 
     @classmethod
     def of(cls, name: bytes, length: int, letters: bytes, columns: bytes) -> "_Format":
         """Return what a message defines; without numbers where its parts contradict each other."""
-        names, offset, layout = _text(columns).split(","), _HEAD_SIZE, dict[str, log_records.Field]()
+        names, offset, layout = _text(columns).split(","), _HEAD_SIZE, dict[str, tables.Field]()
         for column, letter in zip(names, _text(letters), strict=False):
             kind = _KINDS.get(letter, "<S0")
-            layout[column] = log_records.Field(offset - _HEAD_SIZE, kind, _DIVISORS.get(letter, 1.0))
+            layout[column] = tables.Field(offset - _HEAD_SIZE, kind, _DIVISORS.get(letter, 1.0))
             offset += int(kind[2:])
         is_complete = offset == length and len(layout) == len(names) == len(_text(letters))
         return cls(_text(name), length, layout if is_complete else {})
@@ -68,7 +67,7 @@ class _Log:
     """The messages of a log by their types, and how many bytes are of none."""
 
     def __init__(self, data: mmap) -> None:
-        self._data, heads = data, log_records.heads_in(data, _HEAD)
+        self._data, heads = data, tables.heads_in(data, _HEAD)
         kinds = np.frombuffer(data, np.uint8)[heads + len(_HEAD)]
         self._formats = {_FORMAT: _Format("FMT", _HEAD_SIZE + _DEFINITION.size, {})}
         for place in heads[kinds == _FORMAT].tolist():
@@ -78,7 +77,7 @@ class _Log:
         lengths[list(self._formats)] = [each.length for each in self._formats.values()]
         is_known = (lengths[kinds] > 0) & (heads + lengths[kinds] <= len(data))
         heads, kinds = heads[is_known], kinds[is_known]
-        is_message = log_records.following(heads, heads + lengths[kinds])
+        is_message = tables.following(heads, heads + lengths[kinds])
         heads, kinds = heads[is_message], kinds[is_message]
         self.lost = len(data) - int(lengths[kinds].sum())
         self._places = {kind: heads[kinds == kind] + _HEAD_SIZE for kind in self._formats}
@@ -101,7 +100,7 @@ class _Log:
             if kind in self._formats and 0 <= (place := letters.find(b"#")) < len(self._formats[kind].layout)
         }
 
-    def tables(self) -> Iterator[log_records.Records]:
+    def tables(self) -> Iterator[tables.Records]:
         """Yield the messages that have a time, those of each sensor on their own."""
         instances = self._instances()
         for kind, (name, _, layout) in self._formats.items():
@@ -120,7 +119,7 @@ class _Log:
                 yield records_of(table, self._data, places[numbers == instance], fields, time, _TICKS_NS[time])
 
 
-def _with_raw(layout: log_records.Layout) -> log_records.Layout:
+def _with_raw(layout: tables.Layout) -> tables.Layout:
     """Return the numbers of a magnetometer with the readings to which no offset was added; others as they are."""
     if not {f"{name}{axis}" for name in ("Mag", "Ofs") for axis in "XYZ"} <= set(layout):
         return layout
@@ -143,5 +142,5 @@ class DataFlashReader:
         InputError
             When it contains no readings.
         """
-        log = _Log(log_records.mapped(path))
-        yield log_records.log_source(path, "ArduPilot log", list(log.tables()), log.lost)
+        log = _Log(tables.mapped(path))
+        yield tables.log_source(path, "ArduPilot log", list(log.tables()), log.lost)

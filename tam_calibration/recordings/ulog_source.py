@@ -16,8 +16,16 @@ import numpy as np
 from tam_calibration.files.text_files import in_file
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.recordings.channel_map import ChannelMap
-from tam_calibration.recordings.log_records import Field, Records, log_source, mapped, records_of, stored
-from tam_calibration.recordings.tables import MemorySource, Table
+from tam_calibration.recordings.tables import (
+    Field,
+    MemorySource,
+    Records,
+    Table,
+    log_source,
+    mapped,
+    records_of,
+    stored,
+)
 
 _MAGIC = b"ULog\x01\x12\x35"
 _HEAD, _SUBSCRIPTION, _FLAGS = Struct("<HB"), Struct("<BH"), Struct("<8s8s3Q")

@@ -7,7 +7,6 @@ from dataclasses import replace
 from itertools import cycle
 from pathlib import Path
 
-import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -20,10 +19,30 @@ from tam_calibration.model.residuals import ResidualSeries, residual_series
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import to_nanotesla
 from tam_calibration.report import recording_plots
-from tam_calibration.report.blocks import Block, Gallery, Points, Section, Table, Text
+from tam_calibration.report.blocks import (
+    Block,
+    Gallery,
+    Points,
+    Section,
+    Table,
+    Text,
+    count,
+    counted,
+    fixed,
+    number,
+    sentence,
+)
 from tam_calibration.report.calibration_rows import known_source_blocks, parameter_blocks, quality_blocks, update_blocks
-from tam_calibration.report.formatting import count, counted, fixed, number, sentence
-from tam_calibration.report.page import AFTER_COLOR, BEFORE_COLOR, COLORS, PAGE_WIDTH_INCH, STYLE, embed, write_page
+from tam_calibration.report.page import (
+    AFTER_COLOR,
+    BEFORE_COLOR,
+    COLORS,
+    PAGE_WIDTH_INCH,
+    embed,
+    in_style,
+    new_figure,
+    write_page,
+)
 
 _NO_GRADIENT = "The geometry of this array does not determine a gradient tensor, so there is no tensor residual."
 
@@ -60,7 +79,7 @@ class _View:
         ]
 
 
-@matplotlib.rc_context(STYLE)
+@in_style
 def plot_calibration(calibration: Calibration, recording: Recording) -> Figure:
     """Draw residuals over time, before (left) and after (right), and the directions of the field.
 
@@ -79,7 +98,7 @@ def plot_calibration(calibration: Calibration, recording: Recording) -> Figure:
     view = _View(calibration, recording)
     kinds = view.plots()
     heights = [*(recording_plots.height_inch(panels) for (_, panels, _), _ in kinds), 3.8]
-    figure = Figure(figsize=(1.5 * PAGE_WIDTH_INCH, sum(heights)), layout="constrained")
+    figure = new_figure(1.5 * PAGE_WIDTH_INCH, sum(heights))
     *rows, last = figure.subfigures(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0]
     for row, plots in zip(rows, kinds, strict=True):
         for part, (title, panels, unit) in zip(row.subfigures(1, 2, squeeze=False)[0], plots, strict=True):

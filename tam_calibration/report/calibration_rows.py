@@ -12,8 +12,7 @@ from tam_calibration.model.data_sheet import DAY_S
 from tam_calibration.model.residuals import Residuals
 from tam_calibration.model.sensor_errors import PARAMETER_NAMES, orientation_to_axes
 from tam_calibration.model.units import to_degrees, to_nanotesla
-from tam_calibration.report.blocks import Block, Table, Text
-from tam_calibration.report.formatting import KINDS, count, join, number, ratio, with_error, with_errors
+from tam_calibration.report.blocks import KINDS, Block, Table, Text, count, join, number, ratio, with_error, with_errors
 
 _MODEL = (
     "Value ± standard error. The model is yᵢ = Dᵢ Λᵢ bᵢ + oᵢ: D contains scale factors and non-orthogonality, "

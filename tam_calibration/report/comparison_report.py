@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -16,10 +15,9 @@ from tam_calibration.fit.coverage import cell_directions
 from tam_calibration.gap.noise import AxisNoise
 from tam_calibration.model.units import FloatArray, to_nanotesla
 from tam_calibration.report import comparison_rows, page
-from tam_calibration.report.blocks import Block, Code, Points, Section, Table, Text
+from tam_calibration.report.blocks import Block, Code, Points, Section, Table, Text, count, number
 from tam_calibration.report.comparison_rows import axis_name
-from tam_calibration.report.formatting import count, number
-from tam_calibration.report.gap_cause_plots import SHADES, GapView, cell_means, draw_means
+from tam_calibration.report.gap_plots import SHADES, GapView, cell_means, draw_means
 from tam_calibration.report.page import embed, write_page
 from tam_calibration.report.recording_plots import Panel, plot_distributions
 from tam_calibration.results.comparison_json import Sources, mend_in_texts
@@ -28,12 +26,12 @@ SIDE_COLORS = {"simulation": page.AFTER_COLOR, "recording": page.BEFORE_COLOR}
 """Of the two columns, on all figures."""
 
 
-@matplotlib.rc_context(page.STYLE)
+@page.in_style
 def plot_noise(noise: Sequence[NoiseDifference]) -> Figure:
     """Draw the spectra of all axes small, those of sensors on one scale; what differs has a shaded ground."""
     columns = 3
     rows = -(-len(noise) // columns)
-    figure = Figure(figsize=(page.PAGE_WIDTH_INCH, 0.6 + 1.1 * rows), layout="constrained")
+    figure = page.new_figure(page.PAGE_WIDTH_INCH, 0.6 + 1.1 * rows)
     panels = figure.subplots(rows, columns, sharex=True, squeeze=False)
     common = _range([each for each in noise if each.recording.sensor])
     for axes, each in zip(panels.ravel(), noise, strict=False):
@@ -94,7 +92,7 @@ def row_to_draw(simulation: Side, recording: Side) -> int:
     return int(np.argmax(np.abs(np.log(ratio))))
 
 
-@matplotlib.rc_context(page.STYLE)
+@page.in_style
 def plot_sphere(simulation: Side, recording: Side, row: int, name: str) -> Figure:
     """Draw mean residuals of one row over the directions of the field: the simulation's as dots on the recording's.
 
@@ -112,7 +110,7 @@ def plot_sphere(simulation: Side, recording: Side, row: int, name: str) -> Figur
         for side in (simulation, recording)
     )
     reach = float(np.nanmax(np.abs([dots, ground]), initial=0.0)) or 1.0
-    figure = Figure(figsize=(page.PAGE_WIDTH_INCH, 3.8), layout="constrained")
+    figure = page.new_figure(page.PAGE_WIDTH_INCH, 3.8)
     axes = figure.add_subplot(projection="hammer")
     mesh = draw_means(axes, ground, reach)
     x, y, z = cell_directions()[np.isfinite(dots)].T

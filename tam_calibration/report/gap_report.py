@@ -6,12 +6,20 @@ from tam_calibration.correction.calibration import Provenance
 from tam_calibration.gap.laws.law import causes_of
 from tam_calibration.gap.result import Gap
 from tam_calibration.report import gap_rows
-from tam_calibration.report.blocks import Block, Points, Section, Text
-from tam_calibration.report.formatting import count, counted, sentence
-from tam_calibration.report.gap_cause_plots import GapView, plot_dependence, plot_evidence, plot_sphere
-from tam_calibration.report.gap_residual_plots import plot_course, plot_histogram, plot_map, plot_spectrum, plot_time
+from tam_calibration.report.blocks import Block, Points, Section, Text, count, counted, sentence
+from tam_calibration.report.gap_plots import (
+    GapView,
+    plot_course,
+    plot_dependence,
+    plot_evidence,
+    plot_histogram,
+    plot_map,
+    plot_spectrum,
+    plot_sphere,
+    plot_time,
+)
+from tam_calibration.report.gap_rows import first_sentence, law_blocks, law_sentence
 from tam_calibration.report.page import figure_blocks, write_page
-from tam_calibration.report.signature_rows import first_sentence, law_blocks, law_sentence
 
 
 def checks_blocks(view: GapView) -> list[Block]:

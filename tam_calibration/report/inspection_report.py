@@ -1,16 +1,55 @@
-"""The report on an inspection: what a recording contains, and every channel over time."""
+"""An inspection, as rows for the terminal and as a page: what a recording contains, and every channel over time."""
 
+from collections.abc import Iterator
 from itertools import cycle
 from pathlib import Path
 
-import matplotlib
-from matplotlib.figure import Figure
-
 from tam_calibration.recordings.inspection import InspectedChannel, InspectedTable, Inspection
-from tam_calibration.report.blocks import Block, Code, Image, Points, Section, Table, Text
-from tam_calibration.report.inspection_rows import HEADER, headline, rows_of
-from tam_calibration.report.page import COLORS, PAGE_WIDTH_INCH, STYLE, embed, write_page
-from tam_calibration.report.recording_plots import time_axis
+from tam_calibration.report.blocks import Block, Code, Image, Points, Section, Table, Text, count, number
+from tam_calibration.report.page import COLORS, PAGE_WIDTH_INCH, embed, in_style, new_figure, write_page
+
+HEADER = ("topic or column", "type", "count", "rate (Hz)", "times or range", "missing", "recorded in", "taken as")
+
+
+def headline(found: Inspection) -> str:
+    """Return what was read in one line."""
+    names = ", ".join(file.name for file in found.files)
+    duration = f", {number(found.duration_s, 4)} s" if found.duration_s > 0 else ""
+    return f"{names}: {found.format}{duration}"
+
+
+def rows_of(found: Inspection, most: int) -> Iterator[list[str]]:
+    """Yield a row for each table and each of its channels.
+
+    Parameters
+    ----------
+    found : Inspection
+        What a recording contains.
+    most : int
+        Channels of a table that are shown in addition to those taken.
+    """
+    for table in found.tables:
+        yield _table_row(table, found)
+        others = [channel for channel in table.channels if not channel.taken_as]
+        shown = {id(channel) for channel in others[:most]}
+        yield from (_channel_row(each) for each in table.channels if each.taken_as or id(each) in shown)
+        if len(others) > most:
+            yield [f"  … and {len(others) - most} more", *[""] * (len(HEADER) - 1)]
+
+
+def _table_row(table: InspectedTable, found: Inspection) -> list[str]:
+    name = table.name or found.files[0].name
+    messages = "–" if table.count is None else count(table.count)
+    return [name, table.type.rpartition("/")[2], messages, number(table.rate_hz), table.time, "", "", ""]
+
+
+def _channel_row(channel: InspectedChannel) -> list[str]:
+    factor, shown = (channel.nanotesla, " nT") if channel.unit else (1.0, "")
+    span = f"{number(min(channel.low) * factor, 5)} to {number(max(channel.high) * factor, 5)}{shown}"
+    unit = channel.unit if channel.is_unit_stated or not channel.unit else f"{channel.unit} (detected)"
+    missing = count(sum(channel.missing.values())) if channel.missing else ""
+    return [f"  {channel.title}", "", "", "", span, missing, unit, channel.taken_as]
+
 
 _MOST_CHANNELS = 200
 """Channels that are drawn: a page of more takes a minute to draw, and a browser as long to show."""
@@ -46,9 +85,11 @@ def _over_time(found: Inspection) -> list[Block]:
     return blocks if drawn else []
 
 
-@matplotlib.rc_context(STYLE)
+@in_style
 def _picture(table: InspectedTable, channels: list[InspectedChannel]) -> Image:
-    figure = Figure(figsize=(PAGE_WIDTH_INCH, 0.6 + 1.1 * len(channels)), layout="constrained")
+    from tam_calibration.report.recording_plots import time_axis
+
+    figure = new_figure(PAGE_WIDTH_INCH, 0.6 + 1.1 * len(channels))
     rows = figure.subplots(len(channels), 1, sharex=True, squeeze=False)[:, 0]
     has_time = bool(table.time) and table.time != "none"
     last = max(float(channel.course.time_s[-1]) for channel in channels)

@@ -7,17 +7,20 @@ Jinja2 writes it because it escapes every text by itself, so that no file name c
 
 import base64
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import wraps
 from io import BytesIO
 from pathlib import Path
-from typing import Any
-
-import matplotlib
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.report.blocks import Block, Image, Points, Section
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Given = ParamSpec("Given")
+Drawn = TypeVar("Drawn")
 
 BEFORE_COLOR = "#c0701a"
 AFTER_COLOR = "#1f5f99"
@@ -38,6 +41,7 @@ STYLE: dict[Any, Any] = {
     "font.size": 9,
     "axes.titlesize": 9,
     "figure.labelsize": 9,
+    "date.converter": "concise",
     "axes.linewidth": 0.6,
     "axes.edgecolor": QUIET_COLOR,
     "axes.spines.top": False,
@@ -50,6 +54,26 @@ STYLE: dict[Any, Any] = {
     "figure.constrained_layout.wspace": 0.08,
 }
 """Settings of matplotlib; the font is the one that it brings along."""
+
+
+def in_style(draw: Callable[Given, Drawn]) -> Callable[Given, Drawn]:
+    """Have a function draw in the look of all figures; matplotlib is loaded when it does."""
+
+    @wraps(draw)
+    def draw_in_style(*arguments: Given.args, **named: Given.kwargs) -> Drawn:
+        import matplotlib
+
+        with matplotlib.rc_context(STYLE):
+            return draw(*arguments, **named)
+
+    return draw_in_style
+
+
+def new_figure(width_inch: float, height_inch: float) -> "Figure":
+    """Return an empty figure, whose parts find their places by themselves."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width_inch, height_inch), layout="constrained")
 
 
 def write_page(path: Path, title: str, subtitle: str, sections: Sequence[Section]) -> None:
@@ -84,6 +108,8 @@ def render(title: str, subtitle: str, sections: Sequence[Section]) -> str:
     sections : sequence of Section
         In the order in which they are read.
     """
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
     environment = Environment(
         loader=PackageLoader("tam_calibration.report", "templates"),
         autoescape=True,
@@ -97,7 +123,7 @@ def render(title: str, subtitle: str, sections: Sequence[Section]) -> str:
     return environment.get_template("page.html").render(title=title, subtitle=subtitle, sections=sections)
 
 
-def figure_blocks(figure: Figure, title: str, seen: str, otherwise: str) -> Sequence[Block]:
+def figure_blocks(figure: "Figure", title: str, seen: str, otherwise: str) -> Sequence[Block]:
     """Return a figure of a gap, and a list of what to look for on it.
 
     Parameters
@@ -114,7 +140,7 @@ def figure_blocks(figure: Figure, title: str, seen: str, otherwise: str) -> Sequ
     return embed(figure, title, title), Points([f"What you see: {seen}", f"Without a gap: {otherwise}"])
 
 
-def embed(figure: Figure, alternative: str, caption: str = "") -> Image:
+def embed(figure: "Figure", alternative: str, caption: str = "") -> Image:
     """Return a figure as an SVG image within the page; the same figure always gives the same bytes.
 
     Parameters
@@ -126,6 +152,8 @@ def embed(figure: Figure, alternative: str, caption: str = "") -> Image:
     caption : str
         Words under it.
     """
+    import matplotlib
+
     if (layout := figure.get_layout_engine()) is not None:
         layout.execute(figure)
         figure.set_layout_engine(None)  # else all is drawn twice, at first for the layout alone

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap, ListedColormap, LogNorm, to_rgb
@@ -16,19 +15,19 @@ from tam_calibration.model.array import OUTPUT_NAMES, TENSOR_OUTPUTS
 from tam_calibration.model.residuals import Residuals, ResidualSeries
 from tam_calibration.model.units import FloatArray, from_degrees, to_nanotesla
 from tam_calibration.report import page
-from tam_calibration.report.formatting import count, number
+from tam_calibration.report.blocks import count, number
 
 _SHADES = LinearSegmentedColormap.from_list("samples", ["#d3e3f1", page.AFTER_COLOR, "#0d2c4b"])
 _MISSING = ListedColormap([page.MISSING_COLOR])
 
 
-@matplotlib.rc_context(page.STYLE)
+@page.in_style
 def plot_coverage(coverage: Coverage) -> Figure:
     """Draw the samples in each cell of the sphere of field directions, equal in area (Hammer), seen from the array.
 
     Left of the array (+y) is left of the map; cells without a sample stand out.
     """
-    figure = Figure(figsize=(1.3 * page.WIDTH_INCH, 3.8), layout="constrained")
+    figure = page.new_figure(1.3 * page.WIDTH_INCH, 3.8)
     draw_coverage(figure, coverage)
     return figure
 
@@ -111,7 +110,7 @@ def thinning_note(sample_count: int) -> str:
     return f"Thinned for display: each stroke spans the smallest to the largest of {size} consecutive samples."
 
 
-@matplotlib.rc_context(page.STYLE)
+@page.in_style
 def plot_over_time(time_s: FloatArray, panels: Sequence[Panel], unit: str) -> Figure:
     """Draw residuals over time, one row a panel on common axes, with dashed lines at ± the noise floor.
 
@@ -124,7 +123,7 @@ def plot_over_time(time_s: FloatArray, panels: Sequence[Panel], unit: str) -> Fi
     unit : str
         Unit of all residuals.
     """
-    figure = Figure(figsize=(page.WIDTH_INCH, height_inch(panels)), layout="constrained")
+    figure = page.new_figure(page.WIDTH_INCH, height_inch(panels))
     draw_over_time(figure, time_s, panels, unit)
     return figure
 
@@ -151,7 +150,7 @@ def draw_over_time(figure: FigureBase, time_s: FloatArray, panels: Sequence[Pane
     return seconds
 
 
-@matplotlib.rc_context(page.STYLE)
+@page.in_style
 def plot_distributions(panels: Sequence[Panel], label: str) -> Figure:
     """Draw distributions over each other, in noise floors, on a logarithmic scale, beside that of unit noise.
 
@@ -162,7 +161,7 @@ def plot_distributions(panels: Sequence[Panel], label: str) -> Figure:
     label : str
         Of the axis.
     """
-    figure = Figure(figsize=(page.PAGE_WIDTH_INCH, 3.0), layout="constrained")
+    figure = page.new_figure(page.PAGE_WIDTH_INCH, 3.0)
     axes = figure.subplots()
     known = [panel.known / panel.floor for panel in panels]
     # The axis goes beyond white noise, but not so far that the floor is no longer visible.

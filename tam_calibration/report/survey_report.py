@@ -1,4 +1,4 @@
-"""The pages of ``tam locate``: where a source is, and what survey lines show.
+"""A survey, as rows for the terminal and as pages: where a source is, and what survey lines show.
 
 That of a source has maps in plan and profile with error ellipses, and the spectrum of an alternation; that of lines a
 map with the targets, and what each line shows along its way.
@@ -7,23 +7,139 @@ map with the targets, and what each line shows along its way.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import matplotlib
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.patches import Ellipse
 
-from tam_calibration.localization.survey import ARRAY_FRAME, Survey
+from tam_calibration.localization.survey import ARRAY_FRAME, Overall, Survey, standard_errors
 from tam_calibration.localization.target import Target
 from tam_calibration.localization.targets import SurveyLine
 from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
 from tam_calibration.report import page
-from tam_calibration.report.blocks import Block, Points, Section, Text
-from tam_calibration.report.formatting import count, fixed
+from tam_calibration.report.blocks import (
+    Block,
+    Points,
+    Section,
+    Table,
+    Text,
+    count,
+    counted,
+    fixed,
+    number,
+    with_error,
+    with_errors,
+)
 from tam_calibration.report.page import embed, write_page
-from tam_calibration.report.survey_rows import sample_blocks, source_blocks, statements, target_table, targets_answer
 from tam_calibration.sources.demodulation import Spectrum
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Ellipse
+
+MOST_ROWS = 20
+"""Samples that are shown; of more, some from the first to the last."""
+
+
+def survey_answer(survey: Survey) -> str:
+    """Return where the source is and how strong, in one line."""
+    located, total = int(survey.solutions.is_located.sum()), len(survey.time_s)
+    some = f"located in {count(located)} of {count(total)} samples by themselves"
+    if survey.overall is None:
+        distance = np.linalg.norm(survey.solutions.position_m - survey.center_m, axis=1)[survey.solutions.is_located]
+        return f"A source is {some}, at {number(float(distance.min()))} to {number(float(distance.max()))} m."
+    ((_, x, y, z, _), (*_, size)) = _overall_rows(survey.overall)
+    return f"A source is at x {x}, y {y}, z {z} m, moment {size} A m²."
+
+
+def source_blocks(survey: Survey) -> list[Block]:
+    """Return where the source of all samples is; empty where there is none."""
+    if survey.overall is None:
+        return []
+    caption = "The source of all samples together ± standard errors."
+    return [Table(("", "x", "y", "z", "size"), _overall_rows(survey.overall), caption)]
+
+
+def sample_blocks(survey: Survey, most: int = MOST_ROWS) -> list[Block]:
+    """Return where single samples see the source, of many some from first to last; empty where none does."""
+    located = np.flatnonzero(survey.solutions.is_located)
+    shown = located[np.unique(np.linspace(0, len(located) - 1, min(len(located), most)).round().astype(int))]
+    distance = np.linalg.norm(survey.solutions.position_m - survey.center_m, axis=1)
+    moments, spreads = survey.solutions.moment_Am2, survey.solutions.moment_covariance_A2m4
+    rows = [
+        [
+            number(float(survey.time_s[index] - survey.time_s[0]), 4),
+            *with_errors(survey.solutions.position_m[index], survey.position_standard_errors_m[index], 3),
+            number(float(distance[index])),
+            _size(moments[index], spreads[index]),
+        ]
+        for index in shown
+    ]
+    header = ("time (s)", "x (m)", "y (m)", "z (m)", "distance (m)", "moment (A m²)")
+    caption = "Position ± standard error of samples by themselves; of many some from first to last."
+    return [Table(header, rows, caption)] if rows else []
+
+
+def _overall_rows(overall: Overall) -> list[list[str]]:
+    """Return rows of position, moment and fit of the source of all samples."""
+    position = with_errors(overall.position_m, standard_errors(overall.position_covariance_m2), 3)
+    moment = with_errors(overall.moment_Am2, standard_errors(overall.moment_covariance_A2m4), 3)
+    size = _size(overall.moment_Am2, overall.moment_covariance_A2m4)
+    return [
+        ["position (m)", *position, number(float(np.linalg.norm(overall.position_m)))],
+        ["moment (A m²)", *moment, size],
+    ]
+
+
+def statements(survey: Survey) -> list[str]:
+    """Return statements on all of it, one sentence each."""
+    words = [f"{survey.frame[:1].upper()}{survey.frame[1:]}."]
+    if survey.line is not None:
+        error = survey.line.standard_error_hz
+        stated = "as stated" if np.isnan(error) else "found"
+        hertz = survey.line.frequency_hz
+        told = number(hertz, 6) if np.isnan(error) else with_error(hertz, error, 4)
+        words.append(f"Frequency: {told} Hz, {stated}; amplitudes are peak values.")
+    if survey.regional_T is not None:
+        field = ", ".join(number(float(value), 6) for value in to_nanotesla(survey.regional_T))
+        words.append(f"Regional field taken off, in the world: {field} nT.")
+    if survey.overall is not None and np.isfinite(survey.overall.chi_square):
+        reduced = survey.overall.chi_square / survey.overall.degrees_of_freedom
+        words.append(f"Reduced χ² of all together: {number(reduced)}; near 1 where one dipole explains the readings.")
+    words += [survey.note] * bool(survey.note)
+    located, total = int(survey.solutions.is_located.sum()), len(survey.time_s)
+    words.append(f"{count(located)} of {count(total)} located.")
+    words += [f"{count(times)} refused: {status.reason}." for status, times in survey.refusals.most_common()]
+    return words
+
+
+def _size(vector: FloatArray, covariance: FloatArray) -> str:
+    size = float(np.linalg.norm(vector))
+    return with_error(size, float(np.sqrt(vector @ covariance @ vector)) / size, 3)
+
+
+def targets_answer(targets: Sequence[Target]) -> str:
+    """Return what a line shows, in one line."""
+    if not targets:
+        return "No target is seen along the line."
+    extended = sum(each.is_extended for each in targets)
+    of_them = f", {count(extended)} of them extended or too near for a dipole" if extended else ""
+    return f"{counted(len(targets), 'target')} along the line{of_them}."
+
+
+def target_table(targets: Sequence[Target]) -> Table:
+    """Return a table with a row for each target: place and moment ± standard errors, distance, and what it is."""
+    header = ("x (m)", "y (m)", "z (m)", "moment (A m²)", "distance (m)", "lines", "")
+    rows = []
+    for each in targets:
+        places = with_errors(each.position_m, standard_errors(each.position_covariance_m2), 3)
+        size = _size(each.moment_Am2, each.moment_covariance_A2m4)
+        what = "dipole"
+        if each.is_extended:
+            what = f"extended over {number(each.extent_m, 2)} m" if each.extent_m else "extended or too near"
+        rows.append([*places, size, number(each.distance_m), count(each.lines), what])
+    return Table(header, rows, "Places in the world of the attitude ± standard errors.")
+
 
 _VIEWS = (((0, 1), "plan"), ((0, 2), "profile"), ((1, 2), "profile"))
 _NAMES = {True: ("x, forward", "y, left", "z, up"), False: ("x", "y", "z")}
@@ -46,11 +162,11 @@ class _Window:
         return self.scale * (points_m - self.origin_m)
 
 
-@matplotlib.rc_context(page.STYLE)
-def plot_survey_map(survey: Survey) -> Figure:
+@page.in_style
+def plot_survey_map(survey: Survey) -> "Figure":
     """Draw sources and array from above and from two sides, with ellipses that hold 95 %; magnified below."""
     windows = _windows(survey)
-    figure = Figure(figsize=(page.PAGE_WIDTH_INCH, 0.6 + 2.5 * len(windows)), layout="constrained")
+    figure = page.new_figure(page.PAGE_WIDTH_INCH, 0.6 + 2.5 * len(windows))
     names = _NAMES[survey.frame == ARRAY_FRAME]
     panels = figure.subplots(len(windows), len(_VIEWS), squeeze=False)
     for row, window in zip(panels, windows, strict=True):
@@ -64,8 +180,8 @@ def plot_survey_map(survey: Survey) -> Figure:
     return figure
 
 
-@matplotlib.rc_context(page.STYLE)
-def plot_source_spectrum(spectrum: Spectrum, frequency_hz: float) -> Figure:
+@page.in_style
+def plot_source_spectrum(spectrum: Spectrum, frequency_hz: float) -> "Figure":
     """Draw the power of all readings over that of their noise; the frequency that was demodulated is marked.
 
     Parameters
@@ -75,7 +191,7 @@ def plot_source_spectrum(spectrum: Spectrum, frequency_hz: float) -> Figure:
     frequency_hz : float
         Frequency of the source, hertz.
     """
-    figure = Figure(figsize=(page.PAGE_WIDTH_INCH, 2.6), layout="constrained")
+    figure = page.new_figure(page.PAGE_WIDTH_INCH, 2.6)
     axes = figure.subplots()
     axes.plot(spectrum.frequency_hz, spectrum.power, color=page.AFTER_COLOR, linewidth=0.7, rasterized=True)
     axes.axhline(spectrum.threshold, color=page.FLOOR_COLOR, linestyle="--", linewidth=0.8, label="what chance reaches")
@@ -86,7 +202,7 @@ def plot_source_spectrum(spectrum: Spectrum, frequency_hz: float) -> Figure:
     return figure
 
 
-def _draw_view(axes: Axes, survey: Survey, pair: list[int], window: _Window) -> None:
+def _draw_view(axes: "Axes", survey: Survey, pair: list[int], window: _Window) -> None:
     solutions, center = survey.solutions, window.shown(survey.center_m)
     marker = "" if len(center) > 1 and np.ptp(center) else "+"
     axes.plot(*center[:, pair].T, color=page.FLOOR_COLOR, linewidth=1.0, marker=marker)
@@ -126,8 +242,12 @@ def _windows(survey: Survey) -> list[_Window]:
     ]
 
 
-def error_ellipse(center: FloatArray, covariance: FloatArray, color: str, width: float, scale: float = 1.0) -> Ellipse:
+def error_ellipse(
+    center: FloatArray, covariance: FloatArray, color: str, width: float, scale: float = 1.0
+) -> "Ellipse":
     """Return the ellipse about a point (2,) that holds 95 % of a covariance (2, 2), its axes times a scale."""
+    from matplotlib.patches import Ellipse
+
     values, vectors = np.linalg.eigh(covariance)
     axis = vectors[:, 1]
     angle = to_degrees(float(np.arctan2(axis[1], axis[0])))
@@ -190,17 +310,17 @@ _COURSE = (
 )
 
 
-@matplotlib.rc_context(page.STYLE)
-def _plot_lines(lines: Sequence[SurveyLine], targets: Sequence[Target]) -> Figure:
+@page.in_style
+def _plot_lines(lines: Sequence[SurveyLine], targets: Sequence[Target]) -> "Figure":
     """Draw lines and targets in plan, east and north."""
-    figure = Figure(figsize=(page.PAGE_WIDTH_INCH, 3.6), layout="constrained")
+    figure = page.new_figure(page.PAGE_WIDTH_INCH, 3.6)
     axes = figure.subplots()
     for line in lines:
         axes.plot(*line.center_m[:, :2].T, color=page.FLOOR_COLOR, linewidth=1.0)
-    for number, target in enumerate(targets, 1):
+    for place_in_list, target in enumerate(targets, 1):
         place = float(target.position_m[0]), float(target.position_m[1])
         axes.plot(*place, "s" if target.is_extended else "x", color=page.BEFORE_COLOR, fillstyle="none")
-        axes.annotate(str(number), place, xytext=(4, 4), textcoords="offset points", fontsize=8)
+        axes.annotate(str(place_in_list), place, xytext=(4, 4), textcoords="offset points", fontsize=8)
         spread = target.position_covariance_m2[:2, :2]
         axes.add_patch(error_ellipse(target.position_m[:2], spread, page.BEFORE_COLOR, 1.2))
     axes.set(xlabel="x, east (m)", ylabel="y, north (m)", aspect="equal")
@@ -208,10 +328,10 @@ def _plot_lines(lines: Sequence[SurveyLine], targets: Sequence[Target]) -> Figur
     return figure
 
 
-@matplotlib.rc_context(page.STYLE)
-def _plot_course(line: SurveyLine) -> Figure:
+@page.in_style
+def _plot_course(line: SurveyLine) -> "Figure":
     """Draw the anomaly, the invariant of the gradient and what is left along a line."""
-    figure = Figure(figsize=(page.PAGE_WIDTH_INCH, 4.6), layout="constrained")
+    figure = page.new_figure(page.PAGE_WIDTH_INCH, 4.6)
     panels: Sequence[Axes] = figure.subplots(3, 1, sharex=True)
     courses = (
         (to_nanotesla(line.intensity_T - np.median(line.intensity_T)), "intensity (nT)", "linear"),

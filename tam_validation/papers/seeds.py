@@ -7,7 +7,7 @@ from multiprocessing import get_context
 
 import numpy as np
 
-from tam_calibration.fleet.processes import processes, submit_all
+from tam_calibration.fleet.batch import processes, submit_all
 from tam_validation.papers.row import Draws
 
 

@@ -58,8 +58,8 @@ def warm() -> None:
         import_module(name)
     for name in ("scipy.optimize", "scipy.spatial.transform", "scipy.special", "zstandard", "jinja2"):
         import_module(name)
-    play, call = import_module("tam_calibration.cli.play"), import_module("tam_calibration.cli.call")
-    play.WAIT_S = call._FIND_S = 0.2  # nobody will come
+    nodes = import_module("tam_calibration.cli.nodes")
+    nodes.WAIT_S = nodes._FIND_S = 0.2  # nobody will come
     adopt_orphans()
     if threading.active_count() > 1:
         raise RuntimeError(f"a fork would lose {threading.enumerate()}")

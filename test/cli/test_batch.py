@@ -72,7 +72,7 @@ def asked(monkeypatch, gap):
             process(task)
             yield task, ""
 
-    monkeypatch.setattr(import_module("tam_calibration.fleet.processes"), "run_here", run_here)
+    monkeypatch.setattr(import_module("tam_calibration.fleet.batch"), "run_here", run_here)
     task = import_module("tam_calibration.fleet.task")
     monkeypatch.setattr(task, "diagnose", lambda recording, array: asked["answer"])
     summary = import_module("tam_calibration.fleet.summary")

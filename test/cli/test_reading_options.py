@@ -129,7 +129,7 @@ def test_batch(folder, monkeypatch, gap):
             process(task)
             yield task, ""
 
-    monkeypatch.setattr(import_module("tam_calibration.fleet.processes"), "run_here", run_here)
+    monkeypatch.setattr(import_module("tam_calibration.fleet.batch"), "run_here", run_here)
     monkeypatch.setattr(import_module("tam_calibration.fleet.task"), "diagnose", lambda recording, array: gap)
     monkeypatch.setattr(
         import_module("tam_calibration.fleet.summary"), "plot_missions", lambda missions, group: Figure()

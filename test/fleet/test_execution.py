@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import pytest
 
-from tam_calibration.fleet.processes import run_here, run_on_cluster
+from tam_calibration.fleet.batch import run_here, run_on_cluster
 from tam_calibration.fleet.task import Task, process, read_result
 from tam_calibration.model.exceptions import InputError
 
@@ -97,7 +97,7 @@ def test_a_scheduler_without_workers_is_refused(cluster):
 def test_a_scheduler_that_does_not_answer_is_named(monkeypatch, address):
     """One sentence, after a bounded time."""
     pytest.importorskip("distributed", reason=NO_DASK)
-    monkeypatch.setattr("tam_calibration.fleet.processes.CONNECT_S", 0.5)
+    monkeypatch.setattr("tam_calibration.fleet.batch.CONNECT_S", 0.5)
     with pytest.raises(InputError, match=f"no scheduler answers at {address}"):
         list(run_on_cluster([], address))
 

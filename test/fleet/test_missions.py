@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from tam_calibration.fleet.missions import all_missions, fit_drift
+from tam_calibration.fleet.summary import all_missions, fit_drift
 from tam_calibration.fleet.task import Result
 from tam_calibration.model.data_sheet import DAY_S
-from tam_calibration.report.formatting import KINDS
+from tam_calibration.report.blocks import KINDS
 
 
 @given(st.integers(4, 30), st.integers(0, 2**32 - 1))

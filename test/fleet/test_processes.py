@@ -10,7 +10,7 @@ from tempfile import mkdtemp
 import pytest
 
 from tam_calibration.files.text_files import UNFINISHED
-from tam_calibration.fleet.processes import processes, submit_all
+from tam_calibration.fleet.batch import processes, submit_all
 from tam_calibration.model.exceptions import InputError
 
 PATIENCE_S = 30

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tam_calibration.fleet.missions import law_points
+from tam_calibration.fleet.summary import law_points
 from tam_calibration.fleet.task import Result, _law_in_short
 
 

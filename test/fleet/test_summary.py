@@ -8,10 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tam_calibration.fleet.missions import Missions
-from tam_calibration.fleet.summary import SUMMARIES, plot_missions, write_summaries
+from tam_calibration.fleet.summary import SUMMARIES, Missions, plot_missions, write_summaries
 from tam_calibration.fleet.task import Result
-from tam_calibration.report.formatting import KINDS
+from tam_calibration.report.blocks import KINDS
 from tam_calibration.report.page import embed
 
 

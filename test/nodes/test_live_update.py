@@ -92,7 +92,7 @@ def test_what_is_learned_is_kept_once_there_is_room(cross, tmp_path, monkeypatch
     """While the disk is full that is told at WARN, once in the log, and tried again with every saving."""
     from tam_calibration.model.exceptions import InputError
     from tam_calibration.nodes.base import OK, WARN
-    from tam_calibration.nodes.live_update import LiveUpdate
+    from tam_calibration.nodes.calibrator_state import LiveUpdate
 
     logged, written, is_full = [], [], [True]
 
@@ -101,7 +101,7 @@ def test_what_is_learned_is_kept_once_there_is_room(cross, tmp_path, monkeypatch
             raise InputError(f"{path} cannot be written: No space left on device")
         written.append(state)
 
-    monkeypatch.setattr("tam_calibration.nodes.live_update.write_live_state", write)
+    monkeypatch.setattr("tam_calibration.nodes.calibrator_state.write_live_state", write)
     node = SimpleNamespace(value=lambda name: True, get_logger=lambda: SimpleNamespace(warning=logged.append))
     update = LiveUpdate(node, cross, tmp_path / "samples", lambda calibration: None)
     update._live = SimpleNamespace(state=SimpleNamespace(changes=(), paused_by=""), sentence="learns")

@@ -179,7 +179,7 @@ def run_here(tasks, jobs):
 def test_batch_relative_times(tmp_path, monkeypatch, gap):
     """Missions whose clocks begin at 0 have one time: no drift is told."""
     monkeypatch.setattr(import_module("tam_calibration.fleet.task"), "diagnose", lambda recording, array: gap)
-    monkeypatch.setattr(import_module("tam_calibration.fleet.processes"), "run_here", run_here)
+    monkeypatch.setattr(import_module("tam_calibration.fleet.batch"), "run_here", run_here)
     monkeypatch.setattr(import_module("tam_calibration.fleet.summary"), "plot_missions", lambda *given: Figure())
     folder = REPORTS / "batch_relative_times"
     files = sorted(folder.glob("dive*.csv"))

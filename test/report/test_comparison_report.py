@@ -25,7 +25,7 @@ from tam_calibration.report.comparison_report import (
     write_comparison_report,
 )
 from tam_calibration.report.comparison_rows import next_words
-from tam_calibration.report.gap_cause_plots import cell_means
+from tam_calibration.report.gap_plots import cell_means
 from tam_calibration.results.comparison_json import Sources, mend_to_mapping
 
 SOURCES = Sources(Provenance("sim<1>.mcap", 12, "ab" * 32), Provenance("dive.csv", 34, "cd" * 32))

@@ -11,15 +11,18 @@ from tam_calibration.correction.calibration import Provenance
 from tam_calibration.effects.effect import Limit, Sized
 from tam_calibration.gap.checks import checks_of
 from tam_calibration.gap.result import Residue
-from tam_calibration.report.gap_cause_plots import (
+from tam_calibration.report.gap_plots import (
     GapView,
     binned,
     plot_dependence,
     plot_evidence,
+    plot_histogram,
+    plot_map,
     plot_sphere,
+    plot_time,
+    spectrum,
 )
 from tam_calibration.report.gap_report import checks_blocks, write_gap_report
-from tam_calibration.report.gap_residual_plots import plot_histogram, plot_map, plot_time, spectrum
 from tam_calibration.report.page import embed
 
 

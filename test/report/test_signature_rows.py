@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tam_calibration.gap.laws.law import Course, Signature
-from tam_calibration.report.gap_residual_plots import plot_course
-from tam_calibration.report.signature_rows import causes_sentence, law_sentence
+from tam_calibration.report.gap_plots import plot_course
+from tam_calibration.report.gap_rows import causes_sentence, law_sentence
 
 GAIN = Course(np.array([0.0, 1.0, 2.0]), np.array([0.0, 0.004, 0.0]), np.full(3, 1e-4), "1")
 OFFSET = Course(np.array([0.0, 1.0]), np.array([0.0, 3e-9]), np.full(2, 1e-10), "T")

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tam_calibration.report.formatting import count, fixed, join, number, ratio, sentence, with_error
+from tam_calibration.report.blocks import count, fixed, join, number, ratio, sentence, with_error
 
 
 @pytest.mark.parametrize(
