@@ -46,8 +46,7 @@ def _answer(results: Sequence[Result], points: Sequence[str]) -> str:
 @click.argument("recordings", nargs=-1, required=True)
 @terminal.array_option
 @terminal.path_option(
-    "--calibration",
-    "Calibration YAML to correct with; its effects are removed first. By default each recording's own.",
+    "--calibration", "Calibration YAML to correct with; its effects are removed first. By default each recording's own."
 )
 @click.option("-o", "--output", type=terminal.PATH, required=True, help="Folder of the results.")
 @click.option("--jobs", type=terminal.JOBS, help="Number of processes on this machine; by default one for each core.")

@@ -128,9 +128,7 @@ def _gradient(gradient: AmbientGradientEstimate) -> str:
     "gyroscope and accelerometer; the heading of an AHRS with a magnetometer is left out.",
 )
 @click.option(
-    "--ambient-gradient",
-    is_flag=True,
-    help="Also fit a gradient of the site's field, using the recorded attitude.",
+    "--ambient-gradient", is_flag=True, help="Also fit a gradient of the site's field, using the recorded attitude."
 )
 @click.option(
     "--effects",

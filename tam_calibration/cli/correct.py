@@ -10,17 +10,8 @@ from typing import Any
 import click
 import numpy as np
 
+from tam_calibration.cli import terminal
 from tam_calibration.cli.streams import say
-from tam_calibration.cli.terminal import (
-    PATH,
-    Answer,
-    answering,
-    path_option,
-    reading,
-    reading_options,
-    showing_progress,
-    working,
-)
 from tam_calibration.correction.acceptance import ScalarAgreement
 from tam_calibration.correction.calibration import Calibration, Corrected
 from tam_calibration.correction.partial import sensors_of
@@ -39,13 +30,13 @@ RESIDUAL = "residual"
 
 
 @click.command()
-@click.argument("recording", type=PATH)
-@path_option("--calibration", "Calibration YAML of this array.", required=True)
-@path_option("--array", "Array YAML, to check that the calibration belongs to it.")
-@click.option("-o", "--output", type=PATH, required=True, help="A .csv or .mcap file, or the folder of a bag.")
-@reading_options
+@click.argument("recording", type=terminal.PATH)
+@terminal.path_option("--calibration", "Calibration YAML of this array.", required=True)
+@terminal.path_option("--array", "Array YAML, to check that the calibration belongs to it.")
+@click.option("-o", "--output", type=terminal.PATH, required=True, help="A .csv or .mcap file, or the folder of a bag.")
+@terminal.reading_options
 @click.option("--accept", type=click.Choice([RESIDUAL]), multiple=True, help="Overrule the refusal of this name.")
-@answering
+@terminal.answering
 def command(
     recording: Path,
     calibration_path: Path,
@@ -53,7 +44,7 @@ def command(
     output: Path,
     how: Reading,
     accept: tuple[str, ...],
-    answer: Answer,
+    answer: terminal.Answer,
 ) -> None:
     """Correct RECORDING, of any format. From bag to bag, other topics are copied."""
     inputs = [path for path in (recording, calibration_path, array_path, *how.files) if path is not None]
@@ -76,9 +67,9 @@ def _correct(
 ) -> tuple["_Intensity", ScalarAgreement]:
     """Write the corrected samples, and return their intensities, and how far these are from the scalar."""
     intensity, agreement = _Intensity(), ScalarAgreement()
-    with showing_progress() as progress:
-        corrected = correct_file(recording, calibration, how, reading(progress))
-        written = working(progress, f"writing {output}")
+    with terminal.showing_progress() as progress:
+        corrected = correct_file(recording, calibration, how, terminal.reading(progress))
+        written = terminal.working(progress, f"writing {output}")
         counted = _counted(corrected, intensity, agreement, calibration, RESIDUAL in accept)
         write_corrected_pieces(output, counted, recording, written, how, calibration.array)
     return intensity, agreement

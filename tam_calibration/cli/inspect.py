@@ -24,11 +24,7 @@ _CLAUSES = 30
 @click.option("--report", type=PATH, help="Write an HTML page that draws every channel over time.")
 @answering
 def command(
-    recording: tuple[Path, ...],
-    array_path: Path | None,
-    map_path: Path | None,
-    report: Path | None,
-    answer: Answer,
+    recording: tuple[Path, ...], array_path: Path | None, map_path: Path | None, report: Path | None, answer: Answer
 ) -> None:
     """Show what RECORDING contains, what is odd, and what is taken as sensors and channels.
 

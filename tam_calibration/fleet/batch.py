@@ -21,10 +21,11 @@ from typing import Any, TypeVar
 from tam_calibration.files.text_files import hold, remove_left_over, remove_unfinished, temporary_place
 from tam_calibration.fleet.summary import SUMMARIES, write_summaries
 from tam_calibration.fleet.task import Options, Result, Task, process, read_result
+from tam_calibration.messages.samples import Progress
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.libraries import require, use_one_thread
 from tam_calibration.model.signals import postponed
-from tam_calibration.recordings.bag_storages import STORAGES
+from tam_calibration.recordings.bag_storages import METADATA, STORAGES
 from tam_calibration.results.overwriting import require_separate
 
 Given = TypeVar("Given")
@@ -196,7 +197,6 @@ def run_on_cluster(tasks: list[Task], scheduler: str) -> Iterator[tuple[Task, st
 
 
 _SUFFIXES = (".csv", ".zstd", *(storage.suffix for storage in STORAGES.values()))
-_METADATA = "metadata.yaml"
 _LOCK, _RECORDINGS = ".lock", "recordings"
 
 
@@ -239,21 +239,18 @@ def _matches(pattern: str) -> Iterator[Path]:
         return
     for path in map(_bag_of, map(Path, map(realpath, glob(pattern, recursive=True)))):
         is_named = path.suffix in (*_SUFFIXES, Path(pattern).suffix or ".csv")
-        if (path / _METADATA).is_file() or (is_named and path.is_file()):
+        if (path / METADATA).is_file() or (is_named and path.is_file()):
             yield path
 
 
 def _bag_of(path: Path) -> Path:
     """Return the folder of the bag of which a path is a part, else the path."""
-    is_part = path.suffix in _SUFFIXES[1:] and path.is_file() and (path.parent / _METADATA).is_file()
+    is_part = path.suffix in _SUFFIXES[1:] and path.is_file() and (path.parent / METADATA).is_file()
     return path.parent if is_part else path
 
 
 Run = Callable[[list[Task]], Iterable[tuple[Task, str]]]
 """Does tasks, and yields each as it is done, with what kept its result from being written."""
-
-Progress = Callable[[int, int], None]
-"""Called with the number of recordings that are done, and of all."""
 
 
 def require_separate_folder(out: Path, inputs: Iterable[Path]) -> None:

@@ -100,10 +100,7 @@ class Usage:
             lost=tuple(why for stream in channels if (why := why_lost(stream)) is not None),
             doubled=tuple(why for stream in (first, *others) if (why := why_doubled(stream.name, stream.losses))),
             scalar_is_lost=any(stream.name == "scalar" and why_lost(stream) is not None for stream in channels),
-            correlation=(
-                (0.0,) * LAGS,
-                *(tuple(stream.correlation().values.tolist()) for stream in interpolated),
-            ),
+            correlation=((0.0,) * LAGS, *(tuple(stream.correlation().values.tolist()) for stream in interpolated)),
         )
 
     @classmethod

@@ -68,11 +68,7 @@ def require_comparable(node: TamNode) -> None:
 
 
 def compare_with_simulation(
-    node: TamNode,
-    samples: SampleSource,
-    remarks: tuple[str, ...],
-    array: Array,
-    progress: Callable[[str, float], None],
+    node: TamNode, samples: SampleSource, remarks: tuple[str, ...], array: Array, progress: Callable[[str, float], None]
 ) -> str:
     """Compare stored samples with the simulation that a node names, and write what it names.
 

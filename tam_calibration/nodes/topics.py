@@ -93,12 +93,7 @@ class ListeningNode(Node):
             Used where no parameter says otherwise.
         """
         return self.create_subscription(
-            message_type,
-            topic,
-            take,
-            copy(quality),
-            raw=True,
-            qos_overriding_options=_OVERRIDABLE,
+            message_type, topic, take, copy(quality), raw=True, qos_overriding_options=_OVERRIDABLE
         )
 
     def listen_to_all(
@@ -168,10 +163,7 @@ class ListeningNode(Node):
                 take_one(message, arrived_ns)
 
     def listen_in_turns(
-        self,
-        topics: Sequence[tuple[Any, str, Callable[[list[bytes]], None]]],
-        period_s: float,
-        quality: QoSProfile,
+        self, topics: Sequence[tuple[Any, str, Callable[[list[bytes]], None]]], period_s: float, quality: QoSProfile
     ) -> None:
         """Have functions called with all serialised messages that wait, topic after topic, once in a period.
 

@@ -16,15 +16,7 @@ from rosbags.typesys.msg import normalize_msgtype
 from tam_calibration.messages.cdr import RawMessages, join, windows
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import IntArray
-from tam_calibration.recordings.bag_bounds import (
-    NAMED,
-    Damaged,
-    check_piece,
-    check_topics,
-    quality_of,
-    unpack,
-    unpack_beginning,
-)
+from tam_calibration.recordings import bag_bounds
 from tam_calibration.recordings.bag_storages import Condition, StoredFile, numbers_of
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -72,7 +64,7 @@ def read_content(stream: BinaryIO, place: int, size: int) -> bytes:
     InputError
         When it is larger than it may be.
     """
-    check_piece(size, size, "a record")
+    bag_bounds.check_piece(size, size, "a record")
     stream.seek(place)
     return stream.read(size)
 
@@ -109,10 +101,10 @@ class Topics:
         unknown = "__schemaless__", MessageDefinition(MessageDefinitionFormat.NONE, "")
         name, definition = self._types.get(int.from_bytes(content.read(2), "little"), unknown)
         topic, encoding, further = read_string(content), read_string(content), _read_map(read_bytes(content))
-        extra = ConnectionExtRosbag2(encoding, quality_of(further.get("offered_qos_profiles", "")))
+        extra = ConnectionExtRosbag2(encoding, bag_bounds.quality_of(further.get("offered_qos_profiles", "")))
         digest = further.get("topic_type_hash", "")
         self.connections[number] = Connection(number, topic, name, definition, digest, 0, extra, self)
-        check_topics(len(self.connections))
+        bag_bounds.check_topics(len(self.connections))
 
 
 def _type_of(name: str, encoding: str, text: bytes) -> tuple[str, MessageDefinition]:
@@ -232,11 +224,11 @@ def _complete_part(record: bytes, size: int, place: int, faults: list[str]) -> b
     except Exception:  # of struct, of rosbags, or no UTF-8
         return b""
     packed = stream.read(min(packed_size, len(record)))
-    check_piece(packed_size, unpacked, "a chunk")
+    bag_bounds.check_piece(packed_size, unpacked, "a chunk")
     try:
         if len(packed) < packed_size:
-            return unpack_beginning(packed, compression, unpacked)
-        content = unpack(packed, compression, unpacked)
+            return bag_bounds.unpack_beginning(packed, compression, unpacked)
+        content = bag_bounds.unpack(packed, compression, unpacked)
         if crc in (0, crc32(content)):
             return content
     except Exception:  # whatever the decompressors raise
@@ -316,24 +308,24 @@ class McapFile(StoredFile):
 
     def _read_chunk(self, file: BinaryIO, chunk: _Chunk, position: Mapping[int, int]) -> RawMessages:
         """Return the messages of a chunk in the order of recording."""
-        check_piece(chunk.length, chunk.length, "a chunk with its index")
+        bag_bounds.check_piece(chunk.length, chunk.length, "a chunk with its index")
         file.seek(chunk.place)
         stored = file.read(chunk.length)
         begin = _CHUNK_CONTENT + len(chunk.compression)
         check = int.from_bytes(stored[_CHECKSUM : _CHECKSUM + 4], "little")
-        content = unpack(stored[begin : begin + chunk.packed_size], chunk.compression, chunk.size)
+        content = bag_bounds.unpack(stored[begin : begin + chunk.packed_size], chunk.compression, chunk.size)
         if check and crc32(content) != check:
-            raise Damaged(_named_damage(self.path))
+            raise bag_bounds.Damaged(_named_damage(self.path))
         block = np.frombuffer(content, np.uint8)
         channel, record = _read_index(stored, chunk, position)
         if len(record) and int(record.max()) + _RECORD.itemsize > len(block):
-            raise Damaged("the index of a chunk does not fit the chunk")
+            raise bag_bounds.Damaged("the index of a chunk does not fit the chunk")
         heads = windows(block, _RECORD.itemsize)[record].view(_RECORD)
         start, size = record + _RECORD.itemsize, heads["size"].astype(np.int64) - 22  # its fields before the message
         is_message = (heads["kind"] == MESSAGE) & (heads["channel"] == channel)
         is_message &= np.diff(record, prepend=-1) > 0
         if not is_message.all() or (size < 0).any() or (start + size > len(block)).any():
-            raise Damaged("the index of a chunk does not fit the chunk")
+            raise bag_bounds.Damaged("the index of a chunk does not fit the chunk")
         return RawMessages(
             numbers_of(position)[channel], heads["log_ns"].astype(np.int64), start, size, block
         ).in_order()
@@ -381,14 +373,14 @@ def condition_of(path: Path) -> Condition:
         if end is None and beginning == MAGIC[: len(beginning)]:
             return Condition.UNFINISHED
         if end is None or beginning != MAGIC:
-            raise Damaged("it does not begin as an mcap file does")
+            raise bag_bounds.Damaged("it does not begin as an mcap file does")
         if end.summary and not len(MAGIC) <= end.summary <= end.place:
-            raise Damaged("its summary lies outside")
+            raise bag_bounds.Damaged("its summary lies outside")
         if end.summary_crc not in (0, crc_of_summary(file, end)):
-            raise Damaged("its summary does not fit its CRC")
+            raise bag_bounds.Damaged("its summary does not fit its CRC")
         found, written = crc_of_data(file, end)
         if found != written:
-            raise Damaged(_named_damage(path))
+            raise bag_bounds.Damaged(_named_damage(path))
     return Condition.COMPLETE if McapFile(path).is_indexed else Condition.NOT_INDEXED
 
 
@@ -396,7 +388,7 @@ def _named_damage(path: Path) -> str:
     """Return what is damaged in a file whose data do not fit their CRC."""
     faults: list[str] = []
     deque(complete_messages(path, faults), maxlen=0)
-    return "; ".join(faults[:NAMED]) or "it does not fit its CRC, though all messages do"
+    return "; ".join(faults[: bag_bounds.NAMED]) or "it does not fit its CRC, though all messages do"
 
 
 class McapBlockWriter(McapWriter):

@@ -9,7 +9,7 @@ from rosbags.interfaces import Connection, MessageDefinitionFormat
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 
 from tam_calibration.files.text_files import in_file
-from tam_calibration.messages.cdr import RawMessages, in_large_blocks
+from tam_calibration.messages.cdr import RawMessages, in_large_blocks, read_frame_id
 from tam_calibration.messages.message_fields import Definitions, MessageFields, stamp_fields
 from tam_calibration.messages.point_cloud import FIELD_UNITS, IMU
 from tam_calibration.messages.samples import Progress, StreamMessages
@@ -43,10 +43,6 @@ def _imu_values(
     rates = np.where((numbers[:, 8] == -1)[:, None], np.nan, numbers[:, 5:8])
     chosen = [part for part, own in ((attitude, _ORIENTATION), (rates, _RATES)) if own[0] in paths]
     return stamps, np.column_stack(chosen)
-
-
-_FRAME = 16
-"""Place of the name of a header's frame: after the kind of CDR, the stamp, and the name's length."""
 
 
 class BagSource:
@@ -154,12 +150,7 @@ class BagSource:
 
 def _frames(messages: RawMessages) -> tuple[str, ...]:
     """Return the frames of messages that begin with a header, each once."""
-    names = []
-    for start, end in zip(messages.start.tolist(), (messages.start + messages.size).tolist(), strict=True):
-        head = messages.block[start:end].tobytes()
-        length = int.from_bytes(head[_FRAME - 4 : _FRAME], "little")
-        names.append(head[_FRAME : _FRAME + length - 1].decode("utf-8", "replace"))
-    return tuple(dict.fromkeys(filter(None, names)))
+    return tuple(dict.fromkeys(filter(None, map(read_frame_id, messages.messages()))))
 
 
 def _is_ros1(connection: Connection) -> bool:

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.files.schema import Bounds, Document, check
-from tam_calibration.files.text_files import in_file
 from tam_calibration.files.yaml_document import mapping_in
 from tam_calibration.messages.stream import sensor_stream
 from tam_calibration.model.exceptions import InputError, quoted
@@ -249,7 +248,7 @@ def read_map(path: str | Path) -> ChannelMap:
     InputError
         When it cannot be read, a key is not known, or a value is no such thing.
     """
-    with mapping_in(Path(path)) as content, in_file(path):
+    with mapping_in(Path(path)) as content:
         return map_of(content)
 
 

@@ -10,19 +10,11 @@ import numpy as np
 
 from tam_calibration.core.interpolation import AveragedRates
 from tam_calibration.correction.partial import missing_codes
+from tam_calibration.messages import samples
 from tam_calibration.messages.batch_synchroniser import BatchSynchroniser
 from tam_calibration.messages.cdr import NO_TIME
 from tam_calibration.messages.missing import Missing
 from tam_calibration.messages.point_cloud import SampleLayout, is_channel
-from tam_calibration.messages.samples import (
-    Progress,
-    Samples,
-    StreamMessages,
-    expected_frames,
-    other_frame,
-    seconds_of,
-    turns_of,
-)
 from tam_calibration.messages.stream import sensor_stream
 from tam_calibration.messages.timeline import Run
 from tam_calibration.messages.usage import Usage
@@ -72,9 +64,9 @@ class Streams:
     def other_frames(self, mounting: Mounting) -> tuple[str, ...]:
         """Return a warning of each stream whose messages are of another frame than the array file states."""
         told = []
-        for stream, stated in expected_frames(mounting).items():
+        for stream, stated in samples.expected_frames(mounting).items():
             frames = self.wanted[stream].table.frames if stream in self.wanted else ()
-            told += [other_frame(stream, frame, stated) for frame in frames if frame != stated]
+            told += [samples.other_frame(stream, frame, stated) for frame in frames if frame != stated]
         return tuple(told)
 
     def intakes(self, reading: Reading, array: Array | None) -> dict[str, Intake]:
@@ -124,7 +116,7 @@ class Joining:
     ) -> None:
         self.source, self.streams, self._with_partial = source, streams, with_partial
         self._window = reading.window
-        self._turns = {} if array is None else turns_of(array.mounting)
+        self._turns = {} if array is None else samples.turns_of(array.mounting)
         self._other_frames = () if array is None else streams.other_frames(array.mounting)
         self.intakes = streams.intakes(reading, array)
         self._missing, self._run, self._averaged = Missing(), Run(), AveragedRates()
@@ -141,7 +133,7 @@ class Joining:
             delay_s=None if array is None else array.stamp_delay_s,
         )
 
-    def pieces(self, progress: Progress) -> Iterator[Samples]:
+    def pieces(self, progress: samples.Progress) -> Iterator[samples.Samples]:
         """Yield the samples in the order of time, the last piece with the usage of all.
 
         A channel without a value in a complete piece is None in that piece. Steps and losses are logged at the end.
@@ -157,12 +149,12 @@ class Joining:
         for piece, _ in pairwise(chain(self._rows(progress), [end])):  # each waits for the next: the last tells all
             yield self._samples(*piece)
 
-    def whole(self, progress: Progress) -> Samples:
+    def whole(self, progress: samples.Progress) -> samples.Samples:
         """Return the samples of the complete recording, as `pieces` yields them."""
         stamps_ns, rows = zip(*self._rows(progress), strict=True)
         return self._samples(np.concatenate(stamps_ns), np.concatenate(rows))
 
-    def _rows(self, progress: Progress) -> Iterator[tuple[IntArray, FloatArray]]:
+    def _rows(self, progress: samples.Progress) -> Iterator[tuple[IntArray, FloatArray]]:
         """Yield the stamps and the rows of samples, batch by batch."""
         is_reported = self.streams.clock == "stamp"
         for batch in self.source.batches(self.streams.wanted, self.streams.clock, progress):
@@ -185,7 +177,7 @@ class Joining:
             "compare the stamps: do the drivers share one clock?"
         )
 
-    def _report_jitter(self, batch: Mapping[str, StreamMessages]) -> bool:
+    def _report_jitter(self, batch: Mapping[str, samples.StreamMessages]) -> bool:
         """Warn that times are those of the recorder, and of how even they are; return whether that was possible."""
         first = batch.get(sensor_stream(1))
         if first is None or first.stamps_ns is None or len(first.stamps_ns) < 3:
@@ -206,7 +198,7 @@ class Joining:
         if any(losses.dropped or losses.missing or losses.unusable for losses in synchroniser.losses.values()):
             log.warning(synchroniser.explain_losses())
 
-    def _usable(self, stream: str, messages: StreamMessages) -> StreamMessages:
+    def _usable(self, stream: str, messages: samples.StreamMessages) -> samples.StreamMessages:
         """Return the messages of a stream that have a time within the window and values, in SI and in the array's axes.
 
         The others count as unusable, as in the collector.
@@ -231,7 +223,7 @@ class Joining:
             self._averaged.add(usable.stamps_ns, usable.values)
         return usable
 
-    def _within(self, stream: str, messages: StreamMessages) -> StreamMessages:
+    def _within(self, stream: str, messages: samples.StreamMessages) -> samples.StreamMessages:
         """Return the messages within the part of the recording that is read."""
         stamps = messages.stamps_ns
         if stamps is None or not len(stamps):
@@ -270,22 +262,24 @@ class Joining:
                     "restarted, makes several)"
                 )
             times_ns[index] = run.time_ns(stamp_ns)
-        yield stamps_ns, np.column_stack([seconds_of(times_ns), values])
+        yield stamps_ns, np.column_stack([samples.seconds_of(times_ns), values])
 
-    def _samples(self, stamps_ns: IntArray, rows: FloatArray) -> Samples:
+    def _samples(self, stamps_ns: IntArray, rows: FloatArray) -> samples.Samples:
         missing, unfinished = self._missing.sentences(), self.source.unfinished
         joined = self._synchroniser.usage
         usage = replace(joined, unfinished=unfinished, missing=missing, other_frames=self._other_frames)
         return samples_of(self.streams.layout, stamps_ns, rows, usage)
 
 
-def samples_of(layout: SampleLayout, stamps_ns: IntArray | None, rows: FloatArray, usage: Usage | None) -> Samples:
+def samples_of(
+    layout: SampleLayout, stamps_ns: IntArray | None, rows: FloatArray, usage: Usage | None
+) -> samples.Samples:
     """Return the samples of rows (N, columns of the layout), those without all sensors with what they lack."""
     last = 1 + 3 * layout.sensor_count
     readings = rows[:, 1:last].reshape(-1, layout.sensor_count, 3)
     codes = missing_codes(readings)
     if not codes.any():
-        return Samples(layout.recording(rows), stamps_ns, usage)
+        return samples.Samples(layout.recording(rows), stamps_ns, usage)
     filled = np.where(np.isnan(readings), np.nanmean(readings, axis=1, keepdims=True), readings)
     rows[:, 1:last] = filled.reshape(-1, last - 1)
-    return Samples(layout.recording(rows), stamps_ns, usage, codes)
+    return samples.Samples(layout.recording(rows), stamps_ns, usage, codes)

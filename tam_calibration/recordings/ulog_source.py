@@ -15,17 +15,8 @@ import numpy as np
 
 from tam_calibration.files.text_files import in_file
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.recordings import tables
 from tam_calibration.recordings.channel_map import ChannelMap
-from tam_calibration.recordings.tables import (
-    Field,
-    MemorySource,
-    Records,
-    Table,
-    log_source,
-    mapped,
-    records_of,
-    stored,
-)
 
 _MAGIC = b"ULog\x01\x12\x35"
 _HEAD, _SUBSCRIPTION, _FLAGS = Struct("<HB"), Struct("<BH"), Struct("<8s8s3Q")
@@ -97,12 +88,12 @@ class _Formats(dict[str, list[tuple[str, int, str]]]):
                 else:
                     yield from self.numbers(self[kind], f"{path}.")
 
-    def layout(self, name: str) -> dict[str, Field]:
+    def layout(self, name: str) -> dict[str, tables.Field]:
         """Return the numbers of a topic's messages by their paths, without those that pad."""
         layout, offset = {}, 0
         for path, kind in self.numbers(self.topic(name)):
             if "_padding" not in path:
-                layout[path] = Field(offset, kind)
+                layout[path] = tables.Field(offset, kind)
             offset += int(kind[2:])
         return layout
 
@@ -174,7 +165,7 @@ class _Log:
             self._most[number] = min(size(self._formats.get(name, [])) + 2, _LONGEST)
         return kind in _OTHERS
 
-    def tables(self) -> Iterator[Records]:
+    def tables(self) -> Iterator[tables.Records]:
         """Yield the topics with a time: that of the readings, where all have one, else that of the messages."""
         topics, places = (np.concatenate(each) for each in zip(*self._found, strict=True))
         order = np.argsort(topics, kind="stable")
@@ -184,13 +175,13 @@ class _Log:
             times = {name: layout.pop(name) for name in _TIMES if name in layout}
             if any(field.kind != "<u8" for field in times.values()) or not times:
                 continue
-            ticks = stored(self._data, at, times)
+            ticks = tables.stored(self._data, at, times)
             time = next((each for each in times if ticks[each].all()), list(times)[-1])
             # Gauss by PX4's definitions of its messages.
             is_mag = name == "sensor_mag"
             units = {path: "G" for path in layout if "_ga[" in path or (is_mag and path in ("x", "y", "z"))}
-            table = Table(name, (), instance=instance, units=units)
-            yield records_of(table, self._data, at, {**layout, time: times[time]}, time, 1000)
+            table = tables.Table(name, (), instance=instance, units=units)
+            yield tables.records_of(table, self._data, at, {**layout, time: times[time]}, time, 1000)
 
 
 def _ends(data: mmap) -> list[int]:
@@ -219,7 +210,7 @@ class UlogReader:
         return beginning.startswith(_MAGIC)
 
     @contextmanager
-    def open(self, path: Path, channel_map: ChannelMap | None) -> Iterator[MemorySource]:
+    def open(self, path: Path, channel_map: ChannelMap | None) -> Iterator[tables.MemorySource]:
         """Open a log; the map tells nothing of how it is read.
 
         Raises
@@ -229,8 +220,8 @@ class UlogReader:
         """
         with in_file(path):
             try:
-                log = _Log(mapped(path))
-                tables = list(log.tables())
+                log = _Log(tables.mapped(path))
+                found = list(log.tables())
             except RecursionError:
                 raise InputError("the definitions of its messages hold each other without end") from None
-        yield log_source(path, "PX4 log", tables, log.lost)
+        yield tables.log_source(path, "PX4 log", found, log.lost)

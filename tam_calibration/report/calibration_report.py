@@ -18,7 +18,7 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.model.residuals import ResidualSeries, residual_series
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import to_nanotesla
-from tam_calibration.report import recording_plots
+from tam_calibration.report import page, recording_plots
 from tam_calibration.report.blocks import (
     Block,
     Gallery,
@@ -33,16 +33,6 @@ from tam_calibration.report.blocks import (
     sentence,
 )
 from tam_calibration.report.calibration_rows import known_source_blocks, parameter_blocks, quality_blocks, update_blocks
-from tam_calibration.report.page import (
-    AFTER_COLOR,
-    BEFORE_COLOR,
-    COLORS,
-    PAGE_WIDTH_INCH,
-    embed,
-    in_style,
-    new_figure,
-    write_page,
-)
 
 _NO_GRADIENT = "The geometry of this array does not determine a gradient tensor, so there is no tensor residual."
 
@@ -72,14 +62,17 @@ class _View:
 
     def plots(self) -> list[list[tuple[str, list[recording_plots.Panel], str]]]:
         """Return title, panels and unit of each kind of residual, before and after calibration."""
-        states = {"before": self.panels(self.before, BEFORE_COLOR), "after": self.panels(self.after, AFTER_COLOR)}
+        states = {
+            "before": self.panels(self.before, page.BEFORE_COLOR),
+            "after": self.panels(self.after, page.AFTER_COLOR),
+        }
         return [
             [(f"{what}, {state} calibration", kinds[what], unit) for state, kinds in states.items()]
             for what, unit in zip(states["before"], ("nT", "nT/m"), strict=False)
         ]
 
 
-@in_style
+@page.in_style
 def plot_calibration(calibration: Calibration, recording: Recording) -> Figure:
     """Draw residuals over time, before (left) and after (right), and the directions of the field.
 
@@ -98,7 +91,7 @@ def plot_calibration(calibration: Calibration, recording: Recording) -> Figure:
     view = _View(calibration, recording)
     kinds = view.plots()
     heights = [*(recording_plots.height_inch(panels) for (_, panels, _), _ in kinds), 3.8]
-    figure = new_figure(1.5 * PAGE_WIDTH_INCH, sum(heights))
+    figure = page.new_figure(1.5 * page.PAGE_WIDTH_INCH, sum(heights))
     *rows, last = figure.subfigures(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0]
     for row, plots in zip(rows, kinds, strict=True):
         for part, (title, panels, unit) in zip(row.subfigures(1, 2, squeeze=False)[0], plots, strict=True):
@@ -150,7 +143,7 @@ def _residuals(view: _View) -> list[Block]:
     time_s = view.recording.time_s
     for plots in view.plots():
         drawn = [(recording_plots.plot_over_time(time_s, panels, unit), title) for title, panels, unit in plots]
-        blocks.append(Gallery([embed(figure, f"{title}, over time", title) for figure, title in drawn]))
+        blocks.append(Gallery([page.embed(figure, f"{title}, over time", title) for figure, title in drawn]))
     return blocks if has_gradient else [*blocks, Text(_NO_GRADIENT)]
 
 
@@ -163,17 +156,17 @@ _INTRO = (
 def _histograms(view: _View) -> list[Block]:
     """Return how often the residuals have which size."""
     blocks: list[Block] = [Text(_INTRO)]
-    for what, panels in view.panels(view.after, AFTER_COLOR).items():
-        drawn = [replace(panel, color=color) for panel, color in zip(panels, cycle(COLORS), strict=False)]
+    for what, panels in view.panels(view.after, page.AFTER_COLOR).items():
+        drawn = [replace(panel, color=color) for panel, color in zip(panels, cycle(page.COLORS), strict=False)]
         label = f"{what}, after calibration"
         figure = recording_plots.plot_distributions(drawn, f"{label}, in noise floors")
-        blocks.append(embed(figure, f"Distributions: {label}", label))
+        blocks.append(page.embed(figure, f"Distributions: {label}", label))
     return blocks
 
 
 def _coverage(view: _View) -> list[Block]:
     """Return which directions of the field were visited."""
-    picture = embed(
+    picture = page.embed(
         recording_plots.plot_coverage(view.coverage),
         "Map of the directions of the field",
         "Direction of the field in the array frame, equal-area (Hammer) map: forward is +x, left +y, up +z.",
@@ -258,4 +251,4 @@ def write_calibration_report(path: Path, calibration: Calibration, recording: Re
     ]
     name = [calibration.source.name] if calibration.source else []
     counts = counted(calibration.errors.sensor_count, "sensor"), f"{count(calibration.samples)} samples"
-    write_page(path, "Calibration report", ", ".join([*name, *counts]), sections)
+    page.write_page(path, "Calibration report", ", ".join([*name, *counts]), sections)

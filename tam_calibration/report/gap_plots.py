@@ -15,18 +15,9 @@ from tam_calibration.fit.coverage import CELLS, cell_of
 from tam_calibration.gap.laws.law import Course
 from tam_calibration.gap.result import Gap
 from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
+from tam_calibration.report import page
 from tam_calibration.report.blocks import ratio
 from tam_calibration.report.gap_rows import percent
-from tam_calibration.report.page import (
-    AFTER_COLOR,
-    BEFORE_COLOR,
-    FLOOR_COLOR,
-    MISSING_COLOR,
-    PAGE_WIDTH_INCH,
-    QUIET_COLOR,
-    in_style,
-    new_figure,
-)
 from tam_calibration.report.recording_plots import Panel, cells_on_map, draw_borders, draw_over_time, plot_distributions
 
 
@@ -55,10 +46,10 @@ class GapView:
     def states(self) -> tuple[State, ...]:
         """The recording, the recording without its causes where there are any, and the twin."""
         residue = self.gap.residue
-        kinds = [("recording", BEFORE_COLOR, residue.before)]
+        kinds = [("recording", page.BEFORE_COLOR, residue.before)]
         if self.gap.causes:
-            kinds.append(("without its causes", AFTER_COLOR, residue.after))
-        kinds.append(("simulated twin", QUIET_COLOR, residue.twin))
+            kinds.append(("without its causes", page.AFTER_COLOR, residue.after))
+        kinds.append(("simulated twin", page.QUIET_COLOR, residue.twin))
         return tuple(State(name, color, rows, self._ratio(rows)) for name, color, rows in kinds)
 
     def _ratio(self, rows_T: FloatArray) -> FloatArray:
@@ -90,7 +81,7 @@ class GapView:
         return "scalar" if row == 3 * self.sensor_count else f"sensor {row // 3 + 1} {'xyz'[row % 3]}"
 
 
-@in_style
+@page.in_style
 def plot_evidence(gap: Gap) -> Figure:
     """Draw the probabilities of the causes, the most probable on top, supported ones in full colour."""
     supported = {cause.fitted.effect for cause in gap.causes}
@@ -98,8 +89,8 @@ def plot_evidence(gap: Gap) -> Figure:
     # Of the causes the others share a few per mille.
     shown = [each for each in ranked[:8] if each[1] >= 1e-3 or each[0] in supported] or ranked[:1]
     names, values = [name.replace("_", " ") for name, _ in shown], [value for _, value in shown]
-    colors = [AFTER_COLOR if name in supported else QUIET_COLOR for name, _ in shown]
-    figure = new_figure(PAGE_WIDTH_INCH, 0.9 + 0.28 * len(shown))
+    colors = [page.AFTER_COLOR if name in supported else page.QUIET_COLOR for name, _ in shown]
+    figure = page.new_figure(page.PAGE_WIDTH_INCH, 0.9 + 0.28 * len(shown))
     axes = figure.subplots()
     axes.barh(names, values, color=colors, height=0.65)
     for place, value in enumerate(values):
@@ -109,7 +100,7 @@ def plot_evidence(gap: Gap) -> Figure:
     return figure
 
 
-@in_style
+@page.in_style
 def plot_dependence(view: GapView, row: int) -> Figure:
     """Draw one row, in noise floors: its mean over temperature and current, its root mean square over the rate.
 
@@ -127,14 +118,16 @@ def plot_dependence(view: GapView, row: int) -> Figure:
     for label, channel in (("temperature (°C)", residue.temperature_C), ("current (A)", residue.current_A)):
         if channel is not None:
             panels.append((label, channel, np.mean, "mean"))
-    figure = new_figure(PAGE_WIDTH_INCH, 2.8)
+    figure = page.new_figure(page.PAGE_WIDTH_INCH, 2.8)
     for axes, (label, channel, measure, what) in zip(
         figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True
     ):
         for state in view.states:
             values = state.rows_T[:, row] / residue.floor_T[row]
             axes.plot(*binned(channel, values, measure), ".-", color=state.color, linewidth=1, label=state.name)
-        axes.axhline(1 if measure is _root_mean_square else 0, color=FLOOR_COLOR, linestyle="dashed", linewidth=0.8)
+        axes.axhline(
+            1 if measure is _root_mean_square else 0, color=page.FLOOR_COLOR, linestyle="dashed", linewidth=0.8
+        )
         axes.set_xlabel(label)
         axes.set_title(what, loc="left", fontsize=8)
     figure.supylabel(f"{view.row_name(row)} (noise floors)")
@@ -169,11 +162,11 @@ def _root_mean_square(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-SHADES = LinearSegmentedColormap.from_list("signed", [AFTER_COLOR, "#f4f6f8", BEFORE_COLOR])
+SHADES = LinearSegmentedColormap.from_list("signed", [page.AFTER_COLOR, "#f4f6f8", page.BEFORE_COLOR])
 """Of mean residuals on the sphere, from the least to the largest."""
 
 
-@in_style
+@page.in_style
 def plot_sphere(view: GapView, row: int) -> Figure:
     """Draw mean residuals of a row in each cell of the sphere of field directions (Hammer), a map a state on one scale.
 
@@ -186,7 +179,7 @@ def plot_sphere(view: GapView, row: int) -> Figure:
     """
     means = [cell_means(to_nanotesla(each.rows_T[:, row]), view.gap.residue.direction) for each in view.states]
     reach = float(np.nanmax(np.abs(means), initial=0.0)) or 1.0
-    figure = new_figure(PAGE_WIDTH_INCH, 2.2)
+    figure = page.new_figure(page.PAGE_WIDTH_INCH, 2.2)
     plots = figure.subplots(1, len(means), subplot_kw={"projection": "hammer"}, squeeze=False)[0]
     for axes, each, mean in zip(plots, view.states, means, strict=True):
         mesh = draw_means(axes, mean, reach)
@@ -234,14 +227,14 @@ def cell_means(values: FloatArray, direction: FloatArray) -> FloatArray:
     return np.asarray(np.divide(sums, counts, out=np.full(CELLS, np.nan), where=counts > 0))
 
 
-_SHADES = LinearSegmentedColormap.from_list("gap", ["#f4f6f8", BEFORE_COLOR, "#5a2f06"])
+_SHADES = LinearSegmentedColormap.from_list("gap", ["#f4f6f8", page.BEFORE_COLOR, "#5a2f06"])
 
 
-@in_style
+@page.in_style
 def plot_map(view: GapView) -> Figure:
     """Draw root mean squares over the floor, sensors downwards and axes across, one map a state on one scale."""
     states = view.states
-    figure = new_figure(PAGE_WIDTH_INCH, 1.3 + 0.3 * (view.sensor_count + 1))
+    figure = page.new_figure(page.PAGE_WIDTH_INCH, 1.3 + 0.3 * (view.sensor_count + 1))
     largest = np.nanmax([*(np.nanmax(state.ratio, initial=1.0) for state in states), 2.0])
     scale = LogNorm(1.0, largest, clip=True)
     for index, (axes, state) in enumerate(zip(figure.subplots(1, len(states), squeeze=False)[0], states, strict=True)):
@@ -259,7 +252,7 @@ def _draw(axes: Axes, state: State, sensor_count: int, scale: LogNorm) -> None:
     axes.imshow(cells, cmap=_SHADES, norm=scale, aspect="auto")
     for row, column in np.argwhere(np.isfinite(cells)):
         value = float(cells[row, column])
-        color = "white" if value**2 > float(scale.vmax or 1.0) else FLOOR_COLOR
+        color = "white" if value**2 > float(scale.vmax or 1.0) else page.FLOOR_COLOR
         axes.text(column, row, ratio(value), ha="center", va="center", color=color, fontsize=8)
     axes.set_xticks(range(3), ["x", "y", "z"])
     axes.set_yticks(range(sensor_count + 1), [*(f"sensor {k + 1}" for k in range(sensor_count)), "scalar"])
@@ -268,7 +261,7 @@ def _draw(axes: Axes, state: State, sensor_count: int, scale: LogNorm) -> None:
     axes.set_title(state.name, loc="left", color=state.color)
 
 
-@in_style
+@page.in_style
 def plot_time(view: GapView, row: int) -> Figure:
     """Draw the residual of one row over time, one panel a state on common axes; the span of the gap is shaded.
 
@@ -280,14 +273,14 @@ def plot_time(view: GapView, row: int) -> Figure:
         3 i + a for axis a of sensor i, both from 0; 3K for the scalar.
     """
     residue, where = view.gap.residue, view.gap.where
-    figure = new_figure(PAGE_WIDTH_INCH, 4.2)
+    figure = page.new_figure(page.PAGE_WIDTH_INCH, 4.2)
     floor = to_nanotesla(float(residue.floor_T[row]))
     panels = [Panel(state.name, to_nanotesla(state.rows_T[:, row]), floor, state.color) for state in view.states]
     seconds = draw_over_time(figure, residue.time_s, panels, "nT")
     if where.time_s is not None:
         span = (np.array(where.time_s) - residue.time_s[0]) / seconds
         for axes in figure.axes:
-            axes.axvspan(*span, color=MISSING_COLOR, alpha=0.2, linewidth=0)
+            axes.axvspan(*span, color=page.MISSING_COLOR, alpha=0.2, linewidth=0)
     return figure
 
 
@@ -306,7 +299,7 @@ def plot_histogram(view: GapView, row: int) -> Figure:
     return plot_distributions(drawn, f"residual of {view.row_name(row)}, in noise floors")
 
 
-@in_style
+@page.in_style
 def plot_spectrum(view: GapView, row: int) -> Figure:
     """Draw the amplitude spectrum of one row, all states together; the band of the gap is shaded.
 
@@ -318,17 +311,19 @@ def plot_spectrum(view: GapView, row: int) -> Figure:
         3 i + a for axis a of sensor i, both from 0; 3K for the scalar.
     """
     residue, where = view.gap.residue, view.gap.where
-    figure = new_figure(PAGE_WIDTH_INCH, 3.0)
+    figure = page.new_figure(page.PAGE_WIDTH_INCH, 3.0)
     axes = figure.subplots()
     floor = float(residue.floor_T[row])
     for state in view.states:
         frequency, amplitude = spectrum(residue.time_s, state.rows_T[:, row] / floor)
         axes.plot(frequency, amplitude, color=state.color, linewidth=1.2, label=state.name)
-    axes.axhline(1, color=FLOOR_COLOR, linestyle="dashed", linewidth=0.8)
+    axes.axhline(1, color=page.FLOOR_COLOR, linestyle="dashed", linewidth=0.8)
     axes.set(xscale="log", yscale="log", xlabel="frequency (Hz)", ylabel=f"{view.row_name(row)}, in noise floors")
     if where.frequency_hz is not None:
         low, high = axes.get_xlim()
-        axes.axvspan(max(where.frequency_hz[0], low), min(where.frequency_hz[1], high), color=MISSING_COLOR, alpha=0.2)
+        axes.axvspan(
+            max(where.frequency_hz[0], low), min(where.frequency_hz[1], high), color=page.MISSING_COLOR, alpha=0.2
+        )
         axes.set_xlim(low, high)
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
@@ -367,15 +362,15 @@ def spectrum(time_s: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatA
     return centers, np.sqrt(np.bincount(band, power)[filled] / counts[filled])
 
 
-@in_style
+@page.in_style
 def plot_course(course: Course) -> Figure:
     """Draw the size of a law over time, and the band of two standard errors on either side."""
     factor, unit = (100.0, "%") if course.unit == "1" else (to_nanotesla(1.0), "nT")
-    figure = new_figure(PAGE_WIDTH_INCH, 2.2)
+    figure = page.new_figure(page.PAGE_WIDTH_INCH, 2.2)
     axes = figure.subplots()
     seconds, size, error = course.time_s - course.time_s[0], factor * course.size, factor * course.error
-    axes.fill_between(seconds, size - 2 * error, size + 2 * error, color=BEFORE_COLOR, alpha=0.25, linewidth=0)
-    axes.plot(seconds, size, color=BEFORE_COLOR)
+    axes.fill_between(seconds, size - 2 * error, size + 2 * error, color=page.BEFORE_COLOR, alpha=0.25, linewidth=0)
+    axes.plot(seconds, size, color=page.BEFORE_COLOR)
     axes.set_xlabel("time, s")
     axes.set_ylabel(unit)
     return figure

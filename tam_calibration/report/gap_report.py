@@ -5,24 +5,13 @@ from pathlib import Path
 from tam_calibration.correction.calibration import Provenance
 from tam_calibration.gap.laws.law import causes_of
 from tam_calibration.gap.result import Gap
-from tam_calibration.report import gap_rows
+from tam_calibration.report import gap_plots, gap_rows
 from tam_calibration.report.blocks import Block, Points, Section, Text, count, counted, sentence
-from tam_calibration.report.gap_plots import (
-    GapView,
-    plot_course,
-    plot_dependence,
-    plot_evidence,
-    plot_histogram,
-    plot_map,
-    plot_spectrum,
-    plot_sphere,
-    plot_time,
-)
 from tam_calibration.report.gap_rows import first_sentence, law_blocks, law_sentence
 from tam_calibration.report.page import figure_blocks, write_page
 
 
-def checks_blocks(view: GapView) -> list[Block]:
+def checks_blocks(view: gap_plots.GapView) -> list[Block]:
     """Return the statistics of the residual with the causes and their ranges in noise; none without a verdict."""
     checks = view.gap.checks
     if checks is None:
@@ -48,7 +37,7 @@ _TERMS = (
 )
 
 
-def _where(view: GapView) -> list[Block]:
+def _where(view: gap_plots.GapView) -> list[Block]:
     """Return the sensors, axes, times and directions of the gap."""
     row = view.rows[0]
     name = view.row_name(row)
@@ -58,25 +47,25 @@ def _where(view: GapView) -> list[Block]:
     return [
         Text(f"{found} This was found without assuming a cause. Figures of one axis show {name}, the largest there."),
         *figure_blocks(
-            plot_map(view),
+            gap_plots.plot_map(view),
             "Which sensor and axis",
             "the size of each residual against its noise floor, dark where it is too large.",
             "every cell would be near 1, as in the twin.",
         ),
         *figure_blocks(
-            plot_sphere(view, row),
+            gap_plots.plot_sphere(view, row),
             "Which attitude",
             "the mean residual over the directions of the field, seen from the array; cells without samples are white.",
             "a faint random pattern, as in the twin; a smooth pattern is an effect that depends on attitude.",
         ),
         *figure_blocks(
-            plot_spectrum(view, row),
+            gap_plots.plot_spectrum(view, row),
             "Which frequency",
             f"the residual by frequency, in noise floors{band}.",
             "a flat line near 1. A rise to the left is slow (drift), a narrow peak is interference.",
         ),
         *figure_blocks(
-            plot_dependence(view, row),
+            gap_plots.plot_dependence(view, row),
             "Which condition",
             "the residual over the rate of turning, and over temperature and current where they were recorded.",
             "flat lines near the dashed one. A slope says that the residual goes with that quantity, not yet why.",
@@ -84,11 +73,11 @@ def _where(view: GapView) -> list[Block]:
     ]
 
 
-def _causes(view: GapView) -> list[Block]:
+def _causes(view: gap_plots.GapView) -> list[Block]:
     """Return the causes, ranked, with their parameters."""
     gap = view.gap
     blocks = figure_blocks(
-        plot_evidence(gap),
+        gap_plots.plot_evidence(gap),
         "What can be the cause",
         "the probability of each cause, of no gap at all, and of a cause that is not in the library; what the data "
         "support is blue.",
@@ -99,19 +88,19 @@ def _causes(view: GapView) -> list[Block]:
     return [*blocks, *gap_rows.cause_blocks(gap, view.sensor_count)]
 
 
-def _shrinkage(view: GapView) -> list[Block]:
+def _shrinkage(view: gap_plots.GapView) -> list[Block]:
     """Return how far the gap shrinks with the causes added."""
     blocks: list[Block] = []
     shaded = "" if view.gap.where.time_s is None else "; the span of the gap is shaded"
     for row in view.rows:
         blocks += figure_blocks(
-            plot_time(view, row),
+            gap_plots.plot_time(view, row),
             f"Over time: {view.row_name(row)}",
             f"the residual of each sample; dashed lines are ± the noise floor{shaded}.",
             "all panels would look like the twin's.",
         )
     blocks += figure_blocks(
-        plot_histogram(view, view.rows[0]),
+        gap_plots.plot_histogram(view, view.rows[0]),
         "Distribution",
         "how often the residual has which size; what lies further out is counted in the outermost bins.",
         "all lines would follow the dashed one. Broad shoulders are a slow or large effect, far tails are outliers.",
@@ -126,7 +115,7 @@ def _considered(gap: Gap) -> list[Block]:
     return [words, gap_rows.hypotheses(others)] if others else []
 
 
-def _signature(view: GapView) -> list[Block]:
+def _signature(view: gap_plots.GapView) -> list[Block]:
     """Return what the gap does, where and when, and what could do that; nothing without a law."""
     if not view.gap.signature:
         return []
@@ -134,7 +123,7 @@ def _signature(view: GapView) -> list[Block]:
     for law in view.gap.signature:
         if law.curve is not None:
             blocks += figure_blocks(
-                plot_course(law.curve),
+                gap_plots.plot_course(law.curve),
                 f"Course: {law_sentence(law, view.sensor_count)}",
                 "the size of the disturbance, with a band of two standard errors on either side.",
                 "no curve: noise has no course.",
@@ -163,7 +152,7 @@ def write_gap_report(path: Path, gap: Gap, source: Provenance | None = None) -> 
     InputError
         When the file cannot be written.
     """
-    view = GapView(gap)
+    view = gap_plots.GapView(gap)
     verdict = [*gap_rows.verdict_blocks(gap), Text("Words of this page:"), Points(_TERMS)]
     sections = [Section("What the gap does", _signature(view)), Section("Verdict", verdict)]
     if gap.verdict != "not_identifiable":

@@ -19,17 +19,6 @@ from tam_calibration.correction.parts import (
 )
 from tam_calibration.effects.library import check_numbers
 from tam_calibration.files import schema
-from tam_calibration.files.schema import (
-    Bounds,
-    Document,
-    check,
-    in_si,
-    part_of,
-    part_to_mapping,
-    require_schema,
-    value_in_si,
-    value_to_write,
-)
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.limits import is_covariance
 from tam_calibration.model.residuals import Residuals
@@ -38,8 +27,8 @@ from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 from tam_calibration.recordings.array_yaml import ArrayFile
 from tam_calibration.results.effects_schema import EffectFile
 
-_Part = Annotated[float, Bounds(least=0, most=1, may_be_nan=True)]
-_PriorError = Annotated[float, Bounds(least=0, most=1e12)]
+_Part = Annotated[float, schema.Bounds(least=0, most=1, may_be_nan=True)]
+_PriorError = Annotated[float, schema.Bounds(least=0, most=1e12)]
 """SI, of an error of a sensor: a larger one means a damaged file, as in the calibration itself."""
 
 _Kind = Literal["scale factor", "non-orthogonality", "bias", "misalignment"]
@@ -47,12 +36,12 @@ _Kind = Literal["scale factor", "non-orthogonality", "bias", "misalignment"]
 _UNIT_OF = {"scale factor": "", "non-orthogonality": "_deg", "bias": "_nT", "misalignment": "_deg"}
 
 
-class _ChangeFile(Document):
+class _ChangeFile(schema.Document):
     kind: _Kind | Literal["several errors", "biases", "scalar reading, or the scale factors"]
     sensor: int
 
 
-class _MovedFile(Document):
+class _MovedFile(schema.Document):
     kind: _Kind
     sensor: int
     change: schema.Vector | None = None
@@ -77,10 +66,10 @@ class _MovedFile(Document):
         key = name + _UNIT_OF[self.kind]
         if getattr(self, key) is None:
             raise InputError(f"the file is damaged: a {self.kind} that moved has no {key}")
-        return np.asarray(value_in_si(key, getattr(self, key)))
+        return np.asarray(schema.value_in_si(key, getattr(self, key)))
 
 
-class UpdateFile(Document):
+class UpdateFile(schema.Document):
     """The keys of ``update``, in the order of `Update`.
 
     Tables have a row of twelve numbers for each sensor, SI, as ``covariance_SI`` has.
@@ -88,11 +77,11 @@ class UpdateFile(Document):
 
     prior: str
     change_rates: schema.RatesFile | None
-    elapsed_s: Annotated[float, Bounds(least=0)] | None
+    elapsed_s: Annotated[float, schema.Bounds(least=0)] | None
     warming_K: schema.Finite | None
     prior_standard_errors_SI: list[list[_PriorError]]
     data_share: list[list[_Part]]
-    chi_square: Annotated[float, Bounds(least=-1e-6)]
+    chi_square: Annotated[float, schema.Bounds(least=-1e-6)]
     freedom: int
     probability: _Part
     moved: list[_MovedFile]
@@ -110,7 +99,7 @@ class UpdateFile(Document):
                 raise InputError(f"the file is damaged: {name} must have {sensor_count} rows of 12 numbers")
         return Update(
             prior=self.prior,
-            rates=part_of(self.change_rates),
+            rates=schema.part_of(self.change_rates),
             elapsed_s=self.elapsed_s,
             warming_K=self.warming_K,
             prior_standard_errors=np.array(self.prior_standard_errors_SI),
@@ -125,9 +114,9 @@ class UpdateFile(Document):
 def update_to_mapping(update: Update) -> dict[str, Any]:
     """Return the keys and values of an update in a file."""
     stated = zip(dataclasses.fields(UpdateFile), dataclasses.fields(Update), strict=True)
-    mapping = {key.name: value_to_write(key.name, getattr(update, own.name)) for key, own in stated}
+    mapping = {key.name: schema.value_to_write(key.name, getattr(update, own.name)) for key, own in stated}
     moved = [_moved_to_mapping(each) for each in update.moved]
-    return mapping | {"change_rates": part_to_mapping(update.rates), "moved": moved}
+    return mapping | {"change_rates": schema.part_to_mapping(update.rates), "moved": moved}
 
 
 def _moved_to_mapping(moved: Moved) -> dict[str, Any]:
@@ -135,8 +124,8 @@ def _moved_to_mapping(moved: Moved) -> dict[str, Any]:
     return {
         "kind": moved.kind,
         "sensor": moved.sensor,
-        f"change{unit}": value_to_write(unit, moved.change),
-        f"standard_error{unit}": value_to_write(unit, moved.standard_errors),
+        f"change{unit}": schema.value_to_write(unit, moved.change),
+        f"standard_error{unit}": schema.value_to_write(unit, moved.standard_errors),
         "probability": moved.probability,
         "rivals": [_change_to_mapping(rival) for rival in moved.rivals],
         "since_s": moved.since_s,
@@ -151,13 +140,13 @@ def _change_to_mapping(change: tuple[str, int]) -> dict[str, Any]:
 SCHEMA = "tam_calibration/calibration/1"
 
 _Size = schema.NanoteslaSize
-_StandardError = Annotated[float, Bounds(least=0, most=1e12, may_be_nan=True)]
+_StandardError = Annotated[float, schema.Bounds(least=0, most=1e12, may_be_nan=True)]
 _StandardErrors = tuple[_StandardError, _StandardError, _StandardError]
-_Covariance = Annotated[float, Bounds(least=-1e12, most=1e12)]
+_Covariance = Annotated[float, schema.Bounds(least=-1e12, most=1e12)]
 """SI: a parameter that is known to a million of its units is not known."""
 
 
-class SensorFile(Document):
+class SensorFile(schema.Document):
     """The errors of one sensor."""
 
     sensor: int
@@ -199,20 +188,20 @@ class _Array(ArrayFile):
     noise_is_estimated: bool
 
 
-class _Field(Document):
+class _Field(schema.Document):
     intensity_nT: schema.Nanotesla
     has_scalar_reference: bool
-    coverage_of_sphere: Annotated[float, Bounds(least=0, most=1)]
+    coverage_of_sphere: Annotated[float, schema.Bounds(least=0, most=1)]
     gradient_nT_per_m: schema.NanoteslaTensor | None = None
     gradient_standard_error_nT_per_m: tuple[_StandardErrors, _StandardErrors, _StandardErrors] | None = None
 
     def to_gradient(self) -> AmbientGradientEstimate | None:
         """Return the gradient of the field in SI, where one was fitted."""
-        *_, tensor, errors = in_si(self)
+        *_, tensor, errors = schema.in_si(self)
         return None if tensor is None or errors is None else AmbientGradientEstimate(tensor, errors)
 
 
-class ResidualsFile(Document):
+class ResidualsFile(schema.Document):
     """RMS residuals at one stage of a calibration."""
 
     sensor_intensity_nT: list[_Size]
@@ -221,14 +210,14 @@ class ResidualsFile(Document):
     tensor_rmse_nT_per_m: _Size
 
 
-class _AllResiduals(Document):
+class _AllResiduals(schema.Document):
     before: ResidualsFile
     in_sample: ResidualsFile
     held_out: ResidualsFile | None
     noise_floor: ResidualsFile
 
 
-class _Recording(Document):
+class _Recording(schema.Document):
     samples: int
     time_span_s: tuple[schema.Seconds, schema.Seconds]
     name: str | None
@@ -243,7 +232,7 @@ class _Recording(Document):
         return Provenance(self.name, self.size_bytes, self.sha256)
 
 
-class _OfOutputs(Document):
+class _OfOutputs(schema.Document):
     field_nT: tuple[_Size, _Size, _Size]
     gradient_nT_per_m: tuple[_Size, _Size, _Size, _Size, _Size, _Size]
 
@@ -261,7 +250,7 @@ class _Effect(EffectFile):
         return EffectSize(self.size.to_tesla(), self.size_standard_error.to_tesla())
 
 
-class KnownSourceFile(Document):
+class KnownSourceFile(schema.Document):
     """What a known source of field determined."""
 
     baseline_scale: schema.ScaleFactor
@@ -269,16 +258,16 @@ class KnownSourceFile(Document):
     rotation_deg: schema.Turns
     rotation_standard_error_deg: _StandardErrors
     axis_offsets_standard_error_m: list[tuple[_StandardErrors, _StandardErrors, _StandardErrors]]
-    reduced_chi_square: Annotated[float, Bounds(least=0)]
+    reduced_chi_square: Annotated[float, schema.Bounds(least=0)]
 
 
-class _Quality(Document):
+class _Quality(schema.Document):
     grade: Grade
     reasons: list[str]
     next: list[str]
 
 
-class _Calibration(Document):
+class _Calibration(schema.Document):
     schema: Literal["tam_calibration/calibration/1"]
     software: str
     method: str
@@ -293,7 +282,7 @@ class _Calibration(Document):
     array: _Array
     field: _Field
     residuals: _AllResiduals
-    reduced_chi_square: dict[str, Annotated[float, Bounds(least=0, may_be_nan=True)]]
+    reduced_chi_square: dict[str, Annotated[float, schema.Bounds(least=0, may_be_nan=True)]]
     effects: list[_Effect] = dataclasses.field(default_factory=list)
     known_source: KnownSourceFile | None = None
     update: UpdateFile | None = None
@@ -310,8 +299,8 @@ def calibration_of(content: dict[str, Any]) -> Calibration:
     InputError
         When they are of another version, incomplete, contradict each other, or are beyond a limit that is not accepted.
     """
-    require_schema(content, "calibration", SCHEMA)
-    stored = check(content, _Calibration)
+    schema.require_schema(content, "calibration", SCHEMA)
+    stored = schema.check(content, _Calibration)
     errors = _errors(stored)
     stated = stored.array
     if not stored.field.has_scalar_reference:  # older versions wrote 0 where there is no scalar magnetometer
@@ -349,7 +338,7 @@ def calibration_of(content: dict[str, Any]) -> Calibration:
         frame=stored.frame,
         effects=effects,
         effect_sizes=tuple(effect.to_size() for effect in stored.effects),
-        known_source=None if stored.known_source is None else KnownSource(*in_si(stored.known_source)),
+        known_source=None if stored.known_source is None else KnownSource(*schema.in_si(stored.known_source)),
         accepted=tuple(stored.accepted),
         temperature_C=stored.recording.mean_temperature_C,
         update=None if stored.update is None else stored.update.to_update(errors.sensor_count),
@@ -361,7 +350,7 @@ def calibration_of(content: dict[str, Any]) -> Calibration:
 
 
 def _residuals(stored: ResidualsFile) -> Residuals:
-    return Residuals(*in_si(stored)[:3])
+    return Residuals(*schema.in_si(stored)[:3])
 
 
 def _errors(stored: _Calibration) -> SensorErrors:

@@ -17,13 +17,7 @@ from tam_calibration.model.residuals import Residuals
 from tam_calibration.model.sensor_errors import SensorErrors, orientation_to_axes
 from tam_calibration.model.units import FloatArray, to_nanotesla
 from tam_calibration.recordings.array_yaml import array_to_mapping
-from tam_calibration.results.calibration_schema import (
-    SCHEMA,
-    KnownSourceFile,
-    ResidualsFile,
-    calibration_of,
-    update_to_mapping,
-)
+from tam_calibration.results import calibration_schema
 from tam_calibration.results.effects_schema import effect_to_mapping
 
 FORMULA = (
@@ -110,7 +104,7 @@ def calibration_from_yaml(text: str, where: str) -> Calibration:
         When it is of another version, or is damaged.
     """
     with in_file(where):
-        return calibration_of(parse_mapping(text))
+        return calibration_schema.calibration_of(parse_mapping(text))
 
 
 def calibration_to_yaml(calibration: Calibration) -> str:
@@ -126,7 +120,7 @@ def quality_to_mapping(quality: Quality) -> dict[str, Any]:
 def calibration_to_mapping(calibration: Calibration) -> dict[str, Any]:
     """Return the content of a calibration file: numbers that are read again are exact, those for people rounded."""
     return {
-        "schema": SCHEMA,
+        "schema": calibration_schema.SCHEMA,
         "software": f"tam_calibration {__version__}",
         "method": calibration.method,
         "quality": quality_to_mapping(calibration.quality),
@@ -153,7 +147,7 @@ def calibration_to_mapping(calibration: Calibration) -> dict[str, Any]:
         **_without_empty(
             effects=_effects(calibration),
             known_source=calibration.known_source and _known_source(calibration.known_source),
-            update=calibration.update and update_to_mapping(calibration.update),
+            update=calibration.update and calibration_schema.update_to_mapping(calibration.update),
         ),
         "recording": {
             "samples": calibration.samples,
@@ -172,7 +166,7 @@ def _without_empty(**values: Any) -> dict[str, Any]:
 
 
 def _known_source(found: KnownSource) -> dict[str, Any]:
-    block = block_to_write(KnownSourceFile, astuple(found))
+    block = block_to_write(calibration_schema.KnownSourceFile, astuple(found))
     exact = ("baseline_scale", "rotation_deg")
     return {key: value if key in exact else _rounded(value) for key, value in block.items()}
 
@@ -226,7 +220,7 @@ def sensors_to_mapping(errors: SensorErrors, standard_errors: FloatArray | None 
 
 
 def _residuals(residuals: Residuals) -> dict[str, Any]:
-    block = block_to_write(ResidualsFile, (*astuple(residuals), residuals.tensor_rmse_T_per_m))
+    block = block_to_write(calibration_schema.ResidualsFile, (*astuple(residuals), residuals.tensor_rmse_T_per_m))
     return {key: _rounded(value) for key, value in block.items()}
 
 

@@ -25,23 +25,15 @@ from tam_calibration.files.schema import (
     require_schema,
     value_to_write,
 )
-from tam_calibration.files.text_files import in_file, read_text, to_json, write_text
-from tam_calibration.files.yaml_document import dump_mapping, parse_mapping
+from tam_calibration.files.text_files import in_file, to_json, write_text
+from tam_calibration.files.yaml_document import dump_mapping, mapping_in
 from tam_calibration.gap.noise import AxisNoise
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import for_people, to_nanotesla
+from tam_calibration.results import results_json
 from tam_calibration.results.calibration_schema import calibration_of
 from tam_calibration.results.calibration_yaml import calibration_to_mapping
 from tam_calibration.results.effects_schema import EffectFile, effect_to_mapping
-from tam_calibration.results.results_json import (
-    attributes,
-    law_to_mapping,
-    numbers_of,
-    place_of,
-    rounded,
-    sizes,
-    source_to_mapping,
-)
 
 SCHEMA = "tam_calibration/mend/1"
 COMPARISON_SCHEMA = "tam_calibration/compare/1"
@@ -65,10 +57,7 @@ def read_mend(path: str | Path) -> Mend:
     InputError
         When it cannot be read, is of another version, is damaged, or is of a comparison without a mend.
     """
-    path = Path(path)
-    text = read_text(path)
-    with in_file(path):
-        content = parse_mapping(text)
+    with mapping_in(Path(path)) as content:
         return mend_of(_of_comparison(content) if content.get("schema") == COMPARISON_SCHEMA else content)
 
 
@@ -227,10 +216,12 @@ def comparison_to_mapping(comparison: result.Comparison, sources: Sources) -> di
     closing, mend = comparison.closing, comparison.mend
     return {
         "schema": COMPARISON_SCHEMA,
-        **attributes(comparison, "verdict", "statement"),
-        "laws": {name: [law_to_mapping(law) for law in laws] for name, laws in comparison.laws_of_one.items()},
+        **results_json.attributes(comparison, "verdict", "statement"),
+        "laws": {
+            name: [results_json.law_to_mapping(law) for law in laws] for name, laws in comparison.laws_of_one.items()
+        },
         "remarks": list(comparison.remarks),
-        "mistakes": [attributes(each, "kind", "what", "where", "mend") for each in comparison.mistakes],
+        "mistakes": [results_json.attributes(each, "kind", "what", "where", "mend") for each in comparison.mistakes],
         "missing_in_simulation": [_shown(each, "simulation", "recording") for each in comparison.missing],
         "surplus_in_simulation": [_shown(each, "recording", "simulation") for each in comparison.surplus],
         "other_parameters": [
@@ -245,16 +236,16 @@ def comparison_to_mapping(comparison: result.Comparison, sources: Sources) -> di
         "gap": None if closing is None else _closing(closing),
         "mend": None if mend is None else mend_in_texts(mend),
         "figures": [_figure(figure) for figure in comparison.figures],
-        "simulation": source_to_mapping(sources.simulation),
-        "recording": source_to_mapping(sources.recording),
+        "simulation": results_json.source_to_mapping(sources.simulation),
+        "recording": results_json.source_to_mapping(sources.recording),
     }
 
 
 def _difference(difference: result.EffectDifference) -> dict[str, Any]:
     fitted = difference.fitted
     return {
-        **rounded(attributes(difference, "effect", "sensors", "axes", "probability", "size")),
-        "parameters": {} if fitted is None else numbers_of(fitted, difference.units),
+        **results_json.rounded(results_json.attributes(difference, "effect", "sensors", "axes", "probability", "size")),
+        "parameters": {} if fitted is None else results_json.numbers_of(fitted, difference.units),
     }
 
 
@@ -268,7 +259,7 @@ def _shown(difference: result.EffectDifference, lacking: str, having: str) -> di
 def _noise(difference: result.NoiseDifference) -> dict[str, Any]:
     simulation, recording = difference.simulation, difference.recording
     return {
-        **place_of(recording),
+        **results_json.place_of(recording),
         **_level("simulation", simulation),
         **_level("recording", recording),
         "simulation_colour": simulation.colour,
@@ -279,23 +270,23 @@ def _noise(difference: result.NoiseDifference) -> dict[str, Any]:
 
 def _level(side: str, noise: AxisNoise) -> dict[str, float]:
     levels = {f"{side}_nT": noise.level_T, f"{side}_standard_error_nT": noise.level_error_T}
-    return rounded({name: to_nanotesla(level) for name, level in levels.items()})
+    return results_json.rounded({name: to_nanotesla(level) for name, level in levels.items()})
 
 
 def _closing(closing: result.Closing) -> dict[str, Any]:
     return {
-        **sizes(closing),
-        **rounded(attributes(closing, "source_error_before_m", "source_error_after_m")),
+        **results_json.sizes(closing),
+        **results_json.rounded(results_json.attributes(closing, "source_error_before_m", "source_error_after_m")),
         "source_error_simulation": _source_error(closing.simulation_source),
         "source_error_recording": _source_error(closing.recording_source),
         "source_error_mended": _source_error(closing.mended_source),
-        "steps": [rounded(attributes(step, "added", "left")) for step in closing.steps],
+        "steps": [results_json.rounded(results_json.attributes(step, "added", "left")) for step in closing.steps],
         "left": closing.left,
     }
 
 
 def _source_error(error: result.SourceError | None) -> dict[str, Any] | None:
-    return None if error is None else attributes(error, "median_m", "interval_m")
+    return None if error is None else results_json.attributes(error, "median_m", "interval_m")
 
 
 def _figure(figure: Figure) -> dict[str, Any]:
@@ -304,10 +295,10 @@ def _figure(figure: Figure) -> dict[str, Any]:
     values = {name: factor * side.value for name, side in sides.items()}
     errors = {f"{name}_standard_error": factor * side.standard_error for name, side in sides.items()}
     return {
-        **attributes(figure.recording, "group", "name"),
+        **results_json.attributes(figure.recording, "group", "name"),
         "unit": unit,
-        **rounded(values | errors),
-        **rounded(attributes(figure, "standard_errors", "standing")),
+        **results_json.rounded(values | errors),
+        **results_json.rounded(results_json.attributes(figure, "standard_errors", "standing")),
     }
 
 
