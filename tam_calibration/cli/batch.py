@@ -24,16 +24,12 @@ if TYPE_CHECKING:
 def _blocks(results: Sequence[Result]) -> list[Block]:
     """Return counts by platform, the drifts that stand out most, and which platforms have none."""
     blocks: list[Block] = [Table(summary.COUNTS_HEADER, summary.count_rows(results), "What was found")]
-    blocks += [Text(f"Law of the gap: {words}.") for words in summary.law_points(results)[:_FEW]]
+    blocks += [Text(f"Law of the gap: {words}.") for words in summary.law_points(results)[: terminal.FEW]]
     if drifts := summary.largest(summary.all_drifts(results)):
         rows = [summary.drift_row(found)[:-1] for found in drifts]
         blocks.append(Table(summary.DRIFT_HEADER[:-1], rows, "Largest drift of each kind, ± standard errors"))
     missions = summary.all_missions(results)
     return [*blocks, *(Text(f"{each.platform}: {each.no_drift}") for each in missions if each.no_drift)]
-
-
-_FEW = 5
-"""Open points, and laws, that a summary names."""
 
 
 def _answer(results: Sequence[Result], points: Sequence[str]) -> str:
@@ -101,7 +97,7 @@ def _print(results: Sequence[Result], output: Path, detail: terminal.Detail) -> 
     blocks, points = _blocks(results), summary.open_points(results)
     terminal.print_answer(
         _answer(results, points),
-        [*map(Text, points[1:_FEW]), *blocks],
+        [*map(Text, points[1 : terminal.FEW]), *blocks],
         [*blocks, *map(Text, points)],
         detail,
         (output / name for name in summary.SUMMARIES),

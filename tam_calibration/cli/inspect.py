@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from tam_calibration.cli.terminal import PATH, Answer, answering, reading, showing_progress
+from tam_calibration.cli.terminal import MOST_ROWS, PATH, Answer, answering, reading, showing_progress
 from tam_calibration.recordings import read_array, transforms_in
 from tam_calibration.recordings.inspection import Inspection, inspect, inspection_to_mapping
 from tam_calibration.report.blocks import Block, Points, Table, Text
@@ -12,9 +12,6 @@ from tam_calibration.report.inspection_report import HEADER, headline, rows_of
 
 _CHANNELS = 12
 """Channels of a topic that are printed in addition to those taken."""
-
-_CLAUSES = 30
-"""Oddities that are printed."""
 
 
 @click.command()
@@ -50,10 +47,10 @@ def command(
 
 def _blocks(found: Inspection) -> list[Block]:
     blocks: list[Block] = [Table(HEADER, list(rows_of(found, _CHANNELS)), numeric=False)]
-    more = [f"… and {len(found.oddities) - _CLAUSES} more: --json has all"] if len(found.oddities) > _CLAUSES else []
+    more = [f"… and {len(found.oddities) - MOST_ROWS} more: --json has all"] if len(found.oddities) > MOST_ROWS else []
     for title, clauses in (
         ("Taken:", found.reasons),
-        ("Odd:", (*found.oddities[:_CLAUSES], *more)),
+        ("Odd:", (*found.oddities[:MOST_ROWS], *more)),
         ("Not taken:", found.remarks),
         ("To settle in a map:", found.doubts),
     ):

@@ -275,10 +275,6 @@ def _give_targets(
     answer.give(mapping, survey_report.targets_answer(targets), few, [rows, *below])
 
 
-_FEW = 5
-"""Samples that a summary shows."""
-
-
 def _give_survey(survey: Survey, answer: Answer, report: Path | None, name: str) -> None:
     """Write the page that is wanted, and give the answer."""
     if report is not None:
@@ -287,5 +283,5 @@ def _give_survey(survey: Survey, answer: Answer, report: Path | None, name: str)
         write_survey_report(report, survey, name)
     words = [Text(each) for each in survey_report.statements(survey)]
     tables = [*survey_report.source_blocks(survey), *survey_report.sample_blocks(survey), *words]
-    few = [*words, *([] if survey.overall else survey_report.sample_blocks(survey, _FEW))]
+    few = [*words, *([] if survey.overall else survey_report.sample_blocks(survey, terminal.FEW))]
     answer.give(targets_file.survey_to_mapping(survey), survey_report.survey_answer(survey), few, tables)

@@ -15,7 +15,7 @@ from tam_calibration.cli.terminal import MAP_HELP, PATH, NamedPath, Number, comp
 from tam_calibration.files.text_files import check_writable, in_file, require_regular
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.libraries import require
-from tam_calibration.nodes.session import Children, node_commands, ros_session
+from tam_calibration.nodes.session import PATIENCE_S, Children, node_commands, ros_session
 from tam_calibration.recordings.channel_map import Reading, read_map
 
 if TYPE_CHECKING:
@@ -80,9 +80,6 @@ def watched(console: "Console", children: Children) -> Iterator["Monitor"]:
         yield Monitor(children, show)
 
 
-WAIT_S = 10.0
-"""Longest wait for a subscriber: nodes that start with the player are there within some seconds."""
-
 _SLOWEST, _FASTEST = 0.001, 1000.0
 """Limits of the rate: an hour lasts six weeks, or 3.6 s, which no node keeps up with."""
 
@@ -120,7 +117,7 @@ def play(recording: Path, map_path: Path | None, rate: float, loop: bool, clock:
 def _wait(player: "Player") -> None:
     for name in player.unknown_types:
         say(f"not played: {name} is not installed here", err=True)
-    if not player.wait_for_subscribers(WAIT_S):
+    if not player.wait_for_subscribers(PATIENCE_S):
         say(f"no subscriber for {', '.join(player.unheard())}; playing all the same", err=True)
 
 

@@ -23,7 +23,7 @@ from tam_calibration.messages.samples import Progress as ProgressCallback
 from tam_calibration.model.exceptions import InputError, Refused, printable
 from tam_calibration.model.libraries import require
 from tam_calibration.model.units import FloatArray
-from tam_calibration.recordings.channel_map import TOLERANCE_S, Moment, Reading, Window, read_map
+from tam_calibration.recordings.channel_map import AS_IT_IS, Moment, Reading, Window, read_map
 from tam_calibration.report.blocks import Block, Points, Table, Text
 from tam_calibration.results.overwriting import require_separate
 
@@ -167,7 +167,7 @@ _READING_OPTIONS = (
     click.option(
         "--tolerance-s",
         type=Number(0, 60),
-        default=TOLERANCE_S,
+        default=AS_IT_IS.tolerance_s,
         show_default=True,
         help="Largest difference of stamps within a sample, in s; beyond it, readings are interpolated.",
     ),
@@ -205,6 +205,9 @@ def reading_options(function: Callable[..., Any]) -> Callable[..., Any]:
         command = option(command)
     return command
 
+
+FEW = 5
+"""Points, laws or samples of a kind that a summary names."""
 
 MOST_LINES = 20
 """Lines of an answer that is not asked for in full: they fit a terminal with the command."""
@@ -252,7 +255,7 @@ def print_answer(
     if tables is None:
         print_blocks(summary)
     elif detail == "tables":
-        print_blocks(tables, _MOST_ROWS)
+        print_blocks(tables, MOST_ROWS)
     else:
         with console.capture() as captured:
             print_blocks(summary, console=console)
@@ -287,7 +290,7 @@ def stdout() -> Console:
     return _Console(width=None if sys.stdout.isatty() else _PIPE_WIDTH, highlight=False, markup=False)
 
 
-_MOST_ROWS = 30
+MOST_ROWS = 30
 """Rows of a table that are printed: parameters of an effect may be many more."""
 
 

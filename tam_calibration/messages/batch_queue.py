@@ -18,7 +18,7 @@ LONG_AGO = -NEVER
 EARLIER = -1
 """The moment of arrival of what came before a batch."""
 
-_NONE = np.zeros(0, dtype=np.int64)
+_NONE = np.array([], dtype=np.int64)
 
 
 class Arrivals:

@@ -184,7 +184,7 @@ BODY = 4
 """Bytes before the message, which tell the byte order; alignment counts from here."""
 
 
-_HEAD_SIZE = 12
+_HEAD_SIZE = struct.calcsize("=iII")
 """Bytes of the stamp, and of the length of the frame's name."""
 
 FRAME_ID = BODY + _HEAD_SIZE

@@ -20,7 +20,7 @@ NAN, ZERO, SENTINEL, FAR = range(1, len(REASONS))
 HUGE = 1e30
 """In any unit: no field is so strong; drivers publish 1e300 for a reading that failed."""
 
-_LEAST_OF_TYPES = (-32768.0, -2147483648.0)
+_LEAST_OF_TYPES = tuple(float(np.iinfo(kind).min) for kind in (np.int16, np.int32))
 """The least numbers of 16 and 32 bits, which converters give on one axis when they fail."""
 
 _DUMMIES = (*_LEAST_OF_TYPES, 32767.0, 65535.0, 2147483647.0, 4294967295.0, -9999.0, 9999.0, 99999.0, 88888.0)

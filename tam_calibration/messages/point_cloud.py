@@ -23,10 +23,7 @@ from tam_calibration.model.units import FloatArray
 FRAME_ID = "tam_array"
 """Default frame of everything that is corrected: the array frame."""
 
-POINT_FIELD_FLOAT64 = 8
-"""``sensor_msgs/PointField.FLOAT64``."""
-
-FLOAT64_SIZE = 8
+FLOAT64_SIZE = np.dtype(np.float64).itemsize
 
 CHANNEL_COLUMNS = {
     "scalar": ("scalar_T",),

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.messages.cdr import COUNT
 from tam_calibration.messages.stream import sensor_stream
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.exceptions import InputError
@@ -94,13 +95,10 @@ Progress = Callable[[int, int], None]
 """Called now and then with the bytes that are done, and how many there are to do."""
 
 
-_PIECE = 16_384
-
-
 def pieces(sample_count: int) -> Iterator[slice]:
     """Yield the slices that cut so many samples into pieces, so that what is written of a piece stays small."""
-    for start in range(0, sample_count, _PIECE):
-        yield slice(start, min(start + _PIECE, sample_count))
+    for start in range(0, sample_count, COUNT):
+        yield slice(start, min(start + COUNT, sample_count))
 
 
 @dataclass(frozen=True, eq=False)

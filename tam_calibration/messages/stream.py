@@ -264,7 +264,10 @@ class OnceStream(HeldStream):
         self.buffer.popleft()
 
 
-BEFORE_ALL = -(1 << 64)
+EPOCH = 1 << 64
+"""Distance of the keys of successive epochs: more than any stamp, so that one number orders all messages."""
+
+BEFORE_ALL = -EPOCH
 """A key before all others."""
 
 

@@ -20,6 +20,7 @@ import numpy as np
 from tam_calibration.messages.point_cloud import SampleLayout, columns_of, is_channel
 from tam_calibration.messages.stream import (
     BEFORE_ALL,
+    EPOCH,
     SILENCE_NS,
     HeldStream,
     IntensityStream,
@@ -45,8 +46,6 @@ CATCH_UP_NS = 1_000_000_000
 REMEMBERED = 16
 """Intervals between samples, the shortest of which decides when a message may be of the next sample."""
 
-# Stamps of successive epochs are set apart by more than any stamp, so that one number orders all messages.
-_EPOCH = 1 << 64
 _NO_READING = (float("nan"),) * 3
 
 
@@ -214,7 +213,7 @@ class Synchroniser:
             stream.timeline.give_up()
             stream.losses.implausible = stream.timeline.given_up
         samples = self._complete()
-        self._forget((self._epoch + 1) * _EPOCH)
+        self._forget((self._epoch + 1) * EPOCH)
         return samples
 
     def explain_losses(self) -> str:
@@ -246,7 +245,7 @@ class Synchroniser:
 
     def _is_expected(self, stream: Stream, stamp_ns: int) -> bool:
         """Return whether a stream that jumps to a stamp only follows the sensors: after a pause, or in a new epoch."""
-        present = self._newest - self._epoch * _EPOCH
+        present = self._newest - self._epoch * EPOCH
         if stream.epoch < self._epoch:
             return abs(stamp_ns - present) <= self._patience_ns
         return stream.timeline.newest_ns < stamp_ns <= present + STEP_NS
@@ -269,7 +268,7 @@ class Synchroniser:
         """Let a message wait for its sample; return whether it is one that can join."""
         key = self._key(stream, stamp_ns)
         if key is None:
-            is_repeat = stamp_ns is not None and stream.epoch * _EPOCH + stamp_ns == stream.newest
+            is_repeat = stamp_ns is not None and stream.epoch * EPOCH + stamp_ns == stream.newest
             stream.losses.contradicting += is_repeat and tuple(values) != tuple(stream.newest_values)
             return False
         self._store(stream, key, values)
@@ -282,7 +281,7 @@ class Synchroniser:
             if len(stream.buffer) >= kept and stream.buffer[-kept][0] == self._newest:
                 del stream.buffer[-kept]
             return self._newest
-        key = stream.epoch * _EPOCH + stamp_ns
+        key = stream.epoch * EPOCH + stamp_ns
         if key > stream.newest:
             if stream.epoch == self._epoch or stamp_ns <= stream.rejoins_after:
                 return key
@@ -295,13 +294,13 @@ class Synchroniser:
         elif stream.epoch == self._epoch:
             self._begin_epoch(stream)
         stream.epoch = self._epoch
-        return self._epoch * _EPOCH + stamp_ns
+        return self._epoch * EPOCH + stamp_ns
 
     def _begin_epoch(self, beginner: Stream) -> None:
         """Begin a new epoch: the other streams join it when they step back too, or have run on past the patience."""
         self._epoch += 1
         self.restarts += 1
-        newest = {stream: stream.newest - stream.epoch * _EPOCH for stream in self._streams.values()}
+        newest = {stream: stream.newest - stream.epoch * EPOCH for stream in self._streams.values()}
         sensors = max((newest[stream] for stream in self._sensors if stream is not beginner), default=0)
         for stream in self._streams.values():
             if newest[stream] >= 0:
@@ -328,7 +327,7 @@ class Synchroniser:
 
     def _advance(self, key: int) -> None:
         """Move time on to the newest stamp of the sensors; at the start of an epoch patience begins anew."""
-        if key - self._newest > _EPOCH // 2:
+        if key - self._newest > EPOCH // 2:
             self._epoch_start = key
         self._newest = key
         if self._is_catching_up(self._now_ns):
@@ -439,4 +438,4 @@ class Synchroniser:
             if message is not None:
                 stream.take(message)
         self._last_delivered = key
-        return Sample(key % _EPOCH, key // _EPOCH, tuple(joined))
+        return Sample(key % EPOCH, key // EPOCH, tuple(joined))

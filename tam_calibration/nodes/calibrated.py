@@ -8,6 +8,7 @@ from std_msgs.msg import String
 
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.messages.timeline import Run
+from tam_calibration.model.data_sheet import DAY_S
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.nodes.base import TamNode
 from tam_calibration.nodes.node_parameters import SHARED, Rule
@@ -20,9 +21,6 @@ CALIBRATED = (
         "calibration_file", "", "Calibration YAML; a newer one comes over `calibration`, or by this.", read_only=False
     ),
 )
-
-SILENCE_S = 2.0
-"""Without samples, from which the status says so: two periods of the status, so that one late sample is no silence."""
 
 
 class CalibratedNode(TamNode):
@@ -73,9 +71,6 @@ class CalibratedNode(TamNode):
         self._calibration, self._problem_of_calibration = calibration, ""
 
 
-_DAY_S = 86_400.0
-
-
 def introduce(calibration: Calibration | None, path: str, now_s: float) -> str:
     """Return the calibration that a node starts with, and its age; or where there is none yet.
 
@@ -121,10 +116,10 @@ def figures(calibration: Calibration | None, now_s: float) -> dict[str, object]:
 def _age_s(calibration: Calibration, now_s: float) -> float | None:
     """Return the time since the recording ended; None where its stamps are of another clock."""
     age = now_s - calibration.time_span_s[1]
-    return age if 0 <= age < 20 * 365 * _DAY_S else None
+    return age if 0 <= age < 20 * 365 * DAY_S else None
 
 
 def _tell_age(age_s: float | None) -> str:
     if age_s is None:
         return "of unknown age"
-    return f"{age_s / 3600:.1f} h old" if age_s < 2 * _DAY_S else f"{age_s / _DAY_S:.0f} days old"
+    return f"{age_s / 3600:.1f} h old" if age_s < 2 * DAY_S else f"{age_s / DAY_S:.0f} days old"

@@ -33,7 +33,7 @@ from tam_calibration.nodes.markers import Shown, coverage_markers
 from tam_calibration.nodes.node_parameters import REAL_TIME, SHARED, Rule
 from tam_calibration.nodes.session import precede
 from tam_calibration.nodes.topics import RELIABLE_STREAM, STREAM, cloud_writer, make_cloud, message_class, to_stamp
-from tam_calibration.recordings.channel_map import TOLERANCE_S, Pick
+from tam_calibration.recordings.channel_map import AS_IT_IS, Pick
 
 _SCALAR_TOPIC = CHANNEL_TOPICS["scalar"]
 _SCALAR_TYPES = ("sensor_msgs/MagneticField", "std_msgs/Float64")
@@ -44,7 +44,7 @@ RULES = (
     Rule("map_file", "", "Map YAML: topics of sensors and channels; empty for tam_1/magnetic_field and so on."),
     Rule(
         "tolerance_s",
-        TOLERANCE_S,
+        AS_IT_IS.tolerance_s,
         "Difference of stamps up to which readings count as of one moment; beyond, they are interpolated [s].",
         bounds=(0.0, 10.0),
     ),

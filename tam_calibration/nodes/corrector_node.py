@@ -23,10 +23,11 @@ from tam_calibration.messages.point_cloud import (
     SampleLayout,
     center_covariance,
 )
+from tam_calibration.messages.stream import SILENCE_NS
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health
-from tam_calibration.nodes.calibrated import CALIBRATED, SILENCE_S, CalibratedNode, figures
+from tam_calibration.nodes.calibrated import CALIBRATED, CalibratedNode, figures
 from tam_calibration.nodes.markers import Shown, field_marker
 from tam_calibration.nodes.node_parameters import REAL_TIME
 from tam_calibration.nodes.session import precede
@@ -102,7 +103,7 @@ class Corrector(CalibratedNode):
             return WARN, self._problem_of_calibration or "no calibration yet: call calibrator/calibrate or give a file"
         if self._problem_of_calibration:
             return WARN, f"a new calibration was not taken, the old one stays: {self._problem_of_calibration}"
-        if time.monotonic() - self._heard_s > SILENCE_S:
+        if time.monotonic() - self._heard_s > SILENCE_NS / 1e9:
             return STALE, "no samples arrive: see the collector"
         if self._missing or self._failing:
             return self._judge_partial()

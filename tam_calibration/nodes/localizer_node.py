@@ -19,12 +19,13 @@ from tam_calibration.localization.euler import DIPOLE_INDEX
 from tam_calibration.localization.solutions import EulerSolutions, Status, pose_rows
 from tam_calibration.localization.turned_samples import Regional, Samples, locate_samples, regional_of, turned
 from tam_calibration.messages.point_cloud import FIELD_GRADIENT_COLUMNS, SOURCE_COLUMNS
+from tam_calibration.messages.stream import SILENCE_NS
 from tam_calibration.model.conversion import ATTITUDE_COLUMNS, RATE_COLUMNS
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import LOCAL_VARIANCE_T2, field_at
 from tam_calibration.model.units import FloatArray
 from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health
-from tam_calibration.nodes.calibrated import CALIBRATED, SILENCE_S, CalibratedNode
+from tam_calibration.nodes.calibrated import CALIBRATED, CalibratedNode
 from tam_calibration.nodes.markers import Shown, source_markers
 from tam_calibration.nodes.node_parameters import Rule
 from tam_calibration.nodes.survey import AttitudeJoin, Joined, LineTargets
@@ -88,7 +89,8 @@ def source_rows(solutions: EulerSolutions) -> FloatArray:
     return np.concatenate(parts, axis=1)
 
 
-_ROUNDING = 1e-9
+_ROUNDING = np.sqrt(np.finfo(float).eps)
+"""Relative difference of variances from which on it is more than rounding."""
 
 
 class Localizer(CalibratedNode):
@@ -157,7 +159,7 @@ class Localizer(CalibratedNode):
                 return ERROR, reader.problem
         if self._problem_of_calibration:
             return WARN, f"a new calibration was not taken: {self._problem_of_calibration}"
-        if time.monotonic() - self._heard_s > SILENCE_S:
+        if time.monotonic() - self._heard_s > SILENCE_NS / 1e9:
             return STALE, "no field and gradient arrive: see the corrector"
         if not self._is_heard:
             return OK, "no node subscribes to the source: it is not located"

@@ -17,6 +17,7 @@ from tam_calibration.messages.point_cloud import FRAME_ID
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.units import FloatArray
+from tam_calibration.nodes.session import PATIENCE_S
 from tam_calibration.nodes.topics import leave, waiting
 from tam_calibration.recordings import read_array
 
@@ -156,9 +157,6 @@ def declare(node: Node, rules: Sequence[Rule]) -> None:
 _LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """As tf2 publishes and hears static transforms; each of their publishers has a message."""
 
-_PATIENCE_S = 10.0
-"""Time for which transforms are waited for: late joiners are discovered within 3 s, and robots start in any order."""
-
 
 class StaticTransforms:
     """The static transforms towards the array's frame, which are waited for.
@@ -189,7 +187,7 @@ class StaticTransforms:
         InputError
             When the messages of tf are not installed, or no transform comes.
         """
-        limit = time.monotonic() + _PATIENCE_S
+        limit = time.monotonic() + PATIENCE_S
         while (pose := self._tree.pose(frame, self._array_frame)) is None:
             if time.monotonic() > limit:
                 raise InputError(

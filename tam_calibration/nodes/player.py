@@ -18,6 +18,7 @@ from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 
 from tam_calibration.messages.point_cloud import MAGNETIC_FIELD, topic_and_type
+from tam_calibration.model.data_sheet import DAY_S
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.nodes.topics import message_class
 from tam_calibration.recordings.bag_reader import BagReader, raw_messages
@@ -124,9 +125,6 @@ _SETTLE_S = 0.3
 The player sleeps for that, and between messages: it receives nothing that could wake it, and no one tells it of either.
 """
 
-_LONGEST_PAUSE_S = 86_400.0
-"""Longest pause between messages, a day: clocks that are set make pauses of years, and a sleep has at most 292."""
-
 
 class Player(Node):
     """Publishes serialised messages.
@@ -179,7 +177,8 @@ class Player(Node):
                 continue
             first = stamp if first is None else first
             pause_s = begin + (stamp - first) / 1e9 / self._rate - time.monotonic()
-            time.sleep(min(max(0.0, pause_s), _LONGEST_PAUSE_S))
+            # Clocks that are set make pauses of years, and a sleep has at most 292.
+            time.sleep(min(max(0.0, pause_s), DAY_S))
             if self._clock_publisher and stamp >= clock_due:
                 self._clock_publisher.publish(Clock(clock=Time(nanoseconds=stamp).to_msg()))
                 clock_due = stamp + 10_000_000  # a hundred times a second

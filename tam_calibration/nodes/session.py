@@ -237,10 +237,6 @@ def _holder(address: str) -> str:
     return str(_CREDENTIALS.unpack(credentials)[0])
 
 
-LOWEST_PRIORITY = 1
-"""Of the real-time priorities (1 to 99): above all that is not real-time, below all else that is."""
-
-
 def precede() -> str:
     """Have the threads of this process, and those that they start, run before all that are not real-time.
 
@@ -249,13 +245,17 @@ def precede() -> str:
     str
         How the process is scheduled, for /diagnostics: as before where its user has no right to more.
     """
+    lowest = os.sched_get_priority_min(os.SCHED_RR)  # above all that is not real-time, below all else that is
     try:
         for thread in Path("/proc/self/task").iterdir():
-            os.sched_setscheduler(int(thread.name), os.SCHED_RR, os.sched_param(LOWEST_PRIORITY))
+            os.sched_setscheduler(int(thread.name), os.SCHED_RR, os.sched_param(lowest))
     except PermissionError:
         return "normal: this user may not use real-time priorities"
-    return f"real-time, priority {LOWEST_PRIORITY}"
+    return f"real-time, priority {lowest}"
 
+
+PATIENCE_S = 10.0
+"""Time for which others are waited for: late joiners are discovered within 3 s, and robots start in any order."""
 
 _GRACE_S = 5.0
 """Time that a process has to end after SIGINT before it is killed."""

@@ -93,10 +93,6 @@ class AttitudeJoin:
         return Joined(stamp_ns, outputs, self._attitudes.pop(stamp_ns, None))
 
 
-_NANOSECONDS = 1e-9
-"""Seconds in a nanosecond."""
-
-
 class LineTargets:
     """Publishes `targets` of the last seconds, in the frame of `odometry`.
 
@@ -125,11 +121,11 @@ class LineTargets:
         odometry = deserialize_message(message, Odometry)
         stamp, place = odometry.header.stamp, odometry.pose.pose.position
         self._frame_id = odometry.header.frame_id
-        self._line.push_position(stamp.sec + _NANOSECONDS * stamp.nanosec, np.array([place.x, place.y, place.z]))
+        self._line.push_position(stamp.sec + stamp.nanosec / 1e9, np.array([place.x, place.y, place.z]))
 
     def take_sample(self, stamp_ns: int, readings_T: FloatArray, attitude: FloatArray, rates: FloatArray) -> None:
         """Take a sample: readings (K, 3), tesla, attitude (4,) and angular velocity (3,), rad/s; NaN where unknown."""
-        self._line.push_sample(_NANOSECONDS * stamp_ns, readings_T, attitude, rates)
+        self._line.push_sample(stamp_ns / 1e9, readings_T, attitude, rates)
 
     def _search(self) -> None:
         if self.calibration is None or self._work.busy_with or not self._targets.get_subscription_count():

@@ -28,7 +28,8 @@ from rclpy.subscription import Subscription
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
-from tam_calibration.messages.point_cloud import FLOAT64_SIZE, POINT_FIELD_FLOAT64, SampleLayout, field_offsets
+from tam_calibration.messages.cdr import BODY
+from tam_calibration.messages.point_cloud import FLOAT64_SIZE, SampleLayout, field_offsets
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray
 
@@ -241,10 +242,9 @@ def _arrived(
             yield arrived_ns, take, taken[0]
 
 
-STAMP = slice(4, 12)
-"""Where a serialised message has the stamp of its header."""
-
 _STAMP = struct.Struct("<iI")
+STAMP = slice(BODY, BODY + _STAMP.size)
+"""Where a serialised message has the stamp of its header."""
 
 
 class MessageWriter:
@@ -311,7 +311,7 @@ def make_cloud(header: Header, columns: tuple[str, ...], row: Sequence[float] = 
     size = FLOAT64_SIZE * len(columns)
     cloud = PointCloud2(header=header, height=1, width=1 if row else 0)
     cloud.fields = [
-        PointField(name=name, offset=offset, datatype=POINT_FIELD_FLOAT64, count=1)
+        PointField(name=name, offset=offset, datatype=PointField.FLOAT64, count=1)
         for name, offset in field_offsets(columns)
     ]
     cloud.point_step, cloud.row_step, cloud.is_dense = size, size if row else 0, True
@@ -329,7 +329,7 @@ def read_cloud(cloud: PointCloud2) -> tuple[tuple[str, ...], FloatArray]:
     """
     columns = tuple(field.name for field in cloud.fields)
     is_plain = all(
-        field.offset == offset and field.datatype == POINT_FIELD_FLOAT64 and field.count == 1
+        field.offset == offset and field.datatype == PointField.FLOAT64 and field.count == 1
         for field, (_, offset) in zip(cloud.fields, field_offsets(columns), strict=True)
     )
     if not is_plain or cloud.is_bigendian or cloud.point_step != FLOAT64_SIZE * len(columns):

@@ -244,7 +244,8 @@ _RECORD = np.dtype(
 """Fields before the serialised message in the record of a message."""
 
 
-_CHECKSUM, _CHUNK_CONTENT, _INDEX_HEAD = 9 + 24, 9 + 40, 15
+_INDEX_HEAD = struct.Struct("<BQHI")
+"""Head of the record, channel and size of the list before the entries of an index."""
 
 
 class _Chunk(NamedTuple):
@@ -311,8 +312,8 @@ class McapFile(StoredFile):
         bag_bounds.check_piece(chunk.length, chunk.length, "a chunk with its index")
         file.seek(chunk.place)
         stored = file.read(chunk.length)
-        begin = _CHUNK_CONTENT + len(chunk.compression)
-        check = int.from_bytes(stored[_CHECKSUM : _CHECKSUM + 4], "little")
+        *_, check = _CHUNK_HEAD.unpack_from(stored, _HEAD.size)
+        begin = _HEAD.size + _CHUNK_HEAD.size + 4 + len(chunk.compression) + 8  # a length before both strings
         content = bag_bounds.unpack(stored[begin : begin + chunk.packed_size], chunk.compression, chunk.size)
         if check and crc32(content) != check:
             raise bag_bounds.Damaged(_named_damage(self.path))
@@ -340,9 +341,9 @@ def _parse_chunk(content: bytes) -> _Chunk:
     compression, sizes = read_string(stream), struct.unpack("<QQ", stream.read(16))
     ends = [*(begin for begin, _ in places[1:]), place + length]
     indices = {
-        channel: (begin - place + _INDEX_HEAD, end - begin - _INDEX_HEAD)
+        channel: (begin - place + _INDEX_HEAD.size, end - begin - _INDEX_HEAD.size)
         for (begin, channel), end in zip(places, ends, strict=True)
-        if end - begin > _INDEX_HEAD
+        if end - begin > _INDEX_HEAD.size
     }
     return _Chunk(start_ns, end_ns, place, length, indices, compression, *sizes)
 
@@ -399,7 +400,7 @@ class McapBlockWriter(McapWriter):
         begin, crc = self.bio.tell(), crc32(self.chunk.bio.getvalue())
         super().close_chunk()
         end = self.bio.tell()
-        self.bio.seek(begin + _CHECKSUM)
+        self.bio.seek(begin + _HEAD.size + _CHUNK_HEAD.size - 4)
         self.bio.write(crc.to_bytes(4, "little"))
         self.bio.seek(end)
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.files.schema import Bounds, Document, check
 from tam_calibration.files.yaml_document import mapping_in
+from tam_calibration.messages.point_cloud import columns_of
 from tam_calibration.messages.stream import sensor_stream
 from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.further_channels import require_further
@@ -26,7 +27,8 @@ FieldUnit = Literal["", "T", "mT", "uT", "nT", "G", "mG"]
 World = Literal["enu", "ned"]
 """Axes of the world of an attitude or a position."""
 
-CHANNEL_WIDTHS = {"scalar": 1, "attitude": 4, "gyroscope": 3, "temperature": 1, "current": 1, "position": 3}
+_CHANNELS = ("scalar", "attitude", "gyroscope", "temperature", "current", "position")
+CHANNEL_WIDTHS = {name: len(columns_of(name)) for name in _CHANNELS}
 """Values of each channel that a recording contains in addition to its sensors."""
 
 
@@ -270,10 +272,6 @@ def _stated(value: Any) -> Any:
     return {name: _stated(each) for name, each in vars(value).items() if each != defaults[name]}
 
 
-TOLERANCE_S = 0.0
-"""Difference of stamps up to which readings count as of one moment; beyond it they are interpolated."""
-
-
 @dataclass(frozen=True)
 class Moment:
     """A time in a recording: from its start, or of day.
@@ -384,7 +382,7 @@ class Reading:
     window: Window = default_of(default_factory=Window)
     unwrap: bool = False
     base_station: Path | None = None
-    tolerance_s: float = TOLERANCE_S
+    tolerance_s: float = 0.0
     files: tuple[Path, ...] = ()
     origin: tuple[float, float, float] | None = None
 

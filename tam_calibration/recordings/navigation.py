@@ -28,9 +28,6 @@ POSITION_FIELDS = {
 _RADIUS_M, _FLATTENING = 6_378_137.0, 1 / 298.257223563
 """Equatorial radius and flattening of the ellipsoid WGS 84 (NIMA TR8350.2)."""
 
-_STEPS = 8
-"""Steps to a geographic position: each leaves less than a hundredth of the distance that the last one left."""
-
 
 def axes_of(fields: Sequence[str]) -> Axes:
     """Return the meaning of the three numbers of a position, by the names of the first and the last."""
@@ -115,13 +112,15 @@ def geographic(local_m: FloatArray, origin: FloatArray) -> FloatArray:
         Latitude and longitude, degrees, and height above the ellipsoid, metres.
     """
     places, turn = np.tile(origin, (len(local_m), 1)), _axes_at(origin)
-    for _ in range(_STEPS):
-        off = (local_m - east_north_up(places, origin)) @ turn
+    off, before = local_m @ turn, np.inf
+    while (size := np.abs(off).max(initial=0.0)) < before:
+        before = size
         for place, step in zip(places, off, strict=True):
             east, north, up = _axes_at(place) @ step
             radius = _RADIUS_M + place[2]
             shrunk = radius * np.cos(from_degrees(place[0]))
             place += [to_degrees(north / radius), to_degrees(east / shrunk), up]
+        off = (local_m - east_north_up(places, origin)) @ turn
     return places
 
 

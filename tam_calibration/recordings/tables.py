@@ -223,8 +223,8 @@ class MemorySource:
 
 log = logging.getLogger(__name__)
 
-_PIECE = 1 << 24
-"""Bytes that are searched at once."""
+PIECE = 1 << 24
+"""Bytes or characters of a file that are looked at at once."""
 
 
 class Field(NamedTuple):
@@ -299,8 +299,8 @@ def mapped(path: Path) -> mmap:
 def heads_in(data: mmap, mark: bytes) -> IntArray:
     """Return where two bytes stand that messages begin with; also within messages they may."""
     found = []
-    for start in range(0, len(data) - 2, _PIECE):
-        piece = np.frombuffer(data, np.uint8, min(_PIECE + 2, len(data) - start), start)
+    for start in range(0, len(data) - 2, PIECE):
+        piece = np.frombuffer(data, np.uint8, min(PIECE + 2, len(data) - start), start)
         first = np.flatnonzero(piece[:-2] == mark[0])
         found.append(first[piece[first + 1] == mark[1]] + start)
     return np.concatenate(found)

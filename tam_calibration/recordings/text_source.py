@@ -15,6 +15,7 @@ from tam_calibration.model.libraries import require
 from tam_calibration.model.units import FloatArray
 from tam_calibration.recordings.channel_map import ChannelMap, TextFormat, TimeColumn
 from tam_calibration.recordings.row_source import RowSource
+from tam_calibration.recordings.tables import PIECE
 from tam_calibration.recordings.text_dialect import LONGEST_LINE, MISSING, Dialect, cells_of, detect_dialect, is_number
 from tam_calibration.recordings.times import stamps_of_words
 from tam_calibration.recordings.vectors import is_own_column
@@ -22,9 +23,6 @@ from tam_calibration.recordings.vectors import is_own_column
 if TYPE_CHECKING:
     import pandas
     import pyarrow
-
-_PIECE = 1 << 24
-"""Characters that are read at once."""
 
 
 class TextSource(RowSource):
@@ -82,7 +80,7 @@ class TextSource(RowSource):
         with readable(self.path), self.path.open(encoding=self.dialect.encoding, newline=None) as file:
             for _ in range(self.dialect.first_line - 1):
                 file.readline(LONGEST_LINE)
-            while text := file.read(_PIECE):
+            while text := file.read(PIECE):
                 text += file.readline(LONGEST_LINE)
                 if comment and comment in text:
                     text = re.sub(rf"^[ \t]*{re.escape(comment)}.*$", "", text, flags=re.MULTILINE)

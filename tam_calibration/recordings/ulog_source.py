@@ -32,9 +32,6 @@ _SYNC = b"\x08\x00S\x2f\x73\x13\x20\x25\x0c\xbb\x12"
 _LONGEST = 1 << 16
 """More bytes than a message contains."""
 
-_NARROWEST, _WIDEST = 1 << 8, 1 << 16
-"""Bytes in which the next readings are looked for: as many as had readings without a break before."""
-
 _DATA, _FORMAT, _ADDED, _FLAG_BITS = b"DFAB"
 _OTHERS = frozenset(b"FABIMPQRLCSO")
 """Kinds of messages that hold no readings."""
@@ -102,7 +99,7 @@ class _Log:
     """The messages of a log: what they define, where those of each topic are, and how many bytes are of none."""
 
     def __init__(self, data: mmap) -> None:
-        self._data, self._formats, self._window = data, _Formats(), _WIDEST
+        self._data, self._formats, self._window = data, _Formats(), _LONGEST
         self._topics: dict[tuple[str, int], int] = {}
         self._topic_of = np.zeros(1 << 16, dtype=np.int64)
         self._least, self._most = np.full((2, 1 << 16), _LONGEST)
@@ -149,7 +146,8 @@ class _Log:
         count = int(breaks[0]) + 1 if len(breaks) else len(heads)
         self._found.append((self._topic_of[numbers[:count]], heads[:count] + place + _HEAD.size + 2))
         taken = int(ends[count - 1])
-        self._window = min(max(2 * taken, _NARROWEST), _WIDEST)
+        # The next readings are looked for in as many bytes as had some without a break before.
+        self._window = min(2 * taken, _LONGEST)
         return place + taken
 
     def _defines(self, kind: int, content: bytes) -> bool:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tam_calibration.localization.solutions import ELLIPSOID_PROBABILITY
 from tam_calibration.localization.survey import ARRAY_FRAME, Overall, Survey, standard_errors
 from tam_calibration.localization.target import Target
 from tam_calibration.localization.targets import SurveyLine
@@ -143,8 +144,6 @@ def target_table(targets: Sequence[Target]) -> Table:
 
 _VIEWS = (((0, 1), "plan"), ((0, 2), "profile"), ((1, 2), "profile"))
 _NAMES = {True: ("x, forward", "y, left", "z, up"), False: ("x", "y", "z")}
-_NINETY_FIVE = np.sqrt(5.991)
-"""Half axis, in standard deviations, of an ellipse that contains 95 %: χ² with two degrees of freedom."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,11 +234,16 @@ def _windows(survey: Survey) -> list[_Window]:
         return [_Window((low + high) / 2, 0.6 * float((high - low).max()))]
     distances = np.linalg.norm(survey.center_m - overall.position_m, axis=1)
     nearest = survey.center_m[distances.argmin()]
-    axis = _NINETY_FIVE * float(np.sqrt(np.linalg.eigvalsh(overall.position_covariance_m2)[-1]))
+    axis = _half_axis() * float(np.sqrt(np.linalg.eigvalsh(overall.position_covariance_m2)[-1]))
     return [
         _Window((nearest + overall.position_m) / 2, 0.8 * float(distances.min())),
         _Window(overall.position_m, 8.0 * axis, overall.position_m, 1e3, "mm from the source"),
     ]
+
+
+def _half_axis() -> float:
+    """Return the half axis, in standard deviations, of an ellipse with that probability: χ² of two dimensions."""
+    return float(np.sqrt(-2 * np.log1p(-ELLIPSOID_PROBABILITY)))
 
 
 def error_ellipse(
@@ -251,7 +255,7 @@ def error_ellipse(
     values, vectors = np.linalg.eigh(covariance)
     axis = vectors[:, 1]
     angle = to_degrees(float(np.arctan2(axis[1], axis[0])))
-    size = scale * 2 * _NINETY_FIVE * np.sqrt(np.maximum(values, 0))
+    size = scale * 2 * _half_axis() * np.sqrt(np.maximum(values, 0))
     return Ellipse((center[0], center[1]), size[1], size[0], angle=angle, fill=False, edgecolor=color, linewidth=width)
 
 

@@ -207,8 +207,9 @@ def _messages(standard_errors: FloatArray) -> dict[str, Any]:
     zero = _TYPES["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0)
     dimension, layout = _TYPES["std_msgs/msg/MultiArrayDimension"], _TYPES["std_msgs/msg/MultiArrayLayout"]
     dimensions = [dimension(*each) for each in point_cloud.GRADIENT_DIMENSIONS]
+    field: Any = _TYPES["sensor_msgs/msg/PointField"]
     fields = [
-        _TYPES["sensor_msgs/msg/PointField"](name, offset, point_cloud.POINT_FIELD_FLOAT64, 1)
+        field(name, offset, field.FLOAT64, 1)
         for name, offset in point_cloud.field_offsets(point_cloud.FIELD_GRADIENT_COLUMNS)
     ]
     size = point_cloud.FLOAT64_SIZE * len(fields)

@@ -106,7 +106,7 @@ def test_use_sim_time(bench, bag):
 
 def test_nobody_listens_is_said(ros_domain, bag, monkeypatch):
     """Without a subscriber the bag is played all the same, and the player says who does not listen."""
-    monkeypatch.setattr("tam_calibration.cli.nodes.WAIT_S", 0.1)
+    monkeypatch.setattr("tam_calibration.cli.nodes.PATIENCE_S", 0.1)
     result = CliRunner().invoke(main, ["play", str(bag), "--rate", "1000"])
     assert result.exit_code == 0, result.output
     assert "no subscriber for /tam_1/magnetic_field" in result.output and "2000 messages" in result.output
@@ -123,8 +123,8 @@ def test_damaged_bag_is_refused(ros_domain, bag, tmp_path):
 
 def test_a_pause_of_centuries_is_no_traceback(ros_domain, tmp_path, recording, monkeypatch):
     """A clock that was set leaves one; no sleep lasts so long."""
-    monkeypatch.setattr("tam_calibration.cli.nodes.WAIT_S", 0.1)
-    monkeypatch.setattr("tam_calibration.nodes.player._LONGEST_PAUSE_S", 0.001)
+    monkeypatch.setattr("tam_calibration.cli.nodes.PATIENCE_S", 0.1)
+    monkeypatch.setattr("tam_calibration.nodes.player.DAY_S", 0.001)
     time_s = np.arange(20.0)
     time_s[10:] += 2e9
     write_recording(tmp_path / "bag.mcap", replace(recording.take(slice(20)), time_s=time_s))
@@ -136,7 +136,7 @@ def test_a_pause_of_centuries_is_no_traceback(ros_domain, tmp_path, recording, m
 
 def test_a_name_that_is_no_utf8_is_no_matter_of_ros(ros_domain, bag, tmp_path, monkeypatch):
     """ROS is not told the words of the command line, in which it would stumble over it."""
-    monkeypatch.setattr("tam_calibration.cli.nodes.WAIT_S", 0.1)
+    monkeypatch.setattr("tam_calibration.cli.nodes.PATIENCE_S", 0.1)
     odd = tmp_path / os.fsdecode(b"\xff.db3")
     odd.write_bytes(next(bag.glob("*.db3")).read_bytes())
     monkeypatch.setattr(sys, "argv", ["tam", "play", str(odd)])

@@ -174,8 +174,8 @@ def test_what_tf_does_not_tell_is_said(bench, tmp_path, monkeypatch):
     code, said = end_of_start(path)
     assert code == 2 and said.startswith(f"tam: {path}: it leaves positions to tf, and tf2_msgs is not installed")
     put_in_place_of_tf2_msgs(tmp_path, monkeypatch)
-    assert node_parameters._PATIENCE_S == 10.0  # as docs/how_to/robot.md says
-    monkeypatch.setattr(node_parameters, "_PATIENCE_S", 0.1)
+    assert node_parameters.PATIENCE_S == 10.0  # as docs/how_to/robot.md says
+    monkeypatch.setattr(node_parameters, "PATIENCE_S", 0.1)
     transforms = node_parameters.StaticTransforms(bench.node, "tam_array")
     with pytest.raises(InputError, match="/tf_static leads from tam_array to no tam_1_link: publish that transform"):
         transforms.look_up("tam_1_link")

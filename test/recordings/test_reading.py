@@ -100,7 +100,7 @@ def test_nothing_within_is_told(path):
 def test_a_window_counts_from_the_start_of_the_recording_in_pieces(tmp_path, monkeypatch):
     """Not from that of each piece."""
     path = write_text(tmp_path / "run.csv", {"time_s": np.arange(COUNT) / 20, **columns_of("mag_", turned(48_000))})
-    monkeypatch.setattr(text_source, "_PIECE", 1000)
+    monkeypatch.setattr(text_source, "PIECE", 1000)
     how = read_samples(path).recording
     from tam_calibration.recordings.channel_map import Reading
 

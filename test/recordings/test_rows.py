@@ -61,7 +61,7 @@ def test_pieces_are_the_whole(tmp_path, monkeypatch):
     columns = columns_of("mag1_", turned(48_000, sensor=1))
     path = table(tmp_path, mag1_y=holed(columns["mag1_y"], 3, 7, 399))
     whole = read_samples(path)
-    monkeypatch.setattr(text_source, "_PIECE", 3000)
+    monkeypatch.setattr(text_source, "PIECE", 3000)
     pieces = list(read_pieces(path))
     assert len(pieces) > 3
     for name, values in whole.recording.values().items():
@@ -133,7 +133,7 @@ def test_times_of_pieces_are_those_of_the_whole(tmp_path, monkeypatch, time, win
     reading = Reading(window=Window(*(None if each is None else Moment.of(each) for each in window)))
     found = []
     for size in (1 << 24, 3000):
-        monkeypatch.setattr(text_source, "_PIECE", size)
+        monkeypatch.setattr(text_source, "PIECE", size)
         try:
             pieces = list(read_pieces(path, reading=reading))
         except InputError as problem:

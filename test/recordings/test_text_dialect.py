@@ -236,7 +236,7 @@ def test_pieces_of_a_file_give_the_same_numbers(tmp_path, monkeypatch):
     lines[9:9] = ["", "# b, c", ""]
     (tmp_path / "run.csv").write_text("\n".join(lines))
     whole = read_recording(tmp_path / "run.csv")
-    monkeypatch.setattr(text_source, "_PIECE", 100)
+    monkeypatch.setattr(text_source, "PIECE", 100)
     pieces = read_recording(tmp_path / "run.csv")
     for name, values in whole.values().items():
         assert_array_equal(pieces.values()[name], values)

@@ -71,9 +71,9 @@ def test_map_shows_the_source_in_each_view(survey):
         assert (low < survey.overall.position_m[list(pair)]).all()
         assert (high > survey.overall.position_m[list(pair)]).all()
     ellipse = panels[0].patches[-1]
-    assert sorted([ellipse.width, ellipse.height]) == pytest.approx(2 * np.sqrt(5.991) * np.array([0.01, 0.02]))
+    assert sorted([ellipse.width, ellipse.height]) == pytest.approx(2 * np.sqrt(5.991464547) * np.array([0.01, 0.02]))
     ellipse = magnified[0].patches[-1]
-    assert sorted([ellipse.width, ellipse.height]) == pytest.approx(2 * np.sqrt(5.991) * np.array([10.0, 20.0]))
+    assert sorted([ellipse.width, ellipse.height]) == pytest.approx(2 * np.sqrt(5.991464547) * np.array([10.0, 20.0]))
     assert ellipse.get_center() == pytest.approx([0, 0])
 
 
