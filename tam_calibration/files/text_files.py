@@ -305,7 +305,7 @@ def readable(path: Path) -> Iterator[None]:
 
 
 MOST_BYTES = 1 << 26
-"""Of a text that is read at once: four times the largest calibration, and a century of an observatory's hours."""
+"""Of a file that is read at once, 64 MiB: four times the largest calibration, a century of an observatory's hours."""
 
 
 def require_regular(path: Path) -> None:

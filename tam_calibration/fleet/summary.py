@@ -288,7 +288,8 @@ def plot_missions(missions: Missions, kind: Kind) -> "Figure":
     kind : Kind
         Parameters to draw; those without a unit are drawn in ppm.
     """
-    factor, unit = (1.0, kind.sign) if kind.sign else (1e6, "ppm")
+    shown = kind.of_changes
+    factor = shown.factor / kind.factor
     values, errors = factor * missions.values[kind], factor * missions.standard_errors[kind]
     count = values.shape[1]
     figure = new_figure(WIDTH_INCH, 1.5 * count + 0.4)
@@ -301,7 +302,7 @@ def plot_missions(missions: Missions, kind: Kind) -> "Figure":
                 style = {"fmt": ".", "markersize": 5, "elinewidth": 0.9, "color": color, "label": kind.axes[axis]}
                 axes.errorbar(times, value - np.nanmean(value), errors[:, sensor, axis], **style)
         _finish(axes, f"sensor {sensor + 1}")
-    figure.supylabel(f"{kind.name} less its mean, {unit}")
+    figure.supylabel(f"{kind.name} less its mean, {shown.sign}")
     return figure
 
 

@@ -15,7 +15,7 @@ from tam_calibration.model.units import FloatArray, IntArray
 LONG_AGO = -NEVER
 """A stamp before all others."""
 
-EARLIER = -1
+EARLIER = LONG_AGO
 """The moment of arrival of what came before a batch."""
 
 _NONE = np.array([], dtype=np.int64)

@@ -22,15 +22,9 @@ Definitions = Mapping[str, tuple[Any, Sequence[tuple[str, Any]]]]
 
 _BASE, _NAME, _ARRAY, _SEQUENCE = 1, 2, 3, 4
 
-_NUMBERS = {
-    "bool": "u1",
-    "byte": "u1",
-    "char": "u1",
-    "octet": "u1",
-    **{f"{sign}int{bits}": f"{sign[:1] or 'i'}{bits // 8}" for sign in ("", "u") for bits in (8, 16, 32, 64)},
-    "float32": "f4",
-    "float64": "f8",
-}
+_KINDS = [*(f"{sign}int{bits}" for sign in ("", "u") for bits in ("8", "16", "32", "64")), "float32", "float64"]
+NUMBERS = dict.fromkeys(("bool", "byte", "char", "octet"), "u1")
+NUMBERS |= {name: f"{np.dtype(name).kind}{np.dtype(name).itemsize}" for name in _KINDS}
 """Types of numbers as numpy names them."""
 
 _BYTES = {"byte", "char", "octet", "uint8"}
@@ -154,7 +148,7 @@ class MessageFields:
     def _listed(self, definition: Any, path: str) -> Iterator[str]:
         """Yield the paths of the numbers below a definition; of lists the path with ``[]``."""
         kind, argument = definition
-        if kind == _BASE and argument[0] in _NUMBERS:
+        if kind == _BASE and argument[0] in NUMBERS:
             yield path
         elif kind == _NAME:
             for name, inner in self._definitions[argument][1]:
@@ -162,7 +156,7 @@ class MessageFields:
         elif kind == _ARRAY and argument[1] <= LONGEST_LISTED:
             for index in range(argument[1]):
                 yield from self._listed(argument[0], f"{path}[{index}]")
-        elif kind == _SEQUENCE and argument[0][0] == _BASE and argument[0][1][0] in _NUMBERS.keys() - _BYTES:
+        elif kind == _SEQUENCE and argument[0][0] == _BASE and argument[0][1][0] in NUMBERS.keys() - _BYTES:
             self.has_sequences = True
             yield f"{path}[]"
 
@@ -231,20 +225,20 @@ class MessageFields:
             fields = self._definitions[argument][1]
             within = f"{path}." if path else ""
             types = {inner[1][0] if inner[0] == _BASE else "" for _, inner in fields}
-            if len(types) == 1 and (number := types.pop()) in _NUMBERS:  # a vector, which is read at once
-                pending.take([f"{within}{name}" for name, _ in fields], cursor, _NUMBERS[number])
+            if len(types) == 1 and (number := types.pop()) in NUMBERS:  # a vector, which is read at once
+                pending.take([f"{within}{name}" for name, _ in fields], cursor, NUMBERS[number])
                 return
             for name, inner in fields:
                 if not pending.missing:
                     return
                 self._walk(inner, f"{within}{name}", cursor, pending)
-        elif kind == _BASE and argument[0] in _NUMBERS:
-            pending.take([path], cursor, _NUMBERS[argument[0]])
+        elif kind == _BASE and argument[0] in NUMBERS:
+            pending.take([path], cursor, NUMBERS[argument[0]])
         elif kind == _BASE:
             length = cursor.read_length()
             cursor.at = _common(cursor.at + length * (1 if argument[0] == "string" else 4))
-        elif kind == _ARRAY and argument[0][0] == _BASE and argument[0][1][0] in _NUMBERS:
-            pending.keep_list(path, cursor, _NUMBERS[argument[0][1][0]], np.full(len(cursor.rows), argument[1]))
+        elif kind == _ARRAY and argument[0][0] == _BASE and argument[0][1][0] in NUMBERS:
+            pending.keep_list(path, cursor, NUMBERS[argument[0][1][0]], np.full(len(cursor.rows), argument[1]))
         elif kind == _ARRAY:
             for index in range(argument[1]):
                 self._walk(argument[0], f"{path}[{index}]", cursor, pending)
@@ -255,8 +249,8 @@ class MessageFields:
         length = cursor.read_length()
         pending.keep(f"{path}[]", cursor.rows, length)
         kind, argument = element
-        if kind == _BASE and argument[0] in _NUMBERS:
-            pending.keep_list(path, cursor, _NUMBERS[argument[0]], length)
+        if kind == _BASE and argument[0] in NUMBERS:
+            pending.keep_list(path, cursor, NUMBERS[argument[0]], length)
             return
         # A longer list of structures is a cloud or a map, and no reading of an array.
         if length.max(initial=0) > 4096:

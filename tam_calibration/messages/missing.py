@@ -15,7 +15,7 @@ from tam_calibration.model.units import FloatArray
 REASONS = ("there", "NaN or blank", "zero on all axes", "sentinels", "far outside the range of the others")
 """Why a reading is missing, by its code; 0 of those that are there."""
 
-NAN, ZERO, SENTINEL, FAR = range(1, len(REASONS))
+_, NAN, ZERO, SENTINEL, FAR = range(len(REASONS))
 
 HUGE = 1e30
 """In any unit: no field is so strong; drivers publish 1e300 for a reading that failed."""

@@ -14,6 +14,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from tam_calibration.fit.coverage import Coverage
 from tam_calibration.localization.solutions import EulerSolutions, ellipsoid
+from tam_calibration.messages.stream import SILENCE_NS
 from tam_calibration.model.units import FloatArray
 from tam_calibration.nodes.base import TamNode
 
@@ -28,9 +29,6 @@ METRES_PER_TESLA = 1e4
 
 MOMENT_LENGTH = 0.5
 """Length of the arrow of a moment over the distance of its source: seen at any distance, whatever the moment."""
-
-LIFETIME_S = 2.0
-"""Time after which a source that is no longer located is shown no longer."""
 
 _FIELD = ColorRGBA(r=0.0, g=0.45, b=0.7, a=1.0)
 _SOURCE = ColorRGBA(r=0.84, g=0.37, b=0.0, a=0.4)
@@ -104,8 +102,8 @@ def source_markers(header: Header, solutions: EulerSolutions, index: int) -> Mar
         length = MOMENT_LENGTH * float(np.linalg.norm(position))
         tip = position + length / np.linalg.norm(moment) * moment
         markers.append(_arrow(header, "moment", position, tip, _MOMENT))
-    for marker in markers:
-        marker.lifetime = Duration(seconds=LIFETIME_S).to_msg()
+    for marker in markers:  # of a source that is no longer located
+        marker.lifetime = Duration(nanoseconds=SILENCE_NS).to_msg()
     return MarkerArray(markers=markers)
 
 

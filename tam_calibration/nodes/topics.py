@@ -39,7 +39,7 @@ LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability
 STREAM = QoSProfile(depth=10_000, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Sensor data; deep enough to bridge ten seconds at 1000 Hz."""
 
-RELIABLE_STREAM = QoSProfile(depth=10_000, reliability=ReliabilityPolicy.RELIABLE)
+RELIABLE_STREAM = QoSProfile(depth=STREAM.depth, reliability=ReliabilityPolicy.RELIABLE)
 """Data between our own nodes, of which none may be lost."""
 
 _OVERRIDABLE = QoSOverridingOptions(

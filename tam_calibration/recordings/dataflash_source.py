@@ -18,9 +18,10 @@ import numpy as np
 from tam_calibration.recordings import tables
 from tam_calibration.recordings.channel_map import ChannelMap
 from tam_calibration.recordings.tables import MemorySource, Table, records_of, stored
+from tam_calibration.recordings.times import PER_SECOND
 
 _HEAD = b"\xa3\x95"
-_HEAD_SIZE = 3
+_HEAD_SIZE = Struct("<2sB").size
 """Bytes before the content of a message: two that are always the same, and its type."""
 
 _FORMAT = 0x80
@@ -35,7 +36,8 @@ _KINDS = {
 _DIVISORS = {**dict.fromkeys("cCeE", 100.0), "L": 1e7}
 """Of numbers that are stored as hundredths, and of degrees of latitude and longitude."""
 
-_TICKS_NS = {"TimeUS": 1000, "TimeMS": 1_000_000}
+_CLOCKS = {"TimeUS": "us", "TimeMS": "ms"}
+"""Fields of the time, and their units."""
 _DESCRIBING = ("FMT", "FMTU", "MULT", "PARM", "UNIT")
 """Messages that hold no readings."""
 
@@ -105,7 +107,7 @@ class _Log:
         instances = self._instances()
         for kind, (name, _, layout) in self._formats.items():
             places = self._places[kind]
-            time = next((each for each in _TICKS_NS if each in layout and layout[each].kind[1] == "u"), "")
+            time = next((each for each in _CLOCKS if each in layout and layout[each].kind[1] == "u"), "")
             if not time or not len(places) or name in _DESCRIBING:
                 continue
             number = instances.get(kind, "")
@@ -116,7 +118,8 @@ class _Log:
                 # Milligauss by ArduPilot's definition of its messages.
                 units = {f"{kind}{axis}": "mG" for kind in ("Mag", "Ofs", "Raw") for axis in "XYZ" if "RawX" in fields}
                 table = Table(name, (), instance=instance, units=units)
-                yield records_of(table, self._data, places[numbers == instance], fields, time, _TICKS_NS[time])
+                tick_ns = PER_SECOND["ns"] // PER_SECOND[_CLOCKS[time]]
+                yield records_of(table, self._data, places[numbers == instance], fields, time, tick_ns)
 
 
 def _with_raw(layout: tables.Layout) -> tables.Layout:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files.schema import Bounds, Document, Place, Vector, check
+from tam_calibration.files.text_files import MOST_BYTES
 from tam_calibration.files.yaml_document import mapping_in
 from tam_calibration.messages.samples import Progress, Samples
 from tam_calibration.messages.usage import Usage
@@ -179,16 +180,13 @@ class RecordingStream:
                 yield [self._columns[name].read(start, count)[chosen] for name in names]
 
 
-_LARGE_BYTES = 1 << 26
-"""From here on, 64 MiB, a recording is read in pieces."""
-
 Role = Literal["simulation", "recording"]
 
 
 def is_large(path: Path) -> bool:
     """Return whether a file, or the files of a folder, had better be read in pieces: from 64 MiB on."""
     parts = path.iterdir() if path.is_dir() else [path]
-    return sum(part.stat().st_size for part in parts if part.is_file()) >= _LARGE_BYTES
+    return sum(part.stat().st_size for part in parts if part.is_file()) >= MOST_BYTES
 
 
 def read_source(

@@ -14,14 +14,15 @@ from struct import Struct
 import numpy as np
 
 from tam_calibration.files.text_files import in_file
+from tam_calibration.messages.message_fields import NUMBERS
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.recordings import tables
 from tam_calibration.recordings.channel_map import ChannelMap
 
 _MAGIC = b"ULog\x01\x12\x35"
 _HEAD, _SUBSCRIPTION, _FLAGS = Struct("<HB"), Struct("<BH"), Struct("<8s8s3Q")
-_FILE_HEAD = 16
-"""Bytes before the first message."""
+_FILE_HEAD = Struct("<7sBQ").size
+"""Bytes before the first message: mark, version and time."""
 
 _FIRST = _FILE_HEAD + _HEAD.size
 """Where the content of the first message begins."""
@@ -37,10 +38,8 @@ _OTHERS = frozenset(b"FABIMPQRLCSO")
 """Kinds of messages that hold no readings."""
 
 
-_KINDS = {
-    **{f"{sign}int{8 * size}_t": f"<{sign or 'i'}{size}" for size in (1, 2, 4, 8) for sign in ("", "u")},
-    **{"float": "<f4", "double": "<f8", "bool": "<u1", "char": "<S1"},
-}
+_KINDS = {f"{name}_t": f"<{kind}" for name, kind in NUMBERS.items() if "int" in name}
+_KINDS |= {"float": "<f4", "double": "<f8", "bool": "<u1", "char": "<S1"}
 _TIMES: Sequence[str] = ("timestamp_sample", "timestamp")
 _FIELD = re.compile(r"(\w+)(?:\[(\d{1,5})\])? (\w+)")
 

@@ -105,6 +105,11 @@ class Kind(NamedTuple):
         """Return the key of the values in files, or of a part such as "standard_error"."""
         return "_".join(filter(None, (self.name.replace(" ", "_").replace("-", "_"), part, self.unit)))
 
+    @property
+    def of_changes(self) -> "Kind":
+        """The kind as changes are told: of what has no unit in ppm."""
+        return self if self.sign else self._replace(factor=1e6, sign="ppm")
+
 
 KINDS = (
     Kind("scale factor", "", "", 1.0, 6),

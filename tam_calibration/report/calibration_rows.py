@@ -188,10 +188,6 @@ def _places(calibration: Calibration, found: KnownSource) -> Table:
     return Table(["sensor, axis", "x", "y", "z"], rows, _PLACES)
 
 
-_KINDS = {kind.name: kind for kind in KINDS} | {"scale factor": KINDS[0]._replace(factor=1e6, sign="ppm")}
-"""Kinds of errors by name; changes of scale factors are told in ppm."""
-
-
 def update_sentences(update: Update) -> list[str]:
     """Return where the prior came from, whether the data contradict it, and what moved, one sentence each."""
     chance = f"χ² {number(update.chi_square)} for {update.freedom} degrees of freedom"
@@ -257,6 +253,6 @@ def _told(parts: list[Moved]) -> str:
 
 
 def _change(moved: Moved) -> str:
-    kind = _KINDS[moved.kind]
+    kind = next(each for each in KINDS if each.name == moved.kind).of_changes
     values = with_errors(kind.factor * moved.change, kind.factor * moved.standard_errors, 2)
     return f"{', '.join(values)} {kind.sign} ({' '.join(kind.axes)})"

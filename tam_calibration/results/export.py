@@ -72,10 +72,6 @@ _PX4_LEAST_CHANGE = 0.01
 """Norm of the smallest change of offsets (gauss), scales or off-diagonals that PX4 adopts (Magnetometer.cpp)."""
 
 
-_OFF_DIAGONAL = (0, 0, 1), (1, 2, 2)
-"""Rows and columns of the elements xy, xz, yz of a symmetric matrix, in the order of PX4 and ArduPilot."""
-
-
 def _bias_alone(sensor: Sensor) -> Steps:
     yield "scale factors, non-orthogonality and rotation are left out", replace(sensor, matrix=np.eye(3))
 
@@ -98,7 +94,7 @@ def _symmetric_in_range(sensor: Sensor) -> Steps:
 def _ignored_by_px4(sensor: Sensor) -> Steps:
     """Leave out changes from the values with which PX4 starts: offsets 0, scales 1, off-diagonals 0."""
     diagonal = np.diag(sensor.matrix)
-    if norm(sensor.matrix[_OFF_DIAGONAL]) <= _PX4_LEAST_CHANGE:
+    if norm(_off_diagonal(sensor)) <= _PX4_LEAST_CHANGE:
         sensor = replace(sensor, matrix=np.diag(diagonal))
         yield f"PX4 ignores off-diagonals of at most {_PX4_LEAST_CHANGE}", sensor
     if norm(diagonal - 1) <= _PX4_LEAST_CHANGE:
@@ -106,6 +102,11 @@ def _ignored_by_px4(sensor: Sensor) -> Steps:
         yield f"PX4 ignores scales within {_PX4_LEAST_CHANGE} of 1", sensor
     if norm(sensor.bias_T) <= _PX4_LEAST_CHANGE * _GAUSS_T:
         yield f"PX4 ignores offsets of at most {_PX4_LEAST_CHANGE} gauss", replace(sensor, bias_T=np.zeros(3))
+
+
+def _off_diagonal(sensor: Sensor) -> FloatArray:
+    """Return the elements xy, xz, yz of a symmetric matrix, in the order of PX4 and ArduPilot."""
+    return sensor.matrix[np.triu_indices(3, 1)]
 
 
 def _with_diagonal(sensor: Sensor, diagonal: FloatArray) -> Sensor:
@@ -118,7 +119,7 @@ def _comments(losses: Sequence[str], mark: str = "#") -> str:
 
 def _parts(sensor: Sensor, offset: FloatArray, names: Sequence[str]) -> Iterator[tuple[str, str, str]]:
     """Yield name, axis and value of each offset, diagonal and off-diagonal element."""
-    parts = offset, np.diag(sensor.matrix), sensor.matrix[_OFF_DIAGONAL]
+    parts = offset, np.diag(sensor.matrix), _off_diagonal(sensor)
     for name, values in zip(names, parts, strict=True):
         for axis, value in zip("XYZ", values, strict=True):
             yield name, axis, f"{value:.9f}"

@@ -172,8 +172,8 @@ _BEGIN = b"tam samples"
 """What files begin with."""
 
 
-_NUMBERS, _CHECK = [(name, "<i8") for name in StoredSample._fields[:3]], 4
-"""What precedes the values of a row, and how many bytes of checksum follow them."""
+*_NUMBERS, _ = StoredSample._fields
+"""What precedes the values of a row."""
 
 
 class SampleFile:
@@ -204,7 +204,7 @@ class SampleFile:
         text = json.dumps(json.loads(to_json({"node": node, **about}))).encode()
         self._check = crc32(text)
         self._head = b"%s %08x %s\n" % (_BEGIN, self._check, text)
-        self._row = np.dtype([*_NUMBERS, ("row", "<f8", (columns,)), ("check", "<u4")])
+        self._row = np.dtype([*((name, "<i8") for name in _NUMBERS), ("row", "<f8", (columns,)), ("check", "<u4")])
         self._size = self._row.itemsize
 
     def read(self) -> tuple[list[StoredSample], bool]:
@@ -251,12 +251,13 @@ class SampleFile:
     def _whole(self, content: bytes) -> list[StoredSample]:
         rows = np.frombuffer(content[: len(content) // self._size * self._size], self._row)
         rows = rows[rows["check"] == self._checks(content, len(rows))]
-        numbers = (rows[name].tolist() for name in StoredSample._fields[:3])
+        numbers = (rows[name].tolist() for name in _NUMBERS)
         return list(map(StoredSample, *numbers, map(np.copy, rows["row"])))
 
     def _checks(self, content: bytes, count: int) -> list[int]:
+        size = self._row["check"].itemsize
         starts = range(0, count * self._size, self._size)
-        return [crc32(content[start : start + self._size - _CHECK], self._check) for start in starts]
+        return [crc32(content[start : start + self._size - size], self._check) for start in starts]
 
     def save(self, samples: Sequence[StoredSample], kept: int) -> None:
         """Save samples.

@@ -210,7 +210,7 @@ def test_delays_are_estimated_told_and_kept(folder):
 def test_a_large_file_is_streamed_to_the_same_result(folder, monkeypatch, method, undrawn):
     """What does not fit into memory is calibrated from disk, with the same file as the result, and the report shows."""
     run("run.csv", "--array", "array.yaml", "-o", "a.yaml", "--method", method)
-    monkeypatch.setattr("tam_calibration.recordings.fit_input._LARGE_BYTES", 1)
+    monkeypatch.setattr("tam_calibration.recordings.fit_input.MOST_BYTES", 1)
     run("run.csv", "--array", "array.yaml", "-o", "b.yaml", "--method", method, "--report", "page.html")
     assert (folder / "b.yaml").read_text() == (folder / "a.yaml").read_text()
     assert (folder / "page.html").exists()

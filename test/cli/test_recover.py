@@ -68,7 +68,7 @@ def test_what_is_no_bag_is_told(folder):
 def test_commands_go_on_with_what_is_whole(folder, caplog, gap, monkeypatch, name, is_large):
     """With a warning, in the log and in what they write; the corrected bag holds as many samples."""
     monkeypatch.setattr(diagnose_command, "diagnose", lambda *args, **options: gap)
-    monkeypatch.setattr(fit_input, "_LARGE_BYTES", 0 if is_large else 1 << 30)
+    monkeypatch.setattr(fit_input, "MOST_BYTES", 0 if is_large else 1 << 30)
     run("calibrate", name, "--array", "array.yaml", "-o", "new.yaml")
     assert "the recording was left unfinished" in caplog.text
     assert read_calibration("new.yaml").warnings[0].startswith("the recording was left unfinished: 2")

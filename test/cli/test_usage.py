@@ -55,7 +55,7 @@ def asked(monkeypatch, gap):
 @pytest.mark.parametrize("is_large", [False, True])
 def test_every_answer_tells_the_usage(thinned, asked, monkeypatch, is_large):
     """Whether or not it is a warning, and also where the recording is larger than memory."""
-    monkeypatch.setattr(fit_input, "_LARGE_BYTES", 0 if is_large else 1 << 30)
+    monkeypatch.setattr(fit_input, "MOST_BYTES", 0 if is_large else 1 << 30)
     thinned(0.05)
     why = "30 found none of tam_3, of which 570 messages came: they have gaps"
     for name in ("calibrate", "diagnose"):
@@ -68,7 +68,7 @@ def test_every_answer_tells_the_usage(thinned, asked, monkeypatch, is_large):
 @pytest.mark.parametrize("is_large", [False, True])
 def test_below_nine_tenths_is_a_warning(thinned, asked, monkeypatch, is_large):
     """In the answer, in the files and for programs."""
-    monkeypatch.setattr(fit_input, "_LARGE_BYTES", 0 if is_large else 1 << 30)
+    monkeypatch.setattr(fit_input, "MOST_BYTES", 0 if is_large else 1 << 30)
     thinned(0.25)
     result = run("calibrate", "-o", "calibration.yaml")
     assert result.exit_code == 0, result.stderr
@@ -108,7 +108,7 @@ def half(thinned, monkeypatch):
 @pytest.mark.parametrize("is_large", [False, True])
 def test_a_slower_sensor_counts_once_in_every_fit(half, monkeypatch, is_large):
     """Whichever command fits or judges noise; what is corrected has all samples."""
-    monkeypatch.setattr(fit_input, "_LARGE_BYTES", 0 if is_large else 1 << 30)
+    monkeypatch.setattr(fit_input, "MOST_BYTES", 0 if is_large else 1 << 30)
     array, known = ["--array", "array.yaml"], ["--calibration", "calibration.yaml"]
     for command in (
         ["calibrate", "run", *array],

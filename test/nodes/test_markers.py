@@ -49,7 +49,7 @@ def source(moment):
 
 def test_a_source_is_an_ellipsoid_and_an_arrow():
     """Diameters and orientation are those of the covariance; the arrow is half as long as the source is far."""
-    from tam_calibration.nodes.markers import LIFETIME_S, source_markers
+    from tam_calibration.nodes.markers import source_markers
 
     solutions = source([0.0, -8.0, 0.0])
     ball, arrow = read(source_markers(header(), solutions, 0)).markers
@@ -62,7 +62,7 @@ def test_a_source_is_an_ellipsoid_and_an_arrow():
     variances = np.diag(axes.T @ solutions.position_covariance_m2[0] @ axes)
     assert_allclose(semi_axes**2 / variances, 7.814727903251179)
     assert_allclose([numbers(point) for point in arrow.points], [[3, 4, 0], [3, 1.5, 0]])
-    assert ball.lifetime.sec == LIFETIME_S == 2
+    assert ball.lifetime.sec == 2
 
 
 def test_a_source_without_moment_has_no_arrow():
