@@ -12,7 +12,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, Literal
 
-from tam_calibration import __version__
+from tam_calibration import __version__, results
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files.text_files import replace_folder, to_json, unfinished
 from tam_calibration.fit import calibrate
@@ -27,13 +27,6 @@ from tam_calibration.recordings.bag_storages import is_bag
 from tam_calibration.recordings.channel_map import Reading
 from tam_calibration.recordings.fit_input import fit_with_usage, read_source
 from tam_calibration.recordings.recording_file import provenance
-from tam_calibration.results import (
-    calibration_to_mapping,
-    calibration_to_yaml,
-    read_calibration,
-    write_calibration,
-    write_corrected_pieces,
-)
 from tam_calibration.results.data_files import correct_file
 from tam_calibration.results.results_json import gap_to_mapping, write_gap
 
@@ -194,13 +187,13 @@ def read_options(array_path: Path, calibration_path: Path | None, how: Reading) 
         When a file cannot be read, or the calibration is of another array.
     """
     array = read_array(array_path)
-    calibration = None if calibration_path is None else read_calibration(calibration_path)
+    calibration = None if calibration_path is None else results.read_calibration(calibration_path)
     if calibration is not None and not calibration.is_of(array):
         raise InputError(f"the calibration is of another array than {array_path}: use the calibration of this array")
     asked = {
         "software": __version__,
         "array": array_to_mapping(array),
-        "calibration": None if calibration is None else calibration_to_yaml(calibration),
+        "calibration": None if calibration is None else results.calibration_to_yaml(calibration),
         "how": repr(how),
     }
     return Options(array, calibration, how, sha256(to_json(asked).encode()).hexdigest())
@@ -307,9 +300,11 @@ def _work(task: Task, folder: Path) -> Result:
     with steps.step("calibrate"):
         fitted = fit_with_usage(source, usage, lambda samples: calibrate(samples, options.array))
         own = replace(fitted, source=origin)
-        write_calibration(folder / "calibration.yaml", own)
-        rest["sensors"] = calibration_to_mapping(own)["sensors"]
-        calibration = calibration or read_calibration(folder / "calibration.yaml")  # what others will correct with
+        results.write_calibration(folder / "calibration.yaml", own)
+        rest["sensors"] = results.calibration_to_mapping(own)["sensors"]
+        calibration = calibration or results.read_calibration(
+            folder / "calibration.yaml"
+        )  # what others will correct with
     with steps.step("diagnose"):
         found = diagnose(source, options.array)
         gap = replace(found, remarks=(*(() if usage is None else usage.remarks()), *found.remarks))
@@ -363,5 +358,5 @@ def _correct(task: Task, calibration: Calibration, folder: Path) -> str:
     """Write the corrected data, a bag as one .mcap file with its other topics, and return the file's name."""
     name = "corrected.mcap" if is_bag(task.path) else "corrected.csv"
     pieces = correct_file(task.path, calibration, task.options.how)
-    write_corrected_pieces(folder / name, pieces, task.path, how=task.options.how, array=calibration.array)
+    results.write_corrected_pieces(folder / name, pieces, task.path, how=task.options.how, array=calibration.array)
     return name

@@ -21,10 +21,8 @@ from tam_calibration.gap.calibration_with_effects import explained
 from tam_calibration.gap.result import Gap
 from tam_calibration.integrity.fault import names_in, require_names
 from tam_calibration.messages.usage import Usage
-from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.libraries import require
-from tam_calibration.model.recording import SampleSource
 from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health, TamNode, Work
 from tam_calibration.nodes.calibrated import figures, introduce
 from tam_calibration.nodes.calibrator_state import KEPT, SAVE_S, UPDATED, KeptSamples, LiveUpdate
@@ -39,86 +37,6 @@ from tam_calibration.results.comparison_json import Sources, write_comparison, w
 from tam_calibration.results.overwriting import require_separate
 from tam_calibration.results.results_json import write_gap
 
-COMPARED = (
-    Rule("simulation", "", "Recording of a simulator, bag or CSV, with which ~/compare compares.", read_only=False),
-    Rule("simulation_array_file", "", "Array YAML of the simulation; empty for that of array_file.", read_only=False),
-    Rule("comparison_file", "", "Comparison JSON: written by ~/compare where a file is named.", read_only=False),
-    Rule("comparison_report_file", "", "HTML page: written by ~/compare where a file is named.", read_only=False),
-    Rule("mend_file", "", "YAML of what the simulation lacks: written by ~/compare where named.", read_only=False),
-)
-
-WRITTEN_OF_COMPARISON = ("comparison_file", "comparison_report_file", "mend_file")
-"""Parameters that name a file which ~/compare writes."""
-
-
-def require_comparable(node: TamNode) -> None:
-    """Check that a node names a simulation, and that what it shall write of the comparison can be made.
-
-    Raises
-    ------
-    InputError
-        When what makes pages is not installed.
-    Refused
-        When no simulation is named.
-    """
-    if not node.value("simulation"):
-        raise Refused(f"no simulation is named: set the parameter simulation of {node.get_name()} to a bag or CSV file")
-    if node.value("comparison_report_file"):
-        require("report", "comparison_report_file")
-
-
-def compare_with_simulation(
-    node: TamNode, samples: SampleSource, remarks: tuple[str, ...], array: Array, progress: Callable[[str, float], None]
-) -> str:
-    """Compare stored samples with the simulation that a node names, and write what it names.
-
-    Parameters
-    ----------
-    node : TamNode
-        With the parameters of ``COMPARED``.
-    samples : SampleSource
-        That were collected.
-    remarks : tuple of str
-        On how they were joined.
-    array : Array
-        Of them.
-    progress : callable
-        Called with the stage and the part that is done.
-
-    Returns
-    -------
-    str
-        Verdict, first difference and what was written, on one line.
-
-    Raises
-    ------
-    InputError
-        When the simulation cannot be used, or a file cannot be written.
-    Refused
-        When more than half of the simulation's samples cannot be used.
-    """
-    path, array_path = Path(node.value("simulation")), node.value("simulation_array_file")
-    simulated = read_array_of("simulation", Path(array_path), path) if array_path else array
-    simulation, simulated_remarks = read_compared("simulation", path, simulated)
-    comparison = compare(simulation, samples, array, array_of_simulation=simulated, progress=progress)
-    comparison = replace(comparison, remarks=(*simulated_remarks, *remarks, *comparison.remarks))
-    return answer(comparison) + _write(node, comparison, Sources(provenance(path)))
-
-
-def _write(node: TamNode, comparison: Comparison, sources: Sources) -> str:
-    def write_page(path: Path) -> None:
-        from tam_calibration.report.comparison_report import write_comparison_report
-
-        write_comparison_report(path, comparison, sources)
-
-    mend = comparison.mend
-    return node.write_files(
-        comparison_file=lambda path: write_comparison(path, comparison, sources),
-        comparison_report_file=write_page,
-        **({} if mend is None else {"mend_file": lambda path: write_mend(path, mend)}),
-    )
-
-
 RULES = (
     *SHARED,
     Rule("method", DEFAULT_METHOD, "Method of the fit.", choices=tuple(METHODS), read_only=False),
@@ -130,7 +48,11 @@ RULES = (
     ),
     Rule("gap_file", "", "Gap JSON: written by ~/diagnose where a file is named.", read_only=False),
     Rule("gap_report_file", "", "HTML page: written by ~/diagnose where a file is named.", read_only=False),
-    *COMPARED,
+    Rule("simulation", "", "Recording of a simulator, bag or CSV, with which ~/compare compares.", read_only=False),
+    Rule("simulation_array_file", "", "Array YAML of the simulation; empty for that of array_file.", read_only=False),
+    Rule("comparison_file", "", "Comparison JSON: written by ~/compare where a file is named.", read_only=False),
+    Rule("comparison_report_file", "", "HTML page: written by ~/compare where a file is named.", read_only=False),
+    Rule("mend_file", "", "YAML of what the simulation lacks: written by ~/compare where named.", read_only=False),
     Rule("accept", "", "Findings that refuse no calibration, separated by commas.", read_only=False),
     Rule("autosave", False, "Whether ~/calibrate writes calibration_file too.", read_only=False),
     Rule(
@@ -143,7 +65,10 @@ RULES = (
     *UPDATED,
 )
 
-_WRITTEN = ("calibration_file", "gap_file", "gap_report_file", *WRITTEN_OF_COMPARISON)
+_WRITTEN = (
+    *("calibration_file", "gap_file", "gap_report_file"),
+    *("comparison_file", "comparison_report_file", "mend_file"),
+)
 """Parameters that name a file to write."""
 
 _READ = ("array_file", "simulation", "simulation_array_file")
@@ -299,12 +224,35 @@ class Calibrator(TamNode):
         return " ".join([gap.headline, *(remarks or [f"{_in_words(usage)}."])]) + written
 
     def _compare(self) -> str:
-        require_comparable(self)
+        """Compare the stored samples with the simulation that is named; return verdict, first difference and files."""
+        if not (simulation_file := self.value("simulation")):
+            name = self.get_name()
+            raise Refused(f"no simulation is named: set the parameter simulation of {name} to a bag or CSV file")
+        if self.value("comparison_report_file"):
+            require("report", "comparison_report_file")
         self._require_separate()
         usage = self._usage()
         remarks = remarks_on("recording", usage.remarks())
         seen = usage.with_each_reading_once(self._store.recording())
-        return compare_with_simulation(self, seen, remarks, self._array, self._go_on)
+        path, array_path = Path(simulation_file), self.value("simulation_array_file")
+        simulated = read_array_of("simulation", Path(array_path), path) if array_path else self._array
+        simulation, simulated_remarks = read_compared("simulation", path, simulated)
+        found = compare(simulation, seen, self._array, array_of_simulation=simulated, progress=self._go_on)
+        found = replace(found, remarks=(*simulated_remarks, *remarks, *found.remarks))
+        return answer(found) + self._write_comparison(found, Sources(provenance(path)))
+
+    def _write_comparison(self, comparison: Comparison, sources: Sources) -> str:
+        def write_page(path: Path) -> None:
+            from tam_calibration.report.comparison_report import write_comparison_report
+
+            write_comparison_report(path, comparison, sources)
+
+        mend = comparison.mend
+        return self.write_files(
+            comparison_file=lambda path: write_comparison(path, comparison, sources),
+            comparison_report_file=write_page,
+            **({} if mend is None else {"mend_file": lambda path: write_mend(path, mend)}),
+        )
 
     def _usage(self) -> Usage:
         """Ask the collector how many of sensor 1's samples it used; where none answers, of none."""

@@ -18,20 +18,7 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.model.residuals import ResidualSeries, residual_series
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import to_nanotesla
-from tam_calibration.report import page, recording_plots
-from tam_calibration.report.blocks import (
-    Block,
-    Gallery,
-    Points,
-    Section,
-    Table,
-    Text,
-    count,
-    counted,
-    fixed,
-    number,
-    sentence,
-)
+from tam_calibration.report import blocks, page, recording_plots
 from tam_calibration.report.calibration_rows import known_source_blocks, parameter_blocks, quality_blocks, update_blocks
 
 _NO_GRADIENT = "The geometry of this array does not determine a gradient tensor, so there is no tensor residual."
@@ -101,15 +88,15 @@ def plot_calibration(calibration: Calibration, recording: Recording) -> Figure:
     return figure
 
 
-def _verdict(calibration: Calibration) -> list[Block]:
+def _verdict(calibration: Calibration) -> list[blocks.Block]:
     """Return whether the calibration can be relied on, and why it should be doubted."""
     quality = calibration.quality
-    blocks: list[Block] = [Text(f"{quality}.", "good" if quality.grade == "good" else "doubt")]
-    if further := [sentence(reason) for reason in (*quality.reasons[1:], *calibration.notes)]:
-        blocks.append(Points(further))
+    parts: list[blocks.Block] = [blocks.Text(f"{quality}.", "good" if quality.grade == "good" else "doubt")]
+    if further := [blocks.sentence(reason) for reason in (*quality.reasons[1:], *calibration.notes)]:
+        parts.append(blocks.Points(further))
     if limits := _limits(calibration):
-        blocks += [Text("What limits this verdict:"), Points(limits)]
-    return blocks
+        parts += [blocks.Text("What limits this verdict:"), blocks.Points(limits)]
+    return parts
 
 
 def _limits(calibration: Calibration) -> list[str]:
@@ -129,7 +116,7 @@ def _limits(calibration: Calibration) -> list[str]:
     return limits
 
 
-def _residuals(view: _View) -> list[Block]:
+def _residuals(view: _View) -> list[blocks.Block]:
     """Return the residuals over time, before and after."""
     has_gradient = view.calibration.array.has_gradient
     introduction = (
@@ -139,12 +126,12 @@ def _residuals(view: _View) -> list[Block]:
         "calibration can remove. Before and after are drawn to their own scales. "
         f"{recording_plots.thinning_note(view.recording.sample_count)}"
     )
-    blocks: list[Block] = [Text(introduction.strip())]
+    parts: list[blocks.Block] = [blocks.Text(introduction.strip())]
     time_s = view.recording.time_s
     for plots in view.plots():
         drawn = [(recording_plots.plot_over_time(time_s, panels, unit), title) for title, panels, unit in plots]
-        blocks.append(Gallery([page.embed(figure, f"{title}, over time", title) for figure, title in drawn]))
-    return blocks if has_gradient else [*blocks, Text(_NO_GRADIENT)]
+        parts.append(blocks.Gallery([page.embed(figure, f"{title}, over time", title) for figure, title in drawn]))
+    return parts if has_gradient else [*parts, blocks.Text(_NO_GRADIENT)]
 
 
 _INTRO = (
@@ -153,18 +140,18 @@ _INTRO = (
 )
 
 
-def _histograms(view: _View) -> list[Block]:
+def _histograms(view: _View) -> list[blocks.Block]:
     """Return how often the residuals have which size."""
-    blocks: list[Block] = [Text(_INTRO)]
+    parts: list[blocks.Block] = [blocks.Text(_INTRO)]
     for what, panels in view.panels(view.after, page.AFTER_COLOR).items():
         drawn = [replace(panel, color=color) for panel, color in zip(panels, cycle(page.COLORS), strict=False)]
         label = f"{what}, after calibration"
         figure = recording_plots.plot_distributions(drawn, f"{label}, in noise floors")
-        blocks.append(page.embed(figure, f"Distributions: {label}", label))
-    return blocks
+        parts.append(page.embed(figure, f"Distributions: {label}", label))
+    return parts
 
 
-def _coverage(view: _View) -> list[Block]:
+def _coverage(view: _View) -> list[blocks.Block]:
     """Return which directions of the field were visited."""
     picture = page.embed(
         recording_plots.plot_coverage(view.coverage),
@@ -172,8 +159,8 @@ def _coverage(view: _View) -> list[Block]:
         "Direction of the field in the array frame, equal-area (Hammer) map: forward is +x, left +y, up +z.",
     )
     weakness = find_weakness(view.recording, view.calibration)
-    doubts = [Text(str(weakness))] if weakness.parameters and view.calibration.update is None else []
-    return [Text(_summary(view.coverage)), *doubts, picture]
+    doubts = [blocks.Text(str(weakness))] if weakness.parameters and view.calibration.update is None else []
+    return [blocks.Text(_summary(view.coverage)), *doubts, picture]
 
 
 def _summary(coverage: Coverage) -> str:
@@ -183,41 +170,46 @@ def _summary(coverage: Coverage) -> str:
     )
     strength = "These directions do not determine every parameter."
     if np.isfinite(coverage.relative_error):
-        size = number(coverage.relative_error)
+        size = blocks.number(coverage.relative_error)
         strength = f"The worst standard error is {size} × that of as many samples over the complete sphere."
-    return f"{seen} {strength} {'' if coverage.enough else sentence(coverage.advice)}".strip()
+    return f"{seen} {strength} {'' if coverage.enough else blocks.sentence(coverage.advice)}".strip()
 
 
-def _parameters(calibration: Calibration) -> list[Block]:
+def _parameters(calibration: Calibration) -> list[blocks.Block]:
     """Return the parameters with their standard errors."""
-    blocks = parameter_blocks(calibration)
-    blocks += [Text(statement) for statement in calibration.statements]
+    parts = parameter_blocks(calibration)
+    parts += [blocks.Text(statement) for statement in calibration.statements]
     if not calibration.array.has_gradient:
-        blocks.append(Text(f"The field at the centre is the mean of all sensors. {_NO_GRADIENT}"))
-    return blocks
+        parts.append(blocks.Text(f"The field at the centre is the mean of all sensors. {_NO_GRADIENT}"))
+    return parts
 
 
-def _provenance(calibration: Calibration) -> list[Block]:
+def _provenance(calibration: Calibration) -> list[blocks.Block]:
     """Return where the calibration comes from."""
     first, last = calibration.time_span_s
     origin = [["recording", "not from a file"]]
     if (source := calibration.source) is not None:
-        size = f"{count(source.size_bytes)} bytes"
+        size = f"{blocks.count(source.size_bytes)} bytes"
         origin = [["recording", source.name], ["size", size], ["SHA-256", source.sha256]]
     rows = [
         *origin,
-        ["samples", count(calibration.samples)],
-        ["time", f"{fixed(first, 3)} s to {fixed(last, 3)} s, a span of {number(last - first, 4)} s"],
-        ["mean intensity", f"{fixed(to_nanotesla(calibration.intensity_T), 1)} nT"],
+        ["samples", blocks.count(calibration.samples)],
+        [
+            "time",
+            f"{blocks.fixed(first, 3)} s to {blocks.fixed(last, 3)} s, a span of {blocks.number(last - first, 4)} s",
+        ],
+        ["mean intensity", f"{blocks.fixed(to_nanotesla(calibration.intensity_T), 1)} nT"],
         ["reference", "scalar magnetometer" if calibration.has_scalar_reference else "none"],
         ["method", calibration.method],
         ["software", f"tam_calibration {__version__}"],
     ]
     places = calibration.array.positions_m.tolist()
-    positions = [[str(sensor), *(fixed(value, 4) for value in place)] for sensor, place in enumerate(places, start=1)]
+    positions = [
+        [str(sensor), *(blocks.fixed(value, 4) for value in place)] for sensor, place in enumerate(places, start=1)
+    ]
     header = ["sensor", "x (m)", "y (m)", "z (m)"]
     caption = "Array: positions of the sensors, x forward, y left, z up."
-    return [Table([], rows, numeric=False), Table(header, positions, caption)]
+    return [blocks.Table([], rows, numeric=False), blocks.Table(header, positions, caption)]
 
 
 def write_calibration_report(path: Path, calibration: Calibration, recording: Recording) -> None:
@@ -239,16 +231,16 @@ def write_calibration_report(path: Path, calibration: Calibration, recording: Re
     """
     view = _View(calibration, recording)
     sections = [
-        Section("Verdict", _verdict(calibration)),
-        Section("Residuals over time", _residuals(view)),
-        Section("Coverage of the sphere", _coverage(view)),
-        Section("Distribution of the residuals", _histograms(view)),
-        Section("Parameters", _parameters(calibration)),
-        Section("Prior and data", update_blocks(calibration.update) if calibration.update else []),
-        Section("Known source", known_source_blocks(calibration)),
-        Section("Quality", quality_blocks(calibration)),
-        Section("Provenance", _provenance(calibration)),
+        blocks.Section("Verdict", _verdict(calibration)),
+        blocks.Section("Residuals over time", _residuals(view)),
+        blocks.Section("Coverage of the sphere", _coverage(view)),
+        blocks.Section("Distribution of the residuals", _histograms(view)),
+        blocks.Section("Parameters", _parameters(calibration)),
+        blocks.Section("Prior and data", update_blocks(calibration.update) if calibration.update else []),
+        blocks.Section("Known source", known_source_blocks(calibration)),
+        blocks.Section("Quality", quality_blocks(calibration)),
+        blocks.Section("Provenance", _provenance(calibration)),
     ]
     name = [calibration.source.name] if calibration.source else []
-    counts = counted(calibration.errors.sensor_count, "sensor"), f"{count(calibration.samples)} samples"
+    counts = blocks.counted(calibration.errors.sensor_count, "sensor"), f"{blocks.count(calibration.samples)} samples"
     page.write_page(path, "Calibration report", ", ".join([*name, *counts]), sections)

@@ -16,20 +16,7 @@ from tam_calibration.localization.survey import ARRAY_FRAME, Overall, Survey, st
 from tam_calibration.localization.target import Target
 from tam_calibration.localization.targets import SurveyLine
 from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
-from tam_calibration.report import page
-from tam_calibration.report.blocks import (
-    Block,
-    Points,
-    Section,
-    Table,
-    Text,
-    count,
-    counted,
-    fixed,
-    number,
-    with_error,
-    with_errors,
-)
+from tam_calibration.report import blocks, page
 from tam_calibration.report.page import embed, write_page
 from tam_calibration.sources.demodulation import Spectrum
 
@@ -45,23 +32,24 @@ MOST_ROWS = 20
 def survey_answer(survey: Survey) -> str:
     """Return where the source is and how strong, in one line."""
     located, total = int(survey.solutions.is_located.sum()), len(survey.time_s)
-    some = f"located in {count(located)} of {count(total)} samples by themselves"
+    some = f"located in {blocks.count(located)} of {blocks.count(total)} samples by themselves"
     if survey.overall is None:
         distance = np.linalg.norm(survey.solutions.position_m - survey.center_m, axis=1)[survey.solutions.is_located]
-        return f"A source is {some}, at {number(float(distance.min()))} to {number(float(distance.max()))} m."
+        near, far = (blocks.number(float(each)) for each in (distance.min(), distance.max()))
+        return f"A source is {some}, at {near} to {far} m."
     ((_, x, y, z, _), (*_, size)) = _overall_rows(survey.overall)
     return f"A source is at x {x}, y {y}, z {z} m, moment {size} A m²."
 
 
-def source_blocks(survey: Survey) -> list[Block]:
+def source_blocks(survey: Survey) -> list[blocks.Block]:
     """Return where the source of all samples is; empty where there is none."""
     if survey.overall is None:
         return []
     caption = "The source of all samples together ± standard errors."
-    return [Table(("", "x", "y", "z", "size"), _overall_rows(survey.overall), caption)]
+    return [blocks.Table(("", "x", "y", "z", "size"), _overall_rows(survey.overall), caption)]
 
 
-def sample_blocks(survey: Survey, most: int = MOST_ROWS) -> list[Block]:
+def sample_blocks(survey: Survey, most: int = MOST_ROWS) -> list[blocks.Block]:
     """Return where single samples see the source, of many some from first to last; empty where none does."""
     located = np.flatnonzero(survey.solutions.is_located)
     shown = located[np.unique(np.linspace(0, len(located) - 1, min(len(located), most)).round().astype(int))]
@@ -69,25 +57,25 @@ def sample_blocks(survey: Survey, most: int = MOST_ROWS) -> list[Block]:
     moments, spreads = survey.solutions.moment_Am2, survey.solutions.moment_covariance_A2m4
     rows = [
         [
-            number(float(survey.time_s[index] - survey.time_s[0]), 4),
-            *with_errors(survey.solutions.position_m[index], survey.position_standard_errors_m[index], 3),
-            number(float(distance[index])),
+            blocks.number(float(survey.time_s[index] - survey.time_s[0]), 4),
+            *blocks.with_errors(survey.solutions.position_m[index], survey.position_standard_errors_m[index], 3),
+            blocks.number(float(distance[index])),
             _size(moments[index], spreads[index]),
         ]
         for index in shown
     ]
     header = ("time (s)", "x (m)", "y (m)", "z (m)", "distance (m)", "moment (A m²)")
     caption = "Position ± standard error of samples by themselves; of many some from first to last."
-    return [Table(header, rows, caption)] if rows else []
+    return [blocks.Table(header, rows, caption)] if rows else []
 
 
 def _overall_rows(overall: Overall) -> list[list[str]]:
     """Return rows of position, moment and fit of the source of all samples."""
-    position = with_errors(overall.position_m, standard_errors(overall.position_covariance_m2), 3)
-    moment = with_errors(overall.moment_Am2, standard_errors(overall.moment_covariance_A2m4), 3)
+    position = blocks.with_errors(overall.position_m, standard_errors(overall.position_covariance_m2), 3)
+    moment = blocks.with_errors(overall.moment_Am2, standard_errors(overall.moment_covariance_A2m4), 3)
     size = _size(overall.moment_Am2, overall.moment_covariance_A2m4)
     return [
-        ["position (m)", *position, number(float(np.linalg.norm(overall.position_m)))],
+        ["position (m)", *position, blocks.number(float(np.linalg.norm(overall.position_m)))],
         ["moment (A m²)", *moment, size],
     ]
 
@@ -99,24 +87,26 @@ def statements(survey: Survey) -> list[str]:
         error = survey.line.standard_error_hz
         stated = "as stated" if np.isnan(error) else "found"
         hertz = survey.line.frequency_hz
-        told = number(hertz, 6) if np.isnan(error) else with_error(hertz, error, 4)
+        told = blocks.number(hertz, 6) if np.isnan(error) else blocks.with_error(hertz, error, 4)
         words.append(f"Frequency: {told} Hz, {stated}; amplitudes are peak values.")
     if survey.regional_T is not None:
-        field = ", ".join(number(float(value), 6) for value in to_nanotesla(survey.regional_T))
+        field = ", ".join(blocks.number(float(value), 6) for value in to_nanotesla(survey.regional_T))
         words.append(f"Regional field taken off, in the world: {field} nT.")
     if survey.overall is not None and np.isfinite(survey.overall.chi_square):
         reduced = survey.overall.chi_square / survey.overall.degrees_of_freedom
-        words.append(f"Reduced χ² of all together: {number(reduced)}; near 1 where one dipole explains the readings.")
+        words.append(
+            f"Reduced χ² of all together: {blocks.number(reduced)}; near 1 where one dipole explains the readings."
+        )
     words += [survey.note] * bool(survey.note)
     located, total = int(survey.solutions.is_located.sum()), len(survey.time_s)
-    words.append(f"{count(located)} of {count(total)} located.")
-    words += [f"{count(times)} refused: {status.reason}." for status, times in survey.refusals.most_common()]
+    words.append(f"{blocks.count(located)} of {blocks.count(total)} located.")
+    words += [f"{blocks.count(times)} refused: {status.reason}." for status, times in survey.refusals.most_common()]
     return words
 
 
 def _size(vector: FloatArray, covariance: FloatArray) -> str:
     size = float(np.linalg.norm(vector))
-    return with_error(size, float(np.sqrt(vector @ covariance @ vector)) / size, 3)
+    return blocks.with_error(size, float(np.sqrt(vector @ covariance @ vector)) / size, 3)
 
 
 def targets_answer(targets: Sequence[Target]) -> str:
@@ -124,22 +114,22 @@ def targets_answer(targets: Sequence[Target]) -> str:
     if not targets:
         return "No target is seen along the line."
     extended = sum(each.is_extended for each in targets)
-    of_them = f", {count(extended)} of them extended or too near for a dipole" if extended else ""
-    return f"{counted(len(targets), 'target')} along the line{of_them}."
+    of_them = f", {blocks.count(extended)} of them extended or too near for a dipole" if extended else ""
+    return f"{blocks.counted(len(targets), 'target')} along the line{of_them}."
 
 
-def target_table(targets: Sequence[Target]) -> Table:
+def target_table(targets: Sequence[Target]) -> blocks.Table:
     """Return a table with a row for each target: place and moment ± standard errors, distance, and what it is."""
     header = ("x (m)", "y (m)", "z (m)", "moment (A m²)", "distance (m)", "lines", "")
     rows = []
     for each in targets:
-        places = with_errors(each.position_m, standard_errors(each.position_covariance_m2), 3)
+        places = blocks.with_errors(each.position_m, standard_errors(each.position_covariance_m2), 3)
         size = _size(each.moment_Am2, each.moment_covariance_A2m4)
         what = "dipole"
         if each.is_extended:
-            what = f"extended over {number(each.extent_m, 2)} m" if each.extent_m else "extended or too near"
-        rows.append([*places, size, number(each.distance_m), count(each.lines), what])
-    return Table(header, rows, "Places in the world of the attitude ± standard errors.")
+            what = f"extended over {blocks.number(each.extent_m, 2)} m" if each.extent_m else "extended or too near"
+        rows.append([*places, size, blocks.number(each.distance_m), blocks.count(each.lines), what])
+    return blocks.Table(header, rows, "Places in the world of the attitude ± standard errors.")
 
 
 _VIEWS = (((0, 1), "plan"), ((0, 2), "profile"), ((1, 2), "profile"))
@@ -264,19 +254,19 @@ _MAGNIFIED = "Below, magnified, the source of all samples together among those o
 _SPECTRUM = "Power of all readings over that of their noise, background taken off; dashed what chance reaches."
 
 
-def _where(survey: Survey) -> list[Block]:
+def _where(survey: Survey) -> list[blocks.Block]:
     """Return the map of the source, and where it is in numbers and words."""
     caption = _MAP if survey.overall is None else _MAP + _MAGNIFIED
     picture = embed(plot_survey_map(survey), "Map of the source in plan and profile", caption)
-    return [*source_blocks(survey), picture, Points(statements(survey))]
+    return [*source_blocks(survey), picture, blocks.Points(statements(survey))]
 
 
-def _spectrum(survey: Survey) -> list[Block]:
+def _spectrum(survey: Survey) -> list[blocks.Block]:
     """Return the spectrum in which the frequency of an alternating source was found."""
     if survey.line is None or survey.line.spectrum is None:
         return []
     figure = plot_source_spectrum(survey.line.spectrum, survey.line.frequency_hz)
-    words = f"Spectrum of the readings with a line at {fixed(survey.line.frequency_hz, 4)} Hz"
+    words = f"Spectrum of the readings with a line at {blocks.fixed(survey.line.frequency_hz, 4)} Hz"
     return [embed(figure, words, _SPECTRUM)]
 
 
@@ -297,11 +287,11 @@ def write_survey_report(path: Path, survey: Survey, recording_name: str) -> None
     InputError
         When the file cannot be written.
     """
-    subtitle = f"{recording_name}, {count(len(survey.time_s))} {'poses' if survey.line else 'samples'}"
+    subtitle = f"{recording_name}, {blocks.count(len(survey.time_s))} {'poses' if survey.line else 'samples'}"
     sections = [
-        Section("Where the source is", _where(survey)),
-        Section("Spectrum", _spectrum(survey)),
-        Section("Samples", sample_blocks(survey)),
+        blocks.Section("Where the source is", _where(survey)),
+        blocks.Section("Spectrum", _spectrum(survey)),
+        blocks.Section("Samples", sample_blocks(survey)),
     ]
     write_page(path, "Source report", subtitle, sections)
 
@@ -373,11 +363,11 @@ def write_targets_report(
     InputError
         When the file cannot be written.
     """
-    blocks = [target_table(targets)] if targets else []
+    parts = [target_table(targets)] if targets else []
     picture = embed(_plot_lines(lines, targets), "Map of the lines and their targets", _LINES)
-    sections = [Section("Targets", [*blocks, picture])]
+    sections = [blocks.Section("Targets", [*parts, picture])]
     for line, name in zip(lines, names, strict=True):
-        notes = [Text(f"{line.note[0].upper()}{line.note[1:]}.")] if line.note else []
+        notes = [blocks.Text(f"{line.note[0].upper()}{line.note[1:]}.")] if line.note else []
         course = embed(_plot_course(line), f"Course along the line {name}", _COURSE)
-        sections.append(Section(name, [*notes, course]))
+        sections.append(blocks.Section(name, [*notes, course]))
     write_page(path, "Survey lines", targets_answer(targets), sections)
