@@ -19,8 +19,8 @@ STEP_NS = 250_000_000
 _PERIODS = 16
 """A stream goes on within so many of its periods."""
 
-_LONGEST_PERIOD_NS = 10_000_000_000
-"""Of a stream that has sent a single message."""
+LONGEST_PERIOD_NS = 10_000_000_000
+"""Of a stream that has sent a single message: no array is read more rarely."""
 
 
 NEVER = 1 << 62
@@ -120,7 +120,7 @@ class Timeline(Generic[Content]):
     def _reach_of_doubtful_ns(self) -> int:
         """How far ahead of the message that jumped the next may be: a stream that became slower jumps on as far."""
         jump_ns = self.doubtful[0][0] - self.newest_ns
-        return max(self.reach_ns, 2 * jump_ns if jump_ns <= _LONGEST_PERIOD_NS else 0)
+        return max(self.reach_ns, 2 * jump_ns if jump_ns <= LONGEST_PERIOD_NS else 0)
 
     def believe(self) -> list[tuple[int, Content]]:
         """Return the doubtful messages, which are believed now."""
@@ -144,14 +144,14 @@ class Timeline(Generic[Content]):
         """Return how far ahead of the one before it each of the next stamps may be if they rise and go on."""
         period = np.diff(stamps_ns[:-1], prepend=self.newest_ns)
         if self.newest_ns < 0:
-            period[:1] = _LONGEST_PERIOD_NS
+            period[:1] = LONGEST_PERIOD_NS
         reach = np.maximum(STEP_NS, _PERIODS * np.minimum(period, NEVER // _PERIODS))
         return np.concatenate([[self.reach_ns], reach])[: len(stamps_ns)]
 
     def _move(self, stamp_ns: int) -> None:
         if stamp_ns > self.newest_ns:
             self._period_ns = stamp_ns - self.newest_ns if self.newest_ns >= 0 else 0
-            self.reach_ns = max(STEP_NS, _PERIODS * (self._period_ns or _LONGEST_PERIOD_NS))
+            self.reach_ns = max(STEP_NS, _PERIODS * (self._period_ns or LONGEST_PERIOD_NS))
         if not -self._disorder_ns < stamp_ns - self.newest_ns <= 0:
             self.newest_ns = stamp_ns
 

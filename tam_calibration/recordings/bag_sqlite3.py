@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import closing, suppress
 from glob import escape
 from pathlib import Path
+from struct import Struct
 from typing import Any, cast
 from urllib.parse import quote
 from zlib import crc32
@@ -20,7 +21,7 @@ from tam_calibration.files.text_files import temporary_place, unfinished
 from tam_calibration.messages.cdr import RawMessages
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.recordings.bag_bounds import LARGEST_PIECE, Damaged, check_topics, quality_of
-from tam_calibration.recordings.bag_storages import Condition, StoredFile, numbers_of
+from tam_calibration.recordings.bag_storages import STORAGES, Condition, StoredFile, numbers_of
 
 ROWS, _BYTES = 8_192, 2_000_000
 """Most rows, and bytes of messages of mean size, that a query gathers: larger blocks leave the processor's caches."""
@@ -38,7 +39,8 @@ _FREE_STEPS, _STEPS_A_BYTE = 10_000_000, 10
 """Steps that any file may take, about a second, and further ones for each of its bytes: reading takes less than 1."""
 
 
-_BEGINNING, _HEAD = b"SQLite format 3\0", 100
+_HEAD = Struct(">16sH6xII60xI4x")
+"""Head of a file: mark, size of a page, number of the last change, pages, and the change that these are of."""
 _INDEX = "timestamp_idx"
 _TABLES = "('topics', 'messages', 'message_definitions')"
 _UNUSUAL = f"""
@@ -199,15 +201,14 @@ def condition_of(path: Path) -> Condition:
 
 def _is_cut(path: Path) -> bool:
     """Return whether a file is not as long as it says."""
-    head = _begin(path, _HEAD)
-    if head[: len(_BEGINNING)] != _BEGINNING[: len(head)]:
+    head, mark = _begin(path, _HEAD.size), STORAGES["sqlite3"].beginning
+    if head[: len(mark)] != mark[: len(head)]:
         return False
-    if len(head) < _HEAD:
+    if len(head) < _HEAD.size:
         return True
-    size = int.from_bytes(head[16:18], "big")
+    _, size, change, stated, change_of_stated = _HEAD.unpack(head)
     pages, rest = divmod(path.stat().st_size, 1 << 16 if size == 1 else max(size, 512))
-    is_current = head[24:28] == head[92:96]  # whether the number of pages is that of the last change
-    return rest != 0 or (is_current and pages != int.from_bytes(head[28:32], "big"))
+    return rest != 0 or (change == change_of_stated and pages != stated)
 
 
 def _logs(path: Path) -> list[Path]:

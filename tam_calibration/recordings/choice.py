@@ -11,8 +11,8 @@ from tam_calibration.messages.point_cloud import IMU, MAGNETIC_FIELD, TEMPERATUR
 from tam_calibration.messages.stream import sensor_stream
 from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.recordings.channel_map import CHANNEL_WIDTHS, ChannelMap, Pick
+from tam_calibration.recordings.intake import POSITION_FIELDS
 from tam_calibration.recordings.joining import Streams
-from tam_calibration.recordings.navigation import POSITION_FIELDS
 from tam_calibration.recordings.tables import Source, Table, Wanted
 from tam_calibration.recordings.vectors import (
     MAGNETIC,

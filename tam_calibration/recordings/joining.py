@@ -26,8 +26,7 @@ from tam_calibration.model.limits import largest_of
 from tam_calibration.model.mounting import Mounting
 from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.recordings.channel_map import CHANNEL_WIDTHS, Clock, FieldUnit, Pick, Reading
-from tam_calibration.recordings.intake import Intake
-from tam_calibration.recordings.navigation import axes_of
+from tam_calibration.recordings.intake import Intake, axes_of
 from tam_calibration.recordings.tables import Source, Wanted
 
 PATIENCE_NS = 5_000_000_000

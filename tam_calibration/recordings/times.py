@@ -11,6 +11,7 @@ from warnings import catch_warnings, simplefilter
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.messages.timeline import LONGEST_PERIOD_NS
 from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.units import FloatArray, IntArray
 
@@ -27,10 +28,6 @@ _NAMES = re.compile(
 
 _UNITS = {"m": "ms", "u": "us", "µ": "us", "n": "ns", "s": "s"}
 _WORDS = {"millis": "ms", "milliseconds": "ms", "micros": "us", "microseconds": "us", "nanoseconds": "ns"}
-
-
-_SLOWEST_S = 10.0
-"""Interval of samples, at most, that is taken for seconds: no array is read more rarely."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,14 +101,15 @@ def detect_time_unit(values: FloatArray) -> str:
     steps = np.diff(values)
     rising = steps[steps > 0]
     step = float(np.median(rising)) if len(rising) else 0.0
+    slowest_s = LONGEST_PERIOD_NS / PER_SECOND["ns"]
     for unit, per_second in PER_SECOND.items():
         # Seconds since 1970 of the years 1979 to 2096; larger numbers have a shorter tick.
         low, high = (limit * per_second for limit in (3e8, 4e9))
-        if low <= largest <= high and step <= _SLOWEST_S * per_second:
+        if low <= largest <= high and step <= slowest_s * per_second:
             return unit
     is_complete = bool((values == np.round(values)).all())
     for unit, per_second in PER_SECOND.items():
-        if step / per_second <= (_SLOWEST_S if not is_complete or unit != "s" else 1.0):
+        if step / per_second <= (slowest_s if not is_complete or unit != "s" else 1.0):
             return unit
     return "s"
 

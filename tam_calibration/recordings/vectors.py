@@ -14,7 +14,7 @@ from tam_calibration.model.further_channels import is_further, named_by, require
 from tam_calibration.model.recording import require_sensor_count
 from tam_calibration.model.units import TESLA_PER_FIELD_UNIT
 from tam_calibration.recordings.channel_map import ChannelMap, FieldUnit, Pick, World
-from tam_calibration.recordings.navigation import GEOGRAPHIC_COLUMNS
+from tam_calibration.recordings.intake import GEOGRAPHIC_COLUMNS
 from tam_calibration.recordings.tables import Table
 
 _AXES = ("x", "y", "z")

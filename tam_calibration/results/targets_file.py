@@ -15,7 +15,7 @@ from tam_calibration.localization.survey import WORLD_FRAME, Overall, Survey, st
 from tam_calibration.localization.target import Target
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import to_nanotesla
-from tam_calibration.recordings.navigation import geographic
+from tam_calibration.recordings.intake import geographic
 from tam_calibration.results.results_json import attributes
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from rosbags.typesys import Stores, get_typestore
 from tam_calibration import InputError, Recording, read_recording
 from tam_calibration.messages.samples import Samples
 from tam_calibration.recordings.fit_input import RecordingStream
-from tam_calibration.recordings.navigation import east_north_up, geographic
+from tam_calibration.recordings.intake import east_north_up, geographic
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 COUNT = 60
