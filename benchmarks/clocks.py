@@ -20,8 +20,7 @@ from spread import Row, show
 from tam_calibration.fit import calibrate
 from tam_calibration.messages.batch_synchroniser import BatchSynchroniser
 from tam_calibration.messages.point_cloud import SampleLayout
-from tam_calibration.messages.samples import StreamMessages
-from tam_calibration.messages.usage import Usage
+from tam_calibration.messages.samples import StreamMessages, Usage
 from tam_calibration.model.array import OUTPUT_NAMES
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray

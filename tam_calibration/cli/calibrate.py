@@ -18,7 +18,7 @@ from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
 from tam_calibration.fit.consistency import is_unexplained
 from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.integrity.fault import names_in
-from tam_calibration.messages.usage import Usage
+from tam_calibration.messages.samples import Usage
 from tam_calibration.model.array import OUTPUT_NAMES, Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import field_at

@@ -11,7 +11,7 @@ from tam_calibration.effects.library import effect_named, installed_effects
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.diagnose import in_stretches
 from tam_calibration.gap.result import Gap
-from tam_calibration.messages.usage import Usage
+from tam_calibration.messages.samples import Usage
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, bounds_at

@@ -17,7 +17,7 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files.text_files import replace_folder, to_json, unfinished
 from tam_calibration.fit import calibrate
 from tam_calibration.gap import diagnose
-from tam_calibration.messages.usage import Usage
+from tam_calibration.messages.samples import Usage
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused, printable
 from tam_calibration.model.recording import SampleSource

@@ -1,18 +1,339 @@
-"""Messages of streams and samples of recordings as arrays, and the turns and frames that the mounting gives them."""
+"""Messages and samples as arrays, and how many of sensor 1's samples were used, and when that is too few."""
 
+import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field, fields, replace
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.core.alternation import alternations
+from tam_calibration.core.interpolation import LARGEST_ERROR
 from tam_calibration.messages.cdr import COUNT
-from tam_calibration.messages.stream import sensor_stream
-from tam_calibration.messages.usage import Usage
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.messages.missing import MOST_MISSING
+from tam_calibration.messages.stream import InterpolatedStream, Losses, Stream, sensor_stream
+from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.mounting import Mounting, Turn
-from tam_calibration.model.recording import Recording
-from tam_calibration.model.units import FloatArray, IntArray
+from tam_calibration.model.recording import LAGS, InterpolatedNoise, Recording, SampleSource
+from tam_calibration.model.units import FloatArray, IntArray, to_degrees, to_nanotesla
+
+
+@dataclass(frozen=True)
+class Usage:
+    """How many of sensor 1's samples were used.
+
+    Parameters
+    ----------
+    used : int
+        Samples that all sensors joined.
+    received : int
+        Messages of sensor 1, also those that were lost on the way, but for those that still wait, and those of the
+        sensor that stood in for it.
+    reasons : tuple of str
+        Why the others were not used, each with its count and what to do, the most frequent first.
+    readings : tuple of int
+        Readings that came of each sensor.
+    interpolated : tuple of int
+        Samples in which the value of each sensor lies between its readings.
+    unfinished : str
+        How a recorder left the recording, as a clause; empty where it was finished.
+    lost : tuple of str
+        The channels most of whose messages cannot be used, each with why.
+    scalar_is_lost : bool
+        Whether the scalar is one of them.
+    missing : tuple of str
+        Readings that are missing although a message or row came, a clause for each sensor and reason.
+    doubled : tuple of str
+        Sensors on whose topics two publishers send, a clause for each.
+    other_frames : tuple of str
+        Streams whose messages are of another frame than the array file states, a warning for each.
+    correlation : tuple of tuple of float
+        Of the noise of each sensor that interpolation makes, of values that lie 1 to ``LAGS`` apart.
+    """
+
+    used: int
+    received: int
+    reasons: tuple[str, ...] = ()
+    readings: tuple[int, ...] = ()
+    interpolated: tuple[int, ...] = ()
+    unfinished: str = ""
+    lost: tuple[str, ...] = ()
+    scalar_is_lost: bool = False
+    missing: tuple[str, ...] = ()
+    doubled: tuple[str, ...] = ()
+    other_frames: tuple[str, ...] = ()
+    correlation: tuple[tuple[float, ...], ...] = field(default=(), compare=False)
+
+    @classmethod
+    def of(
+        cls, used: int, first: Stream, others: Sequence[Stream], patience_ns: int, channels: Sequence[Stream] = ()
+    ) -> "Usage":
+        """Return the usage that the streams of the sensors tell.
+
+        Parameters
+        ----------
+        used : int
+            Samples that were made.
+        first : Stream
+            Of sensor 1.
+        others : sequence of Stream
+            Of the other sensors.
+        patience_ns : int
+            How far the stamps of one may lag behind those of another, nanoseconds.
+        channels : sequence of Stream
+            Of the channels recorded with the sensors.
+        """
+        own = _own_faults(first.losses)
+        reasons = [(count, f"{count} {fault}: look at the driver of {first.name}") for count, fault in own]
+        reasons.append((first.losses.lost, f"{first.losses.lost} were lost on the way: look at the load"))
+        newest = max([first, *others], key=lambda stream: stream.timeline.newest_ns)
+        for stream in (first, *others):
+            reasons.append((stream.losses.missing, _why_missing(stream, first, newest, patience_ns)))
+        counted = sorted((reason for reason in reasons if reason[0]), key=lambda reason: -reason[0])
+        waiting = len(first.buffer) + len(first.timeline.doubtful)
+        interpolated = [stream for stream in others if isinstance(stream, InterpolatedStream)]
+        return cls(
+            used,
+            first.losses.received + first.losses.lost - waiting + first.losses.missing,
+            tuple(text for _, text in counted),
+            tuple(stream.losses.received - stream.losses.unusable for stream in (first, *others)),
+            (0, *(stream.interpolated for stream in interpolated)),
+            lost=tuple(why for stream in channels if (why := why_lost(stream)) is not None),
+            doubled=tuple(why for stream in (first, *others) if (why := why_doubled(stream.name, stream.losses))),
+            scalar_is_lost=any(stream.name == "scalar" and why_lost(stream) is not None for stream in channels),
+            correlation=((0.0,) * LAGS, *(tuple(stream.correlation().values.tolist()) for stream in interpolated)),
+        )
+
+    @classmethod
+    def from_json(cls, text: str) -> "Usage":
+        """Return the usage that `to_json` wrote; keys that only another version knows are left out.
+
+        Raises
+        ------
+        InputError
+            When the text is not of such a usage.
+        """
+        given: dict[str, Any] = {}
+        with suppress(ValueError, TypeError):
+            content = json.loads(text)
+            for each in fields(cls):
+                if each.name in content:
+                    given[each.name] = _of_type(each.type, content[each.name])
+            return cls(**given)
+        raise InputError("the collector is of another version than the calibrator: start both from one installation")
+
+    def to_json(self) -> str:
+        """Return the usage as text for other processes."""
+        return json.dumps(asdict(self), ensure_ascii=False)
+
+    def __str__(self) -> str:
+        """Return the usage as a clause for people."""
+        why = f": {'; '.join(self.reasons)}" if self.reasons else ""
+        return f"{self.used} of {self.received} samples of sensor 1 used{why}"
+
+    def require_enough(self) -> None:
+        """Check that enough was used for a fit.
+
+        Raises
+        ------
+        Refused
+            When less than half of the samples were used, two publishers send on the topic of a sensor, or the scalar,
+            which determines the scale, is lost.
+        """
+        if self.doubled:
+            raise Refused("; ".join(self.doubled))
+        # If more is lost than used, the rest may join by chance, as with clocks that differ.
+        if self.used < (1 - MOST_MISSING) * self.received:
+            raise Refused(f"only {self}; correct that and record again")
+        if self.scalar_is_lost:
+            raise Refused(f"{'; '.join(self.lost)}: correct that, or leave the topic out")
+
+    def warnings(self) -> tuple[str, ...]:
+        """Return warnings: few samples, an unfinished recording, channels that are lost, messages of other frames."""
+        # Above it standard errors are within 5 % of those with all samples.
+        few = (f"only {self}",) if self.used < 0.9 * self.received else ()
+        return (*few, *((self.unfinished,) if self.unfinished else ()), *self.lost, *self.other_frames)
+
+    def with_each_reading_once(self, samples: SampleSource) -> SampleSource:
+        """Return samples for a fit, thinned where a sensor that is read less often would count more than once.
+
+        Samples with a scalar reading stay, without their neighbours, one for each reading of the slowest sensor. All
+        tell what interpolation made of their noise.
+
+        Parameters
+        ----------
+        samples : SampleSource
+            As they were joined.
+
+        Raises
+        ------
+        Refused
+            Where the readings that would be thinned are those of two publishers in turn.
+        """
+        if not any(self.interpolated):
+            return samples
+        rates = np.array(self.readings) / max(self.received, 1)
+        # Standard errors then stay within 5 %, although some readings count twice.
+        if rates.min() > 0.9:
+            return samples.with_noise(self._noise(rates, 1.0))
+        if mixed := alternations(next(iter(samples.blocks())).readings_T):
+            raise Refused(f"{'; '.join(mixed.values())}: stop one of them and record again")
+        count = samples.sample_count
+        stride = round(1 / max(float(rates.min()), 1 / count))
+        times, scalars = zip(*((block.time_s, block.scalar_T) for block in samples.blocks()), strict=True)
+        time_s = np.concatenate(times)
+        # The first of each stretch of time, so that those stay that hold readings as they came.
+        stretch = np.floor(((time_s - time_s[0]) / np.median(np.diff(time_s)) + 0.5) / stride)
+        kept = np.diff(stretch, prepend=-1) > 0
+        if scalars[0] is not None:
+            scalar = np.flatnonzero(np.isfinite(np.concatenate(scalars)))
+            with_scalar = np.zeros(count, dtype=bool)
+            with_scalar[scalar[np.unique(stretch[scalar], return_index=True)[1]]] = True
+            is_near = np.convolve(with_scalar, np.ones(2 * stride - 1), "same") > 0
+            kept = with_scalar | (kept & ~is_near)
+        return samples.take(kept).with_noise(self._noise(rates, count / kept.sum()))
+
+    def _noise(self, rates: FloatArray, apart: float) -> InterpolatedNoise:
+        """Return what interpolation made of the noise, from the readings (K,) in a sample and the distance of samples.
+
+        Of a slow sensor the samples that hold a reading as it came are those that are kept.
+        """
+        values_apart = np.maximum(np.rint(1 / np.maximum(rates, 1e-9)), 1)
+        as_read = 1 - np.minimum(np.array(self.interpolated) / max(self.used, 1), 1)
+        parts = 1 - np.minimum(as_read * values_apart, 1)
+        at, places = np.outer(apart / values_apart, np.arange(1, LAGS + 1)), np.arange(LAGS + 1)
+        correlation = self.correlation or ((0.0,) * LAGS,) * len(rates)
+        known = [np.interp(own, places, [1, *each], right=0) for own, each in zip(at, correlation, strict=True)]
+        return InterpolatedNoise(parts[:, None] * np.array(known), rates * apart)
+
+    def interpolation_warnings(self, samples: SampleSource, noise_T: FloatArray) -> tuple[str, ...]:
+        """Return a warning of each sensor whose interpolated values are wrong by more than its noise hides in a fit.
+
+        Parameters
+        ----------
+        samples : SampleSource
+            With each reading once; a thousand of those of sensor 1 tell how fast the array turned.
+        noise_T : (K,) array
+            Of each axis of the sensors, tesla.
+        """
+        noise = samples.interpolated_noise
+        if noise is None:
+            return ()
+        first, last = samples.time_span_s
+        pace_s = (last - first) / max(samples.sample_count - 1, 1)
+        rate, field_T = _turning(samples)
+        warnings = []
+        for sensor in np.flatnonzero(self.interpolated).tolist():
+            period_s = pace_s / float(noise.readings_per_sample[sensor])
+            error_T = LARGEST_ERROR * float(np.sqrt(np.mean((rate * period_s) ** 8))) * field_T
+            # From 1.5 times the noise of the mean of all samples on, fits err by a tenth more than they tell.
+            if error_T * np.sqrt(samples.sample_count) > 1.5 * noise_T[sensor]:
+                fastest = to_degrees(float(rate.max()))
+                warnings.append(
+                    f"sensor {sensor + 1} is read at {1 / period_s:.3g} Hz while the array turns at up to "
+                    f"{fastest:.0f}°/s: its interpolated readings are wrong by {to_nanotesla(error_T):.2g} nT (RMS), "
+                    "beyond the standard errors; turn more slowly, or read it faster"
+                )
+        return tuple(warnings)
+
+    def remarks(self) -> tuple[str, ...]:
+        """Return the warnings and what is missing as complete sentences.
+
+        Raises
+        ------
+        Refused
+            As ``require_enough``.
+        """
+        self.require_enough()
+        return tuple(f"{warning[0].upper()}{warning[1:]}." for warning in (*self.warnings(), *self.missing))
+
+
+def _of_type(kind: Any, value: Any) -> Any:
+    """Return the value of JSON as a field has it.
+
+    Raises
+    ------
+    TypeError
+        When it is of another type.
+    """
+    if parts := get_args(kind):
+        if not isinstance(value, list):
+            raise TypeError
+        return tuple(_of_type(parts[0], each) for each in value)
+    if type(value) is not kind:
+        raise TypeError
+    return value
+
+
+def _turning(samples: SampleSource) -> tuple[FloatArray, float]:
+    """Return the rates (n,) at which the field turns in the frame of sensor 1, rad/s, and its mean intensity, tesla."""
+    rates, fields = [], []
+    for block in samples.blocks():
+        field_T = block.readings_T[:, 0]
+        length = np.linalg.norm(field_T, axis=1)
+        turn = np.linalg.norm(np.diff(field_T, axis=0), axis=1) / np.maximum(length[1:], np.finfo(float).tiny)
+        rates.append(turn / np.diff(block.time_s))
+        fields.append(length)
+    rate = np.concatenate(rates)
+    return rate[:: -(-len(rate) // 1000)], float(np.concatenate(fields).mean())
+
+
+def why_doubled(name: str, losses: Losses) -> str:
+    """Return why the messages of a sensor are those of two publishers, with what to do; empty where they are not."""
+    if losses.contradicting <= 0.1 * losses.received:
+        return ""
+    return (
+        f"{losses.contradicting} of {losses.received} messages of {name} repeat the stamp before with other values, as "
+        "those of two publishers on one topic: stop one of them and record again"
+    )
+
+
+def why_lost(stream: Stream) -> str | None:
+    """Return why most messages of a stream cannot be used, in one clause; None where they can.
+
+    Parameters
+    ----------
+    stream : Stream
+        Of a sensor or a channel.
+    """
+    faults = [(count, fault) for count, fault in _own_faults(stream.losses) if count]
+    if sum(count for count, _ in faults) <= 0.5 * stream.losses.received:
+        return None
+    zero = ": all its stamps are zero" if stream.timeline.newest_ns == 0 else ""
+    listed = ", ".join(f"{count} {fault}" for count, fault in faults)
+    return f"of {stream.losses.received} messages of {stream.name} {listed}{zero}"
+
+
+def _own_faults(losses: Losses) -> list[tuple[int, str]]:
+    return [
+        (losses.duplicate, "repeat the stamp before"),
+        (losses.late, "have stamps out of order"),
+        (losses.implausible, "have false stamps"),
+        (losses.unusable, "are damaged, not finite or without time"),
+    ]
+
+
+def _why_missing(stream: Stream, first: Stream, newest: Stream, patience_ns: int) -> str:
+    """Return why samples have nothing of a sensor: nothing came, nothing usable, not in time, or not all."""
+    losses, name = stream.losses, stream.name
+    if not losses.received:
+        return f"nothing arrived from {name}: check sensor, cable, driver and topic"
+    lacking = f"{losses.missing} found none of {name}"
+    if losses.implausible + losses.unusable + losses.duplicate > losses.missing // 2:
+        return f"{lacking}, most of whose messages cannot be used: {losses.explain()}"
+    limit_ns = max(patience_ns, stream.timeline.reach_ns)
+    advice = "stopped, or their clocks differ; synchronise the clocks, or state delay_s in the array file"
+    behind_ns = newest.timeline.newest_ns - stream.timeline.newest_ns
+    if behind_ns > limit_ns:
+        return f"{lacking}, whose newest stamp is {behind_ns / 1e9:.3g} s behind that of {newest.name}: it {advice}"
+    ahead_ns = stream.timeline.newest_ns - first.timeline.newest_ns
+    if ahead_ns > limit_ns:
+        return f"{lacking}, whose newest stamp is {ahead_ns / 1e9:.3g} s ahead of that of {first.name}: that {advice}"
+    why = f"{losses.lost} were lost on the way" if losses.lost else "they have gaps, or come too late"
+    return f"{lacking}, of which {losses.received} messages came: {why}; look at the load"
+
 
 BoolArray = NDArray[np.bool_]
 

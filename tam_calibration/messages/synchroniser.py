@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tam_calibration.messages.point_cloud import SampleLayout, columns_of, is_channel
+from tam_calibration.messages.samples import Usage, why_lost
 from tam_calibration.messages.stream import (
     BEFORE_ALL,
     EPOCH,
@@ -34,7 +35,6 @@ from tam_calibration.messages.stream import (
     sensor_stream,
 )
 from tam_calibration.messages.timeline import STEP_NS, StampStep
-from tam_calibration.messages.usage import Usage, why_lost
 from tam_calibration.model.units import FloatArray
 
 _MAXIMUM_AGE_NS = {"temperature": 60_000_000_000, "attitude": 200_000_000, "gyroscope": 200_000_000}

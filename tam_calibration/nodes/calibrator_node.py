@@ -20,7 +20,7 @@ from tam_calibration.gap import diagnose
 from tam_calibration.gap.calibration_with_effects import explained
 from tam_calibration.gap.result import Gap
 from tam_calibration.integrity.fault import names_in, require_names
-from tam_calibration.messages.usage import Usage
+from tam_calibration.messages.samples import Usage
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.libraries import require
 from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health, TamNode, Work

@@ -18,11 +18,10 @@ from tam_calibration.fit.coverage import Coverage
 from tam_calibration.fit.live_coverage import LiveCoverage
 from tam_calibration.messages.missing import LiveMissing, are
 from tam_calibration.messages.point_cloud import CHANNEL_TOPICS, SampleLayout
-from tam_calibration.messages.samples import turns_of
+from tam_calibration.messages.samples import Usage, turns_of, why_doubled
 from tam_calibration.messages.stream import SILENCE_NS, sensor_stream
 from tam_calibration.messages.synchroniser import Sample, Synchroniser
 from tam_calibration.messages.timeline import Run, StampFigures
-from tam_calibration.messages.usage import Usage, why_doubled
 from tam_calibration.model.conversion import RATE_COLUMNS
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.limits import SHORTEST_ATTITUDE, largest_of

@@ -17,8 +17,7 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files.schema import Bounds, Document, Place, Vector, check
 from tam_calibration.files.text_files import MOST_BYTES
 from tam_calibration.files.yaml_document import mapping_in
-from tam_calibration.messages.samples import Progress, Samples
-from tam_calibration.messages.usage import Usage
+from tam_calibration.messages.samples import Progress, Samples, Usage
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import BLOCK, Block, InterpolatedNoise, Recording, SampleSource

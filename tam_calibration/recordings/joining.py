@@ -15,9 +15,9 @@ from tam_calibration.messages.batch_synchroniser import BatchSynchroniser
 from tam_calibration.messages.cdr import NO_TIME
 from tam_calibration.messages.missing import Missing
 from tam_calibration.messages.point_cloud import SampleLayout, is_channel
+from tam_calibration.messages.samples import Usage
 from tam_calibration.messages.stream import sensor_stream
 from tam_calibration.messages.timeline import Run
-from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
 from tam_calibration.model.conversion import RATE_COLUMNS
 from tam_calibration.model.exceptions import InputError, Refused

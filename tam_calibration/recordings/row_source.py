@@ -10,8 +10,7 @@ import numpy as np
 from tam_calibration.core.interpolation import without_delays
 from tam_calibration.messages.missing import Missing
 from tam_calibration.messages.point_cloud import is_channel
-from tam_calibration.messages.samples import Progress, Samples
-from tam_calibration.messages.usage import Usage
+from tam_calibration.messages.samples import Progress, Samples, Usage
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.units import FloatArray, IntArray

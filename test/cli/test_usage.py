@@ -10,7 +10,7 @@ from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
 from tam_calibration.cli import diagnose as diagnose_command
 from tam_calibration.cli.main import main
-from tam_calibration.messages.usage import Usage
+from tam_calibration.messages.samples import Usage
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.recordings import fit_input
 from tam_calibration.recordings.bag_writing import TYPESTORE

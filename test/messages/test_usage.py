@@ -9,9 +9,8 @@ import pytest
 from tam_calibration.core.interpolation import interpolated
 from tam_calibration.messages.batch_synchroniser import BatchSynchroniser
 from tam_calibration.messages.point_cloud import SampleLayout
-from tam_calibration.messages.samples import Samples, StreamMessages
+from tam_calibration.messages.samples import Samples, StreamMessages, Usage
 from tam_calibration.messages.synchroniser import Synchroniser
-from tam_calibration.messages.usage import Usage
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.recordings.fit_input import RecordingStream
