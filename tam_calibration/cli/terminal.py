@@ -23,7 +23,7 @@ from tam_calibration.messages.samples import Progress as ProgressCallback
 from tam_calibration.model.exceptions import InputError, Refused, printable
 from tam_calibration.model.libraries import require
 from tam_calibration.model.units import FloatArray
-from tam_calibration.recordings.channel_map import AS_IT_IS, Moment, Reading, Window, read_map
+from tam_calibration.recordings.channel_map import AS_IT_IS, Reading, Window, read_map
 from tam_calibration.report.blocks import Block, Points, Table, Text
 from tam_calibration.results.overwriting import require_separate
 
@@ -194,7 +194,7 @@ def reading_options(function: Callable[..., Any]) -> Callable[..., Any]:
         tolerance_s: float,
         **extra: Any,
     ) -> Any:
-        window = Window(*(None if each is None else Moment.of(each) for each in (start, until)))
+        window = Window.of(start, until)
         channel_map = None if map_path is None else read_map(map_path)
         files = tuple(path for path in (map_path, base_station_path) if path is not None)
         how = Reading(channel_map, window, unwrap, base_station_path, tolerance_s, files)

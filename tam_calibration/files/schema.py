@@ -62,20 +62,6 @@ class Bounds:
         return f"less than or equal to {self.most}{hint}" if number > self.most else ""
 
 
-def require_schema(content: Mapping[str, Any], kind: str, schema: str) -> None:
-    """Check that a file of some kind states the schema that this version reads.
-
-    Raises
-    ------
-    InputError
-        When it states another, or none.
-    """
-    found = content.get("schema")
-    if found != schema:
-        stated = "has no schema" if found is None else f"has the schema {quoted(found)}"
-        raise InputError(f"this is no {kind} that this version reads: it {stated}, not {schema!r}")
-
-
 def check(content: Mapping[str, Any], schema: type[Schema]) -> Schema:
     """Return the content as an instance of its schema.
 
@@ -101,6 +87,21 @@ def check(content: Mapping[str, Any], schema: type[Schema]) -> Schema:
         others = f" (and {len(faults) - 1} more faults)" if len(faults) > 1 else ""
         raise InputError(f"{faults[0]}{others}")
     return checked
+
+
+def check_file(content: Mapping[str, Any], kind: str, stated: str, schema: type[Schema]) -> Schema:
+    """Return the content of a file of some kind, which must state the schema that this version reads.
+
+    Raises
+    ------
+    InputError
+        When it states another, or none, or does not fit it.
+    """
+    found = content.get("schema")
+    if found != stated:
+        told = "has no schema" if found is None else f"has the schema {quoted(found)}"
+        raise InputError(f"this is no {kind} that this version reads: it {told}, not {stated!r}")
+    return check(content, schema)
 
 
 def _value(kind: Any, value: Any, place: str, faults: list[str]) -> Any:

@@ -17,21 +17,7 @@ from tam_calibration.files.text_files import to_json, write_set
 from tam_calibration.fleet.task import ANSWERS, Result
 from tam_calibration.model.data_sheet import DAY_S
 from tam_calibration.model.units import FloatArray
-from tam_calibration.report.blocks import (
-    KINDS,
-    Block,
-    Gallery,
-    Kind,
-    Points,
-    Section,
-    Table,
-    Text,
-    count,
-    counted,
-    number,
-    sentence,
-    with_error,
-)
+from tam_calibration.report import blocks
 from tam_calibration.report.page import COLORS, QUIET_COLOR, WIDTH_INCH, embed, in_style, new_figure, write_page
 from tam_calibration.results.results_json import attributes
 
@@ -88,20 +74,20 @@ def fit_drift(
         None if no mission determines the parameter.
     """
     known = np.isfinite(values) & (standard_errors > 0)
-    count = int(known.sum())
-    if not count:
+    estimates = int(known.sum())
+    if not estimates:
         return None
     days, value, weight = (time_s[known] - time_s[0]) / DAY_S, values[known], 1 / standard_errors[known]
     since = days - np.average(days, weights=weight**2)
     has_line = np.ptp(time_s[known]) > least_apart_s
     line, covariance = np.polyfit(since, value, int(has_line), w=weight, cov="unscaled")
     scatter, wider = math.nan, 1.0
-    if has_line and count > 2:
-        scatter = math.sqrt(np.sum((weight * (value - np.polyval(line, since))) ** 2) / (count - 2))
+    if has_line and estimates > 2:
+        scatter = math.sqrt(np.sum((weight * (value - np.polyval(line, since))) ** 2) / (estimates - 2))
         wider = max(1.0, scatter)
     errors = (wider * np.sqrt(np.diagonal(covariance))).tolist()
     slope, slope_error = (float(line[0]), errors[0]) if has_line else (math.nan, math.nan)
-    return LinearDrift(count, float(line[-1]), errors[-1], slope, slope_error, scatter)
+    return LinearDrift(estimates, float(line[-1]), errors[-1], slope, slope_error, scatter)
 
 
 @dataclass(frozen=True)
@@ -110,7 +96,7 @@ class ParameterDrift:
 
     platform: str
     sensor: int
-    kind: Kind
+    kind: blocks.Kind
     axis: int
     drift: LinearDrift
 
@@ -139,8 +125,8 @@ class Missions:
     platform: str
     time_s: FloatArray
     longest_s: float
-    values: dict[Kind, FloatArray]
-    standard_errors: dict[Kind, FloatArray]
+    values: dict[blocks.Kind, FloatArray]
+    standard_errors: dict[blocks.Kind, FloatArray]
 
     @property
     def no_drift(self) -> str:
@@ -178,8 +164,8 @@ def all_missions(results: Sequence[Result]) -> list[Missions]:
     missions = []
     for platform, some in by_platform([result for result in results if result.sensors and result.time_span_s]).items():
         spans_s = np.array([result.time_span_s for result in some])
-        values = {kind: _table(some, kind.key()) for kind in KINDS}
-        errors = {kind: _table(some, kind.key("standard_error")) for kind in KINDS}
+        values = {kind: _table(some, kind.key()) for kind in blocks.KINDS}
+        errors = {kind: _table(some, kind.key("standard_error")) for kind in blocks.KINDS}
         missions.append(Missions(platform, spans_s.mean(axis=1), float(np.ptp(spans_s, axis=1).max()), values, errors))
     return missions
 
@@ -200,7 +186,7 @@ def counts_of(results: Sequence[Result]) -> dict[str, int]:
         "failed": status["failed"],
         "no gap": verdicts["no_gap"],
         "explained": verdicts["explained"],
-        "open": sum(number for verdict, number in verdicts.items() if verdict not in ANSWERS),
+        "open": sum(times for verdict, times in verdicts.items() if verdict not in ANSWERS),
     }
 
 
@@ -253,10 +239,10 @@ def drift_row(found: ParameterDrift) -> list[str]:
         str(found.sensor),
         found.name + unit,
         str(drift.missions),
-        with_error(drift.per_day, drift.per_day_standard_error, 6),
-        number(drift.significance),
-        number(drift.scatter),
-        with_error(drift.mean, drift.mean_standard_error, 6),
+        blocks.with_error(drift.per_day, drift.per_day_standard_error, 6),
+        blocks.number(drift.significance),
+        blocks.number(drift.scatter),
+        blocks.with_error(drift.mean, drift.mean_standard_error, 6),
     ]
 
 
@@ -278,7 +264,7 @@ def open_points(results: Sequence[Result]) -> list[str]:
 
 
 @in_style
-def plot_missions(missions: Missions, kind: Kind) -> "Figure":
+def plot_missions(missions: Missions, kind: blocks.Kind) -> "Figure":
     """Draw three parameters of each sensor less their means, with standard errors, over time.
 
     Parameters
@@ -291,9 +277,9 @@ def plot_missions(missions: Missions, kind: Kind) -> "Figure":
     shown = kind.of_changes
     factor = shown.factor / kind.factor
     values, errors = factor * missions.values[kind], factor * missions.standard_errors[kind]
-    count = values.shape[1]
-    figure = new_figure(WIDTH_INCH, 1.5 * count + 0.4)
-    panels = figure.subplots(count, sharex=True, squeeze=False)[:, 0]
+    sensor_count = values.shape[1]
+    figure = new_figure(WIDTH_INCH, 1.5 * sensor_count + 0.4)
+    panels = figure.subplots(sensor_count, sharex=True, squeeze=False)[:, 0]
     times = [datetime.fromtimestamp(time, UTC) for time in missions.time_s]
     for sensor, axes in enumerate(panels):
         for axis, color in enumerate(COLORS[:3]):
@@ -334,35 +320,36 @@ def _write_fleet_page(path: Path, results: Sequence[Result]) -> None:
         Sorted by platform and time.
     """
     header = ("recording", "platform", "start (UTC)", "samples", "status", "verdict", "gap (noise floors)")
-    recordings = Table(header, list(map(_recording_cells, results)), numeric=False)
+    recordings = blocks.Table(header, list(map(_recording_cells, results)), numeric=False)
     drifts = map(_drift_section, all_missions(results))
-    sections = [_overview(results), *drifts, Section("Recordings", [recordings])]
-    subtitle = f"{counted(len(results), 'recording')} of {counted(len(by_platform(results)), 'platform')}"
+    sections = [_overview(results), *drifts, blocks.Section("Recordings", [recordings])]
+    subtitle = f"{blocks.counted(len(results), 'recording')} of {blocks.counted(len(by_platform(results)), 'platform')}"
     write_page(path, "Calibrations over many missions", subtitle, sections)
 
 
-def _overview(results: Sequence[Result]) -> Section:
+def _overview(results: Sequence[Result]) -> blocks.Section:
     points = open_points(results)
     settled = sum(result.is_settled for result in results)
-    words = f"{count(settled)} of {counted(len(results), 'recording')} without a failure and without an open gap."
-    verdict = Text(words, "doubt" if points else "good")
-    blocks: list[Block] = [verdict, Table(COUNTS_HEADER, count_rows(results))]
+    total = blocks.counted(len(results), "recording")
+    words = f"{blocks.count(settled)} of {total} without a failure and without an open gap."
+    verdict = blocks.Text(words, "doubt" if points else "good")
+    parts: list[blocks.Block] = [verdict, blocks.Table(COUNTS_HEADER, count_rows(results))]
     if laws := law_points(results):
-        blocks += [Text("Laws of the gaps, whatever causes them:"), Points(laws)]
+        parts += [blocks.Text("Laws of the gaps, whatever causes them:"), blocks.Points(laws)]
     if points:
-        blocks.append(Points(points))
-    return Section("What was found", blocks)
+        parts.append(blocks.Points(points))
+    return blocks.Section("What was found", parts)
 
 
-def _drift_section(missions: Missions) -> Section:
+def _drift_section(missions: Missions) -> blocks.Section:
     drawn = [
         embed(plot_missions(missions, kind), f"{kind.name} over the missions", f"{kind.name} ± 1 standard error")
-        for kind in KINDS
+        for kind in blocks.KINDS
     ]
     rows = [drift_row(found)[1:] for found in missions.drifts()]
-    words = sentence(missions.no_drift) if missions.no_drift else _DRIFTS
-    blocks: list[Block] = [Text(words), Gallery(drawn), Table(DRIFT_HEADER[1:], rows)]
-    return Section(f"Drift of {missions.platform}: {counted(len(missions.time_s), 'mission')}", blocks)
+    words = blocks.sentence(missions.no_drift) if missions.no_drift else _DRIFTS
+    parts: list[blocks.Block] = [blocks.Text(words), blocks.Gallery(drawn), blocks.Table(DRIFT_HEADER[1:], rows)]
+    return blocks.Section(f"Drift of {missions.platform}: {blocks.counted(len(missions.time_s), 'mission')}", parts)
 
 
 def _recording_cells(result: Result) -> list[str]:
@@ -372,9 +359,9 @@ def _recording_cells(result: Result) -> list[str]:
     gap = "–"
     if result.gap:
         before, after = (float("nan") if result.gap[key] is None else result.gap[key] for key in ("before", "after"))
-        gap = f"{number(before)} → {number(after)}"
+        gap = f"{blocks.number(before)} → {blocks.number(after)}"
     verdict = result.verdict.replace("_", " ") or "–"
-    return [result.recording, result.platform, start, count(result.samples), result.status, verdict, gap]
+    return [result.recording, result.platform, start, blocks.count(result.samples), result.status, verdict, gap]
 
 
 _SCHEMA = "tam_calibration/batch/1"
@@ -417,7 +404,7 @@ def _summary_to_mapping(results: Sequence[Result]) -> dict[str, Any]:
         "schema": _SCHEMA,
         "platforms": [
             {"platform": platform}
-            | {name.replace(" ", "_"): number for name, number in counts_of(some).items()}
+            | {name.replace(" ", "_"): times for name, times in counts_of(some).items()}
             | {"causes": causes_of(some)}
             for platform, some in by_platform(results).items()
         ],
@@ -454,7 +441,7 @@ def _csv_row(result: Result) -> dict[str, Any]:
     row |= {"causes": " ".join(gap.get("causes", ())), "problems": result.trouble}
     row = {name: _FORMULA.sub(r"\1'", cell) if isinstance(cell, str) else cell for name, cell in row.items()}
     for index, sensor in enumerate(result.sensors, 1):
-        for kind in KINDS:
+        for kind in blocks.KINDS:
             for part in ("", "standard_error"):
                 name, unit = kind.key(part).removesuffix(f"_{kind.unit}"), kind.unit
                 columns = [f"sensor_{index}_{name}_{axis}_{unit}".rstrip("_") for axis in kind.columns]

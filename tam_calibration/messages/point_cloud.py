@@ -6,7 +6,7 @@ The header's stamp is the exact time of a row.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -195,6 +195,21 @@ class SampleLayout:
             if not np.isnan(rows[:, first:last]).all():
                 values[_NAMES.get(channel, channel)] = rows[:, first] if last == first + 1 else rows[:, first:last]
         return Recording.of_values(values)
+
+
+@lru_cache(maxsize=8)
+def layout_of(columns: tuple[str, ...], sensor_count: int) -> SampleLayout:
+    """Return the layout of samples of so many sensors that has these columns.
+
+    Raises
+    ------
+    InputError
+        When no layout has them.
+    """
+    layout = SampleLayout.from_columns(columns)
+    if layout.sensor_count != sensor_count:
+        raise InputError(f"samples of {layout.sensor_count} sensors, the array has {sensor_count}")
+    return layout
 
 
 MAGNETIC_FIELD, FLOAT64 = "sensor_msgs/msg/MagneticField", "std_msgs/msg/Float64"

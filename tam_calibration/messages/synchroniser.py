@@ -17,23 +17,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tam_calibration.messages import stream as streams
 from tam_calibration.messages.point_cloud import SampleLayout, columns_of, is_channel
 from tam_calibration.messages.samples import Usage, why_lost
-from tam_calibration.messages.stream import (
-    BEFORE_ALL,
-    EPOCH,
-    SILENCE_NS,
-    HeldStream,
-    IntensityStream,
-    InterpolatedStream,
-    JoinedStream,
-    Losses,
-    Message,
-    OnceStream,
-    Silence,
-    Stream,
-    sensor_stream,
-)
+from tam_calibration.messages.stream import BEFORE_ALL, EPOCH, HeldStream, JoinedStream, Message, Stream
 from tam_calibration.messages.timeline import STEP_NS, StampStep
 from tam_calibration.model.units import FloatArray
 
@@ -103,22 +90,24 @@ class Synchroniser:
         expected: Collection[str] = (),
         capacity: int = 65_536,
         delay_s: FloatArray | None = None,
-        silence_ns: int = SILENCE_NS,
+        silence_ns: int = streams.SILENCE_NS,
     ) -> None:
         self.delivered = self.partial = self.restarts = 0
         self.steps: list[StampStep] = []
         self._patience_ns, self._hold_patience_ns = patience_ns, hold_patience_ns
         self._capacity = capacity
         delays_ns = [] if delay_s is None else np.round(1e9 * delay_s).astype(int).tolist()
-        delayed = [*(sensor_stream(index + 1) for index in range(layout.sensor_count)), "scalar"]
+        delayed = [*(streams.sensor_stream(index + 1) for index in range(layout.sensor_count)), "scalar"]
         self._delays_ns = {name: delay for name, delay in zip(delayed, delays_ns, strict=False) if delay}
-        self._sensors = [JoinedStream(sensor_stream(1), tolerance_ns, True)]
+        self._sensors = [JoinedStream(streams.sensor_stream(1), tolerance_ns, True)]
         others = range(2, layout.sensor_count + 1)
-        self._sensors += [InterpolatedStream(sensor_stream(sensor), tolerance_ns, True) for sensor in others]
+        self._sensors += [
+            streams.InterpolatedStream(streams.sensor_stream(sensor), tolerance_ns, True) for sensor in others
+        ]
         channels: list[Stream] = []
         for name in layout.channels:
-            kind = HeldStream if name != "scalar" else OnceStream if scalar_is_held else IntensityStream
-            window_ns = tolerance_ns if kind is IntensityStream else _MAXIMUM_AGE_NS.get(name, 2_000_000_000)
+            kind = HeldStream if name != "scalar" else streams.OnceStream if scalar_is_held else streams.IntensityStream
+            window_ns = tolerance_ns if kind is streams.IntensityStream else _MAXIMUM_AGE_NS.get(name, 2_000_000_000)
             channels.append(kind(name, window_ns, name in expected))
         self._partners = [*self._sensors[1:], *channels]
         self._no_value = {name: _NO_READING[:1] * len(columns_of(name)) for name in layout.channels}
@@ -127,7 +116,7 @@ class Synchroniser:
         self._newest = self._horizon = self._hold_horizon = self._last_delivered = self._epoch_start = BEFORE_ALL
         self._previous = self._pending = BEFORE_ALL
         self._now_ns = self._newest_at_ns = self._caught_up_ns = 0
-        self._silence = Silence(self._sensors, silence_ns)
+        self._silence = streams.Silence(self._sensors, silence_ns)
         self._intervals: deque[int] = deque(maxlen=REMEMBERED)
         self._waits_for: Stream = self._sensors[0]
 
@@ -137,7 +126,7 @@ class Synchroniser:
         return len(self._sensors)
 
     @property
-    def losses(self) -> dict[str, Losses]:
+    def losses(self) -> dict[str, streams.Losses]:
         """What became of the messages, by stream."""
         return {name: stream.losses for name, stream in self._streams.items()}
 

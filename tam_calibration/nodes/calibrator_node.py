@@ -20,6 +20,7 @@ from tam_calibration.gap import diagnose
 from tam_calibration.gap.calibration_with_effects import explained
 from tam_calibration.gap.result import Gap
 from tam_calibration.integrity.fault import names_in, require_names
+from tam_calibration.messages.point_cloud import layout_of
 from tam_calibration.messages.samples import Usage
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.libraries import require
@@ -27,7 +28,7 @@ from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health, TamNode, 
 from tam_calibration.nodes.calibrated import figures, introduce
 from tam_calibration.nodes.calibrator_state import KEPT, SAVE_S, UPDATED, KeptSamples, LiveUpdate
 from tam_calibration.nodes.node_parameters import SHARED, Rule
-from tam_calibration.nodes.topics import LATCHED, RELIABLE_STREAM, CloudReader, Rows, from_stamp, layout_of
+from tam_calibration.nodes.topics import LATCHED, RELIABLE_STREAM, CloudReader, Rows, from_stamp
 from tam_calibration.recordings import provenance
 from tam_calibration.recordings.fit_input import fit_with_usage, read_array_of, read_compared, remarks_on
 from tam_calibration.report.calibration_rows import update_sentences

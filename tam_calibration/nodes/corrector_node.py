@@ -16,13 +16,8 @@ from tam_calibration.correction.acceptance import ScalarAgreement
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.correction.partial import missing_codes, sensors_of
 from tam_calibration.correction.streaming import CorrectedBatch, Correction
-from tam_calibration.messages.point_cloud import (
-    FIELD_GRADIENT_COLUMNS,
-    GRADIENT_DIMENSIONS,
-    GRADIENT_ROW_MAJOR,
-    SampleLayout,
-    center_covariance,
-)
+from tam_calibration.messages import point_cloud
+from tam_calibration.messages.point_cloud import SampleLayout, center_covariance, layout_of
 from tam_calibration.messages.stream import SILENCE_NS
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, IntArray
@@ -31,15 +26,7 @@ from tam_calibration.nodes.calibrated import CALIBRATED, CalibratedNode, figures
 from tam_calibration.nodes.markers import Shown, field_marker
 from tam_calibration.nodes.node_parameters import REAL_TIME
 from tam_calibration.nodes.session import precede
-from tam_calibration.nodes.topics import (
-    RELIABLE_STREAM,
-    CloudReader,
-    MessageWriter,
-    Rows,
-    cloud_writer,
-    from_stamp,
-    layout_of,
-)
+from tam_calibration.nodes.topics import RELIABLE_STREAM, CloudReader, MessageWriter, Rows, cloud_writer, from_stamp
 
 RULES = (*CALIBRATED, REAL_TIME)
 
@@ -151,7 +138,7 @@ class Corrector(CalibratedNode):
         self._gradient = self.offer(Float64MultiArray, "gradient", RELIABLE_STREAM)
         self._gradient_writer = MessageWriter(Float64MultiArray(layout=_GRADIENT_LAYOUT, data=[0.0] * 9), 9)
         self._field_gradient = self.offer(PointCloud2, "field_gradient", RELIABLE_STREAM)
-        self._field_gradient_writer = cloud_writer(FIELD_GRADIENT_COLUMNS, frame_id)
+        self._field_gradient_writer = cloud_writer(point_cloud.FIELD_GRADIENT_COLUMNS, frame_id)
         self._marker = Shown(self, Marker, "center_marker", frame_id)
 
     def _take_samples(self, messages: list[bytes]) -> None:
@@ -259,7 +246,10 @@ class Corrector(CalibratedNode):
             self._marker.publish(field_marker(self._marker.header(from_stamp(stamps[-1])), outputs[-1, :3]))
 
 
-_GRADIENT_ROW_MAJOR = np.array(GRADIENT_ROW_MAJOR)
+_GRADIENT_ROW_MAJOR = np.array(point_cloud.GRADIENT_ROW_MAJOR)
 _GRADIENT_LAYOUT = MultiArrayLayout(
-    dim=[MultiArrayDimension(label=label, size=size, stride=stride) for label, size, stride in GRADIENT_DIMENSIONS]
+    dim=[
+        MultiArrayDimension(label=label, size=size, stride=stride)
+        for label, size, stride in point_cloud.GRADIENT_DIMENSIONS
+    ]
 )

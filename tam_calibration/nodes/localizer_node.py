@@ -18,7 +18,7 @@ from tam_calibration.correction.partial import PartialCorrection
 from tam_calibration.localization.euler import DIPOLE_INDEX
 from tam_calibration.localization.solutions import EulerSolutions, Status, pose_rows
 from tam_calibration.localization.turned_samples import Regional, Samples, locate_samples, regional_of, turned
-from tam_calibration.messages.point_cloud import FIELD_GRADIENT_COLUMNS, SOURCE_COLUMNS
+from tam_calibration.messages.point_cloud import FIELD_GRADIENT_COLUMNS, SOURCE_COLUMNS, layout_of
 from tam_calibration.messages.stream import SILENCE_NS
 from tam_calibration.model.conversion import ATTITUDE_COLUMNS, RATE_COLUMNS
 from tam_calibration.model.exceptions import InputError
@@ -29,15 +29,7 @@ from tam_calibration.nodes.calibrated import CALIBRATED, CalibratedNode
 from tam_calibration.nodes.markers import Shown, source_markers
 from tam_calibration.nodes.node_parameters import Rule
 from tam_calibration.nodes.survey import AttitudeJoin, Joined, LineTargets
-from tam_calibration.nodes.topics import (
-    RELIABLE_STREAM,
-    CloudReader,
-    MessageWriter,
-    cloud_writer,
-    from_stamp,
-    layout_of,
-    to_stamp,
-)
+from tam_calibration.nodes.topics import RELIABLE_STREAM, CloudReader, MessageWriter, cloud_writer, from_stamp, to_stamp
 
 _FITTED, _NONE = "fitted", "none"
 RULES = (

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import partial
 from importlib import import_module
 from itertools import chain, groupby
 from operator import itemgetter
@@ -29,7 +29,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
 from tam_calibration.messages.cdr import BODY
-from tam_calibration.messages.point_cloud import FLOAT64_SIZE, SampleLayout, field_offsets
+from tam_calibration.messages.point_cloud import FLOAT64_SIZE, field_offsets
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray
 
@@ -432,18 +432,3 @@ class CloudReader:
             self._between, self._data = message[STAMP.stop : start], slice(start, start + size)
         stamp = _STAMP.pack(cloud.header.stamp.sec, cloud.header.stamp.nanosec)
         return Rows(columns, [stamp] * len(values), values)
-
-
-@lru_cache(maxsize=8)
-def layout_of(columns: tuple[str, ...], sensor_count: int) -> SampleLayout:
-    """Return the layout of samples of so many sensors that has these columns.
-
-    Raises
-    ------
-    InputError
-        When no layout has them.
-    """
-    layout = SampleLayout.from_columns(columns)
-    if layout.sensor_count != sensor_count:
-        raise InputError(f"samples of {layout.sensor_count} sensors, the array has {sensor_count}")
-    return layout

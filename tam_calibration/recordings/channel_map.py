@@ -254,6 +254,13 @@ def read_map(path: str | Path) -> ChannelMap:
         return map_of(content)
 
 
+def as_map(given: "ChannelMap | Mapping[str, Any] | str | Path | None") -> ChannelMap | None:
+    """Return a map, however it is given; None of nothing."""
+    if given is None or isinstance(given, ChannelMap):
+        return given
+    return map_of(given) if isinstance(given, Mapping) else read_map(given)
+
+
 def map_to_mapping(channel_map: ChannelMap) -> dict[str, Any]:
     """Return the keys and values of a map's file, without what is as by default."""
     return dict(_stated(channel_map))
@@ -336,6 +343,11 @@ class Window:
 
     start: Moment | None = None
     end: Moment | None = None
+
+    @classmethod
+    def of(cls, start: str | float | None, until: str | float | None) -> "Window":
+        """Return the part between two times, each as of `Moment`; None of a time sets no limit."""
+        return cls(*(None if each is None else Moment.of(each) for each in (start, until)))
 
     def contains(self, stamps_ns: IntArray, first_ns: int) -> NDArray[np.bool_]:
         """Return which stamps (n,) lie within; the end belongs to it.

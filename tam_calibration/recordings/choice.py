@@ -10,28 +10,12 @@ from tam_calibration.messages.missing import in_words
 from tam_calibration.messages.point_cloud import IMU, MAGNETIC_FIELD, TEMPERATURE
 from tam_calibration.messages.stream import sensor_stream
 from tam_calibration.model.exceptions import InputError, quoted
+from tam_calibration.recordings import vectors
 from tam_calibration.recordings.channel_map import CHANNEL_WIDTHS, ChannelMap, Pick
 from tam_calibration.recordings.intake import POSITION_FIELDS
 from tam_calibration.recordings.joining import Streams
 from tam_calibration.recordings.tables import Source, Table, Wanted
-from tam_calibration.recordings.vectors import (
-    MAGNETIC,
-    OTHER,
-    UNIT_SUFFIX,
-    Vector,
-    attitudes_in,
-    is_bookkeeping,
-    is_magnetic,
-    is_own_column,
-    is_rate,
-    lists_in,
-    own_columns,
-    own_map,
-    pick_of,
-    shortened,
-    unit_in,
-    vectors_in,
-)
+from tam_calibration.recordings.vectors import Vector, is_bookkeeping, is_magnetic, shortened, vectors_in
 
 NAMES = {
     "scalar": re.compile(
@@ -64,7 +48,7 @@ def resolve(source: Source, channel_map: ChannelMap, has_sure_units: bool = True
     """
     tables = {table.key: table for table in source.tables}
     wanted = {stream: wanted_of(tables, stream, pick) for stream, pick in channel_map.streams.items()}
-    stated = {stream: unit_in(each.table, each.fields[0]) for stream, each in wanted.items()}
+    stated = {stream: vectors.unit_in(each.table, each.fields[0]) for stream, each in wanted.items()}
     picks = channel_map.streams
     if has_sure_units:
         without = {stream: pick for stream, pick in picks.items() if pick.factor is None}
@@ -164,14 +148,14 @@ def _suggested(stream: str, table: Table, widths: Sequence[int]) -> tuple[str, .
     if stream == "gyroscope" and table.type == IMU:
         return _below("angular_velocity", table, widths)
     if stream == "attitude":
-        for pick in attitudes_in(table):
+        for pick in vectors.attitudes_in(table):
             return tuple(map(str, pick.fields or pick.columns)) or _below(pick.field, table, widths)
     single = tuple(field for field in table.fields if not is_bookkeeping(field) and field != "variance")
     if 1 in widths and len(single) == 1:
         return single
-    vectors = [vector for vector in vectors_in(table) if not is_bookkeeping(vector.pattern)]
-    magnetic = [vector for vector in vectors if is_magnetic(vector)]
-    for found in (vectors, magnetic):
+    candidates = [vector for vector in vectors_in(table) if not is_bookkeeping(vector.pattern)]
+    magnetic = [vector for vector in candidates if is_magnetic(vector)]
+    for found in (candidates, magnetic):
         if 3 in widths and len(found) == 1:
             return found[0].fields
     fitting = [field for field in single if stream in NAMES and NAMES[stream].search(field)]
@@ -226,13 +210,13 @@ def choose(source: Source, sensor_count: int | None, frame_ids: Sequence[str] | 
     InputError
         When the names are those of this package, and a sensor or a column is missing.
     """
-    own = own_map(source.tables, sensor_count) or own_columns(source.tables)
+    own = vectors.own_map(source.tables, sensor_count) or vectors.own_columns(source.tables)
     if own is not None:
-        columns = [name for table in source.tables for name in table.columns if not is_own_column(name)]
+        columns = [name for table in source.tables for name in table.columns if not vectors.is_own_column(name)]
         left = [name for name in columns if name != getattr(source, "time_column", None)]
         return Choice(own, remarks=(f"not read: {', '.join(left)}",) if left else (), is_own=True)
-    vectors = [vector for table in source.tables for vector in vectors_in(table)]
-    others = [vector for vector in vectors if not _is_scalar(vector)]
+    candidates = [vector for table in source.tables for vector in vectors_in(table)]
+    others = [vector for vector in candidates if not _is_scalar(vector)]
     magnetic = [vector for vector in others if is_magnetic(vector)]
     of_frame = [[each for each in magnetic if each.table.frames == (frame,)] for frame in frame_ids or ()]
     sensors = [each[0] for each in of_frame] if all(len(each) == 1 for each in of_frame) else []
@@ -241,7 +225,7 @@ def choose(source: Source, sensor_count: int | None, frame_ids: Sequence[str] | 
         sensors, doubt = _rawest(magnetic, sensor_count)
     if not sensors:
         sensors, doubt = _unnamed(source.tables, others, sensor_count)
-    channels, remarks = _channels(source.tables, _scalars(source.tables, vectors, sensors), sensors)
+    channels, remarks = _channels(source.tables, _scalars(source.tables, candidates, sensors), sensors)
     processed = [str(vector.pick) for vector in magnetic if sensors and vector.changes > sensors[0].changes]
     if processed:
         listed = shortened(processed, most=4)
@@ -252,16 +236,20 @@ def choose(source: Source, sensor_count: int | None, frame_ids: Sequence[str] | 
     return Choice(ChannelMap(sensors=[each.pick for each in sensors], **channels), (doubt,) if doubt else (), remarks)
 
 
-def _unnamed(tables: Sequence[Table], vectors: Sequence[Vector], sensor_count: int | None) -> tuple[list[Vector], str]:
+def _unnamed(
+    tables: Sequence[Table], candidates: Sequence[Vector], sensor_count: int | None
+) -> tuple[list[Vector], str]:
     """Return vectors that no name or type marks as a magnetic field, and why that is not certain.
 
     They are taken where their number is that of the sensors; without an array that number is not known, and names in a
     log, which are those of its format, are believed.
     """
     in_columns = [vector for table in tables for vector in _in_columns(table, sensor_count or len(table.fields) // 3)]
-    free = [each for each in vectors if sensor_count or each.table.is_text or each.table.type]
-    others = [vector for vector in free if not is_bookkeeping(vector.pattern) and not OTHER.search(vector.pattern)]
-    for guessed in (_lists_of(vectors, sensor_count), in_columns, others):
+    free = [each for each in candidates if sensor_count or each.table.is_text or each.table.type]
+    others = [
+        vector for vector in free if not is_bookkeeping(vector.pattern) and not vectors.OTHER.search(vector.pattern)
+    ]
+    for guessed in (_lists_of(candidates, sensor_count), in_columns, others):
         if guessed and sensor_count in (None, len(guessed)):
             doubt = "no name or type says which numbers are readings of a field"
             advice = "name the sensors in a map, or give --array"
@@ -282,12 +270,12 @@ def _in_columns(table: Table, sensor_count: int) -> list[Vector]:
     return [Vector(table, f"{first // 3:03d}", table.fields[first : first + 3]) for first in starts]
 
 
-def _lists_of(vectors: Sequence[Vector], sensor_count: int | None) -> list[Vector]:
+def _lists_of(candidates: Sequence[Vector], sensor_count: int | None) -> list[Vector]:
     """Return the vectors of lists that have three numbers for each sensor, and at most one more."""
     found = []
-    for vector in vectors:
-        if vector.pattern.endswith("..]") and not OTHER.search(vector.pattern):
-            count = lists_in(vector.table.fields)[vector.pattern.rpartition("[")[0]]
+    for vector in candidates:
+        if vector.pattern.endswith("..]") and not vectors.OTHER.search(vector.pattern):
+            count = vectors.lists_in(vector.table.fields)[vector.pattern.rpartition("[")[0]]
             if count - 3 * (sensor_count or count // 3) in (0, 1):
                 found.append(vector)
     return found
@@ -324,26 +312,26 @@ def _sensors(magnetic: Sequence[Vector], sensor_count: int | None) -> tuple[list
     return _in_order(found[0])[:sensor_count], f"{doubt}: name the sensors in the map"
 
 
-def _in_order(vectors: Sequence[Vector]) -> list[Vector]:
+def _in_order(candidates: Sequence[Vector]) -> list[Vector]:
     """Return vectors by the numbers in their names, else by the alphabet."""
-    return sorted(vectors, key=lambda vector: vector.place)
+    return sorted(candidates, key=lambda vector: vector.place)
 
 
-def _scalars(tables: Sequence[Table], vectors: Sequence[Vector], sensors: Sequence[Vector]) -> list[Pick]:
+def _scalars(tables: Sequence[Table], candidates: Sequence[Vector], sensors: Sequence[Vector]) -> list[Pick]:
     """Return what may be the readings of a scalar magnetometer."""
     of_sensors = {vector.table.key for vector in sensors}
-    of_vectors = {field for vector in vectors for field in vector.fields}
-    picks = [vector.pick for vector in vectors if is_magnetic(vector) and _is_scalar(vector)]
+    of_vectors = {field for vector in candidates for field in vector.fields}
+    picks = [vector.pick for vector in candidates if is_magnetic(vector) and _is_scalar(vector)]
     for table in tables:
         single = [field for field in table.fields if field not in of_vectors and not is_bookkeeping(field)]
         is_named = len(single) == 1 and NAMES["scalar"].search(table.name) is not None
         has_sensor = table.is_text or table.key in of_sensors
         for field in single:
-            unit = unit_in(table, field)
-            is_of_field = has_sensor or unit or MAGNETIC.search(f"{field} {table.name}")
-            is_scalar = is_of_field and NAMES["scalar"].search(UNIT_SUFFIX.sub("", field))
+            unit = vectors.unit_in(table, field)
+            is_of_field = has_sensor or unit or vectors.MAGNETIC.search(f"{field} {table.name}")
+            is_scalar = is_of_field and NAMES["scalar"].search(vectors.UNIT_SUFFIX.sub("", field))
             if is_named or is_scalar or (has_sensor and _is_last(table, field)):
-                picks.append(pick_of(table, field, unit=unit))
+                picks.append(vectors.pick_of(table, field, unit=unit))
     return picks
 
 
@@ -361,8 +349,8 @@ def _channels(
     """Return the channels recorded with the sensors, and what was not taken because there are several."""
     found = {
         "scalar": scalars,
-        "attitude": [pick for table in tables for pick in attitudes_in(table)],
-        "gyroscope": [vector.pick for table in tables for vector in vectors_in(table) if is_rate(vector)],
+        "attitude": [pick for table in tables for pick in vectors.attitudes_in(table)],
+        "gyroscope": [vector.pick for table in tables for vector in vectors_in(table) if vectors.is_rate(vector)],
         "temperature": [],
         "current": [],
     }
@@ -374,9 +362,9 @@ def _channels(
         for field in single:
             named = field if table.is_text or len(single) > 1 else f"{table.name} {field}"
             if NAMES["temperature"].search(named):
-                found["temperature"].append(pick_of(table, field))
+                found["temperature"].append(vectors.pick_of(table, field))
             elif NAMES["current"].search(named.rpartition(".")[2]):
-                found["current"].append(pick_of(table, field))
+                found["current"].append(vectors.pick_of(table, field))
     channels, remarks, tables_of_sensors = {}, [], {vector.table.key for vector in sensors}
     for name, picks in found.items():
         own = [pick for pick in picks if pick.table in tables_of_sensors]

@@ -17,27 +17,11 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD
 from tam_calibration.model.units import TESLA_PER_FIELD_UNIT, FloatArray, to_nanotesla
-from tam_calibration.recordings.channel_map import (
-    ChannelMap,
-    Clock,
-    FieldUnit,
-    Pick,
-    TextFormat,
-    TimeColumn,
-    map_to_mapping,
-)
+from tam_calibration.recordings import oddities
+from tam_calibration.recordings.channel_map import ChannelMap, Clock, Pick, TextFormat, TimeColumn, map_to_mapping
 from tam_calibration.recordings.choice import Choice, choose, reason, resolve
 from tam_calibration.recordings.intake import field_size, is_of_field, likely_unit, size_doubt
-from tam_calibration.recordings.oddities import (
-    Series,
-    missing_of,
-    of_readings,
-    of_times,
-    read_messages,
-    read_rows,
-    thinned,
-    without_overlap,
-)
+from tam_calibration.recordings.oddities import Series, read_messages, read_rows, thinned
 from tam_calibration.recordings.recording_file import open_source, rows_of
 from tam_calibration.recordings.row_source import NO_TIME_RATE_HZ, RowSource
 from tam_calibration.recordings.tables import Columns, MemorySource, Source, Wanted
@@ -292,7 +276,7 @@ def _with_unit(pick: Pick, channel: InspectedChannel | None) -> Pick:
     """Return a pick with the unit that was detected, where none is stated or another fits better."""
     if channel is None or not channel.unit or channel.is_unit_stated:
         return pick
-    return replace(pick, unit=cast(FieldUnit, channel.unit))
+    return replace(pick, unit=cast(Any, channel.unit))
 
 
 def _time(source: RowSource) -> TimeColumn:
@@ -451,7 +435,9 @@ class _Inspecting:
             if stream:
                 found[stream] = channels[-1]
         time = "the recorder's times" if series.are_stamps_zero else series.time
-        return InspectedTable(table.title, table.type, count, rate_hz, time, tuple(of_times(series)), tuple(channels))
+        return InspectedTable(
+            table.title, table.type, count, rate_hz, time, tuple(oddities.of_times(series)), tuple(channels)
+        )
 
     def _channels_of(self, series: Series) -> Iterator[tuple[tuple[str, ...], str]]:
         """Yield the fields of each channel and its stream: first those that are taken, then vectors, then numbers."""
@@ -466,7 +452,7 @@ class _Inspecting:
 
     def _channel(self, series: Series, fields: tuple[str, ...], stream: str, is_field: bool) -> InspectedChannel:
         values = series.of(fields)
-        codes, missing = missing_of(values, is_field)
+        codes, missing = oddities.missing_of(values, is_field)
         there = values[codes == 0] if codes.any() else values
         size = field_size(thinned(there)) if is_field else float("nan")
         stated = unit_in(series.table, fields[0]) if is_field else ""
@@ -474,7 +460,10 @@ class _Inspecting:
         seen = there if len(there) else np.full((1, len(fields)), np.nan)
         low, high = tuple(seen.min(axis=0).tolist()), tuple(seen.max(axis=0).tolist())
         name = in_words(stream).removeprefix("the ") if stream else ""
-        odd, course = tuple(of_readings(values, is_field, codes, series.times_ns)), self._course(series, values)
+        odd, course = (
+            tuple(oddities.of_readings(values, is_field, codes, series.times_ns)),
+            self._course(series, values),
+        )
         return InspectedChannel(fields, name, low, high, size, unit, stated, missing, odd, course)
 
     def _course(self, series: Series, values: FloatArray) -> Course:
@@ -507,7 +496,7 @@ class _Inspecting:
         """Return which two of the streams that are joined by stamps have none at the same time; empty of none."""
         own = {stream: each.stamps_ns for stream, each in self._of_streams.items()}
         stamped = [(in_words(name), each) for name, each in own.items() if each is not None and len(each)]
-        return without_overlap(stamped) if stamped and self._clock == "stamp" else ""
+        return oddities.without_overlap(stamped) if stamped and self._clock == "stamp" else ""
 
     @property
     def is_received(self) -> bool:

@@ -12,12 +12,12 @@ from tam_calibration.messages.missing import FAR, Range, codes_of, in_words
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import FieldBounds
 from tam_calibration.model.units import (
-    NANOTESLA_PER_TESLA,
     TESLA_PER_FIELD_UNIT,
     FloatArray,
     from_degrees,
     from_nanotesla,
     to_degrees,
+    to_nanotesla,
 )
 from tam_calibration.recordings.channel_map import Pick
 
@@ -290,9 +290,9 @@ def in_si(stream: str, raw: FloatArray, factor: float, world: str) -> FloatArray
     if factor == 1.0:
         return raw
     # Divisions by whole numbers round decimals correctly; so microtesla and gauss go as nanotesla do.
-    per_nanotesla = round(factor * NANOTESLA_PER_TESLA)
+    per_nanotesla = round(to_nanotesla(factor))
     with np.errstate(over="ignore"):
-        if abs(per_nanotesla / (factor * NANOTESLA_PER_TESLA) - 1) < 1e-12:
+        if abs(per_nanotesla / to_nanotesla(factor) - 1) < 1e-12:
             return from_nanotesla(raw * per_nanotesla)
         return raw * factor
 

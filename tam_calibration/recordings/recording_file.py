@@ -19,17 +19,7 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, printable
 from tam_calibration.model.recording import Recording
 from tam_calibration.recordings.bag_storages import data_files, is_bag
-from tam_calibration.recordings.channel_map import (
-    AS_IT_IS,
-    ChannelMap,
-    Moment,
-    Pick,
-    Reading,
-    TimeColumn,
-    Window,
-    map_of,
-    read_map,
-)
+from tam_calibration.recordings.channel_map import AS_IT_IS, ChannelMap, Pick, Reading, TimeColumn, Window, as_map
 from tam_calibration.recordings.choice import choose, resolve
 from tam_calibration.recordings.iaga2002 import with_base_station
 from tam_calibration.recordings.intake import Intake
@@ -199,20 +189,13 @@ def read_recording(
     >>> recording.sample_count, recording.scalar_count, recording.temperature_C
     (360, 360, None)
     """
-    window = Window(*(None if each is None else Moment.of(each) for each in (start, until)))
+    window = Window.of(start, until)
     station = None if base_station is None else Path(base_station)
     reading = Reading(as_map(map), window, unwrap, station, tolerance_s)
     samples = read_samples(Path(path), array, reading, sensor_count=sensor_count)
     for remark in () if samples.usage is None else samples.usage.missing:
         log.warning("%s: %s", path, remark)
     return samples.recording
-
-
-def as_map(given: "ChannelMap | Mapping[str, Any] | str | Path | None") -> ChannelMap | None:
-    """Return a map, however it is given; None of nothing."""
-    if given is None or isinstance(given, ChannelMap):
-        return given
-    return map_of(given) if isinstance(given, Mapping) else read_map(given)
 
 
 def recording_of_frame(

@@ -17,15 +17,7 @@ from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.recordings.channel_map import Clock, Reading, TimeColumn
 from tam_calibration.recordings.joining import Streams, samples_of
 from tam_calibration.recordings.tables import Batches, Columns, MemorySource, Table, Wanted, by_stream, fields_of
-from tam_calibration.recordings.times import (
-    PER_SECOND,
-    Times,
-    even_times,
-    repaired,
-    stamps_of_numbers,
-    stamps_of_words,
-    time_unit,
-)
+from tam_calibration.recordings.times import Times, even_times, repaired, stamps_of_numbers, stamps_of_words, time_unit
 from tam_calibration.recordings.vectors import is_own_column
 
 log = logging.getLogger(__name__)
@@ -111,7 +103,7 @@ class RowSource:
             stamps_ns = even_times(count, self.rate_hz or NO_TIME_RATE_HZ)
             return Times(stamps_ns, np.ones(count, dtype=bool), () if self.rate_hz else (_NO_TIME,))
         if isinstance(cells, np.ndarray) and cells.dtype.kind == "f":
-            stamps, unit = stamps_of_numbers(cells, self.time_unit if self.time_unit in PER_SECOND else "")
+            stamps, unit = stamps_of_numbers(cells, self.time_unit)
             self.time_unit = unit
             return repaired(stamps, unit)
         if isinstance(cells, np.ndarray):  # times of day that a library has read

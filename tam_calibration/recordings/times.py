@@ -65,14 +65,14 @@ def time_unit(name: str) -> str | None:
 
 
 def stamps_of_numbers(values: FloatArray, unit: str) -> tuple[IntArray, str]:
-    """Return times as nanoseconds, and their unit, which is detected where it is empty.
+    """Return times as nanoseconds, and their unit, which is detected where it is no name in ``PER_SECOND``.
 
     Parameters
     ----------
     values : (n,) array
         As they stand in the file.
     unit : str
-        A name in ``PER_SECOND``, or empty.
+        As stated; empty where it is not.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def stamps_of_numbers(values: FloatArray, unit: str) -> tuple[IntArray, str]:
             f"the time of row {int(is_none.argmax()) + 1} is {values[is_none][0]:g}: {int(is_none.sum())} of "
             f"{len(values)} rows have no time; leave them out"
         )
-    unit = unit or detect_time_unit(values)
+    unit = unit if unit in PER_SECOND else detect_time_unit(values)
     per_second = PER_SECOND[unit]
     if np.abs(values).max() / per_second >= 9.2e9:
         raise InputError(f"a time is {np.abs(values).max():.3g} {unit}, beyond the year 2262: check its unit")

@@ -291,8 +291,7 @@ def calibration_of(content: dict[str, Any]) -> Calibration:
     InputError
         When they are of another version, incomplete, contradict each other, or are beyond a limit that is not accepted.
     """
-    schema.require_schema(content, "calibration", SCHEMA)
-    stored = schema.check(content, _Calibration)
+    stored = schema.check_file(content, "calibration", SCHEMA, _Calibration)
     errors = _errors(stored)
     stated = stored.array
     if not stored.field.has_scalar_reference:  # older versions wrote 0 where there is no scalar magnetometer

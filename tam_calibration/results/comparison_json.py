@@ -15,16 +15,7 @@ from tam_calibration.comparison.mend import Mend, NoiseTerm, gazebo_sdf, python_
 from tam_calibration.comparison.side import Figure
 from tam_calibration.correction.calibration import Provenance
 from tam_calibration.effects.library import check_numbers, effect_named, units_of
-from tam_calibration.files.schema import (
-    Bounds,
-    Document,
-    Hertz,
-    NanoteslaSize,
-    check,
-    in_si,
-    require_schema,
-    value_to_write,
-)
+from tam_calibration.files.schema import Bounds, Document, Hertz, NanoteslaSize, check_file, in_si, value_to_write
 from tam_calibration.files.text_files import in_file, to_json, write_text
 from tam_calibration.files.yaml_document import dump_mapping, mapping_in
 from tam_calibration.gap.noise import AxisNoise
@@ -148,8 +139,7 @@ def mend_of(content: dict[str, Any]) -> Mend:
     InputError
         When they are of another version, incomplete, or contradict each other.
     """
-    require_schema(content, "mend", SCHEMA)
-    stored = check(content, _Mend)
+    stored = check_file(content, "mend", SCHEMA, _Mend)
     with in_file("calibration"):
         calibration = calibration_of(stored.calibration)
     added = tuple(effect.to_fitted() for effect in stored.added)

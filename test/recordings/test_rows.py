@@ -12,7 +12,7 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.mounting import Mounting
 from tam_calibration.recordings import read_recording, text_source
-from tam_calibration.recordings.channel_map import Moment, Reading, Window
+from tam_calibration.recordings.channel_map import Reading, Window
 from tam_calibration.recordings.fit_input import read_source
 from tam_calibration.recordings.recording_file import read_pieces, read_samples
 
@@ -130,7 +130,7 @@ def test_times_in_seconds_stand_as_they_are(tmp_path):
 def test_times_of_pieces_are_those_of_the_whole(tmp_path, monkeypatch, time, window):
     """A counter that wraps in one piece goes on in the next, and a part is the same part."""
     path = write_text(tmp_path / "run.csv", {**time, **columns_of("mag_", turned(48_000))})
-    reading = Reading(window=Window(*(None if each is None else Moment.of(each) for each in window)))
+    reading = Reading(window=Window.of(*window))
     found = []
     for size in (1 << 24, 3000):
         monkeypatch.setattr(text_source, "PIECE", size)
