@@ -1,1 +1,1 @@
-"""The `tam` command: one file for each subcommand."""
+"""The `tam` command: a file for each subcommand, and one for those that start, feed and call the nodes."""
