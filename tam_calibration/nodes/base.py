@@ -16,7 +16,6 @@ from typing import Any, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.context import Context
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.service import Service
@@ -79,10 +78,10 @@ class Work:
 class AnsweringNode(ListeningNode):
     """A node whose `Trigger` services are answered in turns, so that none waits for an executor or is lost."""
 
-    def __init__(self, name: str, context: Context | None = None) -> None:
+    def __init__(self, name: str) -> None:
         self._served: dict[Service, tuple[str, Callable[[], str], Work | None]] = {}
         self._answers: deque[tuple[Service, Any, Trigger.Response]] = deque()
-        super().__init__(name, context)
+        super().__init__(name)
         self.create_steady_timer(0.05, self._turn)  # seconds from one look for calls to the next
 
     @property
