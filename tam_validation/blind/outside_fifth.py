@@ -46,15 +46,15 @@ def missed_cycles(rng: Generator, scene: Scene) -> Disturbance:
 
 def warm_cable(rng: Generator, scene: Scene, _sensor: int) -> FloatArray:
     """Lay a twisted cable beside a sensor: its heat, by the square of the recorded current, shifts the bias late."""
-    return np.outer(_followed(rng, scene, lambda time_s: scene.current(time_s) ** 2), rng.normal(size=3))
+    return np.outer(followed(rng, scene, lambda time_s: scene.current(time_s) ** 2), rng.normal(size=3))
 
 
 def thermal_tilt(rng: Generator, scene: Scene, sensor: int) -> FloatArray:
     """Let the feet of a sensor expand unlike: it tilts as the air warms it."""
-    return np.cross(np.outer(_followed(rng, scene, scene.temperature), draw_direction(rng)), scene.core(sensor))
+    return np.cross(np.outer(followed(rng, scene, scene.temperature), draw_direction(rng)), scene.core(sensor))
 
 
-def _followed(rng: Generator, scene: Scene, heating: TimeFunction) -> FloatArray:
+def followed(rng: Generator, scene: Scene, heating: TimeFunction) -> FloatArray:
     """Return how warm (N,) matter is that follows a heating late, of mean zero and standard deviation one."""
     lag_s = scene.duration_s * 10 ** rng.uniform(-2.0, -1.2)
     fine_s = np.linspace(-5 * lag_s, scene.duration_s, _FINE)
