@@ -113,7 +113,7 @@ def _in_time(residual: Residual, pattern: Pattern, bins: Bins) -> Iterator[Candi
         coarse, best = sums.merged(COARSE), -np.inf
         for length in LENGTHS:
             fit = course(coarse if length >= LENGTHS[1] else sums, length * whole, variances)
-            if fit.evidence < best - TIE:
+            if fit.evidence < best - TIE and length < SLOW:
                 break
             best = max(best, fit.evidence)
             label = "slow" if length >= SLOW else "random"
