@@ -20,7 +20,7 @@ RESULTS = (
     "tam_calibration.comparison.result.Comparison",
     "tam_calibration.correction.calibration.Corrected",
     "tam_calibration.gap.result.Gap",
-    "tam_calibration.localization.survey.Survey",
+    "tam_calibration.localization.solutions.Survey",
     "tam_calibration.model.residuals.ResidualSeries",
     "tam_calibration.recordings.inspection_result.Inspection",
     "tam_calibration.simulation.observe.Simulation",

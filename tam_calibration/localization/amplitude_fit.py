@@ -12,11 +12,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tam_calibration.core.least_squares import Solution
-from tam_calibration.localization.calibration_errors import PLACE_ERROR_M
 from tam_calibration.localization.euler import DIPOLE_INDEX, locate
-from tam_calibration.localization.line_fit import unknowns_of
 from tam_calibration.localization.solutions import CHANCE, EulerSolutions, Status
-from tam_calibration.localization.source_fit import SOURCES, fit_fields, is_certain, start_of
+from tam_calibration.localization.source_fit import (
+    PLACE_ERROR_M,
+    SOURCES,
+    fit_fields,
+    is_certain,
+    start_of,
+    unknowns_of,
+)
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.units import FloatArray
 from tam_calibration.sources.dipole import dipole_field

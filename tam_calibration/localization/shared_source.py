@@ -18,9 +18,8 @@ from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import Predict, Solution, root_of, solve_damped
 from tam_calibration.localization.euler import DIPOLE_INDEX
-from tam_calibration.localization.line_fit import Lines
 from tam_calibration.localization.solutions import EulerSolutions
-from tam_calibration.localization.source_fit import Dipoles, elements_of, whitening_of
+from tam_calibration.localization.source_fit import Dipoles, Lines, elements_of, whitening_of
 from tam_calibration.localization.turned_samples import Regional, Samples, less_turned
 from tam_calibration.model.units import FloatArray
 from tam_calibration.sources.dipole import dipole_field

@@ -18,11 +18,17 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import Solution
-from tam_calibration.localization.calibration_errors import PLACE_ERROR_M, places_of
 from tam_calibration.localization.euler import DIPOLE_INDEX, locate
-from tam_calibration.localization.line_fit import unknowns_of
 from tam_calibration.localization.solutions import EulerSolutions, Status
-from tam_calibration.localization.source_fit import fit_outputs, is_certain, locate_with_baselines, start_of
+from tam_calibration.localization.source_fit import (
+    PLACE_ERROR_M,
+    fit_outputs,
+    is_certain,
+    locate_with_baselines,
+    places_of,
+    start_of,
+    unknowns_of,
+)
 from tam_calibration.model.array import Array, tensors_of
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.mounting import matrices_of

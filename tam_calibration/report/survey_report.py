@@ -14,9 +14,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
-from tam_calibration.localization.survey import ARRAY_FRAME, Survey
-from tam_calibration.localization.target import Target
-from tam_calibration.localization.targets import SurveyLine
+from tam_calibration.localization.solutions import ARRAY_FRAME, Survey
+from tam_calibration.localization.targets import SurveyLine, Target
 from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
 from tam_calibration.report import page
 from tam_calibration.report.blocks import Block, Points, Section, Text

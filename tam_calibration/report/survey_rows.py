@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tam_calibration.localization.survey import Overall, Survey, standard_errors
-from tam_calibration.localization.target import Target
+from tam_calibration.localization.solutions import Overall, Survey, standard_errors
+from tam_calibration.localization.targets import Target
 from tam_calibration.model.units import FloatArray, to_nanotesla
 from tam_calibration.report.blocks import Block, Table
 from tam_calibration.report.formatting import count, counted, number, with_error, with_errors

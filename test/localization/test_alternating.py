@@ -11,7 +11,7 @@ from tam_calibration.localization import alternating
 from tam_calibration.localization.alternating import locate_alternating
 from tam_calibration.localization.euler import DIPOLE_INDEX
 from tam_calibration.localization.locate import locate_steady
-from tam_calibration.localization.survey import ARRAY_FRAME, WORLD_FRAME
+from tam_calibration.localization.solutions import ARRAY_FRAME, WORLD_FRAME
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording

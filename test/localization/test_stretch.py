@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.localization.stretch import estimator_of, frequency_of, require_one_phase
+from tam_calibration.localization.alternating import estimator_of, frequency_of, require_one_phase
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.sources.demodulation import Stretch, background_of, demodulate, turning_of
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from tam_calibration.localization.solutions import EulerSolutions, Status
-from tam_calibration.localization.survey import WORLD_FRAME, Survey, standard_errors
+from tam_calibration.localization.solutions import WORLD_FRAME, EulerSolutions, Status, Survey, standard_errors
 from tam_calibration.model.exceptions import Refused
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.localization.target import Target, merged
+from tam_calibration.localization.targets import Target, merged
 
 SPREAD = np.diag([0.04, 0.01, 0.09])
 

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation, RotationSpline
 
 from tam_calibration.localization.line_data import line_data
 from tam_calibration.localization.line_window import Window
+from tam_calibration.localization.target_search import LEAST_GAIN, evidence_of, fit_from, remove_weak
 from tam_calibration.localization.targets import find_targets, path_in
-from tam_calibration.localization.window_dipoles import LEAST_GAIN, evidence_of, fit_from, remove_weak
 from tam_calibration.localization.window_fit import likeliest_roughness
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.recording import Recording

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from tam_calibration.localization.solutions import EulerSolutions, Status
-from tam_calibration.localization.survey import WORLD_FRAME, Line, Overall, Survey
+from tam_calibration.localization.solutions import WORLD_FRAME, EulerSolutions, Line, Overall, Status, Survey
 from tam_calibration.report.survey_report import plot_source_spectrum, plot_survey_map, write_survey_report
 from tam_calibration.report.survey_rows import MOST_ROWS, sample_blocks, statements
 from tam_calibration.results.targets_file import survey_to_mapping
